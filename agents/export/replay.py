@@ -44,7 +44,7 @@ def logged(policy: Policy, episodes: int) -> Log:
     """Play episodes of the policy's own environment."""
     task = Task(**policy.environment)
     batch = Batch(episodes, task)
-    batch.draw_and_begin(np.arange(episodes), [np.random.default_rng(SEED)] * episodes)
+    batch.begin(np.arange(episodes), [np.random.default_rng(SEED)] * episodes)
     spec = ActionSpec(task)
     steps, sensors, commands, late = np.zeros(episodes, np.int64), [], [], []
     while not (ended := batch.ended).all():
@@ -55,7 +55,7 @@ def logged(policy: Policy, episodes: int) -> Log:
         steps += ~ended
         begun = np.where(batch.links["silent"], 0.0, now["command"]) if task.operator else np.zeros(episodes)
         obeyed = begun
-        batch.step(batch.checked_actions(actions, (episodes, policy.actions)), ended)
+        batch.step(actions, ended)
         if task.operator:
             obeyed, executed = (batch.link_columns()[name][:, 0] for name in ("teleop_action", "intervene_action"))
             stop = np.where(obeyed == 0.0, task.acceleration_range[1], command[:, 1])

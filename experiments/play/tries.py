@@ -58,7 +58,7 @@ class Try:
 
 def advance(batch: Batch, action: ArrayLike) -> None:
     """Play a control step of the one episode in a batch."""
-    batch.step(batch.checked_actions(np.array(action), (len(batch.action_spec),)), _ALL)
+    batch.step(action, _ALL, (len(batch.action_spec),))
 
 
 def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task]:

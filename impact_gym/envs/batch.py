@@ -13,7 +13,7 @@ from impact_gym.operators import Person
 from impact_gym.scene import flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, Trace
 from impact_gym.task.action import ActionSpec
-from impact_gym.task.episodes import first_uniforms, fix, free_records
+from impact_gym.task.episodes import first_uniforms, records_with
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.steering import packets_under_way
@@ -29,22 +29,15 @@ TRACE_INTERVAL = 1e-3  # s, between points of a trace in flight
 _SPARE = 4  # readings beyond those under way: some are taken before the oldest is due
 
 
-class ToolMotion(NamedTuple):
-    """How tools move against their flanges, (rows,) each."""
-
-    time: NDArray[np.float64]  # s
-    deflection: NDArray[np.float64]  # m
-    deflection_rate: NDArray[np.float64]  # m/s
-    touched: NDArray[np.bool_]
-
-
 class Bodies(NamedTuple):
-    """Where flanges, tools and objects are (m), and whether an object has been touched, (rows,) each."""
+    """Where flanges, tools and objects are, and whether an object has been touched, (rows,) each."""
 
     time: NDArray[np.float64]  # s
-    flange: NDArray[np.float64]
-    tool: NDArray[np.float64]
-    object: NDArray[np.float64]
+    flange: NDArray[np.float64]  # m
+    tool: NDArray[np.float64]  # m
+    object: NDArray[np.float64]  # m
+    deflection: NDArray[np.float64]  # m, of the tool against its flange
+    deflection_rate: NDArray[np.float64]  # m/s
     touched: NDArray[np.bool_]
 
 
@@ -88,7 +81,7 @@ class Batch:
         self.threads = cores() if threads is None else whole("threads", threads, at_least=1)
         self.max_steps = max_steps
         self.spec = ObservationSpec.of_rows(tasks)
-        slots = max(each.readings_under_way() for each in tasks) + _SPARE
+        slots = max(int(kernels.samples_under_way(each.longest_delay, each.control_period)) for each in tasks) + _SPARE
         packets, self.action_spec = max(map(packets_under_way, tasks)), ActionSpec(tasks[0])
         linked = size if packets else 0
         each_row = kernels.CHAIN.itemsize + kernels.EPISODE.itemsize + slots * kernels.READING.itemsize
@@ -101,24 +94,23 @@ class Batch:
         self.observations = np.zeros((size, len(self.spec)), np.float32)
         self.rewards = np.zeros(size)
         self.traces = np.empty((size, trace_points), kernels.TRACE)
-        self._lower(tasks)
+        self._to_kernel(tasks)
         self._infos = Infos(tasks)
         self._with_tool = [flange_moves_with_tool(each.coupling, each.robot) for each in tasks]
         self._make_rows()
 
-    def _lower(self, tasks: Sequence[Task]) -> None:
-        """Write the tasks for the compiled program: rules, what is drawn, laws of what holds the tools, and tables."""
-        records, tables, numbers = [], [], 0
-        draws: list[tuple[Any, ...]] = []
+    def _to_kernel(self, tasks: Sequence[Task]) -> None:
+        """Write the tasks for the compiled program: rules, draws, laws of what holds the tools, and tables."""
+        records, draws, tables, numbers = [], list[tuple[Any, ...]](), [], 0
         for task in tasks:
-            record, table = task.lowered(len(draws), numbers)
+            record, its_draws, table = task.to_kernel(len(draws), numbers)
             records.append(record)
-            draws += task.draws()
+            draws += its_draws
             tables.append(table)
             numbers += len(table)
-        self._lowered, self.draws = np.concatenate(records), np.array(draws, kernels.DRAW)
-        self._tables, self._entries = np.concatenate(tables), self.spec.lowered()
-        self.laws = kernels.laws_of(np.ascontiguousarray(self._lowered["mount"]))
+        self._tasks, self.draws = np.concatenate(records), np.array(draws, kernels.DRAW)
+        self._tables, self._entries = np.concatenate(tables), self.spec.to_kernel()
+        self.laws = kernels.laws_of(np.ascontiguousarray(self._tasks["mount"]))
         if any(task.draws_mount for task in tasks):
             self.laws = np.resize(self.laws, self.size)
 
@@ -127,7 +119,7 @@ class Batch:
         draws, laws, *arrays, traces = (getattr(self, name) for name in _STATE)
         recorder = np.empty(0, kernels.CONTACT), traces, np.empty(0), TRACE_INTERVAL
         shared = self._entries, recorder, self.max_steps, len(self.action_spec)
-        self._rows = kernels.Rows(self._lowered, draws, laws, self._tables, *arrays, *shared)
+        self._rows = kernels.Rows(self._tasks, draws, laws, self._tables, *arrays, *shared)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_rows"}
@@ -148,55 +140,54 @@ class Batch:
             rows = self.draws["place"] == PLACES[name]
             self.draws["low"][rows], self.draws["high"][rows] = low, high
 
-    def begin(self, rows: NDArray[np.int64], uniforms: NDArray[np.float64], fixed: NDArray[Any]) -> None:
+    def begin(
+        self, rows: NDArray[np.int64], draws: NDArray[np.float64] | list[np.random.Generator],
+        fixed: NDArray[Any] | None = None,
+    ) -> None:  # fmt: skip
         """Begin an episode in each of `rows` (k,).
 
         Args:
             rows: which.
-            uniforms: numbers in [0, 1) that they draw with (k, UNIFORMS).
-            fixed: records (k,), nan where they draw, see `task.episodes`.
+            draws: uniform numbers in [0, 1) for each (k, UNIFORMS), or the generators of all rows, which give them.
+            fixed: records (k,), nan where the episode draws, see `task.episodes`; None: all is drawn.
         """
-        self._rows.begin(rows, np.ascontiguousarray(uniforms), fixed)
+        if isinstance(draws, list):
+            generators, draws = draws, np.empty((len(rows), kernels.UNIFORMS))
+            kernels.draw_uniforms(generators, rows, draws)
+        self._rows.begin(rows, np.ascontiguousarray(draws), records_with(len(rows), {}) if fixed is None else fixed)
 
     def begin_seeded(self, seed: int, fixed: Mapping[str, ArrayLike], copies: int = 1) -> None:
-        """Begin in row k the first episode of the seed `seed` + k, but for what is `fixed`: by id, for all or for each.
+        """Begin in row k the first episode of the seed `seed` + k.
 
-        With several `copies` the rows are that many times the same seeds.
+        What is `fixed`, by id and for all rows or for each, is not drawn. With several `copies` the same seeds come so
+        many times.
         """
         uniforms = np.tile(first_uniforms(seed, self.size // copies), (copies, 1))
-        self.begin(np.arange(self.size), uniforms, fix(free_records(self.size), fixed))
+        self.begin(np.arange(self.size), uniforms, records_with(self.size, fixed))
 
-    def draw_and_begin(
-        self, rows: NDArray[np.int64], generators: list[np.random.Generator], fixed: NDArray[Any] | None = None
-    ) -> None:
-        """Begin an episode in each of `rows` (k,), each with its own generator; `fixed` (k,) as in `begin`."""
-        uniforms = np.empty((len(rows), kernels.UNIFORMS))
-        kernels.draw_uniforms(generators, rows, uniforms)
-        self.begin(rows, uniforms, free_records(len(rows)) if fixed is None else fixed)
-
-    def step(self, actions: NDArray[Any], skip: NDArray[np.bool_]) -> None:
-        """Play a control step with `actions` (size, n), of any float type, but where `skip` (size,) is set.
+    def step(self, actions: Any, skip: NDArray[np.bool_], shape: tuple[int, ...] | None = None) -> None:
+        """Play a control step with `actions`, but where `skip` (size,) is set.
 
         Leaves `observations`, `rewards` and the fields of `episodes` as they are after it.
+
+        Args:
+            actions: numbers in [-1, 1], clipped beyond, of any type; what they mean is `action_spec`.
+            skip: see above.
+            shape: that they must have; None: (size, n).
+
+        Raises:
+            TypeError, ValueError: not numbers, another shape, or not finite; nothing was stepped.
         """
-        values = np.ascontiguousarray(actions, np.float64)
+        given = array("action", actions, shape or (self.size, len(self.action_spec)))
+        values = np.ascontiguousarray(given, np.float64).reshape(self.size, -1)
+        if not np.isfinite(values).all():
+            wrong = values[~np.isfinite(values).all(axis=1)][0]
+            raise ValueError(f"action must be finite (no unit), got {wrong}: nothing was moved")
 
         def run(first: int, last: int) -> None:
             self._rows.step(values, skip, first, last)
 
         over_rows(run, self.size, self.threads, ROWS_PER_THREAD)
-
-    def checked_actions(self, actions: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-        """Return `actions`, which must have `shape`, as an array (size, n), or raise before anything is stepped.
-
-        Raises:
-            TypeError, ValueError: not numbers, another shape, or not finite.
-        """
-        checked = np.ascontiguousarray(array("action", actions, shape), np.float64).reshape(self.size, -1)
-        if not np.isfinite(checked).all():
-            wrong = checked[~np.isfinite(checked).all(axis=1)][0]
-            raise ValueError(f"action must be finite (no unit), got {wrong}: nothing was moved")
-        return checked
 
     def set_operator_velocity(self, velocities: ArrayLike) -> None:
         """Have a `Person` command `velocities` (m/s), one for all rows or (size,), from the next ticks on.
@@ -223,7 +214,7 @@ class Batch:
             ValueError: an array is not one that this batch can come to; it is as it was then.
         """
         here = {name: getattr(self, name) for name in _STATE}
-        check(here, {name: taken(state, name, here[name]) for name in _STATE}, self._lowered, self.max_steps)
+        check(here, {name: taken(state, name, here[name]) for name in _STATE}, self._tasks, self.max_steps)
         for name in _STATE:
             getattr(self, name)[:] = state[name]
 
@@ -281,14 +272,7 @@ class Batch:
         chains, with_tool = self.chains, np.resize(self._with_tool, self.size)
         tool = chains["flange_position"] + chains["deflection"]
         flange = np.where(with_tool, tool, chains["flange_position"] + chains["flange_offset"])
-        return Bodies(chains["time"].copy(), flange, tool, tool - chains["penetration"], chains["contacts"] > 0)
-
-    def tool_motion(self) -> ToolMotion:
-        """Return how the tools move against their flanges, and whether they have touched."""
-        chains = self.chains
-        return ToolMotion(
-            chains["time"].copy(),
-            chains["deflection"] - chains["flange_offset"],
-            chains["deflection_rate"] - chains["flange_offset_rate"],
-            chains["contacts"] > 0,
-        )
+        deflection = chains["deflection"] - chains["flange_offset"]
+        rate = chains["deflection_rate"] - chains["flange_offset_rate"]
+        place = tool - chains["penetration"]
+        return Bodies(chains["time"].copy(), flange, tool, place, deflection, rate, chains["contacts"] > 0)

@@ -223,7 +223,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         super().reset(seed=None if seed is None else whole("seed", seed, at_least=0))
         if skipped:
             skip_episodes(self.np_random, skipped)
-        self._batch.draw_and_begin(_ROW, [self.np_random], fixed)
+        self._batch.begin(_ROW, [self.np_random], fixed)
         self._running = True
         if self._renderer is not None:
             self._renderer.begin()
@@ -236,7 +236,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if not self._running:
             raise gym.error.ResetNeeded("no episode is under way: call reset before step")
         batch = self._batch
-        batch.step(batch.checked_actions(action, (len(batch.action_spec),)), _NO_SKIP)
+        batch.step(action, _NO_SKIP, (len(batch.action_spec),))
         terminated = bool(batch.episodes["terminated"][0])
         self._running = not terminated
         info = batch.link_infos()[0] | (batch.info(0) if terminated else {})

@@ -123,16 +123,13 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         if not self._begun.all():
             raise ResetNeeded("some slots have no episode under way: call reset before step")
         batch = self.batch
-        commands = batch.checked_actions(actions, (self.num_envs, len(batch.action_spec)))
-        skip = self._none
-        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
-            skip = self._ended
-            if skip.any():
-                self._draw_and_begin(np.flatnonzero(skip))
-                batch.rewards[skip] = 0.0
-        elif self._ended.any():
+        skip = self._ended
+        if self.autoreset_mode is not AutoresetMode.NEXT_STEP and skip.any():
             raise ResetNeeded("some episodes have ended: reset them with options={'reset_mask': ...}")
-        batch.step(commands, skip)
+        batch.step(actions, skip)
+        if skip.any():
+            self._draw_and_begin(np.flatnonzero(skip))
+            batch.rewards[skip] = 0.0
         self._skipped = skip
         terminated, truncated = batch.episodes["terminated"] == 1, batch.episodes["truncated"] == 1
         self._ended = terminated | truncated
@@ -222,7 +219,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self._generators, self._ended, self._begun = generators, ended.copy(), begun.copy()
 
     def _draw_and_begin(self, rows: NDArray[np.int64], fixed: NDArray[Any] | None = None) -> None:
-        self.batch.draw_and_begin(rows, self._generators, fixed)
+        self.batch.begin(rows, self._generators, fixed)
         if self._renderers:
             for row in rows.tolist():
                 self._renderers[row].begin()

@@ -187,8 +187,8 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
     episode.truncated = task.max_steps > 0 and episode.control_steps >= task.max_steps
     if episode.terminated:
         finish(run, row, &step)
-    add_terms(&episode.terms, step.time, step.speed, step.force, step.miss)
-    return reward(&step, episode.drawn.time_weight, task.force_weight, &episode.costs)
+    add_terms(&episode.terms, &step)
+    return reward(&step, episode.drawn.time_weight, task.force_weight, &episode.rewards)
 
 
 cdef double drive(Run *run, Row *row, Command asked) noexcept nogil:

@@ -144,7 +144,7 @@ class ObservationSpec:
         known = [entry.id for entry in self.entries[self.actor] if entry.argument != "past_readings"]
         return sorted((name for name in known if name != "time_weight"), key=lambda name: name != "time")
 
-    def lowered(self) -> NDArray[Any]:
+    def to_kernel(self) -> NDArray[Any]:
         """Return the entries as the compiled program reads them (n,), ENTRY."""
         rows = []
         for entry in self.entries:

@@ -11,16 +11,17 @@ cdef struct Terms:  # of a control step, or of an episode so far
     double miss  # m/s, cost of an object that was not touched, at the end
 
 
-cdef double reward(const Terms *step, double time_weight, double force_weight, Terms *costs) noexcept nogil:
-    """Return the reward of a control step, m/s, and add the cost of each of its terms, m/s, to the episode's `costs`."""
-    cdef double time = time_weight * step.time, force = force_weight * step.force
-    add_terms(costs, time, step.speed, force, step.miss)
-    return -time - step.miss - step.speed - force
+cdef double reward(const Terms *step, double time_weight, double force_weight, Terms *rewards) noexcept nogil:
+    """Return the reward of a control step, m/s, and add what each of its terms gives, m/s, to `rewards`."""
+    cdef Terms given = Terms(-(time_weight * step.time), -step.speed, -(force_weight * step.force), -step.miss)
+    add_terms(rewards, &given)
+    return given.time + given.miss + given.speed + given.force
 
 
-cdef inline void add_terms(Terms *total, double time, double speed, double force, double miss) noexcept nogil:
-    total.time, total.speed = total.time + time, total.speed + speed
-    total.force, total.miss = total.force + force, total.miss + miss
+cdef inline void add_terms(Terms *total, const Terms *step) noexcept nogil:
+    """Add the terms of a control step to those of the episode so far."""
+    total.time, total.speed = total.time + step.time, total.speed + step.speed
+    total.force, total.miss = total.force + step.force, total.miss + step.miss
 
 
 cdef double charged_time(const Chain *chain, double begun, bint to_the_end) noexcept nogil:

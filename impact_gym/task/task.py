@@ -1,4 +1,4 @@
-"""The task's rules: constants of the environment, its arguments, and their record for the compiled program."""
+"""The arguments of the environment, checked, and their record for the compiled program."""
 
 import math
 import warnings
@@ -8,7 +8,7 @@ from typing import Any, Self, get_args
 
 import numpy as np
 
-from impact_gym.kernels import RECORD, TASK, samples_under_way
+from impact_gym.kernels import RECORD, TASK
 from impact_gym.lowering import LOCAL_SHARE, ROBOT_NUMBERS, mount, places
 from impact_gym.operators import Channel, Operator
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
@@ -19,8 +19,8 @@ from impact_gym.task.nested import grouped, ranged_record
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 
-VELOCITY_RANGE = (-0.5, 1.5)  # m/s, what action[0] in [-1, 1] is mapped to, if not said otherwise
-ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, what action[1] in [-1, 1] is mapped to, likewise; its end brakes afterwards
+VELOCITY_RANGE = (-0.5, 1.5)  # m/s, of the first number of an action, by default
+ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, of the second, by default; the flange brakes at its end after the episode
 MISSED_COST = 2.0  # m/s
 SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
 DISSIPATIONS = ("hu-guo", "exact", "fixed")
@@ -81,7 +81,9 @@ class Task:
     horizon: float = argument(HORIZON, "end of an episode without an alarm")
     after_alarm: float = argument(AFTER_ALARM, "from the alarm to the end of an episode")
     missed_cost: float = argument(MISSED_COST, "what an object costs that was not touched")
-    operator: Any = argument(None, "who commands, see `impact_gym.operators`; a dict works too; None: the controller")
+    operator: Any = argument(
+        None, "the operator, see `impact_gym.operators`; a dict works too; None: the controller commands alone"
+    )
     uplink: Any = argument(None, "the `Channel` of the operator's commands; a dict works too; None: a perfect one")
     downlink: Any = argument(None, "that of what the operator sees, likewise")
     max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
@@ -114,7 +116,14 @@ class Task:
         for name in ("force_weight", "control_period", "rtol", "horizon", "after_alarm", "missed_cost"):
             self._put(name, QUANTITIES[name].check(getattr(self, name)))
         self._put("drawn", {row.id: drawn[row.id] for row in SET_UP if row.id in drawn})
-        self._check_commands()
+        for name in ("velocity_range", "acceleration_range"):
+            unit, value = QUANTITIES[name].unit, getattr(self, name)
+            low, high = QUANTITIES[name].interval(value)
+            if not low < high:
+                raise ValueError(f"{name} must be a pair (low, high) in {unit}, low below high, got {shown(value)}")
+            self._put(name, (low, high))
+        if self.velocity_range[1] <= 0.0:
+            raise ValueError(f"velocity_range must end above 0 m/s, got {self.velocity_range}")
         self._check_choices()
         for way, channel in steering.checked(self).items():
             self._put(way, channel)
@@ -160,16 +169,6 @@ class Task:
     def _put(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
 
-    def _check_commands(self) -> None:
-        for name in ("velocity_range", "acceleration_range"):
-            unit, value = QUANTITIES[name].unit, getattr(self, name)
-            low, high = QUANTITIES[name].interval(value)
-            if not low < high:
-                raise ValueError(f"{name} must be a pair (low, high) in {unit}, low below high, got {shown(value)}")
-            self._put(name, (low, high))
-        if self.velocity_range[1] <= 0.0:
-            raise ValueError(f"velocity_range must end above 0 m/s, got {self.velocity_range}")
-
     def _check_choices(self) -> None:
         for name, allowed in {"dissipation": DISSIPATIONS, "alarm": ALARMS}.items():
             choice(name, getattr(self, name), allowed)
@@ -191,7 +190,7 @@ class Task:
             number("max_episode_steps", self.max_episode_steps, "-", at_most=MOST_STEPS)
 
     def _check_reach(self) -> None:
-        """Refuse a way that no episode is long enough for; warn of one that some are not, and of a stroke too short."""
+        """Refuse objects that are all out of reach; warn of some that are, and of a stroke that is too short."""
         near, far = self.scenario.distance
         way = self.check_distance(near)
         if far > self.reach:
@@ -233,11 +232,6 @@ class Task:
         """Whether episodes differ in what holds the tool."""
         return not self.drawn.keys().isdisjoint(MOUNT_IDS)
 
-    @property
-    def rough(self) -> bool:
-        """Whether there is friction under the object, in some episodes at least."""
-        return bool(self.friction)
-
     def ends(self, argument: str) -> Range:
         """Return the ends of a scale that follow from an argument of the environment."""
         if argument == "operator":
@@ -246,19 +240,19 @@ class Task:
             return 0.0, max(1.25 * self.horizon, self.horizon + self.after_alarm)
         return (0.0, self.after_alarm) if argument == "after_alarm" else self.velocity_range
 
-    def draws(self) -> list[tuple[Any, ...]]:
-        """Return the fields of the compiled program's `Draw` of each number that episodes draw from a range."""
-        draws = []
-        for name, (low, high) in self.ranges.items():
-            row = QUANTITIES[name]
-            source = row.draw.source if row.draw else 0
-            draws.append((PLACES[name], source, int(row.by_ratio(low)), low, high))
-        return draws
+    def at(self, record: Mapping[str, float]) -> "Task":
+        """Return the task of the episode that drew `record`, the final `info["record"]`: nothing in it is drawn."""
+        return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
 
-    def lowered(self, first_draw: int, table_at: int) -> tuple[Any, Any]:
-        """Return the compiled program's `Task` (1,), TASK, and the tables of its operator and channels (n,).
+    def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
+        """Return what the compiled program reads of the task.
 
-        Its draws begin at `first_draw` among those of all tasks, its tables at `table_at` among all tables.
+        Args:
+            first_draw: place of its first draw among those of all tasks.
+            table_at: place of its first table's first number among the tables of all tasks.
+
+        Returns:
+            its record (1,), TASK; the fields of DRAW of each number that episodes draw; and its tables (n,).
         """
         held, no_table = mount(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)
@@ -272,29 +266,24 @@ class Task:
         for row in SET_UP:
             if "." not in row.id:
                 numbers[row.id] = getattr(self, row.id) or 0.0
+        draws = []
+        for name, (low, high) in self.ranges.items():
+            row = QUANTITIES[name]
+            draws.append((PLACES[name], row.draw.source if row.draw else 0, row.by_ratio(low), low, high))
         action = ActionSpec(self)
         values = {
             "control_period": self.control_period, "horizon": self.horizon, "after_alarm": self.after_alarm,
             "full_deceleration": self.acceleration_range[1], "settle_limit": SETTLE_LIMIT,
             "missed_cost": self.missed_cost, "reference_velocity": self.reference_velocity or 0.0,
             "velocity": self.velocity_range, "action_size": len(action), "actions": action.to_kernel(),
-            "first_draw": first_draw,
-            "last_draw": first_draw + len(self.ranges), "mount_drawn": self.draws_mount,
+            "first_draw": first_draw, "last_draw": first_draw + len(draws), "mount_drawn": self.draws_mount,
             "alarm_by_reading": self.alarm == "reading", "force_weight": self.force_weight,
             "tolerance": LOCAL_SHARE * self.rtol, "exact": self.dissipation != "hu-guo",
             "max_steps": self.max_episode_steps or 0,
         }  # fmt: skip
         for name, value in values.items():
             record[name] = value
-        return record, np.concatenate(tables)
-
-    def at(self, record: Mapping[str, float]) -> "Task":
-        """Return the task of the episode that drew `record`, the final `info["record"]`: nothing in it is drawn."""
-        return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
-
-    def readings_under_way(self) -> int:
-        """Return how many force readings can be between sensor and controller."""
-        return int(samples_under_way(self.longest_delay, self.control_period))
+        return record, draws, np.concatenate(tables)
 
 
 ARGUMENTS = {item.name: item for item in fields(Task) if item.init}

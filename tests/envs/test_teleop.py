@@ -17,7 +17,6 @@ from impact_gym.operators import SIMPLE_REACTION
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.quantities import STEERED
 from impact_gym.task import Task
-from impact_gym.task.episodes import free_records
 
 COUPLINGS = (ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable())
 
@@ -49,7 +48,7 @@ def test_no_action_over_no_channel_breaks_the_rules_of_authority():
         for _ in range(180):
             begun = np.flatnonzero(batch.ended)
             if len(begun):
-                batch.begin(begun, rng.random((len(begun), 11)), free_records(len(begun)))
+                batch.begin(begun, rng.random((len(begun), 11)))
                 still[begun] = 0.0
             before, now = batch.links["silent"].copy(), batch.chains["time"].copy()
             batch.step(rng.uniform(-1.5, 1.5, (512, 3)), np.zeros(512, bool))
