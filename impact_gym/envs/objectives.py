@@ -4,7 +4,7 @@
 MO-Gymnasium itself is not needed. Everything but the reward is as in the environment without the prefix.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import wraps
 from typing import Any
 
@@ -14,37 +14,26 @@ from numpy.typing import NDArray
 
 from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import ImpactApproachEnv
-from impact_gym.envs.state import require, taken
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.task import Task
 
 Rewards = NDArray[np.float64]
 
 
-class Objectives:
-    """What each control step of a batch adds to the objectives: -T (s), -V_p (m/s) and, where it counts, -force (N).
+def vector_rewards(batch: Batch) -> Rewards:
+    """Return what the last control step added to the objectives (rows, n): -T (s), -V_p (m/s) and -force (N).
 
-    T is the time that the task charges. V_p comes at the end, with what a miss costs; so does the largest contact force
-    of an environment with a `force_weight`. With w the episode's time weight, the scalar reward is
-    w * (-T) - V_p - force_weight * force.
+    T is the time that the task charges. V_p comes at the end, with the cost of a miss; so does the largest contact
+    force, which is an objective where a task has a `force_weight`, and stays 0 in rows without one. With w the
+    episode's time weight, the scalar reward is w * (-T) - V_p - force_weight * force.
     """
+    forced = np.resize([task.force_weight > 0.0 for task in batch.tasks], batch.size)
 
-    def __init__(self, batch: Batch) -> None:
-        self._batch = batch
-        self._forced = np.resize([task.force_weight > 0.0 for task in batch.tasks], batch.size)
-        count = 3 if self._forced.any() else 2
-        self.before = np.zeros((batch.size, count))
-        self.space = Box(-np.inf, 0.0, (count,), np.float64)
+    def so_far(terms: NDArray[Any]) -> Rewards:
+        force = [terms["force"] * forced] if forced.any() else []
+        return np.stack([terms["time"], terms["speed"] + terms["miss"], *force], axis=1)
 
-    def added(self) -> Rewards:
-        """Return the rewards of the last step (rows, objectives); to be asked once after each."""
-        terms = self._batch.episodes["terms"]
-        force = [terms["force"] * self._forced] if self._forced.any() else []
-        now = np.stack([terms["time"], terms["speed"] + terms["miss"], *force], axis=1)
-        new = self._batch.episodes["control_steps"] <= 1  # an episode that has just begun
-        rewards = np.where(new[:, None], 0.0, self.before) - now
-        self.before = now
-        return rewards
+    return so_far(batch.episodes["terms_before"]) - so_far(batch.episodes["terms"])
 
 
 def soonest(task: Task, distance: float) -> float:
@@ -85,14 +74,14 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     @wraps(ImpactApproachEnv.__init__)  # type: ignore[misc]  # whose arguments they are
     def __init__(self, **arguments: Any) -> None:
         super().__init__(**arguments)
-        self._objectives = Objectives(self._batch)
         self.reference_point, self.utopia_point = points(self._batch.tasks)
-        self.reward_space, self.reward_dim = self._objectives.space, len(self._objectives.space.low)
+        self.reward_dim = len(self.utopia_point)
+        self.reward_space = Box(-np.inf, 0.0, (self.reward_dim,), np.float64)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
         """Play one control step; the reward is (reward_dim,)."""
         observation, reward, terminated, truncated, info = super().step(action)
-        return observation, self._objectives.added()[0], terminated, truncated, info | {"original_reward": reward}
+        return observation, vector_rewards(self._batch)[0], terminated, truncated, info | {"original_reward": reward}
 
 
 class MOImpactApproachVectorEnv(ImpactApproachVectorEnv):
@@ -101,21 +90,10 @@ class MOImpactApproachVectorEnv(ImpactApproachVectorEnv):
     @wraps(ImpactApproachVectorEnv.__init__)  # type: ignore[misc]  # likewise
     def __init__(self, num_envs: int = 1, **arguments: Any) -> None:
         super().__init__(num_envs, **arguments)
-        self._objectives = Objectives(self.batch)
         self.reference_point, self.utopia_point = points(self.batch.tasks)
-        self.reward_space, self.reward_dim = self._objectives.space, len(self._objectives.space.low)
+        self.reward_dim = len(self.utopia_point)
+        self.reward_space = Box(-np.inf, 0.0, (self.reward_dim,), np.float64)
 
     def _rewards(self) -> tuple[Rewards, dict[str, Any]]:
         """Return the rewards of the last step, and the scalar ones as an info."""
-        return self._objectives.added(), {"original_reward": self.batch.rewards.copy()}
-
-    def get_state(self) -> dict[str, Any]:
-        """Return a copy of all that `reset` and `step` go on from."""
-        return super().get_state() | {"objectives": self._objectives.before.copy()}
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what `get_state` returned, see `ImpactApproachVectorEnv`."""
-        before = taken(state, "objectives", self._objectives.before)
-        require("objectives", before, np.isfinite(before), "finite")
-        super().set_state(state)
-        self._objectives.before = before.copy()
+        return vector_rewards(self.batch), {"original_reward": self.batch.rewards.copy()}

@@ -56,6 +56,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | 1   | acceleration to use for it | 1     | 20    | m/s^2 | `acceleration_range` |
 
     Commands are resolved to 1e-6 m/s and 1e-6 m/s^2, so that the paper's rule, 1 m/s at 8 m/s^2, is one of them.
+    `action_spec` of the unwrapped environment maps both ways: `decode(action)` to SI units, `encode(velocity,
+    acceleration)` back.
 
     ## Observation Space
     `Box(..., (8,), float32)`. Some arguments add numbers or change them; the last column of the table says which. Each
@@ -64,10 +66,10 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     what the controller may know, in SI units.
 
     `observation_spec` of the unwrapped environment says which number stands where: `index(id)`, `decode(observation,
-    id)` in SI units, the slice `actor`, and `critic`, which is all. With `privileged` the truth stands behind what the
-    actor may see: the scenario and the reaction delay, numbers of the set-up that are drawn per episode, and with
-    `alarm="reading"` the time since a switch would have raised the alarm. The scales of these numbers are fixed: they
-    do not depend on the ranges that are drawn from.
+    id)` in SI units, the slice `actor`, and `critic`, which is all. `privileged=True` appends the true scenario, the
+    reaction delay, the numbers of the set-up that are drawn per episode, and with `alarm="reading"` the time since a
+    switch would have raised the alarm. The scales of these numbers are fixed: they do not depend on the ranges that
+    are drawn from.
 
     OBSERVATION_TABLE
 
@@ -84,7 +86,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Each step gives `-time_weight * dt` until the first contact begins; dt ends at that instant, not at a whole step.
     The last step adds `-V_p - force_weight * peak force`, where V_p is the object's final velocity, or `-missed_cost`
     (-2) if nothing was touched. The sum over an episode lies in [-time_weight * 1.2 - 2, 0] as long as V_p stays below
-    2 m/s and `force_weight` is 0. With `friction` V_p is the largest velocity that the object has had: it keeps none.
+    2 m/s and `force_weight` is 0. With `friction` the object stops, so V_p is its largest speed.
 
     ## Starting State
     Flange, tool and object are at rest, the flange at position 0, the coupling relaxed (a bistable one: on its front
@@ -170,7 +172,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._renderer: Renderer | None = None
         points = TRACE_POINTS if record_trace or render_mode is not None else 0
         self._batch = Batch(1, Task(**arguments), threads=1, trace_points=points)
-        self.observation_spec = self._batch.spec
+        self.observation_spec, self.action_spec = self._batch.spec, self._batch.action_spec
         self.observation_space = observation_space(self.observation_spec)
         self.action_space = action_space(self._batch.tasks[0])
         self._running = False

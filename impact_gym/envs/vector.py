@@ -18,7 +18,7 @@ from impact_gym.envs.state import require, taken
 from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
-from impact_gym.validation import WrongTypeError, array, choice, one_of, shown, whole
+from impact_gym.validation import array, choice, one_of, shown, whole
 
 MOST_DRAWN = 16  # environments of a batch with pictures
 
@@ -54,9 +54,8 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         if render_mode is not None and self.num_envs > MOST_DRAWN:
             raise ValueError(f"num_envs must be at most {MOST_DRAWN} with a render_mode, got {self.num_envs}")
         self.render_mode = render_mode
-        modes = [mode.value for mode in AutoresetMode]
         if not isinstance(autoreset_mode, AutoresetMode):
-            choice("autoreset_mode", autoreset_mode, modes)
+            choice("autoreset_mode", autoreset_mode, [mode.value for mode in AutoresetMode])
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         own = {"render_modes": ["rgb_array"], "autoreset_mode": self.autoreset_mode}
         self.metadata = ImpactApproachEnv.metadata | own
@@ -68,7 +67,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             one_of(f"per_slot[{slot}]", changes, Mapping)
         tasks = [Task.of(f"per_slot[{slot}]", {**arguments, **changes}) for slot, changes in enumerate(changed)]
         self.batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
-        self.observation_spec = self.batch.spec
+        self.observation_spec, self.action_spec = self.batch.spec, self.batch.action_spec
         self.single_observation_space = observation_space(self.observation_spec)
         self.single_action_space = action_space(tasks[0])
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -209,10 +208,9 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         before = self.batch.get_state()
         self.batch.set_state(state.get("batch", {}))
         try:
-            require("ended", ended, ended == self.batch.ended, "as the episodes say")
-            require(
-                "begun", begun, ~begun | (self.batch.episodes["drawn"]["object_mass"] != 0.0), "as the episodes say"
-            )
+            has_begun = ~begun | (self.batch.episodes["drawn"]["object_mass"] != 0.0)
+            for name, flags, good in (("ended", ended, ended == self.batch.ended), ("begun", begun, has_begun)):
+                require(name, flags, good, "as the episodes say")
         except ValueError:
             self.batch.set_state(before)
             raise
@@ -233,29 +231,23 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             raise ValueError(f"options['reset_mask'] must hold {words} got none")
         return flags
 
-    def _seed(self, seed: int | Sequence[int | None] | None, mask: Flags) -> None:
-        """Seed slot i with seed + i, or with its place in a list; None leaves a generator as it is."""
+    def _seed(self, seed: Any, mask: Flags) -> None:
+        """Seed slot i with seed + i, or with the i-th of a list; None leaves a generator as it is."""
         if seed is None and self._generators:
             return
-        if isinstance(seed, (int, np.integer)) and not isinstance(seed, bool):
-            seeds: Sequence[int | None] = [int(seed) + slot for slot in range(self.num_envs)]
-        elif seed is None or (isinstance(seed, Sequence) and not isinstance(seed, (str, bytes))) or _is_row(seed):
-            seeds = [None] * self.num_envs if seed is None else list(seed)  # type: ignore[arg-type]  # or an array
-        else:
-            raise WrongTypeError(f"seed must be a whole number or {self.num_envs} of them, got {shown(seed)}")
+        seeds: Sequence[Any] = [None] * self.num_envs
+        if isinstance(seed, (list, tuple)) or getattr(seed, "ndim", 0) == 1:
+            seeds = [each if each is None else whole("seed", each, at_least=0) for each in seed]
+        elif seed is not None:
+            first = whole("seed", seed, at_least=0)
+            seeds = range(first, first + self.num_envs)
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be a whole number or {self.num_envs} of them, got {len(seeds)}")
-        seeds = [None if given is None else whole("seed", given, at_least=0) for given in seeds]
         if not self._generators:
-            self._generators = [seeding.np_random(given)[0] for given in seeds]
-            return
+            self._generators = [seeding.np_random(each)[0] for each in seeds]
         for slot in np.flatnonzero(mask).tolist():
             if seeds[slot] is not None:
                 self._generators[slot] = seeding.np_random(seeds[slot])[0]
-
-
-def _is_row(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.ndim == 1
 
 
 def of_rows(columns: Mapping[str, NDArray[Any]], rows: Flags) -> dict[str, Any]:

@@ -187,6 +187,7 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
     episode.truncated = task.max_steps > 0 and episode.control_steps >= task.max_steps
     if episode.terminated:
         finish(run, row, &step)
+    episode.terms_before = episode.terms
     add_terms(&episode.terms, &step)
     return reward(&step, episode.drawn.time_weight, task.force_weight, &episode.rewards)
 

@@ -68,7 +68,7 @@ cdef struct Episode:  # a row, beside its chain
     int64_t control_steps
     int64_t terminated, truncated  # 0 or 1
     int64_t status  # 0, UNSETTLED, or negative: the solver failed
-    Terms terms  # of the reward, so far, without weights
+    Terms terms, terms_before  # of the reward, so far and before the last control step, without weights
     Terms rewards  # m/s each, what they have given
     double object_velocity  # m/s, so far; once terminated, what it keeps
     double approach_time  # s, so far
