@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym import kernels
-from impact_gym.envs.infos import Infos, command_columns
+from impact_gym.envs.infos import Infos
 from impact_gym.envs.state import check, taken
 from impact_gym.operators import Person
 from impact_gym.scene import flange_moves_with_tool
@@ -26,6 +26,7 @@ ROWS_PER_THREAD = 256
 
 _STATE = ("draws", "laws", "chains", "episodes", "readings", "links", "packets", "observations", "rewards", "traces")
 TRACE_INTERVAL = 1e-3  # s, between points of a trace in flight
+INTERVENTION = 1e-3  # m/s, by which a command is changed at the least where the assistance intervenes
 _SPARE = 4  # readings beyond those under way: some are taken before the oldest is due
 
 
@@ -111,7 +112,7 @@ class Batch:
         self._tasks, self.draws = np.concatenate(records), np.array(draws, kernels.DRAW)
         self._tables, self._entries = np.concatenate(tables), self.spec.to_kernel()
         self.laws = kernels.laws_of(np.ascontiguousarray(self._tasks["mount"]))
-        if any(task.draws_mount for task in tasks):
+        if self._tasks["mount_drawn"].any():
             self.laws = np.resize(self.laws, self.size)
 
     def _make_rows(self) -> None:
@@ -218,21 +219,36 @@ class Batch:
         for name in _STATE:
             getattr(self, name)[:] = state[name]
 
-    def info(self, row: int | None = None) -> dict[str, Any]:
-        """Return the entries of the final info as they stand: plain numbers of one row, or arrays (size,) of all."""
-        return self.info_columns(np.arange(self.size)) if row is None else self.infos(np.array([row]))[0]
+    def info(self, rows: int | NDArray[np.int64] | None = None) -> dict[str, Any]:
+        """Return the entries of the final info as they stand.
+
+        Plain numbers where `rows` is one row; else arrays (size,), blank in other rows than `rows` (None: all).
+        """
+        if isinstance(rows, int):
+            return self.infos(np.array([rows]))[0]
+        return self._infos.columns(self.episodes, self.chains, np.arange(self.size) if rows is None else rows)
 
     def infos(self, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
         """Return the info of each of `rows`."""
         return self._infos.infos(self.episodes, self.chains, rows)
 
-    def info_columns(self, rows: NDArray[np.int64]) -> dict[str, Any]:
-        """Return the infos of `rows` as arrays (size,), blank elsewhere."""
-        return self._infos.columns(self.episodes, self.chains, rows)
-
     def link_columns(self) -> dict[str, NDArray[Any]]:
-        """Return the entries of the info of every step, arrays (size, ...); none without an operator."""
-        return command_columns(self.episodes, self.links) if len(self.links) else {}
+        """Return the entries of the info of every step with an operator, arrays (size,) and (size, 1); else none.
+
+        `command` and its age are of the newest command that has arrived by the end of the step. The keys of
+        human-in-the-loop code are of the last velocity that the flange was sent to in the step (m/s): `teleop_action`
+        is the operator's, 0 where it was too old, `intervene_action` the executed one. That is there in every step, as
+        arrays of a batch have no gaps: the flag says whether it is an intervention.
+        """
+        if not len(self.links):
+            return {}
+        sensors, obeyed = self.episodes["sensors"], self.links["obeyed"].copy()
+        executed = sensors["executed"].copy()
+        return {
+            "command": sensors["command"].copy(), "command_age": sensors["command_age"].copy(),
+            "is_intervention": np.abs(executed - obeyed) > INTERVENTION,
+            "teleop_action": obeyed[:, None], "intervene_action": executed[:, None],
+        }  # fmt: skip
 
     def link_infos(self) -> list[dict[str, Any]]:
         """Return these entries of each row, plain numbers and arrays (1,)."""

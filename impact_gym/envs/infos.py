@@ -36,8 +36,6 @@ SLIDE = ("slide", "rest_time")
 LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "taken", "late": "late"}
 """Entries of an info where an operator commands."""
 
-INTERVENTION = 1e-3  # m/s, by which a command is changed at the least where the assistance intervenes
-
 
 class Infos:
     """The infos of rows of a batch, which has one task for all of them or one for each."""
@@ -87,22 +85,6 @@ class Infos:
 def _numbers(episodes: Records) -> NDArray[np.float64]:
     """Return all numbers of episodes (size, n), as a view."""
     return episodes.view(np.float64).reshape(len(episodes), -1)
-
-
-def command_columns(episodes: Records, links: Records) -> dict[str, NDArray[Any]]:
-    """Return the entries of the info of every step with an operator, arrays (size,) and (size, 1).
-
-    `command` and its age are of what has arrived by the end of the step. The keys of human-in-the-loop code are of what
-    the flange was sent to last in the step (m/s): by `teleop_action`, 0 where a command was too old, to
-    `intervene_action`. That is there in every step, as arrays of a batch have no gaps: the flag says whether it counts.
-    """
-    sensors, obeyed = episodes["sensors"], links["obeyed"].copy()
-    executed = sensors["executed"].copy()
-    return {
-        "command": sensors["command"].copy(), "command_age": sensors["command_age"].copy(),
-        "is_intervention": np.abs(executed - obeyed) > INTERVENTION,
-        "teleop_action": obeyed[:, None], "intervene_action": executed[:, None],
-    }  # fmt: skip
 
 
 def _verdicts(

@@ -144,7 +144,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         infos = masked(scalar, ~self._none) | (masked(of_rows(links, acted), acted) if acted.any() else {})
         if ended.any():
             rows = np.flatnonzero(ended)
-            finals = masked(batch.info_columns(rows), ended)
+            finals = masked(batch.info(rows), ended)
             if not same_step:
                 infos |= finals
             else:

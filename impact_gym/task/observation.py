@@ -53,11 +53,6 @@ class Entry(NamedTuple):
         low, high = map(CURVES[self.scale.curve].at, (self.scale.low, self.scale.high))
         return low, (1.0 - self.scale.scaled_low) / (high - low)
 
-    @property
-    def constant(self) -> bool:
-        """Whether it stays as it is through an episode."""
-        return f"sensors.{self.id}" not in _PLACES
-
 
 class ObservationSpec:
     """Which number stands where in an observation, and what it is in SI units.

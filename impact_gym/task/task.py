@@ -227,11 +227,6 @@ class Task:
         """The longest reaction delay of an episode, s."""
         return self.ranges["reaction_delay"][1]
 
-    @property
-    def draws_mount(self) -> bool:
-        """Whether episodes differ in what holds the tool."""
-        return not self.drawn.keys().isdisjoint(MOUNT_IDS)
-
     def ends(self, argument: str) -> Range:
         """Return the ends of a scale that follow from an argument of the environment."""
         if argument == "operator":
@@ -276,7 +271,8 @@ class Task:
             "full_deceleration": self.acceleration_range[1], "settle_limit": SETTLE_LIMIT,
             "missed_cost": self.missed_cost, "reference_velocity": self.reference_velocity or 0.0,
             "velocity": self.velocity_range, "action_size": len(action), "actions": action.to_kernel(),
-            "first_draw": first_draw, "last_draw": first_draw + len(draws), "mount_drawn": self.draws_mount,
+            "first_draw": first_draw, "last_draw": first_draw + len(draws),
+            "mount_drawn": not self.drawn.keys().isdisjoint(MOUNT_IDS),
             "alarm_by_reading": self.alarm == "reading", "force_weight": self.force_weight,
             "tolerance": LOCAL_SHARE * self.rtol, "exact": self.dissipation != "hu-guo",
             "max_steps": self.max_episode_steps or 0,
