@@ -82,7 +82,9 @@ class Batch:
         self.threads = cores() if threads is None else whole("threads", threads, at_least=1)
         self.max_steps = max_steps
         self.spec = ObservationSpec.of_rows(tasks)
-        slots = max(int(kernels.samples_under_way(each.longest_delay, each.control_period)) for each in tasks) + _SPARE
+        slots = (
+            max(int(kernels.readings_in_transit(each.longest_delay, each.control_period)) for each in tasks) + _SPARE
+        )
         packets, self.action_spec = max(map(packets_under_way, tasks)), ActionSpec(tasks[0])
         linked = size if packets else 0
         each_row = kernels.CHAIN.itemsize + kernels.EPISODE.itemsize + slots * kernels.READING.itemsize

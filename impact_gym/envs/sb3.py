@@ -1,6 +1,7 @@
 """The batch as a `VecEnv` of stable-baselines3, which does not take Gymnasium's vector environments."""
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.vector import ImpactApproachVectorEnv
-from impact_gym.task.episodes import episode_index, fixed_records
+from impact_gym.task.episodes import reset_options
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.validation import one_of
 
@@ -58,11 +59,10 @@ class ImpactVecEnv(VecEnv):
         if len(self._options) != self.num_envs:
             raise ValueError(f"options must be a mapping or {self.num_envs} of them, got {len(self._options)}")
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
-        skipped = np.array([episode_index(options) or 0 for options in self._options])
-        tasks = self.envs.batch.tasks
-        given = enumerate(self._options)
-        fixed = np.concatenate([fixed_records(options, [tasks[slot % len(tasks)]]) for slot, options in given])
-        observations = self.envs.begin(seeds, np.ones(self.num_envs, np.bool_), fixed, skipped)
+        asked = zip(self._options, cycle(self.envs.batch.tasks), strict=False)
+        fixed, skipped = zip(*(reset_options(options, [task]) for options, task in asked), strict=True)
+        everywhere = np.ones(self.num_envs, np.bool_)
+        observations = self.envs.begin(seeds, everywhere, np.concatenate(fixed), np.array(skipped))
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()

@@ -13,7 +13,7 @@ from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
 from impact_gym.simulation import Trace
 from impact_gym.task.action import ActionSpec
-from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
+from impact_gym.task.episodes import reset_options, skip_episodes
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
@@ -220,8 +220,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode; see Starting State."""
-        skipped = episode_index(options)
-        fixed = fixed_records(options, self._batch.tasks)
+        fixed, skipped = reset_options(options, self._batch.tasks)
         super().reset(seed=None if seed is None else whole("seed", seed, at_least=0))
         if skipped:
             skip_episodes(self.np_random, skipped)

@@ -15,7 +15,7 @@ from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, action_space, observation_space
 from impact_gym.envs.state import require, taken
-from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
+from impact_gym.task.episodes import reset_options, skip_episodes
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
 from impact_gym.validation import array, choice, one_of, shown, whole
@@ -98,8 +98,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         one_of("options", options, Mapping, type(None))
         rest = dict(options or {})
         mask = self._mask(rest.pop("reset_mask", None))
-        skipped = episode_index(rest) or 0
-        fixed = fixed_records(rest, self.batch.tasks, self.num_envs)
+        fixed, skipped = reset_options(rest, self.batch.tasks, self.num_envs)
         return self.begin(seed, mask, fixed[mask], np.full(self.num_envs, skipped)), {}
 
     def begin(

@@ -1,33 +1,33 @@
-"""One episode, one row: how it begins, what a control step does, how it ends. Every front end runs these kernels."""
+"""One episode, one row of a batch: its beginning, its control steps and its end. Every front end runs these kernels."""
 
 cpdef enum:
     LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE  # curves of an observation's entry
 
-cdef double ROUNDING = 1e-9  # s, spans shorter than this are rounding of the clock
+cdef double ROUNDING = 1e-9  # s, shorter spans are rounding errors of the clock
 
 
-cdef struct Row:  # everything of one environment
+cdef struct Row:  # one environment
     const Task *task
     Chain *chain
     Episode *episode
-    Reading *readings  # a ring of so many slots
+    Reading *readings  # a ring of `slots`
     int64_t slots
     const Entry *entries  # of the observation
     int64_t length
     float *observation
     Link *link  # with an operator
-    Packet *packets  # a ring of so many slots
+    Packet *packets  # a ring of `packet_slots`
     int64_t packet_slots
     const double *tables
 
 
-cpdef int64_t samples_under_way(double reaction_delay, double control_period) noexcept nogil:
-    """Readings between sensor and controller at t = 0."""
+cpdef int64_t readings_in_transit(double reaction_delay, double control_period) noexcept nogil:
+    """Number of readings between sensor and controller at t = 0."""
     return <int64_t> floor(reaction_delay / control_period + 1e-9)
 
 
 cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
-    """Put everything at rest at t = 0."""
+    """Start an episode at t = 0 with everything at rest."""
     cdef Episode *episode = row.episode
     cdef double period = row.task.control_period, delay = drawn.reaction_delay, damping
     cdef int64_t k
@@ -37,7 +37,7 @@ cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
     damping = exact_damping(drawn.restitution) if row.task.exact else hu_guo(drawn.restitution)
     episode.contact = contact_of(drawn.contact_stiffness, damping, 1.5, 1.5, row.task.reference_velocity)
     episode.alarm = episode.last_alarm = INFINITY
-    episode.pushed = samples_under_way(delay, period)
+    episode.pushed = readings_in_transit(delay, period)
     for k in range(episode.pushed):
         row.readings[k].time = (k + 1) * period - delay
     episode.next_sample = (episode.pushed + 1) * period - delay
@@ -51,17 +51,17 @@ cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
 
 
 cdef double snap(double time, double onto) noexcept nogil:
-    """The earlier of `time` and `onto`; `onto` too if only rounding would lie between them."""
+    """Return the earlier of `time` and `onto`; also `onto` where they differ by rounding only."""
     return onto if time > onto - ROUNDING else time
 
 
 cdef void sample(const Run *run, Row *row) noexcept nogil:
     """Read the sensors now; the controller gets the reading `reaction_delay` later.
 
-    There is a reading one delay before each observation that may come, at times known a delay ahead, because the alarm,
-    which shifts the clock, comes a delay after its cause. Each carries its time: an observation gets the last one that
-    is due, and one for an observation that did not come (at the horizon, with an alarm under way) is passed over.
-    An alarm by the readings comes with an observation and shifts nothing.
+    The sensors are read one delay before each possible observation. Those times are known a delay ahead, because the
+    alarm, which shifts the control steps, comes a delay after its cause. Each reading carries its time. An observation
+    gets the last reading that is due; a reading for an observation that does not come (at the horizon, while an alarm
+    is in transit) is skipped. An alarm by the readings comes with an observation and shifts nothing.
     """
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
@@ -78,7 +78,7 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
         last = chain.detection + row.task.after_alarm
     if not shifted:
         following = (floor((chain.time + delay + ROUNDING) / period) + 1.0) * period - delay
-        # the end is an observation of its own
+        # the end of the episode is one more observation
         if chain.time < last - ROUNDING and last < following - ROUNDING:
             following = last
         episode.next_sample = following
@@ -88,9 +88,9 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
 
 
 cdef void receive(Row *row) noexcept nogil:
-    """Let the oldest reading under way reach the controller, with the sensor's errors; forces never fall below zero.
+    """Deliver the oldest reading in transit to the controller, with the sensor's errors; no force is negative.
 
-    One above the threshold raises an alarm by the readings, if none is on.
+    Where readings raise the alarm, a force above the threshold does so, unless the alarm is on.
     """
     cdef Episode *episode = row.episode
     cdef Sensors *sensors = &episode.sensors
@@ -117,7 +117,7 @@ cdef void receive(Row *row) noexcept nogil:
 
 
 cdef void observe(Row *row) noexcept nogil:
-    """Write what the controller sees at the present time."""
+    """Write the observation of the present time."""
     cdef Chain *chain = row.chain
     cdef const Record *drawn = &row.episode.drawn
     cdef Sensors *sensors = &row.episode.sensors
@@ -138,7 +138,7 @@ cdef void observe(Row *row) noexcept nogil:
         value = values[entry.place]
         if entry.curve == LOGARITHM:
             if row.episode.control_steps > 0:
-                continue  # what is shown so stays as it is
+                continue  # a number on this scale stays the same through an episode
             value = log(value)
         elif entry.curve == LOGARITHM_OF_ONE_MORE and value != 0.0:
             value = log1p(value)
@@ -147,7 +147,7 @@ cdef void observe(Row *row) noexcept nogil:
 
 
 cdef inline double end_with(const Row *row, double detection) noexcept nogil:
-    """End of an episode whose contact force exceeded the threshold at some time, s; with an operator it goes on."""
+    """Time at which an episode ends whose contact force exceeded the threshold at `detection`, s."""
     if isinf(detection) or row.task.operator_kind:
         return row.task.horizon
     return detection + row.episode.drawn.reaction_delay + row.task.after_alarm
@@ -193,9 +193,9 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
 
 
 cdef double drive(Run *run, Row *row, Command asked) noexcept nogil:
-    """Follow a command to the end of the control step, reading the sensors on the way; return the time of the alarm, s.
+    """Move the flange to the end of the control step and read the sensors meanwhile; return the time of the alarm, s.
 
-    With an operator the command is what the link makes of the action, at every moment at which that changes.
+    With an operator the link turns the action into a command, again at each event of the link.
     """
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
@@ -213,7 +213,7 @@ cdef double drive(Run *run, Row *row, Command asked) noexcept nogil:
         if linked:
             happen(row)
             asked = obeyed(row)
-            until = snap(min(until, max(next_event(row), chain.time)), end)  # else what comes at the end had no time
+            until = snap(min(until, max(next_event(row), chain.time)), end)  # an event at the end is processed after the loop
         begun = chain.time
         status = command(run, chain, asked.velocity, asked.acceleration, until) if until > chain.time else ARRIVED
         if linked and chain.contacts == 0 or status == TOUCHED:

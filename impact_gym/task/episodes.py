@@ -19,8 +19,6 @@ RECORD_IDS = tuple(row.id for row in (*SCENARIO, *EPISODE))
 """All that an episode draws but for numbers of its set-up: keys of the final `info["record"]` and of
 `options["record"]`, which plays the episode again."""
 
-_RESET_OPTIONS = ("scenario", "record", "episode_index")
-
 
 def skip_episodes(generator: np.random.Generator, count: int) -> None:
     """Advance `generator` by `count` episodes: each takes the same count of numbers, whatever the options."""
@@ -44,29 +42,34 @@ def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[
     return records
 
 
-def fixed_records(options: Any, tasks: Sequence[Task], slots: int | None = None) -> NDArray[Any]:
-    """Return the numbers that `reset(options=...)` fixes as records (slots or 1,), nan where the episode draws.
+def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None) -> tuple[NDArray[Any], int]:
+    """Return what `reset(options=...)` asks for: numbers that are fixed, and how many episodes are skipped.
 
-    Where a scenario and a record fix the same number, the scenario counts. With `slots` a value may be a sequence of
-    one for each slot. `tasks` are one for all slots or one for each. A number of the set-up stays within the range that
-    its task draws from, a reaction delay below the longest, for which readings are kept.
+    The numbers are records (slots or 1,), nan where the episode draws. Where a scenario and a record fix the same
+    number, the scenario counts. With `slots` a value may be a sequence of one for each slot. `tasks` are one for all
+    slots or one for each. A number of the set-up stays within the range that its task draws from, a reaction delay
+    below the longest, for which readings are kept.
 
     Raises:
         TypeError, ValueError: an option or a field that there is not, or a value out of range; names what is allowed.
     """
-    fixed: dict[str, ArrayLike] = {}
+    one_of("options", options, Mapping, type(None))
+    given, fixed = dict(options or {}), dict[str, ArrayLike]()
+    index = given.pop("episode_index", None)
     drawn = dict.fromkeys(name for task in tasks for name in task.drawn)
     for option, known in {"record": [*RECORD_IDS, *drawn], "scenario": FIELDS}.items():
-        given = (options or {}).get(option, {})
-        one_of(f"options[{option!r}]", given, Mapping)
-        for name, value in given.items():
+        one_of(f"options[{option!r}]", values := given.pop(option, {}), Mapping)
+        for name, value in values.items():
             if name not in known:
                 raise ValueError(f"options[{option!r}] has no field {name!r}; its fields are {list(known)}")
             fixed[name] = _checked(f"options[{option!r}][{name!r}]", name, value, tasks, slots)
             if name == "distance" and option == "scenario":  # a record may hold a distance that is out of reach
                 for distance, task in zip(np.resize(fixed[name], slots or 1), cycle(tasks), strict=False):
                     task.check_distance(float(distance), f"options[{option!r}][{name!r}]")
-    return records_with(slots or 1, fixed)
+    for name in given:
+        raise ValueError(f"unknown option {name!r}; allowed are 'scenario', 'record', 'episode_index'")
+    skipped = 0 if index is None else whole("options['episode_index']", index, at_least=0)
+    return records_with(slots or 1, fixed), skipped
 
 
 def _checked(field: str, name: str, value: Any, tasks: Sequence[Task], slots: int | None) -> ArrayLike:
@@ -87,19 +90,3 @@ def _checked(field: str, name: str, value: Any, tasks: Sequence[Task], slots: in
         if name == "noise_seed" and checked[-1] % 1.0:
             raise ValueError(f"{field} must be a whole number, got {shown(each)}")
     return checked if listed else checked[-1]
-
-
-def episode_index(options: Any) -> int | None:
-    """Return which episode of its seed `reset(options=...)` asks for, None if the next one.
-
-    Raises:
-        TypeError, ValueError: an option that there is not, or no whole number.
-    """
-    if options is None:
-        return None
-    one_of("options", options, Mapping)
-    for name in options:
-        if name not in _RESET_OPTIONS:
-            raise ValueError(f"unknown option {name!r}; allowed are {', '.join(map(repr, _RESET_OPTIONS))}")
-    index = options.get("episode_index")
-    return None if index is None else whole("options['episode_index']", index, at_least=0)

@@ -20,7 +20,7 @@ from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.identify.coordinates import free_coordinates
 from impact_gym.quantities import BY_PATH, EPISODE, NEVER_OBSERVED, QUANTITIES, RESULTS, SCENARIO, SENSORS, SET_UP
 from impact_gym.task import ObservationSpec, ScenarioRanges, Task, nested, numbers
-from impact_gym.task.episodes import fixed_records
+from impact_gym.task.episodes import reset_options
 from impact_gym.task.task import ARGUMENTS, PARTS
 
 EVERY_ROW = pytest.mark.parametrize("row", QUANTITIES.values(), ids=list(QUANTITIES))
@@ -52,7 +52,7 @@ def doors(row):
         take = lambda value: ScenarioRanges(**{row.id: value})  # noqa: E731
         yield f"ScenarioRanges.{row.id}", take, take
     if row in (*SCENARIO, *EPISODE):
-        fixed = partial(fixed_records, tasks=[Task(reaction_delay=1.0)])
+        fixed = partial(reset_options, tasks=[Task(reaction_delay=1.0)])
         yield f"options['record']['{row.id}']", lambda value: fixed({"record": {row.id: value}}), None
     if row.id in GIVEN and not row.id.endswith("_range"):
         yield row.id, lambda value: Task(**{row.id: value}), None
@@ -108,7 +108,7 @@ def test_unknown_key_beside_the_numbers_of_a_part_is_refused_with_those_that_the
 def test_unknown_field_of_a_scenario_is_refused_with_those_that_there_are():
     fields = [row.id for row in SCENARIO]
     refused(lambda: Task(scenario={"mass": 1.0}), "scenario", "'mass'", *fields)
-    refused(lambda: fixed_records({"scenario": {"mass": 1.0}}, [Task()]), "scenario", "'mass'", *fields)
+    refused(lambda: reset_options({"scenario": {"mass": 1.0}}, [Task()]), "scenario", "'mass'", *fields)
 
 
 @EVERY_ROW
