@@ -86,8 +86,13 @@ def _draw_beyond_delay(frame: pl.DataFrame, grid: Panels) -> None:
 
 def _numbers_beyond_delay(frame: pl.DataFrame) -> Numbers:
     rows = _ratios(frame)
-    at_16_ms = rows.filter(coupling="rigid", object="light", over="stiffness", delay=BRAKE.delay)
-    numbers: Numbers = {"gain": 100 * np.abs(1.0 - at_16_ms.filter(pl.col("stiffness") >= 1e6)["of_free"]).max()}
+    at_16_ms = where(rows, coupling="rigid", object="light", over="stiffness", delay=BRAKE.delay)
+    stiffness, gains = at_16_ms["stiffness"], 100.0 * (1.0 - at_16_ms["of_free"])
+    free = [where(frame, coupling="rigid", object=kind, delay=NEVER)["object_velocity"] for kind in OBJECTS]
+    numbers: Numbers = {
+        "gain": np.abs(gains[stiffness >= 1e6]).max(), "gains": np.interp([3.0, 5.0], np.log10(stiffness), gains),
+        "mass_effect": np.abs(free[1] / free[0] - 1.0).max(),
+    }  # fmt: skip
     for who, when in {"robot": pl.col("delay") <= BRAKE.delay, "operator": pl.col("delay") >= PERSON}.items():
         own = rows.filter(pl.col("coupling") != "rigid", when)
         worst = own.row(own["of_rigid"].arg_max(), named=True)
