@@ -86,8 +86,13 @@ def _draw_beyond_delay(frame: pl.DataFrame, grid: Panels) -> None:
 
 def _numbers_beyond_delay(frame: pl.DataFrame) -> Numbers:
     rows = _ratios(frame)
-    at_16_ms = rows.filter(coupling="rigid", object="light", over="stiffness", delay=BRAKE.delay)
-    numbers: Numbers = {"gain": 100 * np.abs(1.0 - at_16_ms.filter(pl.col("stiffness") >= 1e6)["of_free"]).max()}
+    at_16_ms = where(rows, coupling="rigid", object="light", over="stiffness", delay=BRAKE.delay)
+    stiffness, gains = at_16_ms["stiffness"], 100.0 * (1.0 - at_16_ms["of_free"])
+    free = [where(frame, coupling="rigid", object=kind, delay=NEVER)["object_velocity"] for kind in OBJECTS]
+    numbers: Numbers = {
+        "gain": np.abs(gains[stiffness >= 1e6]).max(), "gains": np.interp([3.0, 5.0], np.log10(stiffness), gains),
+        "mass_effect": np.abs(free[1] / free[0] - 1.0).max(),
+    }  # fmt: skip
     for who, when in {"robot": pl.col("delay") <= BRAKE.delay, "operator": pl.col("delay") >= PERSON}.items():
         own = rows.filter(pl.col("coupling") != "rigid", when)
         worst = own.row(own["of_rigid"].arg_max(), named=True)
@@ -236,13 +241,18 @@ def _numbers_beyond_speed(frame: pl.DataFrame) -> Numbers:
     at_10, at_11, at_12 = np.interp([1.0, 1.1, 1.2], speed, velocity)
     better = speed[velocity < np.interp(speed, linear["speed"], linear["object_velocity"])]
     ratio = velocity / speed
+    others = [where(frame, coupling=name) for name in ("rigid", "spring")]
+    other_ratios = [each["object_velocity"] / each["speed"] for each in others]
     fixed = where(frame, coupling="rigid", speed=MOTION.speed)["object_velocity"][0]
     return {
         "fixed": fixed, "faster": speed[velocity <= fixed].max(),
         "fails_below": speed[(speed < MOTION.speed) & (rows["passes"] % 2 == 0)].max(initial=0.0),  # ends ahead
         "turns": "".join(f"; {before} to {after} passes of the alignment at {v:.3f} m/s" for v, before, after in turns),
-        "better": [better.min(), better.max()], "slowest": speed[0], "fastest": speed[-1],
+        "better": [better.min(), better.max()] if better.size else [np.nan, np.nan],
+        "slowest": speed[0], "fastest": speed[-1],
         "change": 100 * (at_11 / at_10 - 1.0), "change_12": 100 * (at_12 / at_10 - 1.0),
         "passes": int(rows["passes"][np.argmin(np.abs(speed - 1.1))]),
-        "spread": np.ptp(ratio), "ratio_ends": [ratio.min(), ratio.max()], "best_at": speed[int(np.argmin(ratio))],
+        "passes_at_1": int(rows["passes"][np.argmin(np.abs(speed - 1.0))]),
+        "spread": np.ptp(ratio), "spread_of_others": max(map(np.ptp, other_ratios)),
+        "ratio_ends": [ratio.min(), ratio.max()], "best_at": speed[int(np.argmin(ratio))],
     }  # fmt: skip

@@ -87,6 +87,7 @@ class Run:
         self.restitution = -rate[-1] / rate[0]  # that the first contact had: separation over approach velocity
         behind = first.command_position - first.tool_position
         self.deflection = 1e3 * (behind.max() - behind[0])  # mm, of the robot by the contact
+        self.way = 1e3 * np.ptp(first.command_position)  # mm, of the imposed motion during it
 
     def part(self, rows: NDArray[np.bool_]) -> ig.Trace:
         """Return some points of the trace."""

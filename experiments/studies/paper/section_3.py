@@ -115,10 +115,10 @@ def _numbers_figure_13(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_14() -> pl.DataFrame:
-    """Simulate both, Fig. 13b beside them, and (b) once more with a robot that never brakes."""
+    """Simulate both, Fig. 13b beside them, and both once more with a robot that never brakes."""
     soft, stiff = (scenes.scene(k_c, 1.0, robot=scenes.ROBOT, object_mass=scenes.HEAVY_MASS) for k_c in (1e5, 1e6))
     braking = histories({"a": soft, "b": stiff, "13b": scenes.scene(1e5, 1.0, robot=scenes.ROBOT)})
-    return pl.concat([braking, histories({"b, no brake": stiff}, scenes.STEADY)])
+    return pl.concat([braking, histories({"a, no brake": soft, "b, no brake": stiff}, scenes.STEADY)])
 
 
 def _ranges(run: Run) -> tuple[float, float]:
@@ -130,16 +130,20 @@ def _ranges(run: Run) -> tuple[float, float]:
 
 
 def _numbers_figure_14(frame: pl.DataFrame) -> Numbers:
-    a, b, light, without_brake = (Run(frame, case) for case in ("a", "b", "13b", "b, no brake"))
+    a, b, light, *steady = (Run(frame, case) for case in ("a", "b", "13b", "a, no brake", "b, no brake"))
     touching = a.first_contact
-    lost_a, lost_b = (a.impact_velocity - run.first_contact.tool_velocity.min() for run in (a, b))
-    (before, after), (_, after_without_brake) = _ranges(b), _ranges(without_brake)
+    lost = [a.impact_velocity - run.first_contact.tool_velocity.min() for run in (a, b, *steady)]
+    (before, after), (_, after_without_brake) = _ranges(b), _ranges(steady[1])
+    lower = np.array([1.0 - run.final_velocity / (2.0 * scenes.MOTION.speed) for run in (light, a, b)])
     return {
         "a": a, "b": b, "light": light,
         "share": 100.0 * scenes.HEAVY_MASS / scenes.ROBOT_AND_TOOL,
         "mean": np.trapezoid(touching.tool_velocity, touching.time) / np.ptp(touching.time),
         "less": 100.0 * (1.0 - a.final_velocity / light.final_velocity),
-        "lost_a": lost_a, "lost_b": lost_b, "lost_share": lost_b / a.impact_velocity, "lost_ratio": lost_b / lost_a,
+        "lost": lost, "lost_share": lost[1] / a.impact_velocity, "lost_ratio": lost[1] / lost[0],
+        "lost_ratio_without_brake": lost[3] / lost[2],
+        "yields": [100.0 * run.deflection / run.way for run in (a, b)],
+        "lower": 100.0 * lower, "nearly_rigid": np.sum(lower < 0.1),
         "before": before, "after": after, "growth": after / before,
         "after_without_brake": after_without_brake, "growth_without_brake": after_without_brake / before,
     }  # fmt: skip

@@ -180,8 +180,10 @@ def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_19() -> pl.DataFrame:
-    """Simulate both, and both with e = 1."""
-    return histories(INELASTIC | {"a, e = 1": decoupled(1e5, 1.0, 150.0), "b, e = 1": decoupled(1e3, 1.0, 150.0)})
+    """Simulate both, and both with e = 1; all with a brake and without."""
+    cases = INELASTIC | {"a, e = 1": decoupled(1e5, 1.0, 150.0), "b, e = 1": decoupled(1e3, 1.0, 150.0)}
+    never = {f"{case}, no brake": scene for case, scene in cases.items()}
+    return pl.concat([histories(cases), histories(never, STEADY)])
 
 
 def _share_before_the_brake(run: Run) -> float:
@@ -210,8 +212,11 @@ def _coupling(touching: ig.Trace) -> Numbers:
 
 def _numbers_figure_19(frame: pl.DataFrame) -> Numbers:
     runs = a, b = runs_of(frame)
+    elastic = [Run(frame, f"{case}, e = 1") for case in "ab"]
+    steady = [Run(frame, f"{case}, no brake") for case in ("a", "b", "a, e = 1", "b, e = 1")]
+    braked, free = ([run.final_velocity for run in each] for each in ([*runs, *elastic], steady))
     return {
-        "a": a, "b": b, "elastic": [Run(frame, f"{case}, e = 1") for case in "ab"],
+        "a": a, "b": b, "elastic": elastic, "saved": 100.0 * (1.0 - np.divide(braked, free)),
         "shares": [_share_before_the_brake(run) for run in runs],
         "parting": [run.during_contact.flange_velocity[-1] for run in runs],
         "restitutions_felt": [

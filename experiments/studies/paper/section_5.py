@@ -106,6 +106,7 @@ def _numbers_figure_23(frame: pl.DataFrame) -> Numbers:
         "largest": run.during_contact.coupling_force.max(),
         "largest_linear": linear.during_contact.coupling_force.max(),
         "force_steps": np.diff(moving_back), "force_ends": moving_back[[0, -1]], "gap": gap, "gap_last": gap[-1],
+        "parting_time": run.during_contact.time[-1],
     }  # fmt: skip
 
 
