@@ -1,4 +1,4 @@
-"""The batch behind every front end: arrays of rows and the kernels that move them."""
+"""The batch behind every front end: arrays with a row for each environment, and the compiled steps."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -27,7 +27,7 @@ ROWS_PER_THREAD = 256
 _STATE = ("draws", "laws", "chains", "episodes", "readings", "links", "packets", "observations", "rewards", "traces")
 TRACE_INTERVAL = 1e-3  # s, between points of a trace in flight
 INTERVENTION = 1e-3  # m/s, by which a command is changed at the least where the assistance intervenes
-_SPARE = 4  # readings beyond those under way: some are taken before the oldest is due
+_SPARE = 4  # readings beyond those in transit: some are taken before the oldest is due
 
 
 class Bodies(NamedTuple):
@@ -43,16 +43,16 @@ class Bodies(NamedTuple):
 
 
 class EpisodeState(NamedTuple):
-    """What has happened in an episode so far, s each; inf if it has not."""
+    """Times of the alarm and the end of an episode, s; inf for an event that has not come."""
 
-    detection: float  # the contact force first exceeded the threshold
-    alarm: float  # the last alarm reached the controller, or will reach it: an alarm by a switch is known on its way
-    alarm_over: float  # that alarm clears; inf with an alarm by a switch, which stays on
-    end: float  # the last control step ended; what follows in the trace is the settling
+    detection: float  # contact force first above the threshold
+    alarm: float  # last alarm at the controller; an alarm by a switch is known while it is in transit
+    alarm_over: float  # end of that alarm; inf with an alarm by a switch, which stays on
+    end: float  # end of the last control step; later parts of the trace are the settling
 
 
 class Batch:
-    """`size` environments, each a row that no other row can touch.
+    """`size` independent environments, each a row of arrays.
 
     The results of a row do not depend on the size of the batch, on its place in it or on the number of threads.
     """
@@ -65,10 +65,10 @@ class Batch:
 
         Args:
             size: how many rows.
-            task: of all rows, or one for each: these may differ in tool, coupling, robot, alarm threshold, noise,
-                scenarios and whatever else does not change what is observed.
+            task: of all rows, or one for each: these may differ in everything that does not change the observation,
+                such as tool, coupling, robot, alarm threshold, noise and scenarios.
             threads: how many to use, None for all cores; changes no result.
-            trace_points: how many are kept of the time histories of each row's episode.
+            trace_points: number of points kept of the time histories of each row.
             max_steps: integration steps after which the solver gives up an episode.
 
         Raises:
@@ -103,7 +103,7 @@ class Batch:
         self._make_rows()
 
     def _to_kernel(self, tasks: Sequence[Task]) -> None:
-        """Write the tasks for the compiled program: rules, draws, laws of what holds the tools, and tables."""
+        """Write the tasks for the compiled program: records, draws, laws of the mounts, and tables."""
         records, draws, tables, numbers = [], list[tuple[Any, ...]](), [], 0
         for task in tasks:
             record, its_draws, table = task.to_kernel(len(draws), numbers)
@@ -174,7 +174,7 @@ class Batch:
         Leaves `observations`, `rewards` and the fields of `episodes` as they are after it.
 
         Args:
-            actions: numbers in [-1, 1], clipped beyond, of any type; what they mean is `action_spec`.
+            actions: numbers in [-1, 1], clipped beyond, of any type; `action_spec` maps them to SI units.
             skip: see above.
             shape: that they must have; None: (size, n).
 
@@ -193,10 +193,10 @@ class Batch:
         over_rows(run, self.size, self.threads, ROWS_PER_THREAD)
 
     def set_operator_velocity(self, velocities: ArrayLike) -> None:
-        """Have a `Person` command `velocities` (m/s), one for all rows or (size,), from the next ticks on.
+        """Let the operators, each a `Person`, command `velocities` (m/s), one for all rows or (size,), from now on.
 
         Raises:
-            TypeError, ValueError: somebody else commands, or not numbers that the arm can follow.
+            TypeError, ValueError: the operator is another one, or the arm cannot follow these numbers.
         """
         for task in self.tasks:
             one_of("operator", task.operator, Person)
@@ -207,14 +207,14 @@ class Batch:
         self.links["given"] = velocities
 
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of all that `step` and `begin` go on from."""
+        """Return a copy of the whole state."""
         return {name: getattr(self, name).copy() for name in _STATE}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what `get_state` of a batch of this size and task returned, to the bit.
+        """Take over a state that `get_state` of a batch of this size and task returned; it goes on to the bit.
 
         Raises:
-            ValueError: an array is not one that this batch can come to; it is as it was then.
+            ValueError: this batch cannot reach that state; nothing was changed.
         """
         here = {name: getattr(self, name) for name in _STATE}
         check(here, {name: taken(state, name, here[name]) for name in _STATE}, self._tasks, self.max_steps)
@@ -260,13 +260,13 @@ class Batch:
         return [dict(zip(columns, row, strict=True)) for row in rows]
 
     def sensors(self) -> dict[str, NDArray[np.float64]]:
-        """Return what the controllers may know now, in SI units (size,) each; see `ImpactApproachEnv.sensors`."""
+        """Return the sensor values of all rows in SI units, (size,) each; see `ImpactApproachEnv.sensors`."""
         now = self.episodes.view(np.float64).reshape(self.size, -1)
         places = {name: self.spec.entries[self.spec.index(name)].place for name in self.spec.sensors}
         return {name: now[:, place].copy() for name, place in places.items()}
 
     def trace(self, row: int) -> Trace:
-        """Return the time histories of the episode of `row` so far, as many points as are kept."""
+        """Return the time histories of the episode of `row` so far, up to the number of points that are kept."""
         points = self.traces[row, : int(self.chains["traced"][row])]
         return Trace.of(points, self._with_tool[row % len(self._with_tool)])
 

@@ -1,4 +1,4 @@
-"""What infos say of episodes: numbers of their records under the names that users know."""
+"""The infos of episodes: numbers of their records under the names of the documentation."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -28,7 +28,7 @@ _NUMBERS = {
     **{f"scenario.{name}": f"drawn.{name}" for name in FIELDS},
     **{f"record.{name}": f"drawn.{name}" for name in RECORD_IDS},
 }
-"""Entries of an info that are numbers, and which of an episode's they are."""
+"""Entries of an info that are numbers, and their fields in the record of an episode."""
 
 SLIDE = ("slide", "rest_time")
 """Entries of an info where there is friction."""
@@ -43,7 +43,7 @@ class Infos:
     def __init__(self, tasks: Sequence[Task]) -> None:
         """Find the numbers of an info in an episode's record.
 
-        `info_columns` has all that any task draws of its set-up, the info of one row only what its own task draws.
+        Columns have all numbers of the set-up that any task draws, the info of one row only those of its own task.
         """
         drawn = [name for name in QUANTITIES if any(name in task.drawn for task in tasks)]
         numbers = _NUMBERS | {f"record.{name}": f"drawn.{name}" for name in drawn}

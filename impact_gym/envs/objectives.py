@@ -37,7 +37,7 @@ def vector_rewards(batch: Batch) -> Rewards:
 
 
 def soonest(task: Task, distance: float) -> float:
-    """Return the time (s) after which a rigid tool can have come so far (m) from rest: at the arm's limits."""
+    """Return the least time (s) in which a rigid tool covers a distance (m) from rest, at the arm's limits."""
     velocity, acceleration = task.velocity_range[1], task.acceleration_range[1]
     ramp = 0.5 * velocity**2 / acceleration  # m
     if distance < ramp:
@@ -46,10 +46,10 @@ def soonest(task: Task, distance: float) -> float:
 
 
 def points(tasks: Sequence[Task]) -> tuple[Rewards, Rewards]:
-    """Return what no episode falls below, where nothing is touched until the end, and what none exceeds.
+    """Return lower and upper bounds of the summed rewards of an episode: reference and utopia point, for hypervolumes.
 
-    Sums of the rewards, for hypervolumes: the reference point and the utopia point, which is at the nearest place as
-    soon as a rigid tool can be and leaves the object at rest. Nothing limits a force: -inf. Of several tasks the ends.
+    At the reference point nothing is touched until the end. At the utopia point a rigid tool reaches the nearest object
+    at the arm's limits and leaves it at rest. A force has no lower bound: -inf. Bounds hold for all `tasks`.
     """
     worst = [max(task.horizon for task in tasks), max(task.missed_cost for task in tasks)]
     worst += [np.inf] if any(task.force_weight > 0.0 for task in tasks) else []

@@ -54,7 +54,7 @@ class ImpactVecEnv(VecEnv):
         self.envs.set_scenario(scenario)
 
     def reset(self) -> VecEnvObs:
-        """Begin an episode everywhere, with what `seed` and `set_options` gave for it."""
+        """Begin an episode everywhere, with the last arguments of `seed` and `set_options`."""
         one_of("options", self._options, list)
         if len(self._options) != self.num_envs:
             raise ValueError(f"options must be a mapping or {self.num_envs} of them, got {len(self._options)}")
@@ -87,18 +87,18 @@ class ImpactVecEnv(VecEnv):
         return batch.observations.copy(), rewards, ended, infos
 
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of all that `reset` and `step` go on from; ask between steps."""
+        """Return a copy of the whole state; call it between steps."""
         return self.envs.get_state()
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what `get_state` of a batch of this size and these arguments returned, to the bit."""
+        """Take over a state that `get_state` of a batch of this size and these arguments returned."""
         self.envs.set_state(state)
 
     def close(self) -> None:
         """Release nothing: there is nothing to release."""
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return the batch's attribute once per environment asked for."""
+        """Return the attribute of the batch once for each of `indices`."""
         return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:

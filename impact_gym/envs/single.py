@@ -159,12 +159,12 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         "render_fps": 30,
     }
 
-    @with_task_arguments(max_episode_steps="is an argument of gymnasium.make, whose TimeLimit sees to it")
+    @with_task_arguments(max_episode_steps="is an argument of gymnasium.make, whose TimeLimit applies it")
     def __init__(self, *, render_mode: str | None = None, record_trace: bool = False, **arguments: Any) -> None:
         """Make an environment; see the arguments above.
 
         Raises:
-            TypeError, ValueError: an argument is unknown or out of range; names it and what is allowed.
+            TypeError, ValueError: an argument is unknown or out of range; names it and the allowed ones.
         """
         choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         flag("record_trace", record_trace)
@@ -186,15 +186,15 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._batch.info(0)
 
     def command(self, velocity: float) -> None:
-        """Let the operator, a `Person`, command `velocity` (m/s) from his next tick on.
+        """Let the operator, a `Person`, command `velocity` (m/s) from the next tick on.
 
         Raises:
-            TypeError, ValueError: somebody else commands, or it is no number that the arm can follow.
+            TypeError, ValueError: the operator is another one, or the arm cannot follow this number.
         """
         self._batch.set_operator_velocity(velocity)
 
     def sensors(self) -> dict[str, float]:
-        """Return what the controller may know now, in SI units, without the observation's scales and clips.
+        """Return the sensor values in SI units, without the observation's scales and clips.
 
         `time` (s), `position` (m) and `velocity` (m/s) of the imposed motion, `alarm` (0 or 1), `time_since_alarm`
         (s), `force` and `force_peak` (N, as they have reached the controller; the peak is the sensor's own, between

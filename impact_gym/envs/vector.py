@@ -116,7 +116,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     def play(self, actions: NDArray[Any]) -> tuple[Flags, Flags]:
         """Play one control step in every slot; return which episodes it terminated and which it truncated.
 
-        What there is to see then is in `batch`; `step` returns copies of it.
+        The results are in `batch`; `step` returns copies of them.
         """
         if not self._begun.all():
             raise ResetNeeded("some slots have no episode under way: call reset before step")
@@ -157,7 +157,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return batch.observations.copy(), rewards, terminated, truncated, infos
 
     def _rewards(self) -> tuple[NDArray[np.float64], dict[str, Any]]:
-        """Return the rewards of the last step, and what infos say of them."""
+        """Return the rewards of the last step, and entries of infos about them."""
         return self.batch.rewards.copy(), {}
 
     def render(self) -> tuple[Any, ...] | None:
@@ -179,20 +179,20 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self.batch.set_operator_velocity(velocities)
 
     def sensors(self) -> dict[str, NDArray[np.float64]]:
-        """Return what the controllers may know now, arrays (num_envs,); see `ImpactApproachEnv.sensors`."""
+        """Return the sensor values in SI units, arrays (num_envs,); see `ImpactApproachEnv.sensors`."""
         return self.batch.sensors()
 
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of all that `reset` and `step` go on from, generators included."""
+        """Return a copy of the whole state, generators included."""
         generators = [generator.bit_generator.state for generator in self._generators]
         flags = {"ended": self._ended.copy(), "begun": self._begun.copy()}
         return {"batch": self.batch.get_state(), "generators": generators, **flags}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what `get_state` of a batch of this size and these arguments returned, to the bit.
+        """Take over a state that `get_state` of a batch of this size and these arguments returned, to the bit.
 
         Raises:
-            ValueError: something is not what this batch can come to; it is as it was then.
+            ValueError: this batch cannot reach that state; nothing was changed.
         """
         ended, begun = (taken(state, name, self._none) for name in ("ended", "begun"))
         given, generators = state.get("generators"), list[np.random.Generator]()

@@ -53,13 +53,13 @@ class ActionSpec:
     def encode(self, *values: ArrayLike) -> NDArray[np.float32]:
         """Return the actions (..., n) for values (...), one array for each number of the action, in its unit.
 
-        What lies beyond the range of a value becomes a number beyond [-1, 1], which environments clip.
+        A value beyond its range becomes a number beyond [-1, 1], which environments clip.
         """
         stacked = np.stack(np.broadcast_arrays(*values), axis=-1)
         return (2.0 * (stacked - self._low) / (self._high - self._low) - 1.0).astype(np.float32)
 
     def to_kernel(self) -> NDArray[Any]:
-        """Return the entries as the compiled program reads them (3,), ACTION; those that there are not are zeros."""
+        """Return the entries as the compiled program reads them (3,), ACTION; unused rows are zeros."""
         rows = np.zeros(3, ACTION)
         rows[: len(self)] = [(entry.low, entry.high, entry.resolution) for entry in self.entries]
         return rows

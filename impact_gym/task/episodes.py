@@ -1,4 +1,4 @@
-"""What an episode draws: its uniform numbers, and the numbers that `reset(options=...)` fixes instead."""
+"""The draws of an episode: uniform numbers, and numbers that `reset(options=...)` fixes instead."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -16,8 +16,8 @@ from impact_gym.task.task import PLACES, Task
 from impact_gym.validation import number, one_of, shown, whole
 
 RECORD_IDS = tuple(row.id for row in (*SCENARIO, *EPISODE))
-"""All that an episode draws but for numbers of its set-up: keys of the final `info["record"]` and of
-`options["record"]`, which plays the episode again."""
+"""Ids of all drawn numbers except those of the set-up: keys of the final `info["record"]` and of `options["record"]`,
+which plays the episode again."""
 
 
 def skip_episodes(generator: np.random.Generator, count: int) -> None:
@@ -43,7 +43,7 @@ def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[
 
 
 def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None) -> tuple[NDArray[Any], int]:
-    """Return what `reset(options=...)` asks for: numbers that are fixed, and how many episodes are skipped.
+    """Return the numbers that `reset(options=...)` fixes, and how many episodes it skips.
 
     The numbers are records (slots or 1,), nan where the episode draws. Where a scenario and a record fix the same
     number, the scenario counts. With `slots` a value may be a sequence of one for each slot. `tasks` are one for all
@@ -51,7 +51,7 @@ def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None)
     below the longest, for which readings are kept.
 
     Raises:
-        TypeError, ValueError: an option or a field that there is not, or a value out of range; names what is allowed.
+        TypeError, ValueError: an unknown option or field, or a value out of range; names the allowed ones.
     """
     one_of("options", options, Mapping, type(None))
     given, fixed = dict(options or {}), dict[str, ArrayLike]()

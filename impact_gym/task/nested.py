@@ -30,7 +30,7 @@ def parts(record: Any) -> Tree:
 
 
 def get(record: Any, path: str) -> Any:
-    """Return what is at a dotted path of a record or of mappings of records."""
+    """Return the value at a dotted path of a record or of mappings of records."""
     for name in path.split("."):
         record = record[name] if isinstance(record, Mapping) else getattr(record, name)
     return record
@@ -44,7 +44,7 @@ def replaced(record: Any, numbers: Mapping[str, Any]) -> Any:
 
 
 def grouped(numbers: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values by dotted path as mappings in mappings; what has no dot stays."""
+    """Return values by dotted path as mappings in mappings, one level deep."""
     groups: dict[str, Any] = {}
     for path, value in numbers.items():
         first, dot, rest = path.partition(".")
@@ -58,10 +58,10 @@ def grouped(numbers: Mapping[str, Any]) -> dict[str, Any]:
 def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, dict[str, Range]]:
     """Return the record of one of the `kinds` that `value` describes, and the ranges in it by dotted path.
 
-    What is a range is at its middle in the record, which exists at all corners of the ranges.
+    The record has the middle of each range. It must be valid at all corners of the ranges.
 
     Raises:
-        TypeError, ValueError: a range that is none, or one of whose ends the record refuses, with those of the others.
+        TypeError, ValueError: a range is malformed, or the record refuses a corner.
     """
     if not isinstance(value, Mapping):
         return record_from(name, value, kinds), {}
@@ -80,7 +80,7 @@ def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[
 def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
     """Return a record of one of the `allowed` kinds from one, or from a mapping with its fields and its kind as "type".
 
-    A mapping of all fields of one kind needs no type: that is what `EnvSpec.to_json` makes of a record.
+    A mapping of all fields of one kind needs no type: `EnvSpec.to_json` makes such mappings of records.
     """
     if isinstance(value, allowed):
         return value

@@ -27,11 +27,11 @@ DISSIPATIONS = ("hu-guo", "exact", "fixed")
 ALARMS = ("force", "reading")
 MOST_STEPS = 2**53  # control steps until truncation
 PLACES = places(RECORD)
-"""Where each number that an episode draws stands in its record."""
+"""Place of each number of an episode in its record, by id."""
 MOUNT_IDS = tuple(row.id for row in SET_UP if row.id == "tool_mass" or "." in row.id)
-"""The numbers of what holds the tool."""
+"""Ids of the numbers of the mount: the tool, its coupling and the robot."""
 WORST_OF_STROKE = {"tool_mass": 1, "coupling.stiffness": 0, "coupling.stroke": 0}
-"""Which end of a range leaves a tool least way to its stop."""
+"""The end of each range (0 low, 1 high) at which the tool is closest to its stop."""
 
 PARTS: Mapping[str, tuple[Any, ...]] = {
     "coupling": get_args(Coupling), "robot": (Robot,),
@@ -57,13 +57,15 @@ class Task:
     scenario: Any = argument("train", '"train", "test", "hard", a `ScenarioRanges` or a dict of ranges')
     coupling: Any = argument(SpringDamper(50.0, 1.0), "how the tool hangs on the flange; a dict works too")
     tool_mass: Any = argument(0.125, "")
-    time_weight: Any = argument(2.0, "what a second of approach costs; a pair draws it log-uniformly per episode")
+    time_weight: Any = argument(2.0, "cost of a second of approach; a pair draws it log-uniformly per episode")
     force_weight: float = argument(0.0, "")
     reaction_delay: Any = argument(0.016, "from sensor to controller; a pair draws it uniformly per episode")
     control_period: float = argument(0.016, "")
     velocity_range: Range = argument(VELOCITY_RANGE, "")
-    acceleration_range: Range = argument(ACCELERATION_RANGE, "what the second is mapped to; its top brakes at the end")
-    alarm: str = argument("force", 'or "reading": what raises the alarm, see Observation Space')
+    acceleration_range: Range = argument(
+        ACCELERATION_RANGE, "range of the second number of an action; the flange brakes at its top after the episode"
+    )
+    alarm: str = argument("force", 'or "reading": source of the alarm, see Observation Space')
     alarm_threshold: Any = argument(1.0, "")
     dissipation: str = argument("hu-guo", 'or "exact" or "fixed": how damping follows from restitution, see `Contact`')
     reference_velocity: float | None = argument(None, 'at which "fixed" gives the restitution, 1 if None')
@@ -75,17 +77,17 @@ class Task:
     force_bias: Any = argument(0.0, "")
     deflection_sensor: bool = argument(False, "observe how far the tool is displaced on its coupling")
     past_readings: int = argument(0, f"readings before the last one to observe too; at most {PAST_READINGS}")
-    privileged: bool = argument(False, "observe the true scenario, and whatever is drawn, too")
+    privileged: bool = argument(False, "observe the true scenario and all drawn numbers, too")
     robot: Any = argument(None, "a compliant `Robot`; a dict works too")
     rtol: float = argument(1e-8, "relative error allowed in a contact, see `simulate`")
     horizon: float = argument(HORIZON, "end of an episode without an alarm")
     after_alarm: float = argument(AFTER_ALARM, "from the alarm to the end of an episode")
-    missed_cost: float = argument(MISSED_COST, "what an object costs that was not touched")
+    missed_cost: float = argument(MISSED_COST, "cost of an object that was not touched")
     operator: Any = argument(
         None, "the operator, see `impact_gym.operators`; a dict works too; None: the controller commands alone"
     )
-    uplink: Any = argument(None, "the `Channel` of the operator's commands; a dict works too; None: a perfect one")
-    downlink: Any = argument(None, "that of what the operator sees, likewise")
+    uplink: Any = argument(None, "`Channel` of the operator's commands; a dict works too; None: a perfect one")
+    downlink: Any = argument(None, "`Channel` of the operator's view, likewise")
     max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
 
     drawn: Mapping[str, Range] = field(init=False, hash=False)  # by id, in the order of the table
@@ -217,7 +219,7 @@ class Task:
 
     @property
     def ranges(self) -> dict[str, Range]:
-        """Return by id the ranges that episodes draw from; some that are always drawn from may have no width."""
+        """Return by id the ranges that episodes draw from; those of a scenario, delay and weight may have no width."""
         pairs = {name: getattr(self, name) for name in ("time_weight", "reaction_delay")}
         always = {name: pair if isinstance(pair, tuple) else (pair, pair) for name, pair in pairs.items()}
         return self.scenario.by_id() | always | dict(self.drawn)
@@ -228,7 +230,7 @@ class Task:
         return self.ranges["reaction_delay"][1]
 
     def ends(self, argument: str) -> Range:
-        """Return the ends of a scale that follow from an argument of the environment."""
+        """Return the ends of a scale that depend on an argument of the environment."""
         if argument == "operator":
             return -0.25, 0.75 if self.operator is None else 1.75
         if argument == "horizon":
@@ -240,7 +242,7 @@ class Task:
         return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
 
     def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
-        """Return what the compiled program reads of the task.
+        """Return the task in the records of the compiled program.
 
         Args:
             first_draw: place of its first draw among those of all tasks.
@@ -257,7 +259,7 @@ class Task:
         tables = [no_table, *steering.lowered(self, record, table_at + len(no_table))]
         if self.robot is None:
             for name in ROBOT_NUMBERS:
-                numbers["robot"][name] = math.inf  # what a critic sees beside rows with a robot
+                numbers["robot"][name] = math.inf  # for a critic, beside rows with a robot
         for row in SET_UP:
             if "." not in row.id:
                 numbers[row.id] = getattr(self, row.id) or 0.0
