@@ -1,4 +1,7 @@
-"""The environment plays the physics of `simulate`, and of a slow solver of the whole task; its rewards add up."""
+"""The environment plays the physics of `simulate`, its actions are commands in SI units, and wrong calls are refused.
+
+All other bad input: tests/test_refusals.py.
+"""
 
 from itertools import product
 
@@ -12,6 +15,8 @@ from agents.baselines import PaperTrapezoid
 from agents.baselines.profile import ConstantDeceleration
 from agents.evaluate import ScenarioBatch
 from experiments.reference import task as slow
+from impact_gym.envs.single import ImpactApproachEnv
+from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import ActionSpec, Task
 from impact_gym.task.scenario import FIELDS
 
@@ -138,3 +143,51 @@ def test_baseline_commands_what_it_means_on_an_arm_of_other_ranges():
         info = play(gym.make(ID, **options), rule.for_environment(options), scenario=scenario).info
         results.append([info["object_velocity"], info["approach_time"], info["peak_force"]])
     assert results[0] == pytest.approx(results[1], rel=1e-4)  # actions and observations are of single precision
+
+
+MAKERS = {"single": gym.make, "vector": gym.make_vec, "stable": lambda _, **options: ImpactVecEnv(2, **options)}
+
+
+def test_batch_takes_its_size_from_numpy():
+    assert gym.make_vec(ID, num_envs=np.int64(3)).num_envs == 3
+
+
+def test_actions_outside_the_box_act_as_its_edge():
+    for outside, edge in (([3.0, -1.7], [1.0, -1.0]), ([-1e30, 1e30], [-1.0, 1.0]), ([1.0000001, 2], [1.0, 1.0])):
+        env, twin = gym.make(ID), gym.make(ID)
+        env.reset(seed=3), twin.reset(seed=3)
+        for _ in range(25):
+            assert_identical(env.step(np.float32(outside)), twin.step(np.float32(edge)))
+
+
+def step(env, controller):
+    """Step any front end: whether all has ended, and the info."""
+    slots = (env.num_envs,) if isinstance(env, ImpactVecEnv) else env.action_space.shape[:-1]
+    result = env.step(controller.predict(np.zeros((*slots, 8)))[0])
+    return np.all(result[2]), result[-1]
+
+
+@pytest.mark.parametrize("make", [*MAKERS.values(), lambda _: ImpactApproachEnv()], ids=[*MAKERS, "by itself"])
+def test_step_before_the_first_reset_is_refused(make):
+    with pytest.raises((RuntimeError, gym.error.ResetNeeded), match="reset"):
+        step(make(ID), Always(1.0, 8.0))
+
+
+def test_step_after_the_end_is_refused_instead_of_rewarded_again():
+    """`gym.make` lets such a step through to the environment; the batch without autoreset refuses it as well."""
+    env = gym.make(ID)
+    play(env, PaperTrapezoid())
+    with pytest.raises((RuntimeError, gym.error.ResetNeeded), match="reset"):
+        env.step(np.zeros(2, np.float32))
+    env.reset()
+    assert env.step(np.zeros(2, np.float32))[2] is False
+
+
+def test_trace_that_is_not_kept_or_too_long_is_refused():
+    env = gym.make(ID, horizon=40.0, control_period=0.15)
+    with pytest.raises(RuntimeError, match="record_trace"):
+        env.unwrapped.trace()
+    env = gym.make(ID, horizon=40.0, control_period=0.15, record_trace=True)
+    play(env, Always(0.0, 20.0))
+    with pytest.raises(RuntimeError, match="trace points"):  # longer than a trace can be
+        env.unwrapped.trace()
