@@ -252,7 +252,6 @@ cdef class Rows:
         cdef Run run
         cdef Work work
         cdef Row row
-        cdef const Record *drawn
         cdef int64_t i
         run.tables, run.recorder, run.work, run.max_steps = self.tables, self.recorder, &work, self.max_steps
         with nogil:
@@ -262,8 +261,4 @@ cdef class Rows:
                 row = self.row(i)
                 run.law = &self.laws[i * self.each_law]
                 run.recorder.trace = self.recorder.trace + i * self.recorder.trace_rows
-                drawn = &row.episode.drawn
-                run.contact, run.object_mass, run.threshold = row.episode.contact, drawn.object_mass, drawn.alarm_threshold
-                run.ground, run.tolerance = STANDARD_GRAVITY * drawn.friction, row.task.tolerance
-                run.tell_touch = row.task.operator_kind != NO_OPERATOR
                 self.rewards[i] = play_step(&run, &row, &action[self.action_size * i])

@@ -158,10 +158,14 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
     cdef const Task *task = row.task
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
+    cdef const Record *drawn = &episode.drawn
     cdef double[3] asked
     cdef Terms step = Terms(0.0, 0.0, 0.0, 0.0)
     cdef double begun = chain.time, alarm, until
     cdef int64_t k
+    run.contact, run.object_mass, run.threshold = episode.contact, drawn.object_mass, drawn.alarm_threshold
+    run.ground, run.tolerance = STANDARD_GRAVITY * drawn.friction, task.tolerance
+    run.tell_touch = task.operator_kind != NO_OPERATOR
     for k in range(task.action_size):
         asked[k] = decoded(&task.actions[k], action[k])
     if task.operator_kind:
@@ -172,7 +176,7 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
             episode.alarm = INFINITY
     elif isinf(episode.alarm) and chain.time >= alarm:
         episode.alarm = episode.last_alarm = alarm
-    until = chain.time - episode.drawn.reaction_delay + ROUNDING
+    until = chain.time - drawn.reaction_delay + ROUNDING
     while episode.popped < episode.pushed and row.readings[episode.popped % row.slots].time <= until:
         receive(row)
     episode.control_steps += 1
@@ -189,7 +193,7 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
         finish(run, row, &step)
     episode.terms_before = episode.terms
     add_terms(&episode.terms, &step)
-    return reward(&step, episode.drawn.time_weight, task.force_weight, &episode.rewards)
+    return reward(&step, drawn.time_weight, task.force_weight, &episode.rewards)
 
 
 cdef double drive(Run *run, Row *row, Command asked) noexcept nogil:
