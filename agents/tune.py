@@ -167,9 +167,7 @@ def next_weight(times: Mapping[float, float], target: float) -> float | None:
         return None
     else:
         aim = target + math.copysign(0.6 * NEAR, NEAR - (target - sooner[0]))  # first the nearest sooner one
-        weight = math.exp(
-            np.interp(aim, *zip(*((time, math.log(each)) for time, each in (sooner, later)), strict=True))
-        )
+        weight = math.exp(np.interp(aim, [sooner[0], later[0]], np.log([sooner[1], later[1]])))
     weight = float(f"{weight:.3g}")
     return weight if LEAST_WEIGHT <= weight <= LARGEST_WEIGHT and weight not in times else None
 
