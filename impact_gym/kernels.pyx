@@ -50,6 +50,7 @@ include "task/records.pxi"
 include "task/draw.pxi"
 include "task/settle.pxi"
 include "task/episode.pxi"
+include "task/range_sensor.pxi"
 include "task/teleop.pxi"
 
 GRAVITY = STANDARD_GRAVITY
@@ -65,6 +66,7 @@ cdef Entry blank_entry
 cdef Law blank_law
 cdef Link blank_link
 cdef Packet blank_packet
+cdef RangeReading blank_range_reading
 cdef Reading blank_reading
 cdef Task blank_task
 
@@ -82,6 +84,7 @@ ACTION = layout(blank_action)
 DRAW, EPISODE, ENTRY, LAW = map(layout, (blank_draw, blank_episode, blank_entry, blank_law))
 RECORD, SENSORS = EPISODE["drawn"], EPISODE["sensors"]
 READING, TASK, LINK, PACKET = map(layout, (blank_reading, blank_task, blank_link, blank_packet))
+RANGE_READING = layout(blank_range_reading)
 assert (APPROACH.itemsize, CHAIN.itemsize, EPISODE.itemsize) == (sizeof(Approach), sizeof(Chain), sizeof(Episode))
 
 
@@ -171,17 +174,18 @@ cdef class Rows:
     cdef Chain *chains
     cdef Episode *episodes
     cdef Reading *readings
+    cdef RangeReading *ranges
     cdef Link *links
     cdef Packet *packets
     cdef float *observations
     cdef double *rewards
     cdef const Entry *entries
-    cdef int64_t slots, packet_slots, each_link, action_size, length, each_task, each_law, max_steps
+    cdef int64_t slots, range_slots, each_range, packet_slots, each_link, action_size, length, each_task, each_law, max_steps
     cdef Recorder recorder
 
     def __init__(
-        self, tasks, draws, laws, tables, chains, episodes, readings, links, packets, observations, rewards, entries,
-        tuple recorder, max_steps, action_size,
+        self, tasks, draws, laws, tables, chains, episodes, readings, ranges, links, packets, observations, rewards,
+        entries, tuple recorder, max_steps, action_size,
     ):
         """Take arrays of `size` rows each; `tasks` and `laws` may have one for all.
 
@@ -192,6 +196,7 @@ cdef class Rows:
             tables: see `approach_rows`.
             chains, episodes, rewards: (size,), CHAIN, EPISODE and float64.
             readings: (size, slots), READING.
+            ranges: (size, slots), RANGE_READING, or no rows without a range sensor.
             links, packets: (size,) and (size, slots), or no rows without an operator; LINK and PACKET.
             observations: (size, length), float32.
             entries: of an observation (length,), ENTRY.
@@ -200,7 +205,7 @@ cdef class Rows:
             action_size: numbers of an action.
         """
         self.arrays = (
-            tasks, draws, laws, tables, chains, episodes, readings, links, packets, observations, rewards, entries,
+            tasks, draws, laws, tables, chains, episodes, readings, ranges, links, packets, observations, rewards, entries,
             recorder,
         )
         self.links, self.each_link, self.action_size = <Link *> memory_of(links), len(links) > 0, action_size
@@ -211,6 +216,8 @@ cdef class Rows:
         self.tables = <const double *> memory_of(tables)
         self.chains, self.episodes = <Chain *> memory_of(chains), <Episode *> memory_of(episodes)
         self.readings, self.slots = <Reading *> memory_of(readings), readings.shape[1]
+        self.ranges, self.range_slots = <RangeReading *> memory_of(ranges), ranges.shape[1]
+        self.each_range = self.range_slots if len(ranges) else 0
         self.observations, self.length = <float *> memory_of(observations), observations.shape[1]
         self.rewards, self.entries = <double *> memory_of(rewards), <const Entry *> memory_of(entries)
         self.recorder, self.max_steps = recorder_of(recorder), max_steps
@@ -221,6 +228,7 @@ cdef class Rows:
             &self.tasks[i * self.each_task], &self.chains[i], &self.episodes[i], &self.readings[i * self.slots],
             self.slots, self.entries, self.length, &self.observations[i * self.length],
             &self.links[i * self.each_link], &self.packets[i * self.packet_slots], self.packet_slots, self.tables,
+            &self.ranges[i * self.each_range], self.range_slots,
         )
 
     def begin(self, rows, uniforms, fixed):

@@ -220,6 +220,14 @@ SET_UP = (
              Limits(at_least=0.0, at_most=1e6), own(47), scale=Scale(0.0, 1e3, 0.0)),
     *channel("uplink", 33),
     *channel("downlink", 40),
+    Quantity("range_sensor.noise", "standard deviation of each range reading at contact", "m",
+             Limits(at_least=0.0, at_most=1e3), own(48), scale=Scale(0.0, 0.05, 0.0)),
+    Quantity("range_sensor.share", "further standard deviation as a share of the gap", "-", PART, own(49), scale=SHARE),
+    Quantity("range_sensor.bias", "error of all range readings of the episode", "m",
+             Limits(at_least=-1e3, at_most=1e3), own(50), scale=Scale(-0.1, 0.1)),
+    Quantity("range_sensor.dropout", "share of range readings that is lost", "-", Limits(at_least=0.0, at_most=0.99),
+             own(51), scale=SHARE),
+    Quantity("range_sensor.delay", "delay of range readings", "s", SECONDS, own(52), scale=Scale(0.0, 0.5, 0.0)),
 )  # fmt: skip
 """Numbers of a set-up, arguments of the environment that may be ranges."""
 
@@ -232,6 +240,7 @@ PAST = tuple(
     for before in range(1, PAST_READINGS + 1)
     for row in (SENSORS[5], DEFLECTION)
 )
+LAST_READ = Scale(0.0, 0.5, 0.0)
 SPEEDS, AGE = Scale(-0.5, 1.5, ends="velocity_range"), Scale(0.0, 1.0, 0.0)
 COMMANDS = (
     Quantity("command", "newest command of the operator that has arrived", "m/s", observed="operator", scale=SPEEDS),
@@ -246,6 +255,8 @@ MORE_SENSORS = (
     DEFLECTION,
     *PAST,
     *COMMANDS,
+    Quantity("range", "gap from tool to object as last read", "m", observed="range_sensor", scale=LAST_READ),
+    Quantity("range_age", "time since that reading was taken", "s", observed="range_sensor", scale=LAST_READ),
     Quantity("time_since_touch", "time since a switch would have raised the alarm", "s", observed="privileged",
              scale=SINCE_ALARM),
 )  # fmt: skip

@@ -24,7 +24,19 @@ from impact_gym.validation import array, fits_memory, number, one_of, whole
 ROWS_PER_THREAD = 256
 """A batch is cut for several threads only into pieces of at least this many rows: smaller ones do not pay."""
 
-_STATE = ("draws", "laws", "chains", "episodes", "readings", "links", "packets", "observations", "rewards", "traces")
+_STATE = (
+    "draws",
+    "laws",
+    "chains",
+    "episodes",
+    "readings",
+    "ranges",
+    "links",
+    "packets",
+    "observations",
+    "rewards",
+    "traces",
+)
 TRACE_INTERVAL = 1e-3  # s, between points of a trace in flight
 INTERVENTION = 1e-3  # m/s, by which a command is changed at the least where the assistance intervenes
 _SPARE = 4  # readings beyond those in transit: some are taken before the oldest is due
@@ -85,14 +97,19 @@ class Batch:
         slots = (
             max(int(kernels.readings_in_transit(each.longest_delay, each.control_period)) for each in tasks) + _SPARE
         )
+        sensing = [each for each in tasks if each.range_sensor]
+        periods = (each.longest("range_sensor.delay") / each.control_period for each in sensing)
+        range_slots = int(max(periods, default=0.0)) + _SPARE
         packets, self.action_spec = max(map(packets_under_way, tasks)), ActionSpec(tasks[0])
         linked = size if packets else 0
         each_row = kernels.CHAIN.itemsize + kernels.EPISODE.itemsize + slots * kernels.READING.itemsize
         each_row += packets * kernels.PACKET.itemsize + 4 * len(self.spec)
+        each_row += range_slots * kernels.RANGE_READING.itemsize if sensing else 0
         fits_memory("num_envs", size, each_row)
         self.chains = np.zeros(size, kernels.CHAIN)
         self.episodes = np.zeros(size, kernels.EPISODE)
         self.readings = np.zeros((size, slots), kernels.READING)
+        self.ranges = np.zeros((size if sensing else 0, range_slots), kernels.RANGE_READING)
         self.links, self.packets = np.zeros(linked, kernels.LINK), np.zeros((linked, packets), kernels.PACKET)
         self.observations = np.zeros((size, len(self.spec)), np.float32)
         self.rewards = np.zeros(size)

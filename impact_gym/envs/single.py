@@ -82,6 +82,11 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     clears after 0.15 s; a later reading can raise it again. The episode still ends 0.15 s after the switch would have
     raised its alarm, whatever false alarms came before.
 
+    With `range_sensor` the tool carries a proximity sensor, see `RangeSensor`. At every control step it reads the gap
+    to the object, with noise and a bias; some readings are lost, the others come late. The observation has the newest
+    reading that has arrived, and its age. Until the first has arrived both are infinite, and observed as 1.
+    `range_noise`, an estimate that is made once before the episode, must then be None.
+
     ## Rewards
     Each step gives `-time_weight * dt` until the first contact begins; dt ends at that instant, not at a whole step.
     The last step adds `-V_p - force_weight * peak force`, where V_p is the object's final velocity, or `-missed_cost`

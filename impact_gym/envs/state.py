@@ -62,7 +62,7 @@ def check(here: Mapping[str, NDArray[Any]], there: Mapping[str, NDArray[Any]], t
         np.array(records).view(np.float64).reshape(len(drawn), -1)
         for records in (drawn, np.resize(tasks["numbers"], len(drawn)))
     )
-    for name in ("episodes", "chains", "readings", "links", "packets", "observations", "rewards"):
+    for name in ("episodes", "chains", "readings", "ranges", "links", "packets", "observations", "rewards"):
         for field, values in numbers(name, there[name]):
             least, largest = WHOLE.get(field, (0, LARGEST))
             if values.dtype == np.int64:
@@ -82,6 +82,10 @@ def check(here: Mapping[str, NDArray[Any]], there: Mapping[str, NDArray[Any]], t
     under_way, slots = episodes["pushed"] - episodes["popped"], there["readings"].shape[1]
     kept = (under_way >= 0) & (under_way <= slots)
     require("episodes.popped", episodes["popped"], kept, f"up to {slots} below pushed")
+    if len(there["ranges"]):
+        under_way, slots = episodes["ranges_taken"] - episodes["ranges_delivered"], there["ranges"].shape[1]
+        kept = (under_way >= 0) & (under_way <= slots)
+        require("episodes.ranges_delivered", episodes["ranges_delivered"], kept, f"up to {slots} below ranges_taken")
     require("chains.steps", chains["steps"], chains["steps"] <= 2 * max_steps, f"at most {2 * max_steps}")
     require("chains.time", chains["time"], failed | (np.abs(chains["time"]) <= LONGEST), f"at most {LONGEST:g} s")
     for name in ("oldest", "looked_at"):

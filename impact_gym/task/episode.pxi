@@ -19,6 +19,8 @@ cdef struct Row:  # one environment
     Packet *packets  # a ring of `packet_slots`
     int64_t packet_slots
     const double *tables
+    RangeReading *ranges  # of the range sensor, a ring of `range_slots`
+    int64_t range_slots
 
 
 cpdef int64_t readings_in_transit(double reaction_delay, double control_period) noexcept nogil:
@@ -44,6 +46,8 @@ cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
     episode.approach_time = row.task.horizon
     episode.slide = episode.rest_time = INFINITY
     reset_chain(row.chain, law, drawn.distance, drawn.friction)
+    if row.task.range_sensor:
+        begin_range(row)
     if row.task.operator_kind:
         begin_link(row)
         happen(row)
@@ -132,6 +136,8 @@ cdef void observe(Row *row) noexcept nogil:
     sensors.distance = drawn.distance - chain.flange_position
     if row.task.operator_kind:
         show_link(row)
+    if row.task.range_sensor:
+        sense_range(row)
     sensors.time_since_touch = max(chain.time - chain.detection - drawn.reaction_delay, 0.0)
     for k in range(row.length):
         entry = &row.entries[k]

@@ -38,6 +38,14 @@ cdef struct OperatorNumbers:
     double recording  # -, which of several recordings is played, its fraction dropped
 
 
+cdef struct RangeSensorNumbers:
+    double noise  # m, standard deviation of each range reading at contact
+    double share  # -, further standard deviation as a share of the gap
+    double bias  # m, error of all range readings of the episode
+    double dropout  # -, share of range readings that is lost
+    double delay  # s, delay of range readings
+
+
 cdef struct ChannelNumbers:
     double delay  # s, least delay of the operator's commands
     double jitter  # s, mean of a random delay of the operator's commands
@@ -68,6 +76,7 @@ cdef struct Record:  # numbers of an episode and of its set-up; nan: to draw
     CouplingNumbers coupling
     RobotNumbers robot
     OperatorNumbers operator
+    RangeSensorNumbers range_sensor
     ChannelNumbers uplink
     ChannelNumbers downlink
 
@@ -94,4 +103,6 @@ cdef struct Sensors:  # sensor values, and true values for a critic
     double command_age_mean  # s, mean age of commands as they arrived
     double command_age_spread  # s, standard deviation of that age
     double executed  # m/s, velocity that the flange was last sent to
+    double range  # m, gap from tool to object as last read
+    double range_age  # s, time since that reading was taken
     double time_since_touch  # s, time since a switch would have raised the alarm

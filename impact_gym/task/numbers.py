@@ -11,6 +11,7 @@ from impact_gym.quantities import EPISODE, MORE_SENSORS, QUANTITIES, SCENARIO, S
 
 OUT = Path(__file__).with_name("numbers.pxi")
 STRUCTS = {part: f"{part.capitalize()}Numbers" for part in ("coupling", "robot", "operator")}
+STRUCTS["range_sensor"] = "RangeSensorNumbers"
 STRUCTS |= dict.fromkeys(("uplink", "downlink"), "ChannelNumbers")
 """Parts of a set-up, and the records of their numbers."""
 NOTICE = (

@@ -158,8 +158,8 @@ def _actor_sees(row: Quantity, task: Task) -> bool:
         case "past_readings":
             sensor, _, before = row.id.rpartition("_")
             return int(before) <= task.past_readings and (sensor == "force" or task.deflection_sensor)
-        case "operator":
-            return task.operator is not None
+        case "operator" | "range_sensor":
+            return getattr(task, row.observed) is not None
         case "range_noise":
             return task.range_noise is not None  # 0 is an estimate without an error
         case "observe_range_noise" | "deflection_sensor":

@@ -32,6 +32,7 @@ cdef struct Task:  # of a row
     Mount mount  # likewise
     int64_t first_draw, last_draw  # of its episodes, among the draws of all tasks
     int64_t mount_drawn  # 1: numbers of the mount are drawn
+    int64_t range_sensor  # 1: there is one
     int64_t alarm_by_reading  # 1: the readings raise the alarm, 0: a switch of its own
     double force_weight  # m/s per N
     double tolerance  # -, local error of a step of the integrator
@@ -65,6 +66,8 @@ cdef struct Episode:  # a row, beside its chain
     double next_sample  # s, when the sensors are read next; inf if never again
     int64_t pushed  # readings taken so far, those in transit at t = 0 included
     int64_t popped  # of these, those that have reached the controller
+    double range_time  # s, when the newest range reading at the controller was taken; -inf before
+    int64_t ranges_taken, ranges_delivered  # without those that were lost
     int64_t control_steps
     int64_t terminated, truncated  # 0 or 1
     int64_t status  # 0, UNSETTLED, or negative: the solver failed

@@ -15,7 +15,8 @@ from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIE
 from impact_gym.scene import Contact, Coupling, Rigid, Robot, SpringDamper, warn_of_stroke
 from impact_gym.task import steering
 from impact_gym.task.action import ActionSpec
-from impact_gym.task.nested import grouped, ranged_record
+from impact_gym.task.nested import get, grouped, ranged_record
+from impact_gym.task.range_sensor import RangeSensor
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 
@@ -28,13 +29,13 @@ ALARMS = ("force", "reading")
 MOST_STEPS = 2**53  # control steps until truncation
 PLACES = places(RECORD)
 """Place of each number of an episode in its record, by id."""
-MOUNT_IDS = tuple(row.id for row in SET_UP if row.id == "tool_mass" or "." in row.id)
+MOUNT_IDS = tuple(row.id for row in SET_UP if row.id.partition(".")[0] in ("tool_mass", "coupling", "robot"))
 """Ids of the numbers of the mount: the tool, its coupling and the robot."""
 WORST_OF_STROKE = {"tool_mass": 1, "coupling.stiffness": 0, "coupling.stroke": 0}
 """The end of each range (0 low, 1 high) at which the tool is closest to its stop."""
 
 PARTS: Mapping[str, tuple[Any, ...]] = {
-    "coupling": get_args(Coupling), "robot": (Robot,),
+    "coupling": get_args(Coupling), "robot": (Robot,), "range_sensor": (RangeSensor,),
     "operator": get_args(Operator), **dict.fromkeys(steering.WAYS, (Channel,)),
 }  # fmt: skip
 """Arguments that are records, and their kinds."""
@@ -73,6 +74,7 @@ class Task:
     range_noise: Any = argument(None, "standard deviation of a distance estimate; None: no estimate")
     range_bias: Any = argument(0.0, "added to every distance estimate")
     observe_range_noise: bool = argument(False, "observe `range_noise`, which may differ from episode to episode")
+    range_sensor: Any = argument(None, "a `RangeSensor` on the tool; a dict works too; None: none")
     force_noise: Any = argument(0.0, "")
     force_bias: Any = argument(0.0, "")
     deflection_sensor: bool = argument(False, "observe how far the tool is displaced on its coupling")
@@ -185,6 +187,10 @@ class Task:
             raise ValueError(
                 "range_bias and observe_range_noise must be 0 and False without an estimate, range_noise None"
             )
+        if self.range_sensor is not None:
+            if self.range_noise is not None:
+                raise ValueError(f"range_noise must be None beside a range_sensor, got {self.range_noise:g} m")
+            number("range_sensor.delay", self.longest("range_sensor.delay"), "s", at_most=self.horizon)
         self._put("past_readings", whole("past_readings", self.past_readings, at_least=0))
         number("past_readings", self.past_readings, "-", at_most=PAST_READINGS)
         if self.max_episode_steps is not None:
@@ -224,6 +230,10 @@ class Task:
         always = {name: pair if isinstance(pair, tuple) else (pair, pair) for name, pair in pairs.items()}
         return self.scenario.by_id() | always | dict(self.drawn)
 
+    def longest(self, path: str) -> float:
+        """Return the largest value that a number of the set-up, by its dotted path, has in any episode."""
+        return self.drawn[path][1] if path in self.drawn else float(get(self, path))
+
     @property
     def longest_delay(self) -> float:
         """The longest reaction delay of an episode, s."""
@@ -257,6 +267,8 @@ class Task:
         numbers = record["numbers"]
         numbers["coupling"], numbers["robot"] = record["mount"]["coupling"], record["mount"]["robot"]
         tables = [no_table, *steering.lowered(self, record, table_at + len(no_table))]
+        for name in numbers["range_sensor"].dtype.names:
+            numbers["range_sensor"][name] = getattr(self.range_sensor, name, 0.0)
         if self.robot is None:
             for name in ROBOT_NUMBERS:
                 numbers["robot"][name] = math.inf  # for a critic, beside rows with a robot
@@ -275,7 +287,8 @@ class Task:
             "velocity": self.velocity_range, "action_size": len(action), "actions": action.to_kernel(),
             "first_draw": first_draw, "last_draw": first_draw + len(draws),
             "mount_drawn": not self.drawn.keys().isdisjoint(MOUNT_IDS),
-            "alarm_by_reading": self.alarm == "reading", "force_weight": self.force_weight,
+            "range_sensor": self.range_sensor is not None, "alarm_by_reading": self.alarm == "reading",
+            "force_weight": self.force_weight,
             "tolerance": LOCAL_SHARE * self.rtol, "exact": self.dissipation != "hu-guo",
             "max_steps": self.max_episode_steps or 0,
         }  # fmt: skip

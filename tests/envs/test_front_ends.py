@@ -33,7 +33,7 @@ from impact_gym.task.task import ARGUMENTS
 HARD = {"scenario": "hard", "time_weight": (0.5, 8.0), "reaction_delay": 0.03}
 NOISY = {"range_noise": 0.01, "force_noise": 0.2, "force_bias": 0.1, "deflection_sensor": True, "privileged": True}
 TELEOP, UNSURE = "ImpactTeleop-v0", {"uplink": CHANNEL, "privileged": True, "force_noise": (0.1, 1.0)}
-MORE = ("coupling", "range_noise", "range_bias", "reference_velocity")
+MORE = ("coupling", "range_noise", "range_bias", "range_sensor", "reference_velocity")
 FIXED = st.sampled_from([
     None, {"episode_index": 2}, {"scenario": {"distance": 0.1}},
     {"record": {"restitution": 0.5, "noise_seed": 7.0}, "scenario": {"object_mass": 0.3}},

@@ -30,7 +30,12 @@ SCENARIO = {
 DRAWN = SPANS | {
     "force_noise": (0.1, 2.0), "force_bias": (0.1, 1.0), "scenario": SCENARIO, "robot": {"type": "Robot", **ARM},
 }  # fmt: skip
+RANGE_SENSOR = {
+    "noise": (0.0, 0.01), "share": (0.0, 0.1), "bias": (-0.01, 0.01), "dropout": (0.0, 0.5), "delay": (0.0, 0.1),
+}  # fmt: skip
+SENSED = {name: span for name, span in DRAWN.items() if name not in ("range_noise", "range_bias")}
 EVERYTHING_DRAWN = {
+    "sensor": SENSED | {"range_sensor": RANGE_SENSOR},
     "spring": DRAWN | {"coupling": {"type": "SpringDamper", **SPRING}},
     "mechanism": DRAWN | {"coupling": {"type": "Bistable", **MECHANISM}},
 }
@@ -110,7 +115,8 @@ OBSERVED = (
 @st.composite
 def rows_of_tasks(draw, count=3):
     """Arguments of the environment for each of `count` rows: whatever they may be while all rows observe the same."""
-    ranged, deflection = draw(st.booleans()), draw(st.booleans())
+    seen, deflection = draw(st.sampled_from(["", "estimate", "sensor"])), draw(st.booleans())
+    ranged = seen == "estimate"
     common = {"deflection_sensor": deflection, "privileged": draw(st.integers(0, 2)) == 2}
     common["past_readings"] = draw(st.integers(0, 3))
     common["observe_range_noise"] = ranged and draw(st.booleans())
@@ -125,6 +131,7 @@ def rows_of_tasks(draw, count=3):
     kinds = SOFT if deflection else COUPLINGS
     always = {"coupling": st.sampled_from([*kinds]).flatmap(kinds.get)}
     always |= {"range_noise": ESTIMATE["range_noise"]} if ranged else {}
+    always |= {"range_sensor": some_of(RANGE_SENSOR)} if seen == "sensor" else {}
     optional = OWN | ({"range_bias": ESTIMATE["range_bias"]} if ranged else {})
     always |= steered
     row = st.fixed_dictionaries(always, optional={name: of for name, of in optional.items() if name not in always})

@@ -126,8 +126,11 @@ def test_ends_of_the_limits_belong_to_them_and_masses_stiffnesses_and_distances_
         assert row.scale.low < row.scale.high
 
 
+NOT_OF_A_SCENE = ("operator", "uplink", "downlink", "range_sensor")
+
+
 def test_paths_are_those_of_the_table():
-    of_a_scene = {path for path in BY_PATH if path.partition(".")[0] not in ("operator", "uplink", "downlink")}
+    of_a_scene = {path for path in BY_PATH if path.partition(".")[0] not in NOT_OF_A_SCENE}
     assert {*NUMBERS, "robot.position"} == of_a_scene
 
 
@@ -164,9 +167,10 @@ def shares(task, record):
     for name, (low, high) in task.ranges.items():
         bend = np.log if QUANTITIES[name].draw.by_ratio and low > 0.0 else np.asarray
         uniform[name] = (bend(record[name]) - bend(low)) / (bend(high) - bend(low))
-    error = record["distance_estimate"] - record["distance"] - record["range_bias"]
-    standard = {"distance_estimate": error / record["range_noise"], "force_error": record["force_error"]}
-    standard["force_error"] = standard["force_error"] / record["force_bias"]
+    standard = {"force_error": record["force_error"] / record["force_bias"]}
+    if "range_noise" in task.drawn:
+        error = record["distance_estimate"] - record["distance"] - record["range_bias"]
+        standard["distance_estimate"] = error / record["range_noise"]
     normal = {name: 0.5 + 0.5 * np.vectorize(math.erf)(values / math.sqrt(2.0)) for name, values in standard.items()}
     return uniform | normal | {"noise_seed": record["noise_seed"] * 2.0**-53}
 
@@ -205,10 +209,14 @@ def scaled(scale, value):
 @EVERY_SET_UP
 def test_critic_sees_the_true_value_of_what_is_drawn_however_narrow_its_range(arguments, width):
     """The scale is the row's own: a range shrunk to a millionth makes no noise of the value."""
-    envs = gym.make_vec(ID, num_envs=200, privileged=True, observe_range_noise=True, **narrowed(arguments, width))
+    more = {"observe_range_noise": "range_noise" in arguments}
+    envs = gym.make_vec(ID, num_envs=200, privileged=True, **more, **narrowed(arguments, width))
     observations = envs.reset(seed=1)[0]
     spec, record = envs.unwrapped.observation_spec, envs.unwrapped.batch.info()["record"]
-    hidden = ["force_error", "noise_seed"]  # what nobody observes: they have no scale
+    hidden = ["distance_estimate"] * (not more["observe_range_noise"]) + [
+        "force_error",
+        "noise_seed",
+    ]  # without a scale
     assert [name for name in record if name not in spec] == hidden
     for name, values in record.items():
         if name not in hidden:
@@ -220,8 +228,11 @@ def test_critic_sees_the_true_value_of_what_is_drawn_however_narrow_its_range(ar
 @cache
 def everything_shown():
     """The specifications of all that there is to observe."""
-    more = {"privileged": True, "observe_range_noise": True, "deflection_sensor": True, "past_readings": 3}
-    return [ObservationSpec(Task(**options, **more, alarm="reading")) for options in ALL_DRAWN.values()]
+    more = {"privileged": True, "deflection_sensor": True, "past_readings": 3, "alarm": "reading"}
+    return [
+        ObservationSpec(Task(**options, **more, observe_range_noise="range_noise" in options))
+        for options in ALL_DRAWN.values()
+    ]
 
 
 @EVERY_ROW
