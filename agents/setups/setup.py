@@ -34,6 +34,7 @@ RULES = {
         "constant": ("ConstantSpeed",),
         "profile": ("BlindProfile", "ConstantDeceleration", "Ranged", "RangedProfile"),
         "detector": ("DetectorProfile", "DetectorRanged"),
+        "filtered": ("FilteredProfile", "FirstReadingProfile"),
     }.items()
     for name in names
 }
