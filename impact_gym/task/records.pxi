@@ -110,3 +110,18 @@ cdef struct Link:  # operator, channels and assistance of a row
     int64_t shown, looked_at  # packets of the display sent so far, the newest that the operator has seen
     int64_t silent, stopped  # 0 or 1
     int64_t uplink_bad, downlink_bad  # whether the last packet was lost
+
+
+cdef struct Row:  # one environment
+    const Task *task
+    Chain *chain
+    Episode *episode
+    Reading *readings  # a ring of `slots`
+    int64_t slots
+    const Entry *entries  # of the observation
+    int64_t length
+    float *observation
+    Link *link  # with an operator
+    Packet *packets  # a ring of `packet_slots`
+    int64_t packet_slots
+    const double *tables
