@@ -96,7 +96,7 @@ class Task:
     def __new__(cls, **given: Any) -> Self:
         """Keep the arguments as they are given."""
         self = super().__new__(cls)
-        self._put("_given", given)
+        self._put("_given", {name: {**value} if isinstance(value, dict) else value for name, value in given.items()})
         return self
 
     def __post_init__(self) -> None:
