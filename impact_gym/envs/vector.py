@@ -104,7 +104,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     def begin(
         self, seed: Any, mask: Flags, fixed: NDArray[Any] | None = None, skipped: int | NDArray[np.int64] = 0
     ) -> Floats:
-        """Begin an episode in the k slots of `mask` after skipping some; `fixed` records (k,) have numbers not drawn."""
+        """Begin an episode in the k slots of `mask`, `skipped` episodes later; `fixed` are records (k,)."""
         self._seed(seed, mask)
         counts = np.where(mask, skipped, 0)
         for slot in np.flatnonzero(counts).tolist():
