@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from impact_gym.scene import Scene, SpringDamper
-from impact_gym.task.paths import flatten, get, parts
+from impact_gym.task.nested import flatten, get, parts
 from impact_gym.validation import WrongTypeError, number, shown
 
 MASS, STIFFNESS, RESTITUTION = "object.mass", "contact.stiffness", "contact.restitution"

@@ -16,7 +16,7 @@ from impact_gym.identify.coordinates import Coordinate
 from impact_gym.identify.sensor import Array, Sensor, bursts, level, noise_of, runs
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Rigid, Robot, Scene
-from impact_gym.task.paths import replaced
+from impact_gym.task.nested import replaced
 from impact_gym.validation import WrongTypeError, numbers, shown
 
 TIME = Column("s", r"((rel|relative|elapsed) )?(time ?stamp|time)s?|t|zeit|x value")

@@ -12,7 +12,7 @@ from impact_gym.motion import Trapezoid
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.scene import Rigid, RobotTable, Scene, SpringDamper
 from impact_gym.simulation import Trace, simulate
-from impact_gym.task.paths import replaced
+from impact_gym.task.nested import replaced
 
 RTOL = 1e-8
 STEP = 2e-3

@@ -262,15 +262,14 @@ cdef Command obeyed(Row *row) noexcept nogil:
 
 
 cdef void assist(Row *row, double gain, double acceleration, double withdrawal) noexcept nogil:
-    """Take the action of a control step; a withdrawal counts within `after_alarm` of an alarm, then fades."""
+    """Take the action of a control step, in SI units; a withdrawal counts until `after_alarm` after an alarm, then fades."""
     cdef double since
-    row.link.gain, row.link.acceleration = 0.5 * (min(1.0, max(-1.0, gain)) + 1.0), acceleration
+    row.link.gain, row.link.acceleration = gain, acceleration
     row.link.withdrawal = 0.0
     if row.chain.time >= row.episode.alarm:
         row.link.alarmed = row.episode.alarm
     since = row.chain.time - row.link.alarmed - row.task.after_alarm
     if since < FADE:
-        withdrawal = 0.5 * WITHDRAWAL * (min(1.0, max(-1.0, withdrawal)) + 1.0)
         row.link.withdrawal = withdrawal * min(1.0, 1.0 - since / FADE)
 
 

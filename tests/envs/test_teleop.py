@@ -17,7 +17,6 @@ from impact_gym.operators import SIMPLE_REACTION
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.quantities import STEERED
 from impact_gym.task import Task
-from impact_gym.task.episodes import free_records
 
 COUPLINGS = (ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable())
 
@@ -49,7 +48,7 @@ def test_no_action_over_no_channel_breaks_the_rules_of_authority():
         for _ in range(180):
             begun = np.flatnonzero(batch.ended)
             if len(begun):
-                batch.begin(begun, rng.random((len(begun), 11)), free_records(len(begun)))
+                batch.begin(begun, rng.random((len(begun), 11)))
                 still[begun] = 0.0
             before, now = batch.links["silent"].copy(), batch.chains["time"].copy()
             batch.step(rng.uniform(-1.5, 1.5, (512, 3)), np.zeros(512, bool))
@@ -180,7 +179,7 @@ def test_replay_of_what_a_person_commanded_at_each_tick_is_the_same_episode(dela
     commands = [[0.0] for _ in range(20)]
     while not batch.ended.all():
         if rng.random() < 0.25:  # persons at the sticks go and let go at random
-            batch.command(rng.uniform(-0.1, 0.4, 20) * (rng.random(20) < 0.95))
+            batch.set_operator_velocity(rng.uniform(-0.1, 0.4, 20) * (rng.random(20) < 0.95))
         batch.step(assist(batch), batch.ended)
         for row in np.flatnonzero(batch.links["packets"] > list(map(len, commands))):  # a step cut by an alarm has none
             commands[row].append(float(batch.links["given"][row]))
