@@ -48,7 +48,7 @@ include "task/records.pxi"
 include "task/draw.pxi"
 include "task/settle.pxi"
 include "task/episode.pxi"
-include "task/teleop.pxi"
+include "teleop/link.pxi"
 
 GRAVITY = STANDARD_GRAVITY
 

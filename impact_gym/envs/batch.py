@@ -9,14 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 from impact_gym import kernels
 from impact_gym.envs.infos import Infos, command_columns
 from impact_gym.envs.state import check, taken
-from impact_gym.operators import Person
 from impact_gym.scene import flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, Trace
 from impact_gym.task.episodes import first_uniforms, fix, free_records
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
-from impact_gym.task.steering import packets_under_way
 from impact_gym.task.task import PLACES, Task
+from impact_gym.teleop.checks import packets_under_way
+from impact_gym.teleop.operators import Person
 from impact_gym.threads import cores, over_rows
 from impact_gym.validation import array, fits_memory, number, one_of, whole
 

@@ -14,7 +14,7 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     flange at once; the operator's comes late. The task is done when the object rests again.
 
     ## Operators and Channels
-    `operator` is a record of `impact_gym.operators` or a dict with its name as "type": `Replay`, `Person`, `Trapezoid`,
+    `operator` is a record of `ig.operators` or a dict with its name as "type": `Replay`, `Person`, `Trapezoid`,
     `Reach`, `SecondOrderLag`, `Tracker`; their docstrings have equations and sources. The operator knows only where he
     believes the object: `place_error` beyond its face. `uplink` and `downlink` are `Channel` records, with one rule: a
     packet each control period, on the operator's clock; each takes its delay, and the newest that has arrived counts.

@@ -10,13 +10,14 @@ import numpy as np
 
 from impact_gym.kernels import FASTEST_WITHDRAWAL, RECORD, TASK, samples_under_way
 from impact_gym.lowering import LOCAL_SHARE, ROBOT_NUMBERS, mount, places
-from impact_gym.operators import Channel, Operator
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Contact, Coupling, Rigid, Robot, SpringDamper, warn_of_stroke
-from impact_gym.task import steering
 from impact_gym.task.parts import ranged_record
 from impact_gym.task.paths import replaced
 from impact_gym.task.scenario import ScenarioRanges
+from impact_gym.teleop import checks
+from impact_gym.teleop.channels import Channel
+from impact_gym.teleop.operators import Operator
 from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, what action[0] in [-1, 1] is mapped to, if not said otherwise
@@ -36,7 +37,7 @@ WORST_OF_STROKE = {"tool_mass": 1, "coupling.stiffness": 0, "coupling.stroke": 0
 
 PARTS: Mapping[str, tuple[Any, ...]] = {
     "coupling": get_args(Coupling), "robot": (Robot,),
-    "operator": get_args(Operator), **dict.fromkeys(steering.WAYS, (Channel,)),
+    "operator": get_args(Operator), **dict.fromkeys(checks.WAYS, (Channel,)),
 }  # fmt: skip
 """Arguments that are records, and their kinds."""
 
@@ -92,7 +93,9 @@ class Task:
     horizon: float = argument(HORIZON, "end of an episode without an alarm")
     after_alarm: float = argument(AFTER_ALARM, "from the alarm to the end of an episode")
     missed_cost: float = argument(MISSED_COST, "what an object costs that was not touched")
-    operator: Any = argument(None, "who commands, see `impact_gym.operators`; a dict works too; None: the controller")
+    operator: Any = argument(
+        None, "who commands, see `impact_gym.teleop.operators`; a dict works too; None: the controller"
+    )
     uplink: Any = argument(None, "the `Channel` of the operator's commands; a dict works too; None: a perfect one")
     downlink: Any = argument(None, "that of what the operator sees, likewise")
     max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
@@ -120,7 +123,7 @@ class Task:
         self._put("drawn", {row.id: drawn[row.id] for row in SET_UP if row.id in drawn})
         self._check_commands()
         self._check_choices()
-        for way, channel in steering.checked(self).items():
+        for way, channel in checks.checked(self).items():
             self._put(way, channel)
         self._check_reach()
 
@@ -242,7 +245,7 @@ class Task:
         record["mount"] = held
         numbers = record["numbers"]
         numbers["coupling"], numbers["robot"] = record["mount"]["coupling"], record["mount"]["robot"]
-        tables = [no_table, *steering.lowered(self, record, table_at + len(no_table))]
+        tables = [no_table, *checks.lowered(self, record, table_at + len(no_table))]
         if self.robot is None:
             for name in ROBOT_NUMBERS:
                 numbers["robot"][name] = math.inf  # what a critic sees beside rows with a robot

@@ -13,11 +13,11 @@ from tasks import CHANNEL, STEERED_DRAWN
 import impact_gym as ig
 from impact_gym.envs import IDS
 from impact_gym.envs.batch import Batch
-from impact_gym.operators import SIMPLE_REACTION
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.quantities import STEERED
 from impact_gym.task import Task
 from impact_gym.task.episodes import free_records
+from impact_gym.teleop.operators import SIMPLE_REACTION
 
 COUPLINGS = (ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable())
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.kernels import LONGEST_JITTER, WITHDRAWAL_FADE
-from impact_gym.operators import KINDS, LOST, Channel
+from impact_gym.teleop.channels import LOST, Channel
+from impact_gym.teleop.operators import KINDS
 from impact_gym.validation import Range, shown
 
 WAYS = ("uplink", "downlink")
