@@ -55,7 +55,7 @@ def logged(policy: Policy, episodes: int) -> Log:
         share = 0.5 * (np.clip(actions.astype(np.float64), -1.0, 1.0) + 1.0)
         command = np.rint((low + share * (high - low)) / COMMAND_RESOLUTION) * COMMAND_RESOLUTION
         steps += ~ended
-        begun = np.where(batch.links["silent"], 0.0, now["command"]) if task.operator else np.zeros(episodes)
+        begun = np.where(batch.links["expired"], 0.0, now["command"]) if task.operator else np.zeros(episodes)
         obeyed = begun
         batch.step(batch.commands(actions, (episodes, policy.actions)), ended)
         if task.operator:

@@ -200,7 +200,7 @@ class Batch:
         limits: Any = {"at_least": max(lows), "at_most": min(highs)}
         for velocity in np.atleast_1d(array("command", velocities)):
             number("command", velocity, "m/s", **limits)
-        self.links["given"] = velocities
+        self.links["person_command"] = velocities
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of all that `step` and `begin` go on from."""

@@ -97,7 +97,7 @@ def command_columns(episodes: Records, links: Records) -> dict[str, NDArray[Any]
     the flange was sent to last in the step (m/s): by `teleop_action`, 0 where a command was too old, to
     `intervene_action`. That is there in every step, as arrays of a batch have no gaps: the flag says whether it counts.
     """
-    sensors, obeyed = episodes["sensors"], links["obeyed"].copy()
+    sensors, obeyed = episodes["sensors"], links["effective"].copy()
     executed = sensors["executed"].copy()
     return {
         "command": sensors["command"].copy(), "command_age": sensors["command_age"].copy(),

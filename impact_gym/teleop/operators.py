@@ -1,8 +1,8 @@
 """Operators: who commands an arm from afar.
 
-An operator commands a velocity, and is told of a touch by the display. Nobody knows where the object stands: a reach
-goes to where the operator believes it, `place_error` beyond its face, and from there on searches with `creep`. All but
-a `Replay` and a `Person` stop a reaction time after the displayed touch. In a dict, as in a set-up's file, any number
+An operator commands a velocity, and sees a touch on the display. Operators do not know where the object stands: they
+believe it `place_error` beyond its face, and search at the speed `creep` from there on. All but a `Replay` and a
+`Person` stop a reaction time after the display shows the touch. In a dict, as in a set-up's file, any number
 may be a pair, from which episodes draw. A number without a default has none because no source for one was found.
 """
 
@@ -22,26 +22,26 @@ Instants = Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e6)]
 
 
 class Commander(Record, path="operator"):
-    """What all operators have."""
+    """Base of all operators."""
 
     __slots__ = ()
 
     @property
     def table(self) -> NDArray[np.float64]:
-        """What was recorded: times (s), then as many commands (m/s)."""
+        """Recorded times (s), then as many commands (m/s); empty without a recording."""
         return NOTHING
 
     @property
     def recorded(self) -> NDArray[np.float64]:
-        """The commands of these, m/s."""
+        """Recorded commands, m/s."""
         return self.table[len(self.table) // 2 :]
 
 
 @dataclass(frozen=True, slots=True)
 class Replay(Commander):
-    """Commands what was recorded, linearly between its points, the last for ever; sees nothing.
+    """Plays recorded commands, linear between their points, the last one held; sees nothing.
 
-    With a `length`, these are several recordings, one behind the other, that begin so long apart: `recording` counts
+    With a `length` there are several recordings in a row, which begin `length` apart: `recording` counts
     from 0, and from a pair (0, n) an episode draws one of n.
     """
 
@@ -67,7 +67,7 @@ class Replay(Commander):
 
 @dataclass(frozen=True, slots=True)
 class Person(Commander):
-    """Somebody at a stick: commands at each tick what the environment's `command` was last given, at first 0."""
+    """A person: sends at each tick the velocity last given to the environment's `command`, at first 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,7 @@ class SecondOrderLag(Commander):
 
 @dataclass(frozen=True, slots=True)
 class Tracker(Commander):
-    """The crossover model: as fast as the way left, as it is seen, times `gain`.
+    """The crossover model: a speed of `gain` times the remaining distance that the operator sees.
 
     `gain` and `reaction` are where `src/optimize_runs_u.m` of Idate96/MRAC_manual_control begins to fit recorded runs.
     """
@@ -129,4 +129,4 @@ KINDS = {
     Replay: REPLAY, Person: PERSON, Trapezoid: STEADY, Reach: REACH, SecondOrderLag: SECOND_ORDER_LAG,
     Tracker: TRACKER,
 }  # fmt: skip
-"""What the compiled program calls them."""
+"""Kinds in the compiled program."""
