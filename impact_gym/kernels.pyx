@@ -51,7 +51,7 @@ include "task/draw.pxi"
 include "task/alarm.pxi"
 include "task/settle.pxi"
 include "task/episode.pxi"
-include "task/teleop.pxi"
+include "teleop/link.pxi"
 
 GRAVITY = STANDARD_GRAVITY
 

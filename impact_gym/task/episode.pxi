@@ -29,7 +29,7 @@ cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
     reset_chain(row.chain, law, drawn.distance, drawn.friction)
     if row.task.operator_kind:
         begin_link(row)
-        happen(row)
+        process_events(row)
     observe(row)
 
 
@@ -113,7 +113,7 @@ cdef void observe(Row *row) noexcept nogil:
     sensors.distance_estimate = drawn.distance_estimate - chain.flange_position
     sensors.distance = drawn.distance - chain.flange_position
     if row.task.operator_kind:
-        show_link(row)
+        observe_link(row)
     sensors.time_since_touch = max(chain.time - chain.detection - drawn.reaction_delay, 0.0)
     for k in range(row.length):
         entry = &row.entries[k]
@@ -157,7 +157,7 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
     episode.object_velocity = v_p(run, chain)
     episode.terminated = episode.status < 0 or chain.time >= end_time(row, chain.detection)
     if task.operator_kind:
-        episode.terminated = episode.terminated or is_done(row)
+        episode.terminated = episode.terminated or task_done(row)
     step.time = charged_time(chain, begun, task.operator_kind != NO_OPERATOR)
     episode.truncated = task.max_steps > 0 and episode.control_steps >= task.max_steps
     if episode.terminated:
@@ -186,20 +186,20 @@ cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
     while chain.time < end:
         until = min(end, max(episode.next_sample, chain.time))
         if linked:
-            happen(row)
-            asked = obeyed(row)
+            process_events(row)
+            asked = flange_command(row)
             until = snap(min(until, max(next_event(row), chain.time)), end)  # an event at the end is processed after the loop
         begun = chain.time
         status = command(run, chain, asked.velocity, asked.acceleration, until) if until > chain.time else ARRIVED
         if linked and chain.contacts == 0 or status == TOUCHED:
-            account(row, chain.time - begun)
+            add_to_withheld_share(row, chain.time - begun)
         if status < 0:
             episode.status = status
             if not begun <= chain.time <= until:  # nan or worse
                 chain.time = until
             break
         if status == TOUCHED:
-            show(row)
+            send_display(row)
         if status == DETECTED:
             if shifts:
                 end = snap(period_end, alarm_time(row))
@@ -209,4 +209,4 @@ cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
         if chain.time >= episode.next_sample - late:
             sample(run, row)
     if linked:
-        happen(row)
+        process_events(row)

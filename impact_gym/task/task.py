@@ -10,13 +10,14 @@ import numpy as np
 
 from impact_gym.kernels import RECORD, TASK
 from impact_gym.lowering import LOCAL_SHARE, ROBOT_NUMBERS, mount, places
-from impact_gym.operators import Channel, Operator
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Contact, Coupling, Rigid, Robot, SpringDamper, warn_of_stroke
-from impact_gym.task import steering
 from impact_gym.task.action import ActionSpec
 from impact_gym.task.nested import grouped, ranged_record
 from impact_gym.task.scenario import ScenarioRanges
+from impact_gym.teleop import checks
+from impact_gym.teleop.channels import Channel
+from impact_gym.teleop.operators import Operator
 from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, of the first number of an action, by default
@@ -35,7 +36,7 @@ WORST_OF_STROKE = {"tool_mass": 1, "coupling.stiffness": 0, "coupling.stroke": 0
 
 PARTS: Mapping[str, tuple[Any, ...]] = {
     "coupling": get_args(Coupling), "robot": (Robot,),
-    "operator": get_args(Operator), **dict.fromkeys(steering.WAYS, (Channel,)),
+    "operator": get_args(Operator), **dict.fromkeys(checks.WAYS, (Channel,)),
 }  # fmt: skip
 """Arguments that are records, and their kinds."""
 
@@ -127,7 +128,7 @@ class Task:
         if self.velocity_range[1] <= 0.0:
             raise ValueError(f"velocity_range must end above 0 m/s, got {self.velocity_range}")
         self._check_choices()
-        for way, channel in steering.checked(self).items():
+        for way, channel in checks.checked(self).items():
             self._put(way, channel)
         self._check_reach()
 
@@ -256,7 +257,7 @@ class Task:
         record["mount"] = held
         numbers = record["numbers"]
         numbers["coupling"], numbers["robot"] = record["mount"]["coupling"], record["mount"]["robot"]
-        tables = [no_table, *steering.lowered(self, record, table_at + len(no_table))]
+        tables = [no_table, *checks.lowered(self, record, table_at + len(no_table))]
         if self.robot is None:
             for name in ROBOT_NUMBERS:
                 numbers["robot"][name] = math.inf  # for a critic, beside rows with a robot
