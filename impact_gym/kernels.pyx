@@ -48,10 +48,11 @@ include "task/action.pxi"
 include "task/reward.pxi"
 include "task/records.pxi"
 include "task/draw.pxi"
+include "task/alarm.pxi"
 include "task/settle.pxi"
 include "task/episode.pxi"
 include "task/range_sensor.pxi"
-include "task/teleop.pxi"
+include "teleop/link.pxi"
 
 GRAVITY = STANDARD_GRAVITY
 

@@ -18,7 +18,7 @@ from impact_gym.files import write_file
 from impact_gym.task import ActionSpec, ObservationSpec, Task
 from impact_gym.task.action import RESOLUTION
 from impact_gym.task.observation import Entry
-from impact_gym.task.steering import FADE
+from impact_gym.teleop.checks import FADE
 
 CLOCK = 1e-9  # s, within which times are the same
 C_ACTIVATIONS = {"tanh": "tanhf((float)sum)", "relu": "sum > 0.0 ? (float)sum : 0.0f", "none": "(float)sum"}

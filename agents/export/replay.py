@@ -53,7 +53,7 @@ def logged(policy: Policy, episodes: int) -> Log:
         actions, _ = policy.predict(batch.observations)
         command = spec.decode(actions)
         steps += ~ended
-        begun = np.where(batch.links["silent"], 0.0, now["command"]) if task.operator else np.zeros(episodes)
+        begun = np.where(batch.links["expired"], 0.0, now["command"]) if task.operator else np.zeros(episodes)
         obeyed = begun
         batch.step(actions, ended)
         if task.operator:

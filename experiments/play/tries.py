@@ -19,10 +19,10 @@ from agents.provenance import circumstances, revision
 from experiments.play.assistance import NAMES, PERIOD, PERSON, SLIDERS, assistance, environment_of, playable
 from impact_gym.envs.batch import Batch, Bodies
 from impact_gym.files import parsed, write_file
-from impact_gym.operators import KINDS
 from impact_gym.simulation import Outcome, Trace
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task
+from impact_gym.teleop.operators import KINDS
 from impact_gym.validation import choice, number, numbers, one_of
 
 RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "taken", "missed"

@@ -9,15 +9,15 @@ from numpy.typing import ArrayLike, NDArray
 from impact_gym import kernels
 from impact_gym.envs.infos import Infos
 from impact_gym.envs.state import check, taken
-from impact_gym.operators import Person
 from impact_gym.scene import flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, Trace
 from impact_gym.task.action import ActionSpec
 from impact_gym.task.episodes import first_uniforms, records_with
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
-from impact_gym.task.steering import packets_under_way
 from impact_gym.task.task import PLACES, Task
+from impact_gym.teleop.checks import packets_under_way
+from impact_gym.teleop.operators import Person
 from impact_gym.threads import cores, over_rows
 from impact_gym.validation import array, fits_memory, number, one_of, whole
 
@@ -221,7 +221,7 @@ class Batch:
         limits: Any = {"at_least": max(lows), "at_most": min(highs)}
         for velocity in np.atleast_1d(array("command", velocities)):
             number("command", velocity, "m/s", **limits)
-        self.links["given"] = velocities
+        self.links["person_command"] = velocities
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of the whole state."""
@@ -261,7 +261,7 @@ class Batch:
         """
         if not len(self.links):
             return {}
-        sensors, obeyed = self.episodes["sensors"], self.links["obeyed"].copy()
+        sensors, obeyed = self.episodes["sensors"], self.links["effective"].copy()
         executed = sensors["executed"].copy()
         return {
             "command": sensors["command"].copy(), "command_age": sensors["command_age"].copy(),

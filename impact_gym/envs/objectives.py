@@ -45,8 +45,8 @@ def soonest(task: Task, distance: float) -> float:
     return float(velocity / acceleration + (distance - ramp) / velocity)
 
 
-def points(tasks: Sequence[Task]) -> tuple[Rewards, Rewards]:
-    """Return lower and upper bounds of the summed rewards of an episode: reference and utopia point, for hypervolumes.
+def described(tasks: Sequence[Task]) -> tuple[Box, int, Rewards, Rewards]:
+    """Return space and dimension of the rewards, and bounds of their sums: reference and utopia point (hypervolumes).
 
     At the reference point nothing is touched until the end. At the utopia point a rigid tool reaches the nearest object
     at the arm's limits and leaves it at rest. A force has no lower bound: -inf. Bounds hold for all `tasks`.
@@ -55,7 +55,7 @@ def points(tasks: Sequence[Task]) -> tuple[Rewards, Rewards]:
     worst += [np.inf] if any(task.force_weight > 0.0 for task in tasks) else []
     best = np.zeros(len(worst))
     best[0] = min(soonest(task, task.scenario.distance[0]) for task in tasks)
-    return -np.array(worst), -best
+    return Box(-np.inf, 0.0, best.shape, np.float64), len(best), -np.array(worst), -best
 
 
 class MOImpactApproachEnv(ImpactApproachEnv):
@@ -65,7 +65,7 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`: -T (s, in each step) and -V_p (m/s, at the end, with
     `missed_cost`), and as a third one, with a `force_weight`, -(largest contact force) (N, at the end). With an
     operator T runs until the task is done.
-    `reference_point` and `utopia_point` (reward_dim,) bound the sums of an episode's rewards, see `points`.
+    `reference_point` and `utopia_point` (reward_dim,) bound the sums of an episode's rewards, see `described`.
 
     ## Version History
     * v0: first version
@@ -74,9 +74,7 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     @wraps(ImpactApproachEnv.__init__)  # type: ignore[misc]  # whose arguments they are
     def __init__(self, **arguments: Any) -> None:
         super().__init__(**arguments)
-        self.reference_point, self.utopia_point = points(self._batch.tasks)
-        self.reward_dim = len(self.utopia_point)
-        self.reward_space = Box(-np.inf, 0.0, (self.reward_dim,), np.float64)
+        self.reward_space, self.reward_dim, self.reference_point, self.utopia_point = described(self._batch.tasks)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
         """Play one control step; the reward is (reward_dim,)."""
@@ -90,9 +88,7 @@ class MOImpactApproachVectorEnv(ImpactApproachVectorEnv):
     @wraps(ImpactApproachVectorEnv.__init__)  # type: ignore[misc]  # likewise
     def __init__(self, num_envs: int = 1, **arguments: Any) -> None:
         super().__init__(num_envs, **arguments)
-        self.reference_point, self.utopia_point = points(self.batch.tasks)
-        self.reward_dim = len(self.utopia_point)
-        self.reward_space = Box(-np.inf, 0.0, (self.reward_dim,), np.float64)
+        self.reward_space, self.reward_dim, self.reference_point, self.utopia_point = described(self.batch.tasks)
 
     def _rewards(self) -> tuple[Rewards, dict[str, Any]]:
         """Return the rewards of the last step, and the scalar ones as an info."""

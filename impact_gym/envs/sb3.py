@@ -83,7 +83,7 @@ class ImpactVecEnv(VecEnv):
             lasts, cuts = batch.observations[rows], (truncated & ~terminated)[rows].tolist()
             for row, info, last, cut in zip(rows.tolist(), batch.infos(rows), lasts, cuts, strict=True):
                 infos[row] |= info | {"terminal_observation": last, "TimeLimit.truncated": cut}
-            self.envs.reset(options={"reset_mask": ended})
+            self.envs.begin(None, ended)
         return batch.observations.copy(), rewards, ended, infos
 
     def get_state(self) -> dict[str, Any]:

@@ -19,8 +19,8 @@ WHOLE = {
     "chains.pressed": (-1, 1), "chains.side": (-1, 1), "episodes.status": (min(STATUS_MESSAGES), max(STATUS_MESSAGES)),
     **dict.fromkeys(("chains.status", "chains.memory.method"), (-2, 5)),
     **dict.fromkeys(("chains.footing", "chains.touching", "chains.holding", "episodes.terminated"), (0, 1)),
-    **dict.fromkeys(("episodes.truncated", "links.silent", "links.stopped"), (0, 1)),
-    **dict.fromkeys(("links.uplink_bad", "links.downlink_bad"), (0, 1)),
+    **dict.fromkeys(("episodes.truncated", "links.expired", "links.stopped"), (0, 1)),
+    **dict.fromkeys(("links.uplink_lost", "links.downlink_lost"), (0, 1)),
 }  # fmt: skip
 """Least and largest whole numbers of a state; of others 0 and LARGEST."""
 
@@ -88,7 +88,7 @@ def check(here: Mapping[str, NDArray[Any]], there: Mapping[str, NDArray[Any]], t
         require("episodes.ranges_delivered", episodes["ranges_delivered"], kept, f"up to {slots} below ranges_taken")
     require("chains.steps", chains["steps"], chains["steps"] <= 2 * max_steps, f"at most {2 * max_steps}")
     require("chains.time", chains["time"], failed | (np.abs(chains["time"]) <= LONGEST), f"at most {LONGEST:g} s")
-    for name in ("oldest", "looked_at"):
+    for name in ("oldest", "seen_packet"):
         require(f"links.{name}", links[name], links[name] <= links["packets"], "at most links.packets")
     laws, mounts = np.ascontiguousarray(there["laws"]), np.resize(tasks["mount"], len(there["laws"])).copy()
     if len(laws) == len(begun):

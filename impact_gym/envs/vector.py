@@ -99,15 +99,16 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         rest = dict(options or {})
         mask = self._mask(rest.pop("reset_mask", None))
         fixed, skipped = reset_options(rest, self.batch.tasks, self.num_envs)
-        return self.begin(seed, mask, fixed[mask], np.full(self.num_envs, skipped)), {}
+        return self.begin(seed, mask, fixed[mask], skipped), {}
 
     def begin(
-        self, seed: int | Sequence[int | None] | None, mask: Flags, fixed: NDArray[Any], skipped: NDArray[np.int64]
+        self, seed: Any, mask: Flags, fixed: NDArray[Any] | None = None, skipped: int | NDArray[np.int64] = 0
     ) -> Floats:
-        """Begin an episode in the slots of `mask`; `fixed` records (k,) for these, `skipped` (num_envs,) episodes."""
+        """Begin an episode in the k slots of `mask`, `skipped` episodes later; `fixed` are records (k,)."""
         self._seed(seed, mask)
-        for slot in np.flatnonzero(mask & (skipped > 0)).tolist():
-            skip_episodes(self._generators[slot], int(skipped[slot]))
+        counts = np.where(mask, skipped, 0)
+        for slot in np.flatnonzero(counts).tolist():
+            skip_episodes(self._generators[slot], int(counts[slot]))
         self._draw_and_begin(np.flatnonzero(mask), fixed)
         self._ended[mask] = False
         self._begun[mask] = True

@@ -10,8 +10,8 @@
 `evaluation_sets`  frozen scenarios
 `numbers`          writes the records of the compiled program
 
-Compiled: `draw.pxi` draws an episode, `episode.pxi` plays its control steps, `reward.pxi` rewards them, `settle.pxi`
-ends it, `records.pxi` and `numbers.pxi` hold its records.
+Compiled: `draw.pxi` draws an episode, `episode.pxi` plays its control steps, `alarm.pxi` raises the alarm, `reward.pxi`
+rewards the steps, `settle.pxi` ends the episode, `records.pxi` and `numbers.pxi` hold its records.
 """
 
 from impact_gym.quantities import QUANTITIES, Quantity

@@ -3,25 +3,6 @@
 cpdef enum:
     LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE  # curves of an observation's entry
 
-cdef double ROUNDING = 1e-9  # s, shorter spans are rounding errors of the clock
-
-
-cdef struct Row:  # one environment
-    const Task *task
-    Chain *chain
-    Episode *episode
-    Reading *readings  # a ring of `slots`
-    int64_t slots
-    const Entry *entries  # of the observation
-    int64_t length
-    float *observation
-    Link *link  # with an operator
-    Packet *packets  # a ring of `packet_slots`
-    int64_t packet_slots
-    const double *tables
-    RangeReading *ranges  # of the range sensor, a ring of `range_slots`
-    int64_t range_slots
-
 
 cpdef int64_t readings_in_transit(double reaction_delay, double control_period) noexcept nogil:
     """Number of readings between sensor and controller at t = 0."""
@@ -50,7 +31,7 @@ cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
         begin_range(row)
     if row.task.operator_kind:
         begin_link(row)
-        happen(row)
+        process_events(row)
     observe(row)
 
 
@@ -112,8 +93,7 @@ cdef void receive(Row *row) noexcept nogil:
     if row.task.alarm_by_reading:
         sensors.force_peak = max(sensors.force_peak, sensors.force)
         if sensors.force > episode.drawn.alarm_threshold:
-            episode.alarm = min(episode.alarm, row.chain.time)
-            episode.last_alarm = episode.alarm
+            raise_alarm(episode, row.chain.time)
     else:
         sensors.force_peak = max(sensors.force_peak, reading.peak + error)
     sensors.deflection = reading.deflection
@@ -135,7 +115,7 @@ cdef void observe(Row *row) noexcept nogil:
     sensors.distance_estimate = drawn.distance_estimate - chain.flange_position
     sensors.distance = drawn.distance - chain.flange_position
     if row.task.operator_kind:
-        show_link(row)
+        observe_link(row)
     if row.task.range_sensor:
         sense_range(row)
     sensors.time_since_touch = max(chain.time - chain.detection - drawn.reaction_delay, 0.0)
@@ -152,13 +132,6 @@ cdef void observe(Row *row) noexcept nogil:
         row.observation[k] = <float> min(1.0, max(entry.scaled_low, value))
 
 
-cdef inline double end_with(const Row *row, double detection) noexcept nogil:
-    """Time at which an episode ends whose contact force exceeded the threshold at `detection`, s."""
-    if isinf(detection) or row.task.operator_kind:
-        return row.task.horizon
-    return detection + row.episode.drawn.reaction_delay + row.task.after_alarm
-
-
 cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
     """Play one control step: decode the action, move, read the sensors, and at the end settle. Return the reward."""
     cdef const Task *task = row.task
@@ -167,7 +140,7 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
     cdef const Record *drawn = &episode.drawn
     cdef double[3] asked
     cdef Terms step = Terms(0.0, 0.0, 0.0, 0.0)
-    cdef double begun = chain.time, alarm, until
+    cdef double begun = chain.time, until
     cdef int64_t k
     run.contact, run.object_mass, run.threshold = episode.contact, drawn.object_mass, drawn.alarm_threshold
     run.ground, run.tolerance = STANDARD_GRAVITY * drawn.friction, task.tolerance
@@ -176,12 +149,8 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
         asked[k] = decoded(&task.actions[k], action[k])
     if task.operator_kind:
         assist(row, asked[0], asked[1], asked[2])
-    alarm = drive(run, row, Command(asked[0], asked[1]))
-    if task.alarm_by_reading:
-        if chain.time >= episode.alarm + task.after_alarm - ROUNDING:
-            episode.alarm = INFINITY
-    elif isinf(episode.alarm) and chain.time >= alarm:
-        episode.alarm = episode.last_alarm = alarm
+    drive(run, row, Command(asked[0], asked[1]))
+    update_alarm(row)
     until = chain.time - drawn.reaction_delay + ROUNDING
     while episode.popped < episode.pushed and row.readings[episode.popped % row.slots].time <= until:
         receive(row)
@@ -190,9 +159,9 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
     observe(row)
     episode.approach_time = min(chain.first_contact, task.horizon)
     episode.object_velocity = v_p(run, chain)
-    episode.terminated = episode.status < 0 or chain.time >= end_with(row, chain.detection)
+    episode.terminated = episode.status < 0 or chain.time >= end_time(row, chain.detection)
     if task.operator_kind:
-        episode.terminated = episode.terminated or is_done(row)
+        episode.terminated = episode.terminated or task_done(row)
     step.time = charged_time(chain, begun, task.operator_kind != NO_OPERATOR)
     episode.truncated = task.max_steps > 0 and episode.control_steps >= task.max_steps
     if episode.terminated:
@@ -202,48 +171,46 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
     return reward(&step, drawn.time_weight, task.force_weight, &episode.rewards)
 
 
-cdef double drive(Run *run, Row *row, Command asked) noexcept nogil:
-    """Move the flange to the end of the control step and read the sensors meanwhile; return the time of the alarm, s.
+cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
+    """Move the flange to the end of the control step and read the sensors meanwhile.
 
     With an operator the link turns the action into a command, again at each event of the link.
     """
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
     cdef bint linked = row.task.operator_kind != NO_OPERATOR
-    cdef double period_end = chain.time + row.task.control_period, alarm = chain.detection + episode.drawn.reaction_delay
+    cdef double period_end = chain.time + row.task.control_period
     cdef bint shifts = not row.task.alarm_by_reading
     cdef double until, end, begun, late = 0.0 if shifts else ROUNDING
     cdef int status
-    if shifts and isinf(episode.alarm) and not isinf(alarm):
-        end = snap(period_end, alarm)
+    if shifts and isinf(episode.alarm) and not isinf(chain.detection):
+        end = snap(period_end, alarm_time(row))
     else:
-        end = snap(period_end, end_with(row, chain.detection))
+        end = snap(period_end, end_time(row, chain.detection))
     while chain.time < end:
         until = min(end, max(episode.next_sample, chain.time))
         if linked:
-            happen(row)
-            asked = obeyed(row)
+            process_events(row)
+            asked = flange_command(row)
             until = snap(min(until, max(next_event(row), chain.time)), end)  # an event at the end is processed after the loop
         begun = chain.time
         status = command(run, chain, asked.velocity, asked.acceleration, until) if until > chain.time else ARRIVED
         if linked and chain.contacts == 0 or status == TOUCHED:
-            account(row, chain.time - begun)
+            add_to_withheld_share(row, chain.time - begun)
         if status < 0:
             episode.status = status
             if not begun <= chain.time <= until:  # nan or worse
                 chain.time = until
             break
         if status == TOUCHED:
-            show(row)
+            send_display(row)
         if status == DETECTED:
-            alarm = chain.detection + episode.drawn.reaction_delay
             if shifts:
-                end = snap(period_end, alarm)
+                end = snap(period_end, alarm_time(row))
                 episode.next_sample = chain.time
             else:
-                end = snap(period_end, end_with(row, chain.detection))
+                end = snap(period_end, end_time(row, chain.detection))
         if chain.time >= episode.next_sample - late:
             sample(run, row)
     if linked:
-        happen(row)
-    return alarm
+        process_events(row)

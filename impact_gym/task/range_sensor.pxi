@@ -3,11 +3,6 @@
 cdef int64_t RANGE_STREAM = 1 << 40  # first of its numbers in the stream of the noise seed; force readings have the first
 
 
-cdef struct RangeReading:  # in transit to the controller
-    double time  # s
-    double gap  # m, with its error
-
-
 cdef void begin_range(Row *row) noexcept nogil:
     """Start an episode without a reading: nothing is seen, at an infinite distance."""
     row.episode.sensors.range, row.episode.range_time = INFINITY, -INFINITY

@@ -81,11 +81,11 @@ cdef struct Episode:  # a row, beside its chain
     double late  # s, from a touch until the operator's stop reaches the arm, on average
 
 
-cdef struct Packet:  # a command on its way
+cdef struct Packet:  # a command in transit, and the display's packet sent with it
     double sent, arrives  # s
     double command  # m/s
     double position  # m, of the flange as it was sent
-    double displayed  # s, when the operator could see that
+    double displayed  # s, when the display shows that position
 
 
 cdef struct Command:  # to the flange
@@ -96,20 +96,42 @@ cdef struct Link:  # operator, channels and assistance of a row
     double command  # m/s, the newest that has arrived
     double sent  # s, when; negative if none has
     double next_sent, next_arrival  # s
-    double silent_at  # s, when the newest will be too old
-    double idle_since  # s, since when the command has been 0, after another
+    double expires  # s, when the newest command becomes too old
+    double idle_since  # s, when the command became 0; inf while it is not
     double stop  # s, when the operator stops
-    double seen  # m, where he saw the flange last
+    double seen_position  # m, of the flange in the newest packet that the operator has seen
     double alarmed  # s, when the last alarm came; -inf if none has
-    double believed  # m, way to the object as the operator believes
+    double believed  # m, distance to the object that the operator assumes
     double duration  # s, of a reach
     double muscle, tremor  # -, noise of control after one lag and two
-    double last, obeyed  # m/s, the last command sent, and what the arm goes by: 0 where the newest is too old
-    double given  # m/s, what a person commands from the next tick on
+    double last_sent, effective  # m/s, the last command sent; the command used at the arm, 0 if it has expired
+    double person_command  # m/s, sent at the ticks to come
     double gain, acceleration, withdrawal  # of the assistance: -, m/s^2, m/s
-    double asked, withheld  # m, of the operator's motion before the touch
+    double commanded_way, withheld_way  # m, before the touch
     double age_mean, age_squares  # s, s^2
     int64_t packets, oldest, arrived, ticks  # sent so far, the oldest that may still count, arrived, regular ones
-    int64_t shown, looked_at  # packets of the display sent so far, the newest that the operator has seen
-    int64_t silent, stopped  # 0 or 1
-    int64_t uplink_bad, downlink_bad  # whether the last packet was lost
+    int64_t display_packets, seen_packet  # packets of the display sent so far, the newest that the operator has seen
+    int64_t expired, stopped  # 0 or 1
+    int64_t uplink_lost, downlink_lost  # whether the last packet was lost
+
+
+cdef struct RangeReading:  # of the range sensor, in transit to the controller
+    double time  # s
+    double gap  # m, with its error
+
+
+cdef struct Row:  # one environment
+    const Task *task
+    Chain *chain
+    Episode *episode
+    Reading *readings  # a ring of `slots`
+    int64_t slots
+    const Entry *entries  # of the observation
+    int64_t length
+    float *observation
+    Link *link  # with an operator
+    Packet *packets  # a ring of `packet_slots`
+    int64_t packet_slots
+    const double *tables
+    RangeReading *ranges  # of the range sensor, a ring of `range_slots`
+    int64_t range_slots

@@ -10,14 +10,15 @@ import numpy as np
 
 from impact_gym.kernels import RECORD, TASK
 from impact_gym.lowering import LOCAL_SHARE, ROBOT_NUMBERS, mount, places
-from impact_gym.operators import Channel, Operator
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Contact, Coupling, Rigid, Robot, SpringDamper, warn_of_stroke
-from impact_gym.task import steering
 from impact_gym.task.action import ActionSpec
 from impact_gym.task.nested import get, grouped, ranged_record
 from impact_gym.task.range_sensor import RangeSensor
 from impact_gym.task.scenario import ScenarioRanges
+from impact_gym.teleop import checks
+from impact_gym.teleop.channels import Channel
+from impact_gym.teleop.operators import Operator
 from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, of the first number of an action, by default
@@ -36,7 +37,7 @@ WORST_OF_STROKE = {"tool_mass": 1, "coupling.stiffness": 0, "coupling.stroke": 0
 
 PARTS: Mapping[str, tuple[Any, ...]] = {
     "coupling": get_args(Coupling), "robot": (Robot,), "range_sensor": (RangeSensor,),
-    "operator": get_args(Operator), **dict.fromkeys(steering.WAYS, (Channel,)),
+    "operator": get_args(Operator), **dict.fromkeys(checks.WAYS, (Channel,)),
 }  # fmt: skip
 """Arguments that are records, and their kinds."""
 
@@ -98,7 +99,7 @@ class Task:
     def __new__(cls, **given: Any) -> Self:
         """Keep the arguments as they are given."""
         self = super().__new__(cls)
-        self._put("_given", given)
+        self._put("_given", {name: {**value} if isinstance(value, dict) else value for name, value in given.items()})
         return self
 
     def __post_init__(self) -> None:
@@ -129,7 +130,7 @@ class Task:
         if self.velocity_range[1] <= 0.0:
             raise ValueError(f"velocity_range must end above 0 m/s, got {self.velocity_range}")
         self._check_choices()
-        for way, channel in steering.checked(self).items():
+        for way, channel in checks.checked(self).items():
             self._put(way, channel)
         self._check_reach()
 
@@ -266,8 +267,8 @@ class Task:
         record["mount"] = held
         numbers = record["numbers"]
         numbers["coupling"], numbers["robot"] = record["mount"]["coupling"], record["mount"]["robot"]
-        tables = [no_table, *steering.lowered(self, record, table_at + len(no_table))]
-        for name in numbers["range_sensor"].dtype.names:
+        tables = [no_table, *checks.lowered(self, record, table_at + len(no_table))]
+        for name in numbers["range_sensor"].dtype.names or ():
             numbers["range_sensor"][name] = getattr(self.range_sensor, name, 0.0)
         if self.robot is None:
             for name in ROBOT_NUMBERS:

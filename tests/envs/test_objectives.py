@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from episodes import action_table, assert_identical, begin
+from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import check_env
 
 from impact_gym.envs import IDS, objectives, of_objectives
@@ -19,6 +20,7 @@ def test_episodes_lie_between_reference_and_utopia_point(options):
     env = gym.make(ID, disable_env_checker=True, **options)
     bare, rng = env.unwrapped, np.random.default_rng(2)
     assert bare.reward_dim == 2 + ("force_weight" in options)
+    assert bare.reward_space == Box(-np.inf, 0.0, (bare.reward_dim,), np.float64)
     for seed in range(30):
         env.reset(seed=seed)
         total, ended, action = np.zeros(bare.reward_dim), False, [rng.choice([-1.0, 0.0, 1.0]), 1.0]

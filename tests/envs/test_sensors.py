@@ -6,10 +6,11 @@ That all observations are those of the independent solver, whatever is done: `te
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import FORCE, ID, PEAK, Always, action_table, at_rest, encode, newtons, play, seconds
+from episodes import FORCE, ID, PEAK, ROBOT, Always, action_table, at_rest, encode, newtons, play, seconds
 from scipy import stats
 from steered import ARM, OWN
 
+import impact_gym as ig
 from agents.baselines import PaperTrapezoid
 from impact_gym.envs.batch import Batch
 from impact_gym.task import Task
@@ -100,13 +101,11 @@ def test_episode_state_has_the_alarm_that_is_observed_and_the_end_of_the_last_st
     steered = {**ARM, "operator": {"type": options["operator"]}} if "operator" in options else options
     batch = Batch(20, Task(**steered), threads=1)
     batch.begin_seeded(0, {})
-    action, alarms = (
-        np.broadcast_to(OWN if steered is not options else encode(0.8, 10.0), (20, len(batch.action_spec))),
-        0,
-    )
+    assert len(np.unique(batch.info()["scenario"]["distance"])) == 20
+    action, alarms = OWN if steered is not options else encode(0.8, 10.0), 0
     while not batch.ended.all():
         skipped = batch.ended
-        batch.step(action, skipped)
+        batch.step(np.tile(action, (20, 1)), skipped)
         sensors = batch.sensors()
         for row in np.flatnonzero(~skipped):
             state, now = batch.episode_state(row), sensors["time"][row]
@@ -118,3 +117,22 @@ def test_episode_state_has_the_alarm_that_is_observed_and_the_end_of_the_last_st
                 assert state.alarm == state.detection + 0.016
             alarms += sensors["alarm"][row]
     assert alarms > 20
+
+
+@pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(50.0)], ids=str)
+def test_bodies_are_where_the_trace_ends(coupling):
+    batch = Batch(1, Task(coupling=coupling, robot=ROBOT), threads=1, trace_points=5000)
+    batch.begin_seeded(3, {"distance": 0.05})
+    for _ in range(12):
+        batch.step(encode([0.7], [15.0]), batch.ended)
+        trace, bodies = batch.trace(0), batch.bodies()
+        ends = [
+            column[-1] for column in (trace.time, trace.flange_position, trace.tool_position, trace.object_position)
+        ]
+        assert np.array(bodies[:4])[:, 0] == pytest.approx(ends, abs=1e-12)
+        assert bodies.touched == (trace.contact_force.max() > 0.0)
+        if coupling != ig.Rigid():
+            assert bodies.deflection == pytest.approx(bodies.tool - bodies.flange, abs=1e-12)
+            assert bodies.deflection_rate == pytest.approx(
+                trace.tool_velocity[-1] - trace.flange_velocity[-1], abs=1e-12
+            )
