@@ -109,13 +109,13 @@ ROOT = Path(__file__).parents[2]
 @pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, reason="rl_zoo3 is not installed; see docs/examples")
 def test_rl_zoo3_trains_from_its_command_line_with_the_set_up_of_the_documentation_and_learns(tmp_path):
     # not imported here: it replaces Gymnasium's TimeLimit by its own
-    arguments = (f"-m rl_zoo3.train --algo ppo --env {ID} --gym-packages impact_gym -n 32768 --seed 3 --eval-freq -1 "
+    arguments = (f"-m rl_zoo3.train --algo ppo --env {ID} --gym-packages impact_gym -n 65536 --seed 3 --eval-freq -1 "
                  f"--num-threads 1 --device cpu -conf docs/examples/rl_zoo3.yml -f {tmp_path}")  # fmt: skip
     subprocess.run([sys.executable, *arguments.split()], cwd=ROOT, check=True, capture_output=True)
     folder = tmp_path / "ppo" / f"{ID}_1"
     with zipfile.ZipFile(folder / f"{ID}.zip") as model:
         settings = json.loads(model.read("data"))
-    assert (settings["n_envs"], settings["num_timesteps"]) == (64, 32768)
+    assert (settings["n_envs"], settings["num_timesteps"]) == (64, 65536)
     monitors = [np.loadtxt(file, delimiter=",", skiprows=2, ndmin=2) for file in folder.glob("*.monitor.csv")]
     episodes = np.concatenate(monitors)  # return, length, and time (s) by the clock on the wall
     first, *_, last = np.array_split(episodes[episodes[:, 2].argsort(), 0], 8)
