@@ -5,6 +5,7 @@ after they see the touch. An assistance at the arm senses the touch at once.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from itertools import product
 from typing import Any
 
@@ -81,7 +82,7 @@ def places(quick: bool) -> Iterator[Place]:
         (coupling, 2e-3 * float(name[3:-2]), REACH, name) for coupling, name in product(COUPLINGS, FIFTH_GENERATION)
     ]
     for coupling, delay, operator, channel in cells:
-        link = FIFTH_GENERATION[channel] if channel else {"delay": 0.5 * delay}
+        link = asdict(FIFTH_GENERATION[channel]) if channel else {"delay": 0.5 * delay}
         labels = {"coupling": coupling, "delay": delay, "operator": operator, "channel": channel}
         environment = environment_of(coupling, operator, link)
         yield Place(f"teleop-{coupling}", f"{operator}, {1e3 * delay:g} ms", environment, labels)

@@ -1,5 +1,6 @@
 """Who assists an operator: the numbers of cells, and which sentences they allow."""
 
+import json
 from html import unescape
 
 import numpy as np
@@ -8,6 +9,7 @@ from pages import text_of_a_page_that_stands_on_its_own
 from studies import small_run
 
 from experiments.studies import teleop
+from impact_gym.operators import FIFTH_GENERATION
 from impact_gym.task import Task
 
 COUNT = 25
@@ -92,3 +94,8 @@ def test_recordings_go_the_whole_way_and_are_none_of_the_training():
     assert np.trapezoid(velocity, time, axis=1) == pytest.approx(teleop.WAY)
     assert (time[:, -1] - time[:, 0]).max() < teleop.APART
     assert {*seen["velocity"]} & {*velocity.ravel()} == {0.0}
+
+
+def test_every_cell_has_arguments_that_a_job_can_take():
+    channels = {cell.labels["channel"] for cell in teleop.assisted(True, {}) if json.dumps(cell.arguments)}
+    assert channels == {"", *FIFTH_GENERATION}
