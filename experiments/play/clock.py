@@ -89,7 +89,7 @@ class Clock:
         self.gone = True
         self.wanted.put(None)
 
-    def tell(self, **message: Any) -> None:
+    def send(self, **message: Any) -> None:
         """Send a message to the server, unless it has ended."""
         with suppress(OSError):
             self.server.send(message)
@@ -98,7 +98,7 @@ class Clock:
         """Play a try in real time, save it, send its result; `seen`: the object is shown before the touch."""
         try:
             live = Live(wanted)
-            self.tell(kind="began", setup=wanted.setup, radius=radius_of(live.kept.record["object_mass"]))
+            self.send(kind="began", setup=wanted.setup, radius=radius_of(live.kept.record["object_mass"]))
             path.parent.mkdir(parents=True, exist_ok=True)
             with path.with_suffix(".journal").open("wb", buffering=0) as journal:
                 self._run(live, seen, journal)
@@ -108,9 +108,9 @@ class Clock:
                 try_files.write(*self.unsaved[0]).with_suffix(".journal").unlink()
                 self.unsaved.pop(0)
             beside = {name: played.result for name, played in contest.rivals_of(live.kept).items()}
-            self.tell(kind="ended", entry=entry_of(path.stem, live.kept, **beside))
+            self.send(kind="ended", entry=entry_of(path.stem, live.kept, **beside))
         except (OSError, RuntimeError, ValueError) as problem:
-            self.tell(kind="failed", text=str(problem))
+            self.send(kind="failed", text=str(problem))
 
     def _run(self, live: Live, seen: bool, journal: IO[bytes]) -> None:
         """Play each step on time until the try or the server ends, and write it to the journal at once."""
@@ -146,7 +146,7 @@ class Clock:
         places = [np.round(np.ravel(each[1:4]), 6).tolist() for each in (now, then)]  # flange, tool, object, m
         if not (seen or touched or live.ended):  # a missed object is shown at the end
             places = [[*chain, None] for *chain, _ in places]
-        self.tell(
+        self.send(
             kind="frame", n=len(live.kept.actions), t=round(live.time, 4), touched=touched, wait=late * slow,
             dt=round(float(then.time[0] - now.time[0]) * slow, 5), **dict(zip(("from", "to"), places, strict=True)),
         )  # fmt: skip

@@ -33,7 +33,7 @@ class Session:
         self._lock = ExitStack()  # held by the clock as well, which is forked from this process
         self._lock.enter_context(locked(folder / ".lock", wait=False))
         self.setup, self.assist, self.folder = setup.called, assist, folder
-        self.seats: list[Any] = []  # the player is the first
+        self.clients: list[Any] = []  # the player is the first
         self.refused: Counter[str] = Counter()
         family, _, kind = setup.called.rpartition("-")
         names = [f"{family}-{each}" for each in COUPLINGS if setup.shipped and kind in COUPLINGS] or [setup.called]
@@ -54,22 +54,22 @@ class Session:
         self._clock.start()
         theirs.close()
 
-    def hear(self, seat: Any, said: Any) -> None:
+    def handle(self, client: Any, message: Any) -> None:
         """Handle a message of a page.
 
         Raises:
             ValueError: the message is invalid.
         """
-        one_of("message", said, dict)
-        if len(said) != 1:
+        one_of("message", message, dict)
+        if len(message) != 1:
             raise ValueError("a message must have one key")
-        ((word, value),) = said.items()
+        ((word, value),) = message.items()
         choice("message", word, ("v", "begin", "done", "take"))
         if word == "take":
             self._send("stop", "another tab took the stick")
-            self.seats.sort(key=lambda each: each is not seat)
-            self._tell_roles()
-        elif seat is not self.seats[0]:
+            self.clients.sort(key=lambda each: each is not client)
+            self._send_roles()
+        elif client is not self.clients[0]:
             return  # a watcher does not steer
         elif word == "v":
             share = number("v", value, "(of full speed)", at_least=-1.0, at_most=1.0)
@@ -94,26 +94,26 @@ class Session:
         wanted = Try(options["setup"], options["assist"], secrets.randbelow(2**31), record_of(sliders), slow=slow)
         self._send("play", (wanted, self.folder / f"{datetime.now():%Y%m%d-%H%M%S-%f}.json", options["seen"]))
 
-    def sit(self, seat: Any) -> None:
+    def join(self, client: Any) -> None:
         """Add a page and send it set-ups, assistances, limits of its controls and earlier tries."""
-        self.seats.append(seat)
-        seat.tell({
+        self.clients.append(client)
+        client.enqueue({
             "kind": "hello", "setups": self.setups, "setup": self.setup, "assists": NAMES, "assist": self.assist,
             "tries": list(self.history), **{name: limits for name, (_, *limits) in SLIDERS.items()},
         })  # fmt: skip
-        self._tell_roles()
+        self._send_roles()
 
-    def leave(self, seat: Any, why: str) -> None:
+    def leave(self, client: Any, why: str) -> None:
         """Remove a page; if it steered, the arm stops."""
-        if seat is self.seats[0]:
+        if client is self.clients[0]:
             self._send("stop", why)
-        self.seats.remove(seat)
-        self._tell_roles()
+        self.clients.remove(client)
+        self._send_roles()
 
-    def _tell_roles(self) -> None:
+    def _send_roles(self) -> None:
         """Tell each page whether it steers."""
-        for seat in self.seats:
-            seat.tell({"kind": "role", "player": seat is self.seats[0], "others": len(self.seats) - 1})
+        for client in self.clients:
+            client.enqueue({"kind": "role", "player": client is self.clients[0], "others": len(self.clients) - 1})
 
     def _send(self, word: str, value: Any = None) -> None:
         with suppress(OSError):
@@ -130,12 +130,12 @@ class Session:
                     self._seen_at = max(self._seen_at, at)
                 elif message["kind"] in ("ended", "failed"):
                     at = max(at, self._seen_at + 1e-6)  # calls at equal times have no order
-                loop.call_at(at, self._pass_on, message)
+                loop.call_at(at, self._forward, message)
         except (EOFError, OSError):
             loop.remove_reader(self.pipe.fileno())
-            self._pass_on({"kind": "failed", "text": "the clock has stopped: start impact-gym play again"})
+            self._forward({"kind": "failed", "text": "the clock has stopped: start impact-gym play again"})
 
-    def _pass_on(self, message: dict[str, Any]) -> None:
+    def _forward(self, message: dict[str, Any]) -> None:
         """Send a message to all pages, unless it is a frame older than the newest shown."""
         if message["kind"] == "frame":
             if message["n"] <= self._newest:
@@ -147,8 +147,8 @@ class Session:
             self.busy = False
         if message["kind"] == "ended":
             self.history.append(message["entry"])
-        for seat in self.seats:
-            seat.tell(message)
+        for client in self.clients:
+            client.enqueue(message)
 
     def close(self) -> None:
         """Stop and save a try in progress, stop the clock, release the folder."""

@@ -95,22 +95,6 @@ def simulated(this: Try) -> Outcome:
     return ig.simulate(scene, motion, duration=motion.times[-1], rtol=task.rtol)
 
 
-def completed(done: Try) -> Try:
-    """Fill in executed motion, results, the mark of late steps and versions of the code; return the try."""
-    trace, info, _ = replayed(done)
-    motion = corners(trace)
-    done.motion.update(times=list(motion.times), velocities=list(motion.velocities))
-    outcome = simulated(done)
-    done.result.update(
-        object_velocity=outcome.peak_object_velocity, slide=outcome.slide or 0.0, peak_force=outcome.peak_force,
-        **{name: float(info[name]) for name in ("touch_time", "done_time", "taken", "missed")},
-    )  # fmt: skip
-    if len(done.late) and np.mean(np.abs(done.late) > LATE) > MOST_LATE:
-        done.marks.append("invalid: too many late steps")
-    done.made.update(_made())
-    return done
-
-
 @cache
 def _made() -> dict[str, Any]:
     return revision() | {"solver": compiled_from(), "versions": circumstances("impact-gym", "numpy")["versions"]}
@@ -188,4 +172,16 @@ class Live:
         """Play to the end, a person's velocity being 0, and return the try with its results."""
         while not self.ended:
             self.step()
-        return completed(self.kept)
+        done = self.kept
+        trace, info, _ = replayed(done)
+        motion = corners(trace)
+        done.motion.update(times=list(motion.times), velocities=list(motion.velocities))
+        outcome = simulated(done)
+        done.result.update(
+            object_velocity=outcome.peak_object_velocity, slide=outcome.slide or 0.0, peak_force=outcome.peak_force,
+            **{name: float(info[name]) for name in ("touch_time", "done_time", "taken", "missed")},
+        )  # fmt: skip
+        if len(done.late) and np.mean(np.abs(done.late) > LATE) > MOST_LATE:
+            done.marks.append("invalid: too many late steps")
+        done.made.update(_made())
+        return done
