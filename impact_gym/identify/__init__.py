@@ -70,7 +70,7 @@ def identify(
 
 def motion_of_each(motion: Trapezoid | Sequence[Trapezoid], count: int) -> list[Trapezoid]:
     """Return the motion of each of `count` logs, refused with another number of motions or another type."""
-    motions = list(motion) if isinstance(motion, (list, tuple)) else [motion] * count
+    motions: list[Any] = list(motion) if isinstance(motion, (list, tuple)) else [motion] * count
     for imposed in motions:
         one_of("motion", imposed, Trapezoid)
     if not count or len(motions) != count:
