@@ -21,7 +21,7 @@ from impact_gym.files import whole_file
 from impact_gym.physics.impact import free_tool, rigid_tool
 from impact_gym.quantities import QUANTITIES
 from impact_gym.scene import Bistable, Rigid, SpringDamper
-from impact_gym.task import ObservationSpec, Task
+from impact_gym.task import ActionSpec, ObservationSpec, Task
 
 PAPERS_SPEED = 1.0  # m/s
 SAMPLE = 500  # scenarios that the paper's rule is played through
@@ -90,7 +90,7 @@ def lines(setup: Setup) -> Iterator[str]:
     for place, entry in enumerate(ObservationSpec(task).entries):
         yield f"  {place}: {entry.words} ({entry.unit}), {entry.scale.low:g} to {entry.scale.high:g}"
     yield "\nactions"
-    for action in task.actions:
+    for action in ActionSpec(task).entries:
         yield f"  {action.words}: {action.low:g} to {action.high:g} {action.unit}"
     yield "\neach episode"
     yield from drawn(task)

@@ -1,9 +1,9 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, initializedcheck=False, cdivision=True, cpow=True
-"""The compiled heart: all that runs inside a step, as one program, so that a law costs no call.
+"""The compiled program: all that runs inside a step, one unit, so that the compiler can inline each law.
 
-The files included are its text, in the order in which one builds on another. Below them stands what Python calls, and
-the layout of the records that both sides read and write, as NumPy data types. Arrays are handed over as they are: they
-must be contiguous and of these types, which `simulation`, `sweeps` and `envs.batch` see to.
+The included files build on one another in their order. Below them are the functions that Python calls, and the layout
+of the records that both sides read and write, as NumPy data types. Arrays are passed without a check: callers make sure
+that they are contiguous and of these types.
 """
 
 from cpython.buffer cimport PyBUF_SIMPLE, PyBuffer_Release, PyObject_GetBuffer
@@ -44,14 +44,18 @@ include "solver/recording.pxi"
 include "solver/events.pxi"
 include "solver/integrate.pxi"
 include "solver/advance.pxi"
+include "task/action.pxi"
+include "task/reward.pxi"
 include "task/records.pxi"
 include "task/draw.pxi"
+include "task/alarm.pxi"
 include "task/settle.pxi"
 include "task/episode.pxi"
-include "task/teleop.pxi"
+include "teleop/link.pxi"
 
 GRAVITY = STANDARD_GRAVITY
 
+cdef ActionEntry blank_action
 cdef Approach blank_approach
 cdef Chain blank_chain
 cdef ContactRow blank_contact
@@ -69,12 +73,13 @@ cdef Task blank_task
 def layout(blank):
     """Return the NumPy record of a structure, from its fields as a mapping; all numbers take eight bytes."""
     kinds = {dict: layout, float: lambda _: np.float64, int: lambda _: np.int64}
-    kinds[list] = lambda values: np.dtype((np.float64, len(values)))
+    kinds[list] = lambda values: np.dtype((kinds[type(values[0])](values[0]), len(values)))
     return np.dtype([(name, kinds[type(value)](value)) for name, value in blank.items()])
 
 
 APPROACH, CHAIN, CONTACT, TRACE = map(layout, (blank_approach, blank_chain, blank_contact, blank_trace))
 MOUNT = APPROACH["mount"]
+ACTION = layout(blank_action)
 DRAW, EPISODE, ENTRY, LAW = map(layout, (blank_draw, blank_episode, blank_entry, blank_law))
 RECORD, SENSORS = EPISODE["drawn"], EPISODE["sensors"]
 READING, TASK, LINK, PACKET = map(layout, (blank_reading, blank_task, blank_link, blank_packet))
@@ -82,7 +87,7 @@ assert (APPROACH.itemsize, CHAIN.itemsize, EPISODE.itemsize) == (sizeof(Approach
 
 
 cdef void *memory_of(object array) except? NULL:
-    """Where the numbers of a contiguous array lie."""
+    """Address of the numbers of a contiguous array."""
     cdef Py_buffer buffer
     PyObject_GetBuffer(array, &buffer, PyBUF_SIMPLE)
     cdef void *address = buffer.buf
@@ -91,10 +96,7 @@ cdef void *memory_of(object array) except? NULL:
 
 
 cdef Recorder recorder_of(tuple arrays):
-    """Where contacts (CONTACT), the trace (TRACE) and passages of a slider (s) are written, and how often a flight is.
-
-    Arrays of no rows record nothing.
-    """
+    """Recorder of contacts (CONTACT), trace (TRACE) and passages of a slider (s); arrays of no rows record nothing."""
     contacts, trace, snaps, interval = arrays
     return Recorder(
         <ContactRow *> memory_of(contacts), <TraceRow *> memory_of(trace), <double *> memory_of(snaps),
@@ -109,12 +111,12 @@ def approach_rows(
 
     Args:
         plans, chains: see above.
-        tables: numbers of all robots' tables (k,), where a plan's law says.
+        tables: numbers of all robots' tables (k,); the law of a plan says where its own begin.
         first, last: rows.
         tolerance: local error of a step, in its own scales.
         max_steps: integration steps after which a row gives up; its status says so.
         recorder: arrays for contacts (CONTACT), trace (TRACE) and passages of a slider (s) of the last row, which
-            record nothing if they have no rows; and the time between two points of the trace in flight, s.
+            record nothing if they have no rows; and the time between two trace points in flight, s.
     """
     cdef Run run
     cdef Work work
@@ -175,34 +177,34 @@ cdef class Rows:
     cdef float *observations
     cdef double *rewards
     cdef const Entry *entries
-    cdef int64_t slots, packet_slots, each_link, commands, length, each_task, each_law, max_steps
+    cdef int64_t slots, packet_slots, each_link, action_size, length, each_task, each_law, max_steps
     cdef Recorder recorder
 
     def __init__(
         self, tasks, draws, laws, tables, chains, episodes, readings, links, packets, observations, rewards, entries,
-        tuple recorder, max_steps, commands,
+        tuple recorder, max_steps, action_size,
     ):
         """Take arrays of `size` rows each; `tasks` and `laws` may have one for all.
 
         Args:
             tasks: (size,) or (1,), TASK.
-            draws: what episodes draw from ranges (n,), DRAW, where the tasks say.
-            laws: (size,), or (1,) if all rows have the same and no episode draws what holds its tool; LAW.
+            draws: of all tasks (n,), DRAW.
+            laws: (size,), or (1,) if all rows have the same mount and no episode draws a number of it; LAW.
             tables: see `approach_rows`.
             chains, episodes, rewards: (size,), CHAIN, EPISODE and float64.
             readings: (size, slots), READING.
             links, packets: (size,) and (size, slots), or no rows without an operator; LINK and PACKET.
             observations: (size, length), float32.
             entries: of an observation (length,), ENTRY.
-            recorder: see `approach_rows`; of its trace (size, points) each row has a row.
+            recorder: see `approach_rows`; its trace is (size, points).
             max_steps: integration steps of an episode.
-            commands: numbers of an action.
+            action_size: numbers of an action.
         """
         self.arrays = (
             tasks, draws, laws, tables, chains, episodes, readings, links, packets, observations, rewards, entries,
             recorder,
         )
-        self.links, self.each_link, self.commands = <Link *> memory_of(links), len(links) > 0, commands
+        self.links, self.each_link, self.action_size = <Link *> memory_of(links), len(links) > 0, action_size
         self.packets, self.packet_slots = <Packet *> memory_of(packets), packets.shape[1]
         self.tasks, self.each_task = <const Task *> memory_of(tasks), len(tasks) > 1
         self.draws = <const Draw *> memory_of(draws)
@@ -223,9 +225,9 @@ cdef class Rows:
         )
 
     def begin(self, rows, uniforms, fixed):
-        """Begin an episode in each of `rows` (k, int64), with `uniforms` (k, UNIFORMS) and what is `fixed` (k,), RECORD.
+        """Begin an episode in each of `rows` (k, int64), with `uniforms` (k, UNIFORMS).
 
-        What is fixed is nan where it is drawn from what the row's task says.
+        Numbers that are not nan in `fixed` (k,), RECORD, are not drawn.
         """
         cdef const int64_t *places = <const int64_t *> memory_of(rows)
         cdef const double *uniform = <const double *> memory_of(uniforms)
@@ -245,7 +247,7 @@ cdef class Rows:
                 begin_episode(&row, &self.laws[places[k] * self.each_law], drawn)
 
     def step(self, actions, skip, int64_t first, int64_t last):
-        """Play a control step in rows `first` to `last` with `actions` (size, n), but where `skip` (size,) is set."""
+        """Play a control step with `actions` (size, n) in the rows `first` to `last` that are not in `skip` (size,)."""
         cdef const double *action = <const double *> memory_of(actions)
         cdef const uint8_t *skipped = <const uint8_t *> memory_of(skip)
         cdef Run run
@@ -260,10 +262,4 @@ cdef class Rows:
                 row = self.row(i)
                 run.law = &self.laws[i * self.each_law]
                 run.recorder.trace = self.recorder.trace + i * self.recorder.trace_rows
-                run.contact = contact_of(
-                    row.episode.drawn.contact_stiffness, row.episode.damping, 1.5, 1.5, row.task.reference_velocity
-                )
-                run.object_mass, run.ground = row.episode.drawn.object_mass, STANDARD_GRAVITY * row.episode.drawn.friction
-                run.threshold, run.tolerance = row.episode.drawn.alarm_threshold, row.task.tolerance
-                run.tell_touch = row.task.operator_kind != NO_OPERATOR
-                self.rewards[i] = play_step(&run, &row, &action[self.commands * i])
+                self.rewards[i] = play_step(&run, &row, &action[self.action_size * i])

@@ -13,7 +13,7 @@ from impact_gym.motion import Trapezoid
 from impact_gym.quantities import QUANTITIES
 from impact_gym.scene import Scene, flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
-from impact_gym.task.paths import flatten, parts, replaced
+from impact_gym.task.nested import flatten, parts, replaced
 from impact_gym.threads import cores, over_rows
 from impact_gym.validation import array, one_of, whole
 

@@ -23,7 +23,7 @@ import tyro
 from pages import chromium, opened
 
 from experiments.command import COMMANDS
-from impact_gym.task.task import arguments
+from impact_gym.task.task import ARGUMENTS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -157,7 +157,7 @@ def test_site_builds_is_whole_and_finds_what_is_searched_for_without_a_network(t
         text = page.read_text()
         assert "<!-- generated:" not in text, page
         assert 'class="arithmatex"' not in text, page
-    assert all(f"<code>{name}</code>" in (site / "environment.html").read_text() for name in arguments())
+    assert all(f"<code>{name}</code>" in (site / "environment.html").read_text() for name in ARGUMENTS)
     with chromium() as browser:
         page, problems = opened(browser, site / "physics" / "contact.html")
         page.locator(".md-search__input").press_sequentially("solref")

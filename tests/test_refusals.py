@@ -20,7 +20,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import tomli_w
-from episodes import ID, Always, assert_identical, begin
+from episodes import ID, Always, assert_identical, begin, encode
 from policies import made_up_policy
 from quick_log import FLAT, FORCE, NOISE, SCENE, TIME, put
 from recorder import MOTION, SCENE_FILE, write_log
@@ -28,7 +28,7 @@ from training import tiny
 
 import impact_gym as ig
 from agents import archive, load_policy, load_setup
-from agents.baselines import encode, load_baseline
+from agents.baselines import load_baseline
 from agents.policies import Ensemble, Policy
 from agents.policies.policy import FORMAT
 from agents.setups import feasible

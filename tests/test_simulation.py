@@ -19,7 +19,7 @@ import impact_gym as ig
 from impact_gym.fidelity import advise
 from impact_gym.lowering import STATUS_MESSAGES
 from impact_gym.quantities import BY_PATH
-from impact_gym.task import paths
+from impact_gym.task import nested
 
 ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 SPRING = ig.SpringDamper(150.0)
@@ -150,12 +150,12 @@ FITTED = "coupling.free_length", "coupling.height", "coupling.front_stop", "coup
 def extreme_cases(draw):
     """An approach with some numbers anywhere within their limits, mostly at their ends, and its duration."""
     chain = scene(coupling=draw(st.sampled_from([*COUPLINGS.values()])), robot=draw(st.sampled_from([None, ROBOT])))
-    records = {**paths.parts(chain), "motion": ig.Trapezoid(1.0, 8.0, ig.Brake(deceleration=5.0))}
-    free = sorted({*paths.flatten(records)} - {*FITTED, "contact.damping_exponent"})
+    records = {**nested.parts(chain), "motion": ig.Trapezoid(1.0, 8.0, ig.Brake(deceleration=5.0))}
+    free = sorted({*nested.flatten(records)} - {*FITTED, "contact.damping_exponent"})
     for path in draw(st.lists(st.sampled_from(free), min_size=1, max_size=5, unique=True)):
         low, high = max(BY_PATH[path].limits.at_least, 1e-12), BY_PATH[path].limits.at_most
         between = st.floats(math.log(low), math.log(high)).map(lambda power: float(math.exp(power)))
-        records = paths.replaced(records, {path: min(max(draw(st.sampled_from([low, high]) | between), low), high)})
+        records = nested.replaced(records, {path: min(max(draw(st.sampled_from([low, high]) | between), low), high)})
     motion, distance = records.pop("motion"), records["object"].distance
     there = distance / motion.speed + math.sqrt(2 * distance / motion.acceleration)
     return ig.Scene(**records), motion, min(2.0 * there + 1.0, 1e12)

@@ -4,11 +4,11 @@ from agents.baselines.constant import ConstantGain, ConstantSpeed, LocalBrake, O
 from agents.baselines.detector import DetectorProfile, DetectorRanged
 from agents.baselines.profile import BlindProfile, Clairvoyant, Ranged, RangedProfile
 from agents.baselines.random import RandomActions
-from agents.baselines.rule import Rule, encode
+from agents.baselines.rule import Rule
 from agents.baselines.tuned import load_baseline
 
 __all__ = [
     "BlindProfile", "Clairvoyant", "ConstantGain", "ConstantSpeed", "DetectorProfile", "DetectorRanged",
-    "LocalBrake", "OperatorAlone", "PaperTrapezoid", "RandomActions", "Ranged", "RangedProfile", "Rule", "encode",
+    "LocalBrake", "OperatorAlone", "PaperTrapezoid", "RandomActions", "Ranged", "RangedProfile", "Rule",
     "load_baseline",
 ]  # fmt: skip

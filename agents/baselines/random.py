@@ -7,24 +7,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policies import Controller
-from impact_gym.task import Task
+from impact_gym.task import ActionSpec, Task
 
 
 class RandomActions:
-    """Draw every action, of so many numbers, evenly from the action space."""
+    """Draw every action evenly from the action space of a task."""
 
-    def __init__(self, seed: int = 0, actions: int = 2) -> None:
-        self._rng, self._actions = np.random.default_rng(seed), actions
+    def __init__(self, seed: int = 0, task: Task | None = None) -> None:
+        """Make one; `seed` is that of the draws, and the task that of `ImpactApproach-v0` unless one is given."""
+        self._rng, self._size = np.random.default_rng(seed), len(ActionSpec(task or Task()))
 
     def for_environment(self, environment: Mapping[str, Any]) -> "RandomActions":
         """Return one for an environment with these arguments, from the first draw on."""
-        return RandomActions(actions=len(Task(**environment).actions))
+        return RandomActions(task=Task(**environment))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], Any]:
         """Return an action (k,), or the actions (n, k) of a batch."""
-        return self._rng.uniform(-1.0, 1.0, (*np.shape(observation)[:-1], self._actions)).astype(np.float32), state
+        return self._rng.uniform(-1.0, 1.0, (*np.shape(observation)[:-1], self._size)).astype(np.float32), state
 
 
 class Jittery:

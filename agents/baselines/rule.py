@@ -12,9 +12,8 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_gym.task import ObservationSpec, ScenarioRanges, Task
-from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
-from impact_gym.validation import Range, WrongTypeError, number
+from impact_gym.task import ActionSpec, ObservationSpec, ScenarioRanges, Task
+from impact_gym.validation import WrongTypeError, number
 
 Floats = NDArray[np.float64]
 
@@ -141,7 +140,7 @@ class Rule:
         view, state = self.see(View(observation, self.spec), state, episode_start)
         velocity, acceleration = self.command(view)
         if self.task.operator is None:
-            return encode(velocity, acceleration, self.task.velocity_range, self.task.acceleration_range), state
+            return ActionSpec(self.task).encode(velocity, acceleration), state
         return self._assist(view["command"], np.asarray(velocity), acceleration), state
 
     def _assist(self, command: Floats, velocity: Floats, acceleration: ArrayLike) -> NDArray[np.float32]:
@@ -151,9 +150,7 @@ class Rule:
         """
         fast = np.maximum(np.abs(command), SLOWEST)
         wanted = np.clip(velocity / fast, 0.0, 1.0), acceleration, np.maximum(-velocity, 0.0)
-        low, high = np.array([(action.low, action.high) for action in self.task.actions]).T
-        share = (np.stack(np.broadcast_arrays(*wanted), axis=-1) - low) / (high - low)
-        return np.clip(2.0 * share - 1.0, -1.0, 1.0).astype(np.float32)
+        return np.clip(ActionSpec(self.task).encode(*wanted), -1.0, 1.0)
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
         """Return what the command follows from, and what is remembered of it: nothing, unless a rule says so."""
@@ -162,18 +159,6 @@ class Rule:
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the velocity (m/s) to go to and the acceleration (m/s^2) to use for it."""
         raise NotImplementedError
-
-
-def encode(
-    velocity: ArrayLike,
-    acceleration: ArrayLike,
-    velocity_range: Range = VELOCITY_RANGE,
-    acceleration_range: Range = ACCELERATION_RANGE,
-) -> NDArray[np.float32]:
-    """Return the action (..., 2) for `velocity` (m/s) at `acceleration` (m/s^2), given what it is mapped to."""
-    low, high = np.array([velocity_range, acceleration_range]).T
-    command = np.stack(np.broadcast_arrays(velocity, acceleration), axis=-1)
-    return (2.0 * (command - low) / (high - low) - 1.0).astype(np.float32)
 
 
 def interpolate(knots: Floats, values: Floats, at: Floats) -> Floats:

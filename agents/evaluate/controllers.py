@@ -76,8 +76,8 @@ KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
 """How to make a controller of what a description says and a time weight, m/s per s."""
 
 
-def try_out(name: str, controller: Controller, observations: NDArray[np.float32], numbers: int = 2) -> None:
-    """Ask a controller once for a batch of observations (n, n_obs), as evaluation will; `numbers` are an action's.
+def try_out(name: str, controller: Controller, observations: NDArray[np.float32], action_size: int) -> None:
+    """Ask a controller once for a batch of observations (n, n_obs), as evaluation will; an action has so many numbers.
 
     Raises:
         ValueError: it fails, or what it returns are no n actions; names it.
@@ -88,5 +88,5 @@ def try_out(name: str, controller: Controller, observations: NDArray[np.float32]
         actions = np.asarray(actions, np.float64)
     except Exception as error:
         raise ValueError(f"{name!r} cannot be asked for a batch of observations: {error!r}") from error
-    if actions.shape != (shape := (len(observations), numbers)) or not np.isfinite(actions).all():
+    if actions.shape != (shape := (len(observations), action_size)) or not np.isfinite(actions).all():
         raise ValueError(f"{name!r} must return actions {shape}, finite; got {actions!r}")

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from agents.policies import Controller, Policy
 from impact_gym import quantities
-from impact_gym.envs.batch import Batch, ToolMotion
+from impact_gym.envs.batch import Batch, Bodies
 from impact_gym.envs.infos import LINKED, SLIDE
 from impact_gym.simulation import MAX_STEPS
 from impact_gym.task import Task, evaluation_sets
@@ -107,7 +107,7 @@ class ScenarioBatch:
         self,
         controller: Controller,
         record: Mapping[str, ArrayLike] | None = None,
-        watch: Callable[[ToolMotion], None] | None = None,
+        watch: Callable[[Bodies], None] | None = None,
     ) -> Episodes:
         """Play every row to its end.
 
@@ -129,16 +129,16 @@ class ScenarioBatch:
             controller.warn_if_elsewhere(batch.tasks[0])
         batch.begin_seeded(self.seed, {**self._fixed, **(record or {})}, self._copies)
         start, state = np.ones(batch.size, np.bool_), None
-        actions = np.zeros((batch.size, batch.commanded))
+        actions = np.zeros((batch.size, len(batch.action_spec)))
         while not (ended := batch.ended).all():
             if watch is not None:
-                watch(batch.tool_motion())
+                watch(batch.bodies())
             if isinstance(controller, Policy):  # it remembers nothing: rows that have ended need no action
                 actions[~ended], _ = controller.predict(batch.observations[~ended])
             else:
                 seen = batch.observations.copy()
                 actions, state = controller.predict(seen, state=state, episode_start=start, deterministic=True)
-            batch.step(batch.commands(actions, (batch.size, batch.commanded)), ended)
+            batch.step(actions, ended)
             start = np.zeros(batch.size, np.bool_)
         info = batch.info()
         failed = info["status"] != "ok"

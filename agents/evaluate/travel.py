@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.envs.batch import ToolMotion
+from impact_gym.envs.batch import Bodies
 
 Floats = NDArray[np.float64]
 WITHIN_STEP = (0.25, 0.5, 0.75, 1.0)
@@ -16,9 +16,9 @@ class Travel:
     def __init__(self, rows: int) -> None:
         self.deflection, self.stroke = np.zeros(rows), np.zeros(rows)
         self._rest: Floats = np.zeros(rows)
-        self._before: ToolMotion | None = None
+        self._before: Bodies | None = None
 
-    def __call__(self, now: ToolMotion) -> None:
+    def __call__(self, now: Bodies) -> None:
         """Take in the present motion of the tools; see `ScenarioBatch.play`."""
         before, self._before = self._before, now
         if before is None:

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from agents.policies.policy import Policy
 from impact_gym.files import write_file
-from impact_gym.task import ObservationSpec, Task
+from impact_gym.task import ActionSpec, ObservationSpec, Task
+from impact_gym.task.action import RESOLUTION
 from impact_gym.task.observation import Entry
-from impact_gym.task.steering import FADE
-from impact_gym.task.task import COMMAND_RESOLUTION
+from impact_gym.teleop.checks import FADE
 
 CLOCK = 1e-9  # s, within which times are the same
 C_ACTIVATIONS = {"tanh": "tanhf((float)sum)", "relu": "sum > 0.0 ? (float)sum : 0.0f", "none": "(float)sum"}
@@ -43,7 +43,7 @@ def header(policy: Policy, name: str) -> str:
     return c_text(
         "controller.h.jinja",
         policy=policy,
-        actions=task.actions,
+        actions=ActionSpec(task).entries,
         name=name,
         task=task,
         network=network,
@@ -51,7 +51,7 @@ def header(policy: Policy, name: str) -> str:
         widest=max(max(layer.weight.shape) for layer in layers),
         activations={activation: C_ACTIVATIONS[activation] for activation in used},
         controlled=has_controller(policy),
-        resolution=COMMAND_RESOLUTION,
+        resolution=RESOLUTION,
         fade=FADE,
         clock=CLOCK,
         fields=spec.sensors,

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from agents.export.c_header import c_text, has_controller, identifier
 from agents.policies.policy import Policy
 from impact_gym.envs.batch import Batch
-from impact_gym.task import Task
-from impact_gym.task.task import COMMAND_RESOLUTION
+from impact_gym.task import ActionSpec, Task
 
 Floats = NDArray[np.float64]
 SEED = 7_000_000  # of the episodes
@@ -45,19 +44,18 @@ def logged(policy: Policy, episodes: int) -> Log:
     """Play episodes of the policy's own environment."""
     task = Task(**policy.environment)
     batch = Batch(episodes, task)
-    batch.draw_and_begin(np.arange(episodes), [np.random.default_rng(SEED)] * episodes)
-    low, high = np.array([(action.low, action.high) for action in task.actions]).T
+    batch.begin(np.arange(episodes), [np.random.default_rng(SEED)] * episodes)
+    spec = ActionSpec(task)
     steps, sensors, commands, late = np.zeros(episodes, np.int64), [], [], []
     while not (ended := batch.ended).all():
         now = batch.sensors()
         sensors.append(np.stack(list(now.values()), axis=-1))
         actions, _ = policy.predict(batch.observations)
-        share = 0.5 * (np.clip(actions.astype(np.float64), -1.0, 1.0) + 1.0)
-        command = np.rint((low + share * (high - low)) / COMMAND_RESOLUTION) * COMMAND_RESOLUTION
+        command = spec.decode(actions)
         steps += ~ended
-        begun = np.where(batch.links["silent"], 0.0, now["command"]) if task.operator else np.zeros(episodes)
+        begun = np.where(batch.links["expired"], 0.0, now["command"]) if task.operator else np.zeros(episodes)
         obeyed = begun
-        batch.step(batch.commands(actions, (episodes, policy.actions)), ended)
+        batch.step(actions, ended)
         if task.operator:
             obeyed, executed = (batch.link_columns()[name][:, 0] for name in ("teleop_action", "intervene_action"))
             stop = np.where(obeyed == 0.0, task.acceleration_range[1], command[:, 1])
@@ -79,7 +77,7 @@ def compiled(policy: Policy, header: Path, folder: Path, *how: str, language: st
     task = Task(**policy.environment)
     names = {"name": identifier(header.stem), "controlled": has_controller(policy), "operator": task.operator}
     source = c_text("program.c.jinja", **names, fields=len(policy.spec.sensors), inputs=policy.inputs,
-                    actions=task.actions)  # fmt: skip
+                    actions=ActionSpec(task).entries)  # fmt: skip
     library = folder / f"policy-{language}{''.join(how)}.so"
     flags = [*LANGUAGES[language], "-O2", "-ffp-contract=off", *WARNINGS, *how, "-fPIC", "-"]
     included = ["-D_POSIX_C_SOURCE=199309L", "-include", str(header.resolve())]

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from agents import archive
 from agents.policies.networks import Network, from_arrays, to_arrays
 from impact_gym.files import named_file, reason
-from impact_gym.task import ObservationSpec, Task
-from impact_gym.task.steering import without_files
-from impact_gym.task.task import arguments
+from impact_gym.task import ActionSpec, ObservationSpec, Task
+from impact_gym.task.task import ARGUMENTS
+from impact_gym.teleop.checks import without_files
 from impact_gym.validation import array, shown, whole
 
 SHIPPED = Path(__file__).parent
@@ -53,7 +53,7 @@ class Policy:
         """
         self.network, self.environment, self.provenance = network, dict(environment), dict(provenance)
         task = Task(**environment)
-        self.spec, self.inputs, self.actions = ObservationSpec(task), network.inputs, len(task.actions)
+        self.spec, self.inputs, self.actions = ObservationSpec(task), network.inputs, len(ActionSpec(task))
         if self.inputs != len(self.spec):
             raise ValueError(f"the network takes {self.inputs} numbers, the environment shows {len(self.spec)}")
         if network.mean.outputs != self.actions:
@@ -90,7 +90,7 @@ class Policy:
     def differs_in(self, task: Task) -> list[str]:
         """Return the arguments in which a task is another than the one that the policy was trained for."""
         own = Task(**self.environment)
-        names = arguments().keys() - {*MAY_DIFFER}
+        names = ARGUMENTS.keys() - {*MAY_DIFFER}
         other = {name for name in names if getattr(own, name) != getattr(task, name)}
         ranges = {name for name in {*own.drawn, *task.drawn} if own.drawn.get(name) != task.drawn.get(name)}
         return sorted(other | {name.partition(".")[0] for name in ranges})
@@ -186,7 +186,8 @@ def observation_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def action_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return what the action's numbers in [-1, 1] are mapped to."""
-    return [dict(zip(("id", "unit", "low", "high"), action, strict=False)) for action in Task(**environment).actions]
+    fields, entries = ("id", "unit", "low", "high"), ActionSpec(Task(**environment)).entries
+    return [{name: getattr(entry, name) for name in fields} for entry in entries]
 
 
 def load_ensemble(name: str | Path) -> Ensemble:

@@ -8,14 +8,13 @@ from typing import Any
 
 from agents.setups.keys import known, table, within
 from impact_gym.task import Task, evaluation_sets
-from impact_gym.task.arguments import changed, flat
-from impact_gym.task.task import arguments
+from impact_gym.task.task import ARGUMENTS
 from impact_gym.validation import distinct, number, numbers, whole
 
 WEIGHTS = (0.7, 1.0, 2.0, 4.0)  # m/s per s
 RESERVED = ("time_weight", "privileged", "max_episode_steps")
 """Arguments of the environment that training and evaluation see to."""
-SET_UP_ARGUMENTS = tuple(name for name in arguments() if name not in RESERVED)
+SET_UP_ARGUMENTS = tuple(name for name in ARGUMENTS if name not in RESERVED)
 """Those that say what an environment is, not what it is used for."""
 AS_TRAINED = "as trained"
 
@@ -130,7 +129,8 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
                 _ = same or evaluation_sets.load(scenarios)  # raises where there is none
             yield Change(name, scenarios, math.nan, False, environment, "" if same else scenarios, same)
         return
-    given = {path: value for path, value in flat(environment).items() if path.partition(".")[0] in SET_UP_ARGUMENTS}
+    task = Task(**environment)
+    given = {path: value for path, value in task.by_path().items() if path.partition(".")[0] in SET_UP_ARGUMENTS}
     if strict:
         known("evaluation.varied.", [name], ["scenario", *given, *MAY_BE_NONE])
     if given.get(name) is None and name not in MAY_BE_NONE:
@@ -139,14 +139,13 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
         try:
             with within(where), warnings.catch_warnings(action="ignore", category=UserWarning):  # meant to be hard
                 other = _multiple(given[name], value) if multiples else _argument(value)
-                varied = changed(environment, {name: other})
-                same = Task(**varied) == Task(**environment)
+                varied = task.changed({name: other})
         except ValueError:
             if strict:
                 raise
             continue
         size = float(value) if isinstance(value, (int, float)) else math.nan
-        yield Change(name, _label(value), size, multiples, varied, same=same)
+        yield Change(name, _label(value), size, multiples, varied.arguments(), same=varied == task)
 
 
 def _argument(value: Any) -> Any:

@@ -15,9 +15,9 @@ from agents.setups.evaluation import SET_UP_ARGUMENTS, Evaluation
 from agents.setups.keys import known, names, table, text, within
 from agents.setups.training import Training
 from impact_gym.files import named_file, parsed
-from impact_gym.operators import columns_of
 from impact_gym.task import ObservationSpec, Task
-from impact_gym.task.steering import WAYS
+from impact_gym.teleop.channels import columns_of
+from impact_gym.teleop.checks import WAYS
 from impact_gym.validation import flag, identifier, number, one_of, whole
 
 SHIPPED = Path(__file__).resolve().parent

@@ -15,7 +15,7 @@ from torch.nn.functional import mse_loss
 
 from agents.baselines.tuned import FIXED, read_tuned, tuned_rule
 from agents.setups import Setup
-from impact_gym.task import ObservationSpec, Task
+from impact_gym.task import ActionSpec, ObservationSpec, Task
 
 
 class Teacher:
@@ -38,7 +38,7 @@ class Teacher:
         self.rules, self.means = [rule.for_environment(setup.environment) for rule in rules], np.array(means)
         played = [{}, *(changes for _, changes in setup.mixed)]
         tasks = [Task(**{**setup.environment, **changes, "privileged": True}) for changes in played]
-        self.spec = ObservationSpec.of_rows(tasks)
+        self.spec, self.action_size = ObservationSpec.of_rows(tasks), len(ActionSpec(tasks[0]))
 
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
         """Return its actions (steps, envs, n) at privileged `observations` (steps, envs, n_obs), step by step.
@@ -54,7 +54,7 @@ class Teacher:
             observations[..., spec.index("time_since_alarm")] = touched
         velocity, time = self.means.T  # on the validation set
         best = (velocity + time_weight[..., None] * time).argmin(axis=-1)
-        chosen = np.zeros((*best.shape, len(self.rules[0].task.actions)), np.float32)
+        chosen = np.zeros((*best.shape, self.action_size), np.float32)
         for place, rule in enumerate(self.rules):
             state = None
             for step, (seen, start) in enumerate(zip(observations, episode_starts, strict=True)):

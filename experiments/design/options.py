@@ -18,7 +18,6 @@ from experiments.design.search import CONTACT, MARGIN, Candidate, SearchBudget
 from experiments.design.variables import SearchVariable, as_built, search_variables, searched_environment
 from impact_gym.files import parsed, write_file
 from impact_gym.task import Task
-from impact_gym.task.arguments import changed
 from impact_gym.validation import distinct, identifier, number, whole
 
 PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"
@@ -116,7 +115,7 @@ class DesignOptions:
 
     def built(self, design: Mapping[str, float]) -> dict[str, Any]:
         """Return the environment of a design as a search meets it, each number off by a share in each episode."""
-        return changed(self.arm.environment, as_built(design, MARGIN * self.search.tolerance))
+        return Task(**self.arm.environment).changed(as_built(design, MARGIN * self.search.tolerance)).arguments()
 
 
 def with_papers_spring(environment: Mapping[str, Any]) -> dict[str, Any]:
@@ -138,7 +137,7 @@ def write_setup(path: Path, setup: Setup, candidate: Candidate, command: str) ->
     With a pad the contact's ranges are those that the pad leaves of them; see DRAWN.
     """
     content = parsed(setup.path, "TOML", tomllib.loads)
-    environment = changed(setup.environment, candidate.design)
+    environment = Task(**setup.environment).changed(candidate.design).arguments()
     if candidate.pad:
         environment["scenario"] = _on_pad(environment, candidate.pad)
     about = "; ".join(f"{name} {value:.4g}" for name, value in candidate.design.items())

@@ -22,7 +22,6 @@ from experiments.design.pads import Pad, on_pad, pad_of
 from experiments.design.variables import SearchVariable, as_built
 from impact_gym.scene import Bistable
 from impact_gym.task import Task
-from impact_gym.task.arguments import changed
 from impact_gym.validation import number, whole
 
 RTOL = 1e-5  # of the simulation while searching: V_p is within 1e-6 m/s
@@ -61,7 +60,7 @@ class Candidate:
 
     def built(self, tolerance: float) -> dict[str, Any]:
         """Return the environment with the design, each number of it off by a share in each episode."""
-        return changed(self.environment, as_built(self.design, tolerance))
+        return Task(**self.environment).changed(as_built(self.design, tolerance)).arguments()
 
     def contact(self, stage: ScenarioBatch) -> dict[str, Floats]:
         """Return the contact of each scenario with the pad between tool and object; nothing without one.

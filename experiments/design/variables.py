@@ -14,7 +14,6 @@ from agents.setups.keys import known, within
 from impact_gym.quantities import QUANTITIES
 from impact_gym.scene import SpringDamper
 from impact_gym.task import Task
-from impact_gym.task.arguments import changed
 from impact_gym.validation import number
 
 WIDE = 10.0
@@ -95,8 +94,7 @@ def searched_environment(setup: Setup, variables: Sequence[SearchVariable], defl
         ValueError: an end of a range is no coupling; or no design in them holds the tool, within `deflection` (m).
     """
     with within("--free"):
-        environment = changed(setup.environment, {each.name: [each.low, each.high] for each in variables})
-        task = Task(**environment)
+        task = Task(**setup.environment).changed({each.name: [each.low, each.high] for each in variables})
         warnings(task)
         springs = [corner for corner in corners(task) if isinstance(corner.coupling, SpringDamper)]
         # in equilibrium the tool stays behind by m a / k
@@ -105,4 +103,4 @@ def searched_environment(setup: Setup, variables: Sequence[SearchVariable], defl
             raise ValueError(f"no design in these ranges holds the tool within {1e3 * deflection:g} mm: even at "
                              f"{task.acceleration_range[0]:g} m/s^2, the least that the arm makes, the stiffest lets "
                              f"it lag {1e3 * lag:.3g} mm behind")  # fmt: skip
-    return environment
+    return task.arguments()

@@ -24,7 +24,7 @@ from experiments.lab.player.films import radius_of
 from experiments.play import contest, try_files
 from experiments.play.assistance import PERIOD, PERSON
 from experiments.play.tries import Live, Try
-from impact_gym.operators import CUT
+from impact_gym.teleop.channels import CUT
 
 STOPPED = "the server was stopped"
 SILENT = 0.25  # s without a message, after which the velocity is 0

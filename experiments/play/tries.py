@@ -45,7 +45,7 @@ class Try:
 
 def advance(batch: Batch, action: ArrayLike) -> None:
     """Play a control step of the one episode in a batch."""
-    batch.step(batch.commands(np.array(action), (batch.commanded,)), _ALL)
+    batch.step(action, _ALL, (len(batch.action_spec),))
 
 
 def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task]:
@@ -149,7 +149,7 @@ class Live:
         """
         tick = self.next_tick
         if self.person:
-            self.batch.command(velocity)
+            self.batch.set_operator_velocity(velocity)
         advance(self.batch, self._action)
         self.kept.actions.append(self._action.tolist())
         self.kept.late.append(round(late, 5))

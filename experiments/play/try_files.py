@@ -9,7 +9,7 @@ from typing import Any
 from experiments.play.assistance import NAMES, PERIOD, SLIDERS
 from experiments.play.tries import Live, Try
 from impact_gym.files import parsed, write_file
-from impact_gym.operators import KINDS
+from impact_gym.teleop.operators import KINDS
 from impact_gym.validation import choice, number, numbers, one_of
 
 RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "taken", "missed"

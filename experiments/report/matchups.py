@@ -21,7 +21,7 @@ from agents.jobs import digest_of
 from agents.policies import Policy, load_ensemble, load_policy
 from agents.setups import TUNED, Setup, load_setup, same_environment, shipped, shipped_baselines
 from agents.setups.evaluation import Change, Evaluation, variants
-from impact_gym.task import ObservationSpec, Task
+from impact_gym.task import ActionSpec, ObservationSpec, Task
 from impact_gym.validation import identifier, nearest
 
 PAPER = "paper's rule"
@@ -261,6 +261,6 @@ def baselines(
             raise ValueError(f"{known} (one of your own is named module:object)")
         else:
             controller = controller_of({"object": name}, typical)
-            try_out(name, controller, observations, len(task.actions))  # raises now, not in a worker
+            try_out(name, controller, observations, len(ActionSpec(task)))  # raises now, not in a worker
             contestants.append(Contestant(name, {"object": name}, (typical,), digest_of(name.partition(":")[0])))
     return tuple(contestants)

@@ -24,7 +24,7 @@ from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.player import films, fragment
 from experiments.lab.statistics import Estimate, Floats, Resamples, along, estimate
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
-from impact_gym.operators import FIFTH_GENERATION
+from impact_gym.teleop.channels import FIFTH_GENERATION
 
 COUPLINGS = ("rigid", "spring", "bistable")
 DELAYS, TYPICAL = (0.0, 0.05, 0.1, 0.2, 0.4), 0.2  # s, there and back
@@ -328,7 +328,7 @@ listed(found),
     return Findings(answer(held_out), sections, {"cells": pl.DataFrame(found, infer_schema_length=None)})
 
 
-PLAYED = (*grid.PLAYED, "agents.setups", "impact_gym.operators")
+PLAYED = (*grid.PLAYED, "agents.setups", "impact_gym.teleop")
 STUDY = Study(
     "teleop",
     "Which assistance helps an operator who acts late?",

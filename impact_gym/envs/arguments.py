@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import ParamSpec
 
-from impact_gym.task.task import arguments
+from impact_gym.task.task import ARGUMENTS
 from impact_gym.validation import WrongTypeError, shown
 
 P = ParamSpec("P")
@@ -23,7 +23,7 @@ def with_task_arguments(**without: str) -> Callable[[Callable[P, None]], Callabl
         parameters = [p for p in own.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
         task = [
             inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=item.default, annotation=item.type)
-            for name, item in arguments().items()
+            for name, item in ARGUMENTS.items()
             if name not in without
         ]
         names = {parameter.name for parameter in (*parameters, *task)} - {"self"}
@@ -34,7 +34,7 @@ def with_task_arguments(**without: str) -> Callable[[Callable[P, None]], Callabl
                 if name in without:
                     raise WrongTypeError(f"{name} {without[name]}")
                 if name not in names:
-                    known = [name for name in (*arguments(), *own.parameters) if name in names]
+                    known = [name for name in (*ARGUMENTS, *own.parameters) if name in names]
                     raise WrongTypeError(f"unknown argument {shown(name)}; allowed are {', '.join(known)}")
             constructor(*given, **options)
 

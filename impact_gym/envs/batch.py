@@ -1,4 +1,4 @@
-"""The batch behind every front end: arrays of rows and the kernels that move them."""
+"""The batch behind every front end: arrays with a row for each environment, and the compiled steps."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -7,16 +7,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym import kernels
-from impact_gym.envs.infos import Infos, command_columns
+from impact_gym.envs.infos import Infos
 from impact_gym.envs.state import check, taken
-from impact_gym.operators import Person
 from impact_gym.scene import flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, Trace
-from impact_gym.task.episodes import first_uniforms, fix, free_records
+from impact_gym.task.action import ActionSpec
+from impact_gym.task.episodes import first_uniforms, records_with
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
-from impact_gym.task.steering import packets_under_way
 from impact_gym.task.task import PLACES, Task
+from impact_gym.teleop.checks import packets_under_way
+from impact_gym.teleop.operators import Person
 from impact_gym.threads import cores, over_rows
 from impact_gym.validation import array, fits_memory, number, one_of, whole
 
@@ -25,30 +26,33 @@ ROWS_PER_THREAD = 256
 
 _STATE = ("draws", "laws", "chains", "episodes", "readings", "links", "packets", "observations", "rewards", "traces")
 TRACE_INTERVAL = 1e-3  # s, between points of a trace in flight
-_SPARE = 4  # readings beyond those under way: some are taken before the oldest is due
+INTERVENTION = 1e-3  # m/s, by which a command is changed at the least where the assistance intervenes
+_SPARE = 4  # readings beyond those in transit: some are taken before the oldest is due
 
 
-class ToolMotion(NamedTuple):
-    """How tools move against their flanges, (rows,) each."""
+class Bodies(NamedTuple):
+    """Where flanges, tools and objects are, and whether an object has been touched, (rows,) each."""
 
     time: NDArray[np.float64]  # s
-    deflection: NDArray[np.float64]  # m
+    flange: NDArray[np.float64]  # m
+    tool: NDArray[np.float64]  # m
+    object: NDArray[np.float64]  # m
+    deflection: NDArray[np.float64]  # m, of the tool against its flange
     deflection_rate: NDArray[np.float64]  # m/s
     touched: NDArray[np.bool_]
 
 
-class Bodies(NamedTuple):
-    """Where flanges, tools and objects are (m), and whether an object has been touched, (rows,) each."""
+class EpisodeState(NamedTuple):
+    """Times of the alarm and the end of an episode, s; inf for an event that has not come."""
 
-    time: NDArray[np.float64]  # s
-    flange: NDArray[np.float64]
-    tool: NDArray[np.float64]
-    object: NDArray[np.float64]
-    touched: NDArray[np.bool_]
+    detection: float  # contact force first above the threshold
+    alarm: float  # last alarm at the controller; an alarm by a switch is known while it is in transit
+    alarm_over: float  # end of that alarm; inf with an alarm by a switch, which stays on
+    end: float  # end of the last control step; later parts of the trace are the settling
 
 
 class Batch:
-    """`size` environments, each a row that no other row can touch.
+    """`size` independent environments, each a row of arrays.
 
     The results of a row do not depend on the size of the batch, on its place in it or on the number of threads.
     """
@@ -61,10 +65,10 @@ class Batch:
 
         Args:
             size: how many rows.
-            task: of all rows, or one for each: these may differ in tool, coupling, robot, alarm threshold, noise,
-                scenarios and whatever else does not change what is observed.
+            task: of all rows, or one for each: these may differ in everything that does not change the observation,
+                such as tool, coupling, robot, alarm threshold, noise and scenarios.
             threads: how many to use, None for all cores; changes no result.
-            trace_points: how many are kept of the time histories of each row's episode.
+            trace_points: number of points kept of the time histories of each row.
             max_steps: integration steps after which the solver gives up an episode.
 
         Raises:
@@ -78,8 +82,10 @@ class Batch:
         self.threads = cores() if threads is None else whole("threads", threads, at_least=1)
         self.max_steps = max_steps
         self.spec = ObservationSpec.of_rows(tasks)
-        slots = max(each.readings_under_way() for each in tasks) + _SPARE
-        packets, self.commanded = max(map(packets_under_way, tasks)), len(tasks[0].actions)
+        slots = (
+            max(int(kernels.readings_in_transit(each.longest_delay, each.control_period)) for each in tasks) + _SPARE
+        )
+        packets, self.action_spec = max(map(packets_under_way, tasks)), ActionSpec(tasks[0])
         linked = size if packets else 0
         each_row = kernels.CHAIN.itemsize + kernels.EPISODE.itemsize + slots * kernels.READING.itemsize
         each_row += packets * kernels.PACKET.itemsize + 4 * len(self.spec)
@@ -91,33 +97,32 @@ class Batch:
         self.observations = np.zeros((size, len(self.spec)), np.float32)
         self.rewards = np.zeros(size)
         self.traces = np.empty((size, trace_points), kernels.TRACE)
-        self._lower(tasks)
+        self._to_kernel(tasks)
         self._infos = Infos(tasks)
         self._with_tool = [flange_moves_with_tool(each.coupling, each.robot) for each in tasks]
         self._make_rows()
 
-    def _lower(self, tasks: Sequence[Task]) -> None:
-        """Write the tasks for the compiled program: rules, what is drawn, laws of what holds the tools, and tables."""
-        records, tables, numbers = [], [], 0
-        draws: list[tuple[Any, ...]] = []
+    def _to_kernel(self, tasks: Sequence[Task]) -> None:
+        """Write the tasks for the compiled program: records, draws, laws of the mounts, and tables."""
+        records, draws, tables, numbers = [], list[tuple[Any, ...]](), [], 0
         for task in tasks:
-            record, table = task.lowered(len(draws), numbers)
+            record, its_draws, table = task.to_kernel(len(draws), numbers)
             records.append(record)
-            draws += task.draws()
+            draws += its_draws
             tables.append(table)
             numbers += len(table)
-        self._lowered, self.draws = np.concatenate(records), np.array(draws, kernels.DRAW)
-        self._tables, self._entries = np.concatenate(tables), self.spec.lowered()
-        self.laws = kernels.laws_of(np.ascontiguousarray(self._lowered["mount"]))
-        if any(task.draws_mount for task in tasks):
+        self._tasks, self.draws = np.concatenate(records), np.array(draws, kernels.DRAW)
+        self._tables, self._entries = np.concatenate(tables), self.spec.to_kernel()
+        self.laws = kernels.laws_of(np.ascontiguousarray(self._tasks["mount"]))
+        if self._tasks["mount_drawn"].any():
             self.laws = np.resize(self.laws, self.size)
 
     def _make_rows(self) -> None:
         """Hand the arrays to the kernels."""
         draws, laws, *arrays, traces = (getattr(self, name) for name in _STATE)
         recorder = np.empty(0, kernels.CONTACT), traces, np.empty(0), TRACE_INTERVAL
-        shared = self._entries, recorder, self.max_steps, self.commanded
-        self._rows = kernels.Rows(self._lowered, draws, laws, self._tables, *arrays, *shared)
+        shared = self._entries, recorder, self.max_steps, len(self.action_spec)
+        self._rows = kernels.Rows(self._tasks, draws, laws, self._tables, *arrays, *shared)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_rows"}
@@ -138,61 +143,60 @@ class Batch:
             rows = self.draws["place"] == PLACES[name]
             self.draws["low"][rows], self.draws["high"][rows] = low, high
 
-    def begin(self, rows: NDArray[np.int64], uniforms: NDArray[np.float64], fixed: NDArray[Any]) -> None:
+    def begin(
+        self, rows: NDArray[np.int64], draws: NDArray[np.float64] | list[np.random.Generator],
+        fixed: NDArray[Any] | None = None,
+    ) -> None:  # fmt: skip
         """Begin an episode in each of `rows` (k,).
 
         Args:
             rows: which.
-            uniforms: numbers in [0, 1) that they draw with (k, UNIFORMS).
-            fixed: records (k,), nan where they draw, see `task.episodes`.
+            draws: uniform numbers in [0, 1) for each (k, UNIFORMS), or the generators of all rows, which give them.
+            fixed: records (k,), nan where the episode draws, see `task.episodes`; None: all is drawn.
         """
-        self._rows.begin(rows, np.ascontiguousarray(uniforms), fixed)
+        if isinstance(draws, list):
+            generators, draws = draws, np.empty((len(rows), kernels.UNIFORMS))
+            kernels.draw_uniforms(generators, rows, draws)
+        self._rows.begin(rows, np.ascontiguousarray(draws), records_with(len(rows), {}) if fixed is None else fixed)
 
     def begin_seeded(self, seed: int, fixed: Mapping[str, ArrayLike], copies: int = 1) -> None:
-        """Begin in row k the first episode of the seed `seed` + k, but for what is `fixed`: by id, for all or for each.
+        """Begin in row k the first episode of the seed `seed` + k.
 
-        With several `copies` the rows are that many times the same seeds.
+        What is `fixed`, by id and for all rows or for each, is not drawn. With several `copies` the same seeds come so
+        many times.
         """
         uniforms = np.tile(first_uniforms(seed, self.size // copies), (copies, 1))
-        self.begin(np.arange(self.size), uniforms, fix(free_records(self.size), fixed))
+        self.begin(np.arange(self.size), uniforms, records_with(self.size, fixed))
 
-    def draw_and_begin(
-        self, rows: NDArray[np.int64], generators: list[np.random.Generator], fixed: NDArray[Any] | None = None
-    ) -> None:
-        """Begin an episode in each of `rows` (k,), each with its own generator; `fixed` (k,) as in `begin`."""
-        uniforms = np.empty((len(rows), kernels.UNIFORMS))
-        kernels.draw_uniforms(generators, rows, uniforms)
-        self.begin(rows, uniforms, free_records(len(rows)) if fixed is None else fixed)
-
-    def step(self, actions: NDArray[Any], skip: NDArray[np.bool_]) -> None:
-        """Play a control step with `actions` (size, 2 or 3), of any float type, but where `skip` (size,) is set.
+    def step(self, actions: Any, skip: NDArray[np.bool_], shape: tuple[int, ...] | None = None) -> None:
+        """Play a control step with `actions`, but where `skip` (size,) is set.
 
         Leaves `observations`, `rewards` and the fields of `episodes` as they are after it.
+
+        Args:
+            actions: numbers in [-1, 1], clipped beyond, of any type; `action_spec` maps them to SI units.
+            skip: see above.
+            shape: that they must have; None: (size, n).
+
+        Raises:
+            TypeError, ValueError: not numbers, another shape, or not finite; nothing was stepped.
         """
-        commands = np.ascontiguousarray(actions, np.float64)
+        given = array("action", actions, shape or (self.size, len(self.action_spec)))
+        values = np.ascontiguousarray(given, np.float64).reshape(self.size, -1)
+        if not np.isfinite(values).all():
+            wrong = values[~np.isfinite(values).all(axis=1)][0]
+            raise ValueError(f"action must be finite (no unit), got {wrong}: nothing was moved")
 
         def run(first: int, last: int) -> None:
-            self._rows.step(commands, skip, first, last)
+            self._rows.step(values, skip, first, last)
 
         over_rows(run, self.size, self.threads, ROWS_PER_THREAD)
 
-    def commands(self, actions: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-        """Return `actions`, which must have `shape`, as an array (size, n), or raise before anything is stepped.
+    def set_operator_velocity(self, velocities: ArrayLike) -> None:
+        """Let the operators, each a `Person`, command `velocities` (m/s), one for all rows or (size,), from now on.
 
         Raises:
-            TypeError, ValueError: not numbers, another shape, or not finite.
-        """
-        commands = np.ascontiguousarray(array("action", actions, shape), np.float64).reshape(self.size, self.commanded)
-        if not np.isfinite(commands).all():
-            wrong = commands[~np.isfinite(commands).all(axis=1)][0]
-            raise ValueError(f"action must be finite (no unit), got {wrong}: nothing was moved")
-        return commands
-
-    def command(self, velocities: ArrayLike) -> None:
-        """Have a `Person` command `velocities` (m/s), one for all rows or (size,), from the next ticks on.
-
-        Raises:
-            TypeError, ValueError: somebody else commands, or not numbers that the arm can follow.
+            TypeError, ValueError: the operator is another one, or the arm cannot follow these numbers.
         """
         for task in self.tasks:
             one_of("operator", task.operator, Person)
@@ -200,38 +204,53 @@ class Batch:
         limits: Any = {"at_least": max(lows), "at_most": min(highs)}
         for velocity in np.atleast_1d(array("command", velocities)):
             number("command", velocity, "m/s", **limits)
-        self.links["given"] = velocities
+        self.links["person_command"] = velocities
 
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of all that `step` and `begin` go on from."""
+        """Return a copy of the whole state."""
         return {name: getattr(self, name).copy() for name in _STATE}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what `get_state` of a batch of this size and task returned, to the bit.
+        """Take over a state that `get_state` of a batch of this size and task returned; it goes on to the bit.
 
         Raises:
-            ValueError: an array is not one that this batch can come to; it is as it was then.
+            ValueError: this batch cannot reach that state; nothing was changed.
         """
         here = {name: getattr(self, name) for name in _STATE}
-        check(here, {name: taken(state, name, here[name]) for name in _STATE}, self._lowered, self.max_steps)
+        check(here, {name: taken(state, name, here[name]) for name in _STATE}, self._tasks, self.max_steps)
         for name in _STATE:
             getattr(self, name)[:] = state[name]
 
-    def info(self, row: int | None = None) -> dict[str, Any]:
-        """Return the entries of the final info as they stand: plain numbers of one row, or arrays (size,) of all."""
-        return self.info_columns(np.arange(self.size)) if row is None else self.infos(np.array([row]))[0]
+    def info(self, rows: int | NDArray[np.int64] | None = None) -> dict[str, Any]:
+        """Return the entries of the final info as they stand.
+
+        Plain numbers where `rows` is one row; else arrays (size,), blank in other rows than `rows` (None: all).
+        """
+        if isinstance(rows, int):
+            return self.infos(np.array([rows]))[0]
+        return self._infos.columns(self.episodes, self.chains, np.arange(self.size) if rows is None else rows)
 
     def infos(self, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
         """Return the info of each of `rows`."""
         return self._infos.infos(self.episodes, self.chains, rows)
 
-    def info_columns(self, rows: NDArray[np.int64]) -> dict[str, Any]:
-        """Return the infos of `rows` as arrays (size,), blank elsewhere."""
-        return self._infos.columns(self.episodes, self.chains, rows)
-
     def link_columns(self) -> dict[str, NDArray[Any]]:
-        """Return the entries of the info of every step, arrays (size, ...); none without an operator."""
-        return command_columns(self.episodes, self.links) if len(self.links) else {}
+        """Return the entries of the info of every step with an operator, arrays (size,) and (size, 1); else none.
+
+        `command` and its age are of the newest command that has arrived by the end of the step. The keys of
+        human-in-the-loop code are of the last velocity that the flange was sent to in the step (m/s): `teleop_action`
+        is the operator's, 0 where it was too old, `intervene_action` the executed one. That is there in every step, as
+        arrays of a batch have no gaps: the flag says whether it is an intervention.
+        """
+        if not len(self.links):
+            return {}
+        sensors, obeyed = self.episodes["sensors"], self.links["effective"].copy()
+        executed = sensors["executed"].copy()
+        return {
+            "command": sensors["command"].copy(), "command_age": sensors["command_age"].copy(),
+            "is_intervention": np.abs(executed - obeyed) > INTERVENTION,
+            "teleop_action": obeyed[:, None], "intervene_action": executed[:, None],
+        }  # fmt: skip
 
     def link_infos(self) -> list[dict[str, Any]]:
         """Return these entries of each row, plain numbers and arrays (1,)."""
@@ -241,13 +260,13 @@ class Batch:
         return [dict(zip(columns, row, strict=True)) for row in rows]
 
     def sensors(self) -> dict[str, NDArray[np.float64]]:
-        """Return what the controllers may know now, in SI units (size,) each; see `ImpactApproachEnv.sensors`."""
+        """Return the sensor values of all rows in SI units, (size,) each; see `ImpactApproachEnv.sensors`."""
         now = self.episodes.view(np.float64).reshape(self.size, -1)
         places = {name: self.spec.entries[self.spec.index(name)].place for name in self.spec.sensors}
         return {name: now[:, place].copy() for name, place in places.items()}
 
     def trace(self, row: int) -> Trace:
-        """Return the time histories of the episode of `row` so far, as many points as are kept."""
+        """Return the time histories of the episode of `row` so far, up to the number of points that are kept."""
         points = self.traces[row, : int(self.chains["traced"][row])]
         return Trace.of(points, self._with_tool[row % len(self._with_tool)])
 
@@ -256,19 +275,22 @@ class Batch:
         """Whether the episode of each row (size,) has terminated or was truncated."""
         return np.asarray((self.episodes["terminated"] == 1) | (self.episodes["truncated"] == 1))
 
+    def episode_state(self, row: int) -> EpisodeState:
+        """Return when the alarm and the end of the episode of `row` came."""
+        task, episode = self.tasks[row % len(self.tasks)], self.episodes[row]
+        detection, alarm, over = float(self.chains["detection"][row]), float(episode["last_alarm"]), np.inf
+        if task.alarm == "force":
+            alarm = detection + float(episode["drawn"]["reaction_delay"])
+        else:
+            over = alarm + task.after_alarm
+        return EpisodeState(detection, alarm, over, float(episode["done_time"]) if self.ended[row] else np.inf)
+
     def bodies(self) -> Bodies:
         """Return where everything is now; with a compliant robot and a rigid coupling the flange is with the tool."""
         chains, with_tool = self.chains, np.resize(self._with_tool, self.size)
         tool = chains["flange_position"] + chains["deflection"]
         flange = np.where(with_tool, tool, chains["flange_position"] + chains["flange_offset"])
-        return Bodies(chains["time"].copy(), flange, tool, tool - chains["penetration"], chains["contacts"] > 0)
-
-    def tool_motion(self) -> ToolMotion:
-        """Return how the tools move against their flanges, and whether they have touched."""
-        chains = self.chains
-        return ToolMotion(
-            chains["time"].copy(),
-            chains["deflection"] - chains["flange_offset"],
-            chains["deflection_rate"] - chains["flange_offset_rate"],
-            chains["contacts"] > 0,
-        )
+        deflection = chains["deflection"] - chains["flange_offset"]
+        rate = chains["deflection_rate"] - chains["flange_offset_rate"]
+        place = tool - chains["penetration"]
+        return Bodies(chains["time"].copy(), flange, tool, place, deflection, rate, chains["contacts"] > 0)

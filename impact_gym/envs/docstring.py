@@ -1,23 +1,36 @@
 """Tables of the environment's docstring, made from the table of quantities and from the arguments of the task."""
 
-from collections.abc import Sequence
-
 from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP, Quantity
 from impact_gym.task.scenario import ScenarioRanges
-from impact_gym.task.task import arguments
+from impact_gym.task.task import ARGUMENTS
 
 Rows = list[tuple[str, ...]]
 
 
 def filled(text: str) -> str:
-    """Return a docstring with the tables that it names."""
-    tables = {
-        "OBSERVATION_TABLE": observation_table(), "SCENARIO_TABLE": scenario_table(),
-        "SET_UP_TABLE": set_up_table(), "ARGUMENT_TABLE": argument_table(),
-    }  # fmt: skip
+    """Return a docstring with the tables that it names, as Markdown."""
+    pairs = zip(SCENARIO, ScenarioRanges().by_id().values(), strict=True)
+    scenario = [(f"`{row.id}`", f"{low:g} - {high:g}", law_of(row), row.unit) for row, (low, high) in pairs]
+    set_up = [(f"`{row.id}`", law_of(row), row.unit, f"{row.scale.low:g}", f"{row.scale.high:g}") for row in SET_UP]
+    tables: dict[str, Rows] = {
+        "OBSERVATION_TABLE": observation_table(),
+        "SCENARIO_TABLE": [("Scenario field", "Default range", "Distribution", "Unit"), *scenario],
+        "SET_UP_TABLE": [("Number of the set-up", "Distribution", "Unit", "Observed from", "to"), *set_up],
+        "ARGUMENT_TABLE": argument_table(),
+    }
     for place, rows in tables.items():
-        text = text.replace(f"    {place}", markdown(rows))
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = ["    | " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows]
+        lines.insert(1, "    |" + "|".join("-" * (width + 2) for width in widths) + "|")
+        text = text.replace(f"    {place}", "\n".join(lines))
     return text
+
+
+def law_of(row: Quantity) -> str:
+    """Return in words how a number is drawn from a range."""
+    if row.draw is None or not row.draw.by_ratio:
+        return "uniform"
+    return "log-uniform, uniform from 0" if row.limits.at_least == 0.0 else "log-uniform"
 
 
 def observation_table() -> Rows:
@@ -38,41 +51,12 @@ def observation_table() -> Rows:
     return rows
 
 
-def law_of(row: Quantity) -> str:
-    """Return in words how a number is drawn from a range."""
-    if row.draw is None or not row.draw.by_ratio:
-        return "uniform"
-    return "log-uniform, uniform from 0" if row.limits.at_least == 0.0 else "log-uniform"
-
-
-def scenario_table() -> Rows:
-    """Return a row for each field of a scenario."""
-    head = ("Scenario field", "Default range", "Distribution", "Unit")
-    pairs = zip(SCENARIO, ScenarioRanges().by_id().values(), strict=True)
-    return [head, *((f"`{row.id}`", f"{low:g} - {high:g}", law_of(row), row.unit) for row, (low, high) in pairs)]
-
-
-def set_up_table() -> Rows:
-    """Return a row for each number of a set-up that may be a range."""
-    head = ("Number of the set-up", "Distribution", "Unit", "Observed from", "to")
-    ends = ((row, f"{row.scale.low:g}", f"{row.scale.high:g}") for row in SET_UP)
-    return [head, *((f"`{row.id}`", law_of(row), row.unit, low, high) for row, low, high in ends)]
-
-
 def argument_table() -> Rows:
     """Return a row for each argument of the task."""
     rows: Rows = [("Name", "Default", "Meaning")]
-    for name, item in arguments().items():
+    for name, item in ARGUMENTS.items():
         default = f'"{item.default}"' if isinstance(item.default, str) else f"{item.default}"
         quantity, words = QUANTITIES.get(name), item.metadata["words"]
         unit = f"{quantity.unit}, " if quantity and quantity.unit != "-" else ""
         rows.append((f"`{name}`", default, unit + (words or (quantity.words if quantity else ""))))
     return rows
-
-
-def markdown(rows: Sequence[Sequence[str]]) -> str:
-    """Return a table as Markdown, the first row its head, for a docstring."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ["| " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows]
-    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
-    return "\n".join("    " + line for line in lines)

@@ -1,4 +1,4 @@
-"""What infos say of episodes: numbers of their records under the names that users know."""
+"""The infos of episodes: numbers of their records under the names of the documentation."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,33 +10,31 @@ from impact_gym.kernels import EPISODE
 from impact_gym.lowering import STATUS_MESSAGES, places
 from impact_gym.quantities import QUANTITIES
 from impact_gym.task.episodes import RECORD_IDS
-from impact_gym.task.paths import nested
+from impact_gym.task.nested import grouped
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import Task
 
 Records = NDArray[Any]
 _PLACES = places(EPISODE)
 
-REWARD_TERMS = {"time": "time_cost", "velocity": "velocity_cost", "force": "force_cost", "missed": "missed_cost"}
-"""Names in `info["reward_terms"]`, each the negative of a cost summed over the episode."""
-
 _NUMBERS = {
     "object_velocity": "object_velocity",
     "approach_time": "approach_time",
     "time_weight": "drawn.time_weight",
-    **{f"reward_terms.{name}": cost for name, cost in REWARD_TERMS.items()},
+    "reward_terms.time": "rewards.time",
+    "reward_terms.velocity": "rewards.speed",
+    "reward_terms.force": "rewards.force",
+    "reward_terms.missed": "rewards.miss",
     **{f"scenario.{name}": f"drawn.{name}" for name in FIELDS},
     **{f"record.{name}": f"drawn.{name}" for name in RECORD_IDS},
 }
-"""Entries of an info that are numbers, and which of an episode's they are."""
+"""Entries of an info that are numbers, and their fields in the record of an episode."""
 
 SLIDE = ("slide", "rest_time")
 """Entries of an info where there is friction."""
 
 LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "taken", "late": "late"}
 """Entries of an info where an operator commands."""
-
-INTERVENTION = 1e-3  # m/s, by which a command is changed at the least where the assistance intervenes
 
 
 class Infos:
@@ -45,25 +43,24 @@ class Infos:
     def __init__(self, tasks: Sequence[Task]) -> None:
         """Find the numbers of an info in an episode's record.
 
-        `info_columns` has all that any task draws of its set-up, the info of one row only what its own task draws.
+        Columns have all numbers of the set-up that any task draws, the info of one row only those of its own task.
         """
         drawn = [name for name in QUANTITIES if any(name in task.drawn for task in tasks)]
         numbers = _NUMBERS | {f"record.{name}": f"drawn.{name}" for name in drawn}
-        if any(task.rough for task in tasks):
+        if any(task.friction for task in tasks):
             numbers |= {name: name for name in SLIDE}
         if tasks[0].operator:
             numbers |= LINKED
         entries = (*numbers, "peak_force", "contact_count", "missed", "status")
-        self._layout = nested({name: place for place, name in enumerate(entries)})
-        self._smooth = [not task.rough and "slide" in numbers for task in tasks]
+        self._layout = grouped({name: place for place, name in enumerate(entries)})
+        self._smooth = [not task.friction and "slide" in numbers for task in tasks]
         self._not_drawn = [[name for name in drawn if name not in task.drawn] for task in tasks]
         self._columns = np.array([[_PLACES[name]] for name in numbers.values()])
-        self._signs = np.array([[-1.0] if name.startswith("reward_terms.") else [1.0] for name in numbers])
 
     def infos(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
         """Return the info of each of `rows`."""
         count, missed, status = _verdicts(episodes, chains, rows)
-        entries = (*self._numbers(episodes, rows), chains["peak_force"][rows], count, missed, status)
+        entries = (*_numbers(episodes)[rows, self._columns], chains["peak_force"][rows], count, missed, status)
         values = zip(*(column.tolist() for column in entries), strict=True)
         infos = [filled(self._layout, of_row) for of_row in values]
         for row, info in zip(rows.tolist(), infos, strict=True):
@@ -77,33 +74,17 @@ class Infos:
         """Return the infos of `rows` as arrays (size,), blank elsewhere."""
         size = len(episodes)
         numbers = np.zeros((len(self._columns) + 1, size))
-        numbers[:-1, rows] = self._numbers(episodes, rows)
+        numbers[:-1, rows] = _numbers(episodes)[rows, self._columns]
         numbers[-1, rows] = chains["peak_force"][rows]
         verdicts = [np.zeros(size, np.int64), np.zeros(size, np.bool_), np.full(size, None)]
         for column, some in zip(verdicts, _verdicts(episodes, chains, rows), strict=True):
             column[rows] = some
         return filled(self._layout, (*numbers, *verdicts))
 
-    def _numbers(self, episodes: Records, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the entries of an info that an episode holds (n, k), in one go."""
-        fields = episodes.view(np.float64).reshape(len(episodes), -1)
-        return fields[rows, self._columns] * self._signs
 
-
-def command_columns(episodes: Records, links: Records) -> dict[str, NDArray[Any]]:
-    """Return the entries of the info of every step with an operator, arrays (size,) and (size, 1).
-
-    `command` and its age are of what has arrived by the end of the step. The keys of human-in-the-loop code are of what
-    the flange was sent to last in the step (m/s): by `teleop_action`, 0 where a command was too old, to
-    `intervene_action`. That is there in every step, as arrays of a batch have no gaps: the flag says whether it counts.
-    """
-    sensors, obeyed = episodes["sensors"], links["obeyed"].copy()
-    executed = sensors["executed"].copy()
-    return {
-        "command": sensors["command"].copy(), "command_age": sensors["command_age"].copy(),
-        "is_intervention": np.abs(executed - obeyed) > INTERVENTION,
-        "teleop_action": obeyed[:, None], "intervene_action": executed[:, None],
-    }  # fmt: skip
+def _numbers(episodes: Records) -> NDArray[np.float64]:
+    """Return all numbers of episodes (size, n), as a view."""
+    return episodes.view(np.float64).reshape(len(episodes), -1)
 
 
 def _verdicts(

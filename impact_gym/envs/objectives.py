@@ -4,7 +4,7 @@
 MO-Gymnasium itself is not needed. Everything but the reward is as in the environment without the prefix.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import wraps
 from typing import Any
 
@@ -14,44 +14,30 @@ from numpy.typing import NDArray
 
 from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import ImpactApproachEnv
-from impact_gym.envs.state import require, taken
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.task import Task
 
 Rewards = NDArray[np.float64]
 
 
-class Objectives:
-    """What each control step of a batch adds to the objectives: -T (s), -V_p (m/s) and, where it counts, -force (N).
+def vector_rewards(batch: Batch) -> Rewards:
+    """Return what the last control step added to the objectives (rows, n): -T (s), -V_p (m/s) and -force (N).
 
-    T is the time that the task charges. V_p comes at the end, with what a miss costs; so does the largest contact force
-    of an environment with a `force_weight`. With w the episode's time weight, the scalar reward is
-    w * (-T) - V_p - force_weight * force.
+    T is the time that the task charges. V_p comes at the end, with the cost of a miss; so does the largest contact
+    force, which is an objective where a task has a `force_weight`, and stays 0 in rows without one. With w the
+    episode's time weight, the scalar reward is w * (-T) - V_p - force_weight * force.
     """
+    forced = np.resize([task.force_weight > 0.0 for task in batch.tasks], batch.size)
 
-    def __init__(self, batch: Batch) -> None:
-        self._batch = batch
-        self._force_weight = np.resize([task.force_weight for task in batch.tasks], batch.size)
-        count = 3 if self._force_weight.any() else 2
-        self.before = np.zeros((batch.size, count))
-        self.space = Box(-np.inf, 0.0, (count,), np.float64)
+    def so_far(terms: NDArray[Any]) -> Rewards:
+        force = [terms["force"] * forced] if forced.any() else []
+        return np.stack([terms["time"], terms["speed"] + terms["miss"], *force], axis=1)
 
-    def added(self) -> Rewards:
-        """Return the rewards of the last step (rows, objectives); to be asked once after each."""
-        episodes = self._batch.episodes
-        time = episodes["time_cost"] / episodes["drawn"]["time_weight"]
-        kept = episodes["velocity_cost"] + episodes["missed_cost"]
-        weight = self._force_weight  # of rows without one the force is 0
-        force = [episodes["force_cost"] / np.where(weight > 0.0, weight, 1.0)] if weight.any() else []
-        now = np.stack([time, kept, *force], axis=1)
-        new = episodes["control_steps"] <= 1  # an episode that has just begun
-        rewards = np.where(new[:, None], 0.0, self.before) - now
-        self.before = now
-        return rewards
+    return so_far(batch.episodes["terms_before"]) - so_far(batch.episodes["terms"])
 
 
 def soonest(task: Task, distance: float) -> float:
-    """Return the time (s) after which a rigid tool can have come so far (m) from rest: at the arm's limits."""
+    """Return the least time (s) in which a rigid tool covers a distance (m) from rest, at the arm's limits."""
     velocity, acceleration = task.velocity_range[1], task.acceleration_range[1]
     ramp = 0.5 * velocity**2 / acceleration  # m
     if distance < ramp:
@@ -59,17 +45,17 @@ def soonest(task: Task, distance: float) -> float:
     return float(velocity / acceleration + (distance - ramp) / velocity)
 
 
-def points(tasks: Sequence[Task]) -> tuple[Rewards, Rewards]:
-    """Return what no episode falls below, where nothing is touched until the end, and what none exceeds.
+def described(tasks: Sequence[Task]) -> tuple[Box, int, Rewards, Rewards]:
+    """Return space and dimension of the rewards, and bounds of their sums: reference and utopia point (hypervolumes).
 
-    Sums of the rewards, for hypervolumes: the reference point and the utopia point, which is at the nearest place as
-    soon as a rigid tool can be and leaves the object at rest. Nothing limits a force: -inf. Of several tasks the ends.
+    At the reference point nothing is touched until the end. At the utopia point a rigid tool reaches the nearest object
+    at the arm's limits and leaves it at rest. A force has no lower bound: -inf. Bounds hold for all `tasks`.
     """
     worst = [max(task.horizon for task in tasks), max(task.missed_cost for task in tasks)]
     worst += [np.inf] if any(task.force_weight > 0.0 for task in tasks) else []
     best = np.zeros(len(worst))
     best[0] = min(soonest(task, task.scenario.distance[0]) for task in tasks)
-    return -np.array(worst), -best
+    return Box(-np.inf, 0.0, best.shape, np.float64), len(best), -np.array(worst), -best
 
 
 class MOImpactApproachEnv(ImpactApproachEnv):
@@ -79,7 +65,7 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`: -T (s, in each step) and -V_p (m/s, at the end, with
     `missed_cost`), and as a third one, with a `force_weight`, -(largest contact force) (N, at the end). With an
     operator T runs until the task is done.
-    `reference_point` and `utopia_point` (reward_dim,) bound the sums of an episode's rewards, see `points`.
+    `reference_point` and `utopia_point` (reward_dim,) bound the sums of an episode's rewards, see `described`.
 
     ## Version History
     * v0: first version
@@ -88,14 +74,12 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     @wraps(ImpactApproachEnv.__init__)  # type: ignore[misc]  # whose arguments they are
     def __init__(self, **arguments: Any) -> None:
         super().__init__(**arguments)
-        self._objectives = Objectives(self._batch)
-        self.reference_point, self.utopia_point = points(self._batch.tasks)
-        self.reward_space, self.reward_dim = self._objectives.space, len(self._objectives.space.low)
+        self.reward_space, self.reward_dim, self.reference_point, self.utopia_point = described(self._batch.tasks)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
         """Play one control step; the reward is (reward_dim,)."""
         observation, reward, terminated, truncated, info = super().step(action)
-        return observation, self._objectives.added()[0], terminated, truncated, info | {"original_reward": reward}
+        return observation, vector_rewards(self._batch)[0], terminated, truncated, info | {"original_reward": reward}
 
 
 class MOImpactApproachVectorEnv(ImpactApproachVectorEnv):
@@ -104,21 +88,8 @@ class MOImpactApproachVectorEnv(ImpactApproachVectorEnv):
     @wraps(ImpactApproachVectorEnv.__init__)  # type: ignore[misc]  # likewise
     def __init__(self, num_envs: int = 1, **arguments: Any) -> None:
         super().__init__(num_envs, **arguments)
-        self._objectives = Objectives(self.batch)
-        self.reference_point, self.utopia_point = points(self.batch.tasks)
-        self.reward_space, self.reward_dim = self._objectives.space, len(self._objectives.space.low)
+        self.reward_space, self.reward_dim, self.reference_point, self.utopia_point = described(self.batch.tasks)
 
     def _rewards(self) -> tuple[Rewards, dict[str, Any]]:
         """Return the rewards of the last step, and the scalar ones as an info."""
-        return self._objectives.added(), {"original_reward": self.batch.rewards.copy()}
-
-    def get_state(self) -> dict[str, Any]:
-        """Return a copy of all that `reset` and `step` go on from."""
-        return super().get_state() | {"objectives": self._objectives.before.copy()}
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what `get_state` returned, see `ImpactApproachVectorEnv`."""
-        before = taken(state, "objectives", self._objectives.before)
-        require("objectives", before, np.isfinite(before), "finite")
-        super().set_state(state)
-        self._objectives.before = before.copy()
+        return vector_rewards(self.batch), {"original_reward": self.batch.rewards.copy()}

@@ -1,6 +1,7 @@
 """The batch as a `VecEnv` of stable-baselines3, which does not take Gymnasium's vector environments."""
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.vector import ImpactApproachVectorEnv
-from impact_gym.task.episodes import episode_index, fixed_records
+from impact_gym.task.episodes import reset_options
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.validation import one_of
 
@@ -40,7 +41,7 @@ class ImpactVecEnv(VecEnv):
             num_envs, render_mode=render_mode, autoreset_mode=mode, threads=threads, per_slot=per_slot, **arguments
         )
         self.observation_spec = self.envs.observation_spec
-        self._actions: NDArray[Any] = np.zeros((num_envs, self.envs.batch.commanded), np.float32)
+        self._actions: NDArray[Any] = np.zeros((num_envs, len(self.envs.batch.action_spec)), np.float32)
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
         self.metadata = self.envs.metadata
 
@@ -53,16 +54,15 @@ class ImpactVecEnv(VecEnv):
         self.envs.set_scenario(scenario)
 
     def reset(self) -> VecEnvObs:
-        """Begin an episode everywhere, with what `seed` and `set_options` gave for it."""
+        """Begin an episode everywhere, with the last arguments of `seed` and `set_options`."""
         one_of("options", self._options, list)
         if len(self._options) != self.num_envs:
             raise ValueError(f"options must be a mapping or {self.num_envs} of them, got {len(self._options)}")
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
-        skipped = np.array([episode_index(options) or 0 for options in self._options])
-        tasks = self.envs.batch.tasks
-        given = enumerate(self._options)
-        fixed = np.concatenate([fixed_records(options, [tasks[slot % len(tasks)]]) for slot, options in given])
-        observations = self.envs.begin(seeds, np.ones(self.num_envs, np.bool_), fixed, skipped)
+        asked = zip(self._options, cycle(self.envs.batch.tasks), strict=False)
+        fixed, skipped = zip(*(reset_options(options, [task]) for options, task in asked), strict=True)
+        everywhere = np.ones(self.num_envs, np.bool_)
+        observations = self.envs.begin(seeds, everywhere, np.concatenate(fixed), np.array(skipped))
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
@@ -83,22 +83,22 @@ class ImpactVecEnv(VecEnv):
             lasts, cuts = batch.observations[rows], (truncated & ~terminated)[rows].tolist()
             for row, info, last, cut in zip(rows.tolist(), batch.infos(rows), lasts, cuts, strict=True):
                 infos[row] |= info | {"terminal_observation": last, "TimeLimit.truncated": cut}
-            self.envs.reset(options={"reset_mask": ended})
+            self.envs.begin(None, ended)
         return batch.observations.copy(), rewards, ended, infos
 
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of all that `reset` and `step` go on from; ask between steps."""
+        """Return a copy of the whole state; call it between steps."""
         return self.envs.get_state()
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what `get_state` of a batch of this size and these arguments returned, to the bit."""
+        """Take over a state that `get_state` of a batch of this size and these arguments returned."""
         self.envs.set_state(state)
 
     def close(self) -> None:
         """Release nothing: there is nothing to release."""
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return the batch's attribute once per environment asked for."""
+        """Return the attribute of the batch once for each of `indices`."""
         return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:

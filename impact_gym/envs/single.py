@@ -12,7 +12,8 @@ from impact_gym.envs import docstring
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
 from impact_gym.simulation import Trace
-from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
+from impact_gym.task.action import ActionSpec
+from impact_gym.task.episodes import reset_options, skip_episodes
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
@@ -28,7 +29,7 @@ _NO_SKIP = np.zeros(1, np.bool_)
 
 def action_space(task: Task) -> Space[Any]:
     """Return the action space of one environment."""
-    return spaces.Box(-1.0, 1.0, (len(task.actions),), np.float32)
+    return spaces.Box(-1.0, 1.0, (len(ActionSpec(task)),), np.float32)
 
 
 def observation_space(spec: ObservationSpec) -> Space[Any]:
@@ -55,6 +56,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | 1   | acceleration to use for it | 1     | 20    | m/s^2 | `acceleration_range` |
 
     Commands are resolved to 1e-6 m/s and 1e-6 m/s^2, so that the paper's rule, 1 m/s at 8 m/s^2, is one of them.
+    `action_spec` of the unwrapped environment maps both ways: `decode(action)` to SI units, `encode(velocity,
+    acceleration)` back.
 
     ## Observation Space
     `Box(..., (8,), float32)`. Some arguments add numbers or change them; the last column of the table says which. Each
@@ -63,10 +66,10 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     what the controller may know, in SI units.
 
     `observation_spec` of the unwrapped environment says which number stands where: `index(id)`, `decode(observation,
-    id)` in SI units, the slice `actor`, and `critic`, which is all. With `privileged` the truth stands behind what the
-    actor may see: the scenario and the reaction delay, numbers of the set-up that are drawn per episode, and with
-    `alarm="reading"` the time since a switch would have raised the alarm. The scales of these numbers are fixed: they
-    do not depend on the ranges that are drawn from.
+    id)` in SI units, the slice `actor`, and `critic`, which is all. `privileged=True` appends the true scenario, the
+    reaction delay, the numbers of the set-up that are drawn per episode, and with `alarm="reading"` the time since a
+    switch would have raised the alarm. The scales of these numbers are fixed: they do not depend on the ranges that
+    are drawn from.
 
     OBSERVATION_TABLE
 
@@ -83,7 +86,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Each step gives `-time_weight * dt` until the first contact begins; dt ends at that instant, not at a whole step.
     The last step adds `-V_p - force_weight * peak force`, where V_p is the object's final velocity, or `-missed_cost`
     (-2) if nothing was touched. The sum over an episode lies in [-time_weight * 1.2 - 2, 0] as long as V_p stays below
-    2 m/s and `force_weight` is 0. With `friction` V_p is the largest velocity that the object has had: it keeps none.
+    2 m/s and `force_weight` is 0. With `friction` the object stops, so V_p is its largest speed.
 
     ## Starting State
     Flange, tool and object are at rest, the flange at position 0, the coupling relaxed (a bistable one: on its front
@@ -156,12 +159,12 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         "render_fps": 30,
     }
 
-    @with_task_arguments(max_episode_steps="is an argument of gymnasium.make, whose TimeLimit sees to it")
+    @with_task_arguments(max_episode_steps="is an argument of gymnasium.make, whose TimeLimit applies it")
     def __init__(self, *, render_mode: str | None = None, record_trace: bool = False, **arguments: Any) -> None:
         """Make an environment; see the arguments above.
 
         Raises:
-            TypeError, ValueError: an argument is unknown or out of range; names it and what is allowed.
+            TypeError, ValueError: an argument is unknown or out of range; names it and the allowed ones.
         """
         choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         flag("record_trace", record_trace)
@@ -169,7 +172,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._renderer: Renderer | None = None
         points = TRACE_POINTS if record_trace or render_mode is not None else 0
         self._batch = Batch(1, Task(**arguments), threads=1, trace_points=points)
-        self.observation_spec = self._batch.spec
+        self.observation_spec, self.action_spec = self._batch.spec, self._batch.action_spec
         self.observation_space = observation_space(self.observation_spec)
         self.action_space = action_space(self._batch.tasks[0])
         self._running = False
@@ -183,15 +186,15 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._batch.info(0)
 
     def command(self, velocity: float) -> None:
-        """Let the operator, a `Person`, command `velocity` (m/s) from his next tick on.
+        """Let the operator, a `Person`, command `velocity` (m/s) from the next tick on.
 
         Raises:
-            TypeError, ValueError: somebody else commands, or it is no number that the arm can follow.
+            TypeError, ValueError: the operator is another one, or the arm cannot follow this number.
         """
-        self._batch.command(velocity)
+        self._batch.set_operator_velocity(velocity)
 
     def sensors(self) -> dict[str, float]:
-        """Return what the controller may know now, in SI units, without the observation's scales and clips.
+        """Return the sensor values in SI units, without the observation's scales and clips.
 
         `time` (s), `position` (m) and `velocity` (m/s) of the imposed motion, `alarm` (0 or 1), `time_since_alarm`
         (s), `force` and `force_peak` (N, as they have reached the controller; the peak is the sensor's own, between
@@ -217,12 +220,11 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode; see Starting State."""
-        skipped = episode_index(options)
-        fixed = fixed_records(options, self._batch.tasks)
+        fixed, skipped = reset_options(options, self._batch.tasks)
         super().reset(seed=None if seed is None else whole("seed", seed, at_least=0))
         if skipped:
             skip_episodes(self.np_random, skipped)
-        self._batch.draw_and_begin(_ROW, [self.np_random], fixed)
+        self._batch.begin(_ROW, [self.np_random], fixed)
         self._running = True
         if self._renderer is not None:
             self._renderer.begin()
@@ -235,7 +237,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if not self._running:
             raise gym.error.ResetNeeded("no episode is under way: call reset before step")
         batch = self._batch
-        batch.step(batch.commands(action, (batch.commanded,)), _NO_SKIP)
+        batch.step(action, _NO_SKIP, (len(batch.action_spec),))
         terminated = bool(batch.episodes["terminated"][0])
         self._running = not terminated
         info = batch.link_infos()[0] | (batch.info(0) if terminated else {})

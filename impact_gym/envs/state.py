@@ -1,4 +1,4 @@
-"""What a batch may go on from: a state from elsewhere is checked whole before the compiled program gets any of it."""
+"""Checks of a batch's state from elsewhere, before any of it reaches the compiled program."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -14,19 +14,19 @@ from impact_gym.task.task import PLACES
 from impact_gym.validation import shown
 
 LARGEST = 2**53  # of whole numbers
-LONGEST = 1e4  # s, of an episode with all that is played after it
+LONGEST = 1e4  # s, of an episode with its settling
 WHOLE = {
     "chains.pressed": (-1, 1), "chains.side": (-1, 1), "episodes.status": (min(STATUS_MESSAGES), max(STATUS_MESSAGES)),
     **dict.fromkeys(("chains.status", "chains.memory.method"), (-2, 5)),
     **dict.fromkeys(("chains.footing", "chains.touching", "chains.holding", "episodes.terminated"), (0, 1)),
-    **dict.fromkeys(("episodes.truncated", "links.silent", "links.stopped"), (0, 1)),
-    **dict.fromkeys(("links.uplink_bad", "links.downlink_bad"), (0, 1)),
+    **dict.fromkeys(("episodes.truncated", "links.expired", "links.stopped"), (0, 1)),
+    **dict.fromkeys(("links.uplink_lost", "links.downlink_lost"), (0, 1)),
 }  # fmt: skip
 """Least and largest whole numbers of a state; of others 0 and LARGEST."""
 
 
 def taken(state: Any, name: str, like: NDArray[Any]) -> NDArray[Any]:
-    """Return the array `name` of a state, which must have shape and dtype of `like`; ValueError: it has not."""
+    """Return the array `name` of a state, which must have the shape and dtype of `like`, or raise ValueError."""
     value = state.get(name) if isinstance(state, Mapping) else None
     if not isinstance(value, np.ndarray) or value.shape != like.shape or value.dtype != like.dtype:
         got = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else shown(value)
@@ -50,10 +50,10 @@ def numbers(name: str, array: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]
 
 
 def check(here: Mapping[str, NDArray[Any]], there: Mapping[str, NDArray[Any]], tasks: Any, max_steps: int) -> None:
-    """Refuse arrays of a state `there` to which a batch with those of `here` and `tasks` (n,), TASK, cannot have come.
+    """Check the arrays of a state `there` for a batch with the arrays `here` and `tasks` (n,), TASK.
 
     Raises:
-        ValueError: a number is out of range; names field, value and what is allowed.
+        ValueError: a number is out of range; names field, value and the allowed range.
     """
     draws, episodes, chains, links = (there[name] for name in ("draws", "episodes", "chains", "links"))
     drawn, failed = episodes["drawn"], episodes["status"] < 0
@@ -84,11 +84,11 @@ def check(here: Mapping[str, NDArray[Any]], there: Mapping[str, NDArray[Any]], t
     require("episodes.popped", episodes["popped"], kept, f"up to {slots} below pushed")
     require("chains.steps", chains["steps"], chains["steps"] <= 2 * max_steps, f"at most {2 * max_steps}")
     require("chains.time", chains["time"], failed | (np.abs(chains["time"]) <= LONGEST), f"at most {LONGEST:g} s")
-    for name in ("oldest", "looked_at"):
+    for name in ("oldest", "seen_packet"):
         require(f"links.{name}", links[name], links[name] <= links["packets"], "at most links.packets")
     laws, mounts = np.ascontiguousarray(there["laws"]), np.resize(tasks["mount"], len(there["laws"])).copy()
     if len(laws) == len(begun):
         for name in ("tool_mass", "coupling", "robot"):
             mounts[name][begun] = drawn[name][begun]
     same = laws.view(np.uint8) == kernels.laws_of(np.ascontiguousarray(mounts)).view(np.uint8)
-    require("laws", laws, same.reshape(len(laws), -1).all(axis=1), "those of what holds the tools by episodes.drawn")
+    require("laws", laws, same.reshape(len(laws), -1).all(axis=1), "those of the mounts in episodes.drawn")

@@ -9,17 +9,17 @@ class ImpactTeleopEnv(ImpactApproachEnv):
 
     ## Description
     What `ImpactApproach` is but for this: an operator commands the flange's velocity over a channel and sees over
-    another what happens. Between the commands and the flange stands the controller, here an assistance: it can slow the
+    another the arm. Between the commands and the flange stands the controller, here an assistance: it can slow the
     approach down, and after a touch stop and withdraw. It never knows where the object stands. Its command reaches the
     flange at once; the operator's comes late. The task is done when the object rests again.
 
     ## Operators and Channels
-    `operator` is a record of `impact_gym.operators` or a dict with its name as "type": `Replay`, `Person`, `Trapezoid`,
-    `Reach`, `SecondOrderLag`, `Tracker`; their docstrings have equations and sources. The operator knows only where he
-    believes the object: `place_error` beyond its face. `uplink` and `downlink` are `Channel` records, with one rule: a
-    packet each control period, on the operator's clock; each takes its delay, and the newest that has arrived counts.
-    He sends his stop at once, and the arm the touch. So he sees the touch with the first packet that comes of those
-    sent from then on, and `reaction` later commands 0, for ever. A `Tracker` sees the flange in these packets. A
+    `operator` is a record of `ig.operators` or a dict with its name as "type": `Replay`, `Person`, `Trapezoid`,
+    `Reach`, `SecondOrderLag`, `Tracker`; their docstrings have equations and sources. The operator only believes that
+    the object is in a place: `place_error` beyond its face. `uplink` and `downlink` are `Channel` records, with one
+    rule: a packet each control period, on the operator's clock; each takes its delay, and the newest to arrive counts.
+    Operators send their stop at once, and the arm the touch. So they see the touch with the first packet to arrive of
+    those sent from then on, and `reaction` later commands 0, for ever. A `Tracker` sees the flange in these packets. A
     `Person` sends what `command(velocity)` of the unwrapped environment was last given: before a step, what is sent at
     the tick in it or at its end. A `Replay` of these at the ticks is the same episode, to the bit.
 
@@ -40,7 +40,7 @@ class ImpactTeleopEnv(ImpactApproachEnv):
 
     ## Observation Space
     That of `ImpactApproach`, and five numbers of the command: see the rows with `operator`. Where the operator believes
-    the object is no part of it, but his commands follow from that.
+    the object is no part of it, but the commands follow from that.
 
     OBSERVATION_TABLE
 

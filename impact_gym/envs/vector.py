@@ -15,10 +15,10 @@ from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, action_space, observation_space
 from impact_gym.envs.state import require, taken
-from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
+from impact_gym.task.episodes import reset_options, skip_episodes
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
-from impact_gym.validation import WrongTypeError, array, choice, one_of, shown, whole
+from impact_gym.validation import array, choice, one_of, shown, whole
 
 MOST_DRAWN = 16  # environments of a batch with pictures
 
@@ -54,9 +54,8 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         if render_mode is not None and self.num_envs > MOST_DRAWN:
             raise ValueError(f"num_envs must be at most {MOST_DRAWN} with a render_mode, got {self.num_envs}")
         self.render_mode = render_mode
-        modes = [mode.value for mode in AutoresetMode]
         if not isinstance(autoreset_mode, AutoresetMode):
-            choice("autoreset_mode", autoreset_mode, modes)
+            choice("autoreset_mode", autoreset_mode, [mode.value for mode in AutoresetMode])
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         own = {"render_modes": ["rgb_array"], "autoreset_mode": self.autoreset_mode}
         self.metadata = ImpactApproachEnv.metadata | own
@@ -68,7 +67,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             one_of(f"per_slot[{slot}]", changes, Mapping)
         tasks = [Task.of(f"per_slot[{slot}]", {**arguments, **changes}) for slot, changes in enumerate(changed)]
         self.batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
-        self.observation_spec = self.batch.spec
+        self.observation_spec, self.action_spec = self.batch.spec, self.batch.action_spec
         self.single_observation_space = observation_space(self.observation_spec)
         self.single_action_space = action_space(tasks[0])
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -99,17 +98,17 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         one_of("options", options, Mapping, type(None))
         rest = dict(options or {})
         mask = self._mask(rest.pop("reset_mask", None))
-        skipped = episode_index(rest) or 0
-        fixed = fixed_records(rest, self.batch.tasks, self.num_envs)
-        return self.begin(seed, mask, fixed[mask], np.full(self.num_envs, skipped)), {}
+        fixed, skipped = reset_options(rest, self.batch.tasks, self.num_envs)
+        return self.begin(seed, mask, fixed[mask], skipped), {}
 
     def begin(
-        self, seed: int | Sequence[int | None] | None, mask: Flags, fixed: NDArray[Any], skipped: NDArray[np.int64]
+        self, seed: Any, mask: Flags, fixed: NDArray[Any] | None = None, skipped: int | NDArray[np.int64] = 0
     ) -> Floats:
-        """Begin an episode in the slots of `mask`; `fixed` records (k,) for these, `skipped` (num_envs,) episodes."""
+        """Begin an episode in the k slots of `mask`, `skipped` episodes later; `fixed` are records (k,)."""
         self._seed(seed, mask)
-        for slot in np.flatnonzero(mask & (skipped > 0)).tolist():
-            skip_episodes(self._generators[slot], int(skipped[slot]))
+        counts = np.where(mask, skipped, 0)
+        for slot in np.flatnonzero(counts).tolist():
+            skip_episodes(self._generators[slot], int(counts[slot]))
         self._draw_and_begin(np.flatnonzero(mask), fixed)
         self._ended[mask] = False
         self._begun[mask] = True
@@ -118,21 +117,18 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     def play(self, actions: NDArray[Any]) -> tuple[Flags, Flags]:
         """Play one control step in every slot; return which episodes it terminated and which it truncated.
 
-        What there is to see then is in `batch`; `step` returns copies of it.
+        The results are in `batch`; `step` returns copies of them.
         """
         if not self._begun.all():
             raise ResetNeeded("some slots have no episode under way: call reset before step")
         batch = self.batch
-        commands = batch.commands(actions, (self.num_envs, batch.commanded))
-        skip = self._none
-        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
-            skip = self._ended
-            if skip.any():
-                self._draw_and_begin(np.flatnonzero(skip))
-                batch.rewards[skip] = 0.0
-        elif self._ended.any():
+        skip = self._ended
+        if self.autoreset_mode is not AutoresetMode.NEXT_STEP and skip.any():
             raise ResetNeeded("some episodes have ended: reset them with options={'reset_mask': ...}")
-        batch.step(commands, skip)
+        batch.step(actions, skip)
+        if skip.any():
+            self._draw_and_begin(np.flatnonzero(skip))
+            batch.rewards[skip] = 0.0
         self._skipped = skip
         terminated, truncated = batch.episodes["terminated"] == 1, batch.episodes["truncated"] == 1
         self._ended = terminated | truncated
@@ -148,7 +144,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         infos = masked(scalar, ~self._none) | (masked(of_rows(links, acted), acted) if acted.any() else {})
         if ended.any():
             rows = np.flatnonzero(ended)
-            finals = masked(batch.info_columns(rows), ended)
+            finals = masked(batch.info(rows), ended)
             if not same_step:
                 infos |= finals
             else:
@@ -162,7 +158,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return batch.observations.copy(), rewards, terminated, truncated, infos
 
     def _rewards(self) -> tuple[NDArray[np.float64], dict[str, Any]]:
-        """Return the rewards of the last step, and what infos say of them."""
+        """Return the rewards of the last step, and entries of infos about them."""
         return self.batch.rewards.copy(), {}
 
     def render(self) -> tuple[Any, ...] | None:
@@ -181,23 +177,23 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
 
     def command(self, velocities: Any) -> None:
         """Let the operators, each a `Person`, command `velocities` (m/s), one for all slots or (num_envs,)."""
-        self.batch.command(velocities)
+        self.batch.set_operator_velocity(velocities)
 
     def sensors(self) -> dict[str, NDArray[np.float64]]:
-        """Return what the controllers may know now, arrays (num_envs,); see `ImpactApproachEnv.sensors`."""
+        """Return the sensor values in SI units, arrays (num_envs,); see `ImpactApproachEnv.sensors`."""
         return self.batch.sensors()
 
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of all that `reset` and `step` go on from, generators included."""
+        """Return a copy of the whole state, generators included."""
         generators = [generator.bit_generator.state for generator in self._generators]
         flags = {"ended": self._ended.copy(), "begun": self._begun.copy()}
         return {"batch": self.batch.get_state(), "generators": generators, **flags}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what `get_state` of a batch of this size and these arguments returned, to the bit.
+        """Take over a state that `get_state` of a batch of this size and these arguments returned, to the bit.
 
         Raises:
-            ValueError: something is not what this batch can come to; it is as it was then.
+            ValueError: this batch cannot reach that state; nothing was changed.
         """
         ended, begun = (taken(state, name, self._none) for name in ("ended", "begun"))
         given, generators = state.get("generators"), list[np.random.Generator]()
@@ -212,17 +208,16 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         before = self.batch.get_state()
         self.batch.set_state(state.get("batch", {}))
         try:
-            require("ended", ended, ended == self.batch.ended, "as the episodes say")
-            require(
-                "begun", begun, ~begun | (self.batch.episodes["drawn"]["object_mass"] != 0.0), "as the episodes say"
-            )
+            has_begun = ~begun | (self.batch.episodes["drawn"]["object_mass"] != 0.0)
+            for name, flags, good in (("ended", ended, ended == self.batch.ended), ("begun", begun, has_begun)):
+                require(name, flags, good, "as the episodes say")
         except ValueError:
             self.batch.set_state(before)
             raise
         self._generators, self._ended, self._begun = generators, ended.copy(), begun.copy()
 
     def _draw_and_begin(self, rows: NDArray[np.int64], fixed: NDArray[Any] | None = None) -> None:
-        self.batch.draw_and_begin(rows, self._generators, fixed)
+        self.batch.begin(rows, self._generators, fixed)
         if self._renderers:
             for row in rows.tolist():
                 self._renderers[row].begin()
@@ -236,29 +231,23 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             raise ValueError(f"options['reset_mask'] must hold {words} got none")
         return flags
 
-    def _seed(self, seed: int | Sequence[int | None] | None, mask: Flags) -> None:
-        """Seed slot i with seed + i, or with its place in a list; None leaves a generator as it is."""
+    def _seed(self, seed: Any, mask: Flags) -> None:
+        """Seed slot i with seed + i, or with the i-th of a list; None leaves a generator as it is."""
         if seed is None and self._generators:
             return
-        if isinstance(seed, (int, np.integer)) and not isinstance(seed, bool):
-            seeds: Sequence[int | None] = [int(seed) + slot for slot in range(self.num_envs)]
-        elif seed is None or (isinstance(seed, Sequence) and not isinstance(seed, (str, bytes))) or _is_row(seed):
-            seeds = [None] * self.num_envs if seed is None else list(seed)  # type: ignore[arg-type]  # or an array
-        else:
-            raise WrongTypeError(f"seed must be a whole number or {self.num_envs} of them, got {shown(seed)}")
+        seeds: Sequence[Any] = [None] * self.num_envs
+        if isinstance(seed, (list, tuple)) or getattr(seed, "ndim", 0) == 1:
+            seeds = [each if each is None else whole("seed", each, at_least=0) for each in seed]
+        elif seed is not None:
+            first = whole("seed", seed, at_least=0)
+            seeds = range(first, first + self.num_envs)
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be a whole number or {self.num_envs} of them, got {len(seeds)}")
-        seeds = [None if given is None else whole("seed", given, at_least=0) for given in seeds]
         if not self._generators:
-            self._generators = [seeding.np_random(given)[0] for given in seeds]
-            return
+            self._generators = [seeding.np_random(each)[0] for each in seeds]
         for slot in np.flatnonzero(mask).tolist():
             if seeds[slot] is not None:
                 self._generators[slot] = seeding.np_random(seeds[slot])[0]
-
-
-def _is_row(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.ndim == 1
 
 
 def of_rows(columns: Mapping[str, NDArray[Any]], rows: Flags) -> dict[str, Any]:

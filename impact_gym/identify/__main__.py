@@ -17,7 +17,7 @@ from impact_gym.motion import Brake, Trapezoid
 from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP
 from impact_gym.scene import Contact, Object, Scene, Tool
 from impact_gym.task import Task
-from impact_gym.task.parts import record_from
+from impact_gym.task.nested import record_from
 from impact_gym.validation import numbers, one_of, shown
 
 DESCRIPTION = """Fit numbers of a scene to a measured blow and write their 95 % intervals as the ranges of a set-up."""

@@ -17,7 +17,7 @@ from impact_gym.motion import Trapezoid
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.scene import Rigid, RobotTable, Scene, SpringDamper
 from impact_gym.simulation import Trace, simulate
-from impact_gym.task.paths import flatten, get, parts, replaced
+from impact_gym.task.nested import flatten, get, parts, replaced
 from impact_gym.validation import WrongTypeError, number, shown
 
 MASS, STIFFNESS, RESTITUTION = "object.mass", "contact.stiffness", "contact.restitution"

@@ -1,18 +1,23 @@
-"""The task: its numbers, its rules, what an episode draws and what is observed.
+"""The task: arguments, action, observation, reward and draws of an episode.
 
-`quantities`       the table of all numbers (in `impact_gym.quantities`, as scenes are checked by it, too)
-`paths`            numbers of nested records by dotted paths
+`quantities`       the table of all numbers (in `impact_gym.quantities`: scenes are checked by it, too)
+`nested`           nested records and their dotted paths
 `scenario`         ranges of scenarios, and their named sets
-`task`             options of the environment, checked, and their record for the compiled program
-`observation`      what the controller sees
-`episodes`         what an episode draws, and how it is asked for again
+`task`             arguments of the environment, checked
+`action`           numbers of the action, from [-1, 1] to SI units and back; compiled: `action.pxi`
+`observation`      numbers of the observation, and their scales
+`episodes`         draws of an episode, and the options of `reset`
 `evaluation_sets`  frozen scenarios
 `numbers`          writes the records of the compiled program
+
+Compiled: `draw.pxi` draws an episode, `episode.pxi` plays its control steps, `alarm.pxi` raises the alarm, `reward.pxi`
+rewards the steps, `settle.pxi` ends the episode, `records.pxi` and `numbers.pxi` hold its records.
 """
 
 from impact_gym.quantities import QUANTITIES, Quantity
+from impact_gym.task.action import ActionSpec
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
 
-__all__ = ["QUANTITIES", "ObservationSpec", "Quantity", "ScenarioRanges", "Task"]
+__all__ = ["QUANTITIES", "ActionSpec", "ObservationSpec", "Quantity", "ScenarioRanges", "Task"]

@@ -1,4 +1,4 @@
-"""From uniform numbers to an episode's record. Every number goes through the same function, in a batch and alone."""
+"""From uniform numbers to the record of an episode, in a batch and alone by the same function."""
 
 
 cdef struct Generator:  # `bitgen_t` of NumPy's C interface
@@ -33,17 +33,17 @@ cpdef double hashed(double seed, int64_t count) noexcept nogil:
 
 
 cdef inline double drawn_or(double fixed, double drawn) noexcept nogil:
-    """What is fixed, or what was drawn where that is nan."""
+    """Return `fixed`, or `drawn` where `fixed` is nan."""
     return drawn if isnan(fixed) else fixed
 
 
 cdef Record draw_record(
     const Task *task, const Draw *draws, const double *uniforms, const Record *fixed
 ) noexcept nogil:
-    """Draw all that an episode draws, but for what is fixed.
+    """Draw the numbers of an episode that are not fixed.
 
-    Numbers of the set-up come from streams of their own, which the noise seed names: thereby an episode takes the same
-    count of numbers from its generator, whatever is drawn.
+    Numbers of the set-up come from streams of their own, seeded by the noise seed. So each episode takes the same count
+    of numbers from its generator, whichever numbers are drawn.
     """
     cdef Record record = task.numbers
     cdef double *number = <double *> &record

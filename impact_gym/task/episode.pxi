@@ -1,42 +1,26 @@
-"""One episode, one row: how it begins, what a control step does, how it ends. Every front end runs these kernels."""
+"""One episode, one row of a batch: its beginning, its control steps and its end. Every front end runs these kernels."""
 
 cpdef enum:
     LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE  # curves of an observation's entry
 
-cdef double ROUNDING = 1e-9  # s, spans shorter than this are rounding of the clock
 
-
-cdef struct Row:  # everything of one environment
-    const Task *task
-    Chain *chain
-    Episode *episode
-    Reading *readings  # a ring of so many slots
-    int64_t slots
-    const Entry *entries  # of the observation
-    int64_t length
-    float *observation
-    Link *link  # with an operator
-    Packet *packets  # a ring of so many slots
-    int64_t packet_slots
-    const double *tables
-
-
-cpdef int64_t samples_under_way(double reaction_delay, double control_period) noexcept nogil:
-    """Readings between sensor and controller at t = 0."""
+cpdef int64_t readings_in_transit(double reaction_delay, double control_period) noexcept nogil:
+    """Number of readings between sensor and controller at t = 0."""
     return <int64_t> floor(reaction_delay / control_period + 1e-9)
 
 
 cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
-    """Put everything at rest at t = 0."""
+    """Start an episode at t = 0 with everything at rest."""
     cdef Episode *episode = row.episode
-    cdef double period = row.task.control_period, delay = drawn.reaction_delay
+    cdef double period = row.task.control_period, delay = drawn.reaction_delay, damping
     cdef int64_t k
     memset(episode, 0, sizeof(Episode))
     memset(row.readings, 0, row.slots * sizeof(Reading))
     episode.drawn = drawn
-    episode.damping = exact_damping(drawn.restitution) if row.task.exact else hu_guo(drawn.restitution)
-    episode.alarm = INFINITY
-    episode.pushed = samples_under_way(delay, period)
+    damping = exact_damping(drawn.restitution) if row.task.exact else hu_guo(drawn.restitution)
+    episode.contact = contact_of(drawn.contact_stiffness, damping, 1.5, 1.5, row.task.reference_velocity)
+    episode.alarm = episode.last_alarm = INFINITY
+    episode.pushed = readings_in_transit(delay, period)
     for k in range(episode.pushed):
         row.readings[k].time = (k + 1) * period - delay
     episode.next_sample = (episode.pushed + 1) * period - delay
@@ -45,28 +29,22 @@ cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
     reset_chain(row.chain, law, drawn.distance, drawn.friction)
     if row.task.operator_kind:
         begin_link(row)
-        happen(row)
+        process_events(row)
     observe(row)
 
 
-cpdef double decode(double action, double low, double high, double resolution) noexcept nogil:
-    """Return the physical command of an action, clipped to [-1, 1], on a grid."""
-    cdef double value = low + 0.5 * (min(1.0, max(-1.0, action)) + 1.0) * (high - low)
-    return rint(value / resolution) * resolution
-
-
 cdef double snap(double time, double onto) noexcept nogil:
-    """The earlier of `time` and `onto`; `onto` too if only rounding would lie between them."""
+    """Return the earlier of `time` and `onto`; also `onto` where they differ by rounding only."""
     return onto if time > onto - ROUNDING else time
 
 
 cdef void sample(const Run *run, Row *row) noexcept nogil:
     """Read the sensors now; the controller gets the reading `reaction_delay` later.
 
-    There is a reading one delay before each observation that may come, at times known a delay ahead, because the alarm,
-    which shifts the clock, comes a delay after its cause. Each carries its time: an observation gets the last one that
-    is due, and one for an observation that did not come (at the horizon, with an alarm under way) is passed over.
-    An alarm by the readings comes with an observation and shifts nothing.
+    The sensors are read one delay before each possible observation. Those times are known a delay ahead, because the
+    alarm, which shifts the control steps, comes a delay after its cause. Each reading carries its time. An observation
+    gets the last reading that is due; a reading for an observation that does not come (at the horizon, while an alarm
+    is in transit) is skipped. An alarm by the readings comes with an observation and shifts nothing.
     """
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
@@ -83,7 +61,7 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
         last = chain.detection + row.task.after_alarm
     if not shifted:
         following = (floor((chain.time + delay + ROUNDING) / period) + 1.0) * period - delay
-        # the end is an observation of its own
+        # the end of the episode is one more observation
         if chain.time < last - ROUNDING and last < following - ROUNDING:
             following = last
         episode.next_sample = following
@@ -93,9 +71,9 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
 
 
 cdef void receive(Row *row) noexcept nogil:
-    """Let the oldest reading under way reach the controller, with the sensor's errors; forces never fall below zero.
+    """Deliver the oldest reading in transit to the controller, with the sensor's errors; no force is negative.
 
-    One above the threshold raises an alarm by the readings, if none is on.
+    Where readings raise the alarm, a force above the threshold does so, unless the alarm is on.
     """
     cdef Episode *episode = row.episode
     cdef Sensors *sensors = &episode.sensors
@@ -113,7 +91,7 @@ cdef void receive(Row *row) noexcept nogil:
     if row.task.alarm_by_reading:
         sensors.force_peak = max(sensors.force_peak, sensors.force)
         if sensors.force > episode.drawn.alarm_threshold:
-            episode.alarm = min(episode.alarm, row.chain.time)
+            raise_alarm(episode, row.chain.time)
     else:
         sensors.force_peak = max(sensors.force_peak, reading.peak + error)
     sensors.deflection = reading.deflection
@@ -121,7 +99,7 @@ cdef void receive(Row *row) noexcept nogil:
 
 
 cdef void observe(Row *row) noexcept nogil:
-    """Write what the controller sees at the present time."""
+    """Write the observation of the present time."""
     cdef Chain *chain = row.chain
     cdef const Record *drawn = &row.episode.drawn
     cdef Sensors *sensors = &row.episode.sensors
@@ -135,14 +113,14 @@ cdef void observe(Row *row) noexcept nogil:
     sensors.distance_estimate = drawn.distance_estimate - chain.flange_position
     sensors.distance = drawn.distance - chain.flange_position
     if row.task.operator_kind:
-        show_link(row)
+        observe_link(row)
     sensors.time_since_touch = max(chain.time - chain.detection - drawn.reaction_delay, 0.0)
     for k in range(row.length):
         entry = &row.entries[k]
         value = values[entry.place]
         if entry.curve == LOGARITHM:
             if row.episode.control_steps > 0:
-                continue  # what is shown so stays as it is
+                continue  # a number on this scale stays the same through an episode
             value = log(value)
         elif entry.curve == LOGARITHM_OF_ONE_MORE and value != 0.0:
             value = log1p(value)
@@ -150,96 +128,85 @@ cdef void observe(Row *row) noexcept nogil:
         row.observation[k] = <float> min(1.0, max(entry.scaled_low, value))
 
 
-cdef inline double end_with(const Row *row, double detection) noexcept nogil:
-    """End of an episode whose contact force exceeded the threshold at some time, s; with an operator it goes on."""
-    if isinf(detection) or row.task.operator_kind:
-        return row.task.horizon
-    return detection + row.episode.drawn.reaction_delay + row.task.after_alarm
-
-
 cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
-    """Play one control step: command, advance, sense, and at the end settle. Returns the reward.
-
-    The action has a velocity and an acceleration, with an operator a gain, an acceleration and a withdrawal.
-    """
+    """Play one control step: decode the action, move, read the sensors, and at the end settle. Return the reward."""
     cdef const Task *task = row.task
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
-    cdef Command asked
-    cdef double begun = chain.time, alarm, until, time_cost
-    asked.velocity = decode(action[0], task.velocity.low, task.velocity.high, task.command_resolution)
-    asked.acceleration = decode(action[1], task.acceleration.low, task.acceleration.high, task.command_resolution)
+    cdef const Record *drawn = &episode.drawn
+    cdef double[3] asked
+    cdef Terms step = Terms(0.0, 0.0, 0.0, 0.0)
+    cdef double begun = chain.time, until
+    cdef int64_t k
+    run.contact, run.object_mass, run.threshold = episode.contact, drawn.object_mass, drawn.alarm_threshold
+    run.ground, run.tolerance = STANDARD_GRAVITY * drawn.friction, task.tolerance
+    run.tell_touch = task.operator_kind != NO_OPERATOR
+    for k in range(task.action_size):
+        asked[k] = decoded(&task.actions[k], action[k])
     if task.operator_kind:
-        assist(row, action[0], asked.acceleration, action[2])
-    alarm = drive(run, row, asked)
-    if task.alarm_by_reading:
-        if chain.time >= episode.alarm + task.after_alarm - ROUNDING:
-            episode.alarm = INFINITY
-    elif isinf(episode.alarm) and chain.time >= alarm:
-        episode.alarm = alarm
-    until = chain.time - episode.drawn.reaction_delay + ROUNDING
+        assist(row, asked[0], asked[1], asked[2])
+    drive(run, row, Command(asked[0], asked[1]))
+    update_alarm(row)
+    until = chain.time - drawn.reaction_delay + ROUNDING
     while episode.popped < episode.pushed and row.readings[episode.popped % row.slots].time <= until:
         receive(row)
     episode.control_steps += 1
+    episode.done_time = chain.time
     observe(row)
     episode.approach_time = min(chain.first_contact, task.horizon)
-    episode.object_velocity = kept_velocity(run, chain)
-    episode.terminated = episode.status < 0 or chain.time >= end_with(row, chain.detection)
+    episode.object_velocity = v_p(run, chain)
+    episode.terminated = episode.status < 0 or chain.time >= end_time(row, chain.detection)
     if task.operator_kind:
-        episode.terminated = episode.terminated or is_done(row)
-        episode.done_time = chain.time
-        time_cost = episode.drawn.time_weight * (chain.time - begun)
-    else:
-        time_cost = episode.drawn.time_weight * (min(chain.time, chain.first_contact) - min(begun, chain.first_contact))
-    episode.time_cost += time_cost
+        episode.terminated = episode.terminated or task_done(row)
+    step.time = charged_time(chain, begun, task.operator_kind != NO_OPERATOR)
     episode.truncated = task.max_steps > 0 and episode.control_steps >= task.max_steps
     if episode.terminated:
-        finish(run, row)
-    return -time_cost - episode.missed_cost - episode.velocity_cost - episode.force_cost
+        finish(run, row, &step)
+    episode.terms_before = episode.terms
+    add_terms(&episode.terms, &step)
+    return reward(&step, drawn.time_weight, task.force_weight, &episode.rewards)
 
 
-cdef double drive(Run *run, Row *row, Command asked) noexcept nogil:
-    """Follow a command to the end of the control step, reading the sensors on the way; return the time of the alarm, s.
+cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
+    """Move the flange to the end of the control step and read the sensors meanwhile.
 
-    With an operator the command is what the link makes of the action, at every moment at which that changes.
+    With an operator the link turns the action into a command, again at each event of the link.
     """
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
     cdef bint linked = row.task.operator_kind != NO_OPERATOR
-    cdef double period_end = chain.time + row.task.control_period, alarm = chain.detection + episode.drawn.reaction_delay
+    cdef double period_end = chain.time + row.task.control_period
     cdef bint shifts = not row.task.alarm_by_reading
     cdef double until, end, begun, late = 0.0 if shifts else ROUNDING
     cdef int status
-    if shifts and isinf(episode.alarm) and not isinf(alarm):
-        end = snap(period_end, alarm)
+    if shifts and isinf(episode.alarm) and not isinf(chain.detection):
+        end = snap(period_end, alarm_time(row))
     else:
-        end = snap(period_end, end_with(row, chain.detection))
+        end = snap(period_end, end_time(row, chain.detection))
     while chain.time < end:
         until = min(end, max(episode.next_sample, chain.time))
         if linked:
-            happen(row)
-            asked = obeyed(row)
-            until = snap(min(until, max(next_event(row), chain.time)), end)  # else what comes at the end had no time
+            process_events(row)
+            asked = flange_command(row)
+            until = snap(min(until, max(next_event(row), chain.time)), end)  # an event at the end is processed after the loop
         begun = chain.time
         status = command(run, chain, asked.velocity, asked.acceleration, until) if until > chain.time else ARRIVED
         if linked and chain.contacts == 0 or status == TOUCHED:
-            account(row, chain.time - begun)
+            add_to_withheld_share(row, chain.time - begun)
         if status < 0:
             episode.status = status
             if not begun <= chain.time <= until:  # nan or worse
                 chain.time = until
             break
         if status == TOUCHED:
-            show(row)
+            send_display(row)
         if status == DETECTED:
-            alarm = chain.detection + episode.drawn.reaction_delay
             if shifts:
-                end = snap(period_end, alarm)
+                end = snap(period_end, alarm_time(row))
                 episode.next_sample = chain.time
             else:
-                end = snap(period_end, end_with(row, chain.detection))
+                end = snap(period_end, end_time(row, chain.detection))
         if chain.time >= episode.next_sample - late:
             sample(run, row)
     if linked:
-        happen(row)
-    return alarm
+        process_events(row)

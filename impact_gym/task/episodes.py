@@ -1,4 +1,4 @@
-"""What an episode draws: from which uniform numbers, and how it is asked for again."""
+"""The draws of an episode: uniform numbers, and numbers that `reset(options=...)` fixes instead."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,112 +13,80 @@ from impact_gym.kernels import RECORD, UNIFORMS
 from impact_gym.quantities import EPISODE, QUANTITIES, SCENARIO
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import PLACES, Task
-from impact_gym.validation import number, numbers, one_of, shown, whole
+from impact_gym.validation import number, one_of, shown, whole
 
 RECORD_IDS = tuple(row.id for row in (*SCENARIO, *EPISODE))
-"""All that an episode draws but for numbers of its set-up; keys of the final `info["record"]` and of
-`options["record"]`, which plays it again."""
-
-_RESET_OPTIONS = ("scenario", "record", "episode_index")
-
-
-def generator(seed: int) -> np.random.Generator:
-    """Return the generator that an environment seeded `seed` draws from, as Gymnasium makes it."""
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed)))
+"""Ids of all drawn numbers except those of the set-up: keys of the final `info["record"]` and of `options["record"]`,
+which plays the episode again."""
 
 
 def skip_episodes(generator: np.random.Generator, count: int) -> None:
-    """Move `generator` on as if `count` episodes had been drawn from it.
-
-    An episode takes as many numbers whatever the options: so episode k of a seed is found without playing the others.
-    """
+    """Advance `generator` by `count` episodes: each takes the same count of numbers, whatever the options."""
     generator.bit_generator.advance(count * UNIFORMS)  # type: ignore[attr-defined]  # PCG64, which Gymnasium seeds
 
 
 @lru_cache(maxsize=8)
 def first_uniforms(seed: int, count: int) -> NDArray[np.float64]:
-    """Return the uniform numbers (count, UNIFORMS) of what environments seeded `seed`, `seed + 1`, ... draw first."""
-    return np.array([generator(seed + place).random(UNIFORMS) for place in range(count)])
+    """Return the uniform numbers (count, UNIFORMS) that environments seeded `seed`, `seed + 1`, ... draw first."""
+    seeds = map(np.random.SeedSequence, range(seed, seed + count))  # as Gymnasium makes its generators
+    return np.array([np.random.Generator(np.random.PCG64(each)).random(UNIFORMS) for each in seeds])
 
 
-def free_records(count: int) -> NDArray[Any]:
-    """Return records (count,) in which nothing is fixed: all is nan."""
-    free = np.empty(count, RECORD)
-    free.view(np.float64).fill(math.nan)
-    return free
-
-
-def fix(records: NDArray[Any], numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[Any]:
-    """Return `records` (n,) with numbers, or one for each of them, by id; they are changed in place."""
-    columns = records.view(np.float64).reshape(len(records), -1)
+def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[Any]:
+    """Return records (count,) in which these numbers are fixed, for all records or for each; nan: to draw."""
+    records = np.empty(count, RECORD)
+    columns = records.view(np.float64).reshape(count, -1)
+    columns.fill(math.nan)
     for name, values in numbers_by_id.items():
         columns[:, PLACES[name]] = values
     return records
 
 
-def fixed_records(options: Any, tasks: Sequence[Task], slots: int | None = None) -> NDArray[Any]:
-    """Return what `reset(options=...)` fixes as records (slots or 1,), nan where the episode draws.
+def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None) -> tuple[NDArray[Any], int]:
+    """Return the numbers that `reset(options=...)` fixes, and how many episodes it skips.
 
-    A scenario goes before a record. With `slots` a value may also be a sequence of so many, one for each. `tasks` are
-    one for all slots or one for each: what its episode draws of its set-up stays within its range, a reaction delay
-    below its longest, for which force readings are kept; what it does not draw stays as it is.
+    The numbers are records (slots or 1,), nan where the episode draws. Where a scenario and a record fix the same
+    number, the scenario counts. With `slots` a value may be a sequence of one for each slot. `tasks` are one for all
+    slots or one for each. A number of the set-up stays within the range that its task draws from, a reaction delay
+    below the longest, for which readings are kept.
 
     Raises:
-        TypeError, ValueError: an unknown option or field, or a value out of range; names what is allowed.
+        TypeError, ValueError: an unknown option or field, or a value out of range; names the allowed ones.
     """
-    records = free_records(slots or 1)
+    one_of("options", options, Mapping, type(None))
+    given, fixed = dict(options or {}), dict[str, ArrayLike]()
+    index = given.pop("episode_index", None)
     drawn = dict.fromkeys(name for task in tasks for name in task.drawn)
     for option, known in {"record": [*RECORD_IDS, *drawn], "scenario": FIELDS}.items():
-        given = (options or {}).get(option, {})
-        one_of(f"options[{option!r}]", given, Mapping)
-        for name, value in given.items():
+        one_of(f"options[{option!r}]", values := given.pop(option, {}), Mapping)
+        for name, value in values.items():
             if name not in known:
                 raise ValueError(f"options[{option!r}] has no field {name!r}; its fields are {list(known)}")
-            fix(records, {name: _checked(name, value, tasks, slots, f"options[{option!r}][{name!r}]")})
-    return records
+            fixed[name] = _checked(f"options[{option!r}][{name!r}]", name, value, tasks, slots)
+            if name == "distance" and option == "scenario":  # a record may hold a distance that is out of reach
+                for distance, task in zip(np.resize(fixed[name], slots or 1), cycle(tasks), strict=False):
+                    task.check_distance(float(distance), f"options[{option!r}][{name!r}]")
+    for name in given:
+        raise ValueError(f"unknown option {name!r}; allowed are 'scenario', 'record', 'episode_index'")
+    skipped = 0 if index is None else whole("options['episode_index']", index, at_least=0)
+    return records_with(slots or 1, fixed), skipped
 
 
-def _checked(name: str, value: Any, tasks: Sequence[Task], slots: int | None, field: str) -> ArrayLike:
-    """Return what an option fixes a number at, one value or one for each slot."""
-    unit, limits = QUANTITIES[name].unit, [_limits(name, task) for task in tasks]
-    values: ArrayLike
-    if slots is None or not isinstance(value, (Sequence, np.ndarray)) or isinstance(value, (str, bytes)):
-        for each in limits:
-            values = number(field, value, unit, **each)
-    else:
-        alike = len(limits) == 1
-        values = numbers(field, value, unit, **(limits[0] if alike else {}))
-        if len(values) != slots:
-            raise ValueError(f"{field} must be a number or {slots} of them in {unit}, got {len(values)}")
-        for slot, one in enumerate(() if alike else values):
-            number(f"{field}[{slot}]", one, unit, **limits[slot])
-    if name == "distance" and field.startswith("options['scenario']"):  # a record may hold what was drawn beyond it
-        for distance, task in zip(np.resize(values, max(len(tasks), np.size(values))), cycle(tasks), strict=False):
-            task.check_distance(float(distance), field)
-    if name == "noise_seed" and np.any(np.mod(values, 1.0)):
-        raise ValueError(f"{field} must be a whole number, got {shown(value)}")
-    return values
-
-
-def _limits(name: str, task: Task) -> dict[str, float]:
-    """Return the limits of a number that an episode of `task` is given."""
-    if name in task.drawn:
-        return dict(zip(("at_least", "at_most"), task.drawn[name], strict=True))
-    longest = {"at_most": task.longest_delay} if name == "reaction_delay" else {}
-    return QUANTITIES[name].limits._asdict() | longest
-
-
-def episode_index(options: Any) -> int | None:
-    """Return which episode of its seed `reset(options=...)` asks for, None if the next one; refuses unknown options.
-
-    Raises:
-        TypeError, ValueError: an unknown option, or no whole number.
-    """
-    if options is None:
-        return None
-    one_of("options", options, Mapping)
-    for name in options:
-        if name not in _RESET_OPTIONS:
-            raise ValueError(f"unknown option {name!r}; allowed are {', '.join(map(repr, _RESET_OPTIONS))}")
-    index = options.get("episode_index")
-    return None if index is None else whole("options['episode_index']", index, at_least=0)
+def _checked(field: str, name: str, value: Any, tasks: Sequence[Task], slots: int | None) -> ArrayLike:
+    """Return the number that an option fixes, one for all slots or a list of one for each."""
+    several = isinstance(value, Sequence) and not isinstance(value, (str, bytes))
+    listed = slots is not None and (several or getattr(value, "ndim", 0) > 0)
+    if listed and len(value) != slots:
+        raise ValueError(f"{field} must be a number or {slots} of them in {QUANTITIES[name].unit}, got {len(value)}")
+    pairs = zip(value, cycle(tasks), strict=False) if listed else ((value, task) for task in tasks)
+    checked = list[float]()
+    for slot, (each, task) in enumerate(pairs):
+        limits = QUANTITIES[name].limits._asdict()
+        if name in task.drawn:
+            limits = dict(zip(("at_least", "at_most"), task.drawn[name], strict=True))
+        elif name == "reaction_delay":
+            limits["at_most"] = task.longest_delay
+        checked.append(number(f"{field}[{slot}]" if listed else field, each, QUANTITIES[name].unit, **limits))
+        if name == "noise_seed" and checked[-1] % 1.0:
+            raise ValueError(f"{field} must be a whole number, got {shown(each)}")
+    return checked if listed else checked[-1]

@@ -1,6 +1,6 @@
 """Frozen evaluation sets: scenarios as small data files with a checksum, so that a comparison outlives any generator.
 
-The shipped ones hold what the environments seeded `seed`, `seed + 1`, ... draw first, from the named ranges. A set is
+A shipped set holds the first draws of the environments seeded `seed`, `seed + 1`, ... from its named ranges. It is
 played by `envs.reset(options={"scenario": set.scenario})` on a batch of `set.count` environments.
 """
 
@@ -43,7 +43,7 @@ def load(name: str | Path) -> EvaluationSet:
     """Return a shipped set by its name, or the one in a file.
 
     Raises:
-        ValueError: there is no such set, or the file is not what was frozen.
+        ValueError: there is no such set, or the file was altered.
     """
     return parsed(named_file("evaluation set", name, SHIPPED, ".csv"), "evaluation set", _frozen)
 

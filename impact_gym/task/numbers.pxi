@@ -48,7 +48,7 @@ cdef struct ChannelNumbers:
     double timeout  # s, silence after which the arm stops
 
 
-cdef struct Record:  # what an episode has drawn, the rest of its set-up; nan: to draw
+cdef struct Record:  # numbers of an episode and of its set-up; nan: to draw
     double object_mass  # kg, object mass
     double contact_stiffness  # N/m^1.5, contact stiffness
     double restitution  # -, restitution
@@ -72,7 +72,7 @@ cdef struct Record:  # what an episode has drawn, the rest of its set-up; nan: t
     ChannelNumbers downlink
 
 
-cdef struct Sensors:  # what the controller may know now, and what it is told of the truth
+cdef struct Sensors:  # sensor values, and true values for a critic
     double position  # m, flange position
     double velocity  # m/s, flange velocity
     double time  # s, time

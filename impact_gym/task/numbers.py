@@ -1,6 +1,6 @@
 """The records of the compiled program that hold one number for each row of the table: writes `numbers.pxi`.
 
-`python -m impact_gym.task.numbers` does it after a change of the table, and a test says whether it has been done.
+Run `python -m impact_gym.task.numbers` after a change of the table; a test fails until then.
 """
 
 from collections.abc import Iterable, Iterator
@@ -31,9 +31,9 @@ def text() -> str:
     lines += [f"    {name} = {place}" for name, place in places]
     for part, rows in inner.items():
         lines += ["", "", f"cdef struct {STRUCTS[part]}:", *_fields(rows)] if part != "downlink" else []
-    lines += ["", "", "cdef struct Record:  # what an episode has drawn, the rest of its set-up; nan: to draw"]
+    lines += ["", "", "cdef struct Record:  # numbers of an episode and of its set-up; nan: to draw"]
     lines += [*_fields(drawn), *(f"    {STRUCTS[part]} {part}" for part in inner)]
-    lines += ["", "", "cdef struct Sensors:  # what the controller may know now, and what it is told of the truth"]
+    lines += ["", "", "cdef struct Sensors:  # sensor values, and true values for a critic"]
     return "\n".join([*lines, *_fields(sensed, ", from the flange"), ""])
 
 

@@ -1,4 +1,4 @@
-"""What the controller sees: the rows of the table that a task shows, in their order, scaled as they say."""
+"""The observation: which rows of the table of quantities it holds, in which order, and how they are scaled."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 class Curve(NamedTuple):
-    """What is observed of a number before it is scaled."""
+    """A function of a number, applied before it is scaled."""
 
     code: int  # in the compiled program
     at: Callable[[float], float]  # of one number, as the C library computes it
@@ -53,17 +53,13 @@ class Entry(NamedTuple):
         low, high = map(CURVES[self.scale.curve].at, (self.scale.low, self.scale.high))
         return low, (1.0 - self.scale.scaled_low) / (high - low)
 
-    @property
-    def constant(self) -> bool:
-        """Whether it stays as it is through an episode."""
-        return f"sensors.{self.id}" not in _PLACES
-
 
 class ObservationSpec:
-    """Which number stands where in an observation, and what it is in SI units.
+    """The numbers of an observation: their places, and how each is mapped to SI units.
 
-    `ids` and `entries` are in the order of the observation: first what an actor sees, `observation[..., spec.actor]`,
-    then the truth that the argument `privileged` adds. A critic sees all of it, `observation[..., spec.critic]`.
+    `ids` and `entries` are in the order of the observation: first the numbers for an actor,
+    `observation[..., spec.actor]`, then the true values that the argument `privileged` appends. A critic gets all of
+    them, `observation[..., spec.critic]`.
     """
 
     def __init__(self, task: Task, drawn: Iterable[str] | None = None) -> None:
@@ -71,7 +67,7 @@ class ObservationSpec:
 
         Args:
             task: arguments of the environment.
-            drawn: ids of the numbers of the set-up that a critic sees; None: those that the task draws.
+            drawn: ids of the numbers of the set-up that a critic gets; None: those that the task draws.
         """
         shown = [row for row in QUANTITIES.values() if _actor_sees(row, task)]
         critic = {*(task.drawn if drawn is None else drawn)}
@@ -87,7 +83,7 @@ class ObservationSpec:
     def of_rows(cls, tasks: Sequence[Task]) -> "ObservationSpec":
         """Return the specification that all rows of a batch have in common.
 
-        A critic sees in every row what any of the tasks draws.
+        In every row a critic gets the numbers that any of the tasks draws.
 
         Raises:
             ValueError: the tasks observe different things; names the arguments and the row.
@@ -108,13 +104,13 @@ class ObservationSpec:
         return name in self._index
 
     def index(self, name: str) -> int:
-        """Return where the number with this id stands.
+        """Return the place of the number with this id.
 
         Raises:
-            ValueError: it is not observed; names what is.
+            ValueError: it is not observed; names the observed ones.
         """
         if name not in self._index:
-            raise ValueError(f"{name!r} is not observed; what is: {', '.join(self.ids)}")
+            raise ValueError(f"{name!r} is not observed; observed are {', '.join(self.ids)}")
         return self._index[name]
 
     def scale(self, name: str) -> Scale:
@@ -122,7 +118,10 @@ class ObservationSpec:
         return self.entries[self.index(name)].scale
 
     def decode(self, observation: ArrayLike, name: str) -> Floats:
-        """Return a number (...) in its unit, of observations (..., n_obs); at an end of its scale it may be beyond."""
+        """Return a number (...) in its unit from observations (..., n_obs).
+
+        A number at an end of its scale may truly lie beyond.
+        """
         scale = self.scale(name)
         curve = CURVES[scale.curve]
         scaled = np.asarray(observation, np.float64)[..., self.index(name)]
@@ -131,7 +130,7 @@ class ObservationSpec:
         return np.asarray(curve.inverse(begin + share * (end - begin)))
 
     def encode(self, name: str, value: ArrayLike) -> Floats:
-        """Return what is observed of a number (...) in its unit."""
+        """Return the scaled and clipped value of a number (...) given in its unit."""
         entry = self.entries[self.index(name)]
         low, gain = entry.affine
         with np.errstate(divide="ignore"):
@@ -140,11 +139,11 @@ class ObservationSpec:
 
     @property
     def sensors(self) -> list[str]:
-        """Ids of what a controller may know now by name; the readings before it had before, the rest it asked for."""
+        """Observed ids except past readings and the time weight, time first."""
         known = [entry.id for entry in self.entries[self.actor] if entry.argument != "past_readings"]
         return sorted((name for name in known if name != "time_weight"), key=lambda name: name != "time")
 
-    def lowered(self) -> NDArray[Any]:
+    def to_kernel(self) -> NDArray[Any]:
         """Return the entries as the compiled program reads them (n,), ENTRY."""
         rows = []
         for entry in self.entries:
@@ -154,7 +153,7 @@ class ObservationSpec:
 
 
 def _actor_sees(row: Quantity, task: Task) -> bool:
-    """Whether the options of `task` let the controller see it."""
+    """Whether the options of `task` show a quantity to the controller."""
     match row.observed:
         case "past_readings":
             sensor, _, before = row.id.rpartition("_")
@@ -169,7 +168,7 @@ def _actor_sees(row: Quantity, task: Task) -> bool:
 
 
 def _critic_sees(row: Quantity, task: Task, drawn: set[str]) -> bool:
-    """Whether it is of the truth that `task` adds for a critic."""
+    """Whether `task` appends the true value of a quantity for a critic."""
     if not task.privileged:
         return False
     if row.id == "time_since_touch":
@@ -178,7 +177,7 @@ def _critic_sees(row: Quantity, task: Task, drawn: set[str]) -> bool:
 
 
 def _entry(row: Quantity, task: Task) -> Entry:
-    """Return a row as a task shows it."""
+    """Return the entry of a quantity in the observation of a task."""
     scale = row.scale
     if scale.ends:
         low, high = task.ends(scale.ends)

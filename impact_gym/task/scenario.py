@@ -1,4 +1,4 @@
-"""Scenarios: the ranges that an episode draws its object from, and the named sets of ranges."""
+"""The ranges from which an episode draws its scenario, and the named sets of ranges."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -29,7 +29,7 @@ class ScenarioRanges:
         """Return ranges from ranges, from a mapping of some of their fields, or from the name of a set.
 
         Raises:
-            TypeError, ValueError: it is none of these, or a range is wrong; names what is allowed.
+            TypeError, ValueError: it is none of these, or a range is wrong; names the allowed ones.
         """
         if isinstance(value, ScenarioRanges):
             return value
@@ -46,7 +46,7 @@ class ScenarioRanges:
         )
 
     def by_id(self) -> dict[str, Range]:
-        """Return the ranges by the id of what is drawn."""
+        """Return the ranges by the id of the number."""
         return {name: getattr(self, name) for name in FIELDS}
 
 

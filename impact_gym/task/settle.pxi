@@ -1,32 +1,33 @@
-"""How an episode ends: the arm comes to rest, the last contact is awaited, the books are closed."""
+"""The end of an episode: the arm brakes to rest, and the simulation goes on until nothing changes V_p any more."""
 
 
-cdef inline double kept_velocity(const Run *run, const Chain *chain) noexcept nogil:
-    """V_p so far, m/s: the velocity that the object keeps, with friction the largest that it had."""
+cdef inline double v_p(const Run *run, const Chain *chain) noexcept nogil:
+    """V_p so far, m/s: the object's velocity; with friction its largest one."""
     return chain.top_speed if run.ground > 0.0 else object_velocity(chain)
 
 
-cdef void finish(Run *run, Row *row) noexcept nogil:
-    """Settle and close the books of an episode that terminates."""
+cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
+    """Settle an episode that terminates, and enter what its last `step` is charged for beside the time."""
     cdef Episode *episode = row.episode
     if episode.status == 0 and row.chain.contacts > 0:
         episode.status = settle(run, row)
     if row.chain.contacts == 0 or episode.status < 0:
-        episode.missed_cost = row.task.missed_cost
+        step.miss = row.task.missed_cost
         episode.object_velocity = 0.0
     else:
-        episode.object_velocity = episode.velocity_cost = kept_velocity(run, row.chain)
-        episode.force_cost = row.task.force_weight * row.chain.peak_force
+        episode.object_velocity = step.speed = v_p(run, row.chain)
+        step.force = row.chain.peak_force
     if run.ground > 0.0:
         take_stock(run, row.chain, episode.drawn.distance)
         episode.slide, episode.rest_time = row.chain.slide, row.chain.rest_time
 
 
 cdef int settle(Run *run, Row *row) noexcept nogil:
-    """Brake the flange to rest at full deceleration and go on until no contact is left or to come; UNSETTLED: one is.
+    """Brake the flange to rest at full deceleration, then simulate until no contact remains possible.
 
-    With friction until the tool is calm, too; a contact may be left then, with an object that sticks. One that has stuck
-    for half of the time allowed while the flange rested sticks for good: what rocks against it only loses energy.
+    With friction until the tool is calm, too; a contact with an object that sticks may then remain. An object that has
+    stuck for half of the settle limit, with the flange at rest, is taken to stick for good: a tool that rocks against
+    it only loses energy. Return UNSETTLED where a contact is still possible after the settle limit.
     """
     cdef Chain *chain = row.chain
     cdef double limit = chain.time + row.task.settle_limit, deceleration = row.task.full_deceleration, brake_end
@@ -53,9 +54,9 @@ cdef inline bint has_stuck(const Chain *chain, double since) noexcept nogil:
 
 
 cdef bint is_over(const Run *run, const Chain *chain) noexcept nogil:
-    """Whether nothing more happens to the object that changes V_p.
+    """Whether nothing can change V_p any more; with friction the tool is calm, too.
 
-    With friction the tool is calm, too. One that may still touch then makes the object no faster than twice REST_SPEED.
+    A calm tool that touches makes the object no faster than twice REST_SPEED.
     """
     if chain.flange_velocity != 0.0:
         return False

@@ -1,54 +1,44 @@
-"""The task's rules: constants of the environment, its arguments, and their record for the compiled program."""
+"""The arguments of the environment, checked, and their record for the compiled program."""
 
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, NamedTuple, get_args
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from typing import Any, Self, get_args
 
 import numpy as np
 
-from impact_gym.kernels import FASTEST_WITHDRAWAL, RECORD, TASK, samples_under_way
+from impact_gym.kernels import RECORD, TASK
 from impact_gym.lowering import LOCAL_SHARE, ROBOT_NUMBERS, mount, places
-from impact_gym.operators import Channel, Operator
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Contact, Coupling, Rigid, Robot, SpringDamper, warn_of_stroke
-from impact_gym.task import steering
-from impact_gym.task.parts import ranged_record
-from impact_gym.task.paths import replaced
+from impact_gym.task.action import ActionSpec
+from impact_gym.task.nested import grouped, ranged_record
 from impact_gym.task.scenario import ScenarioRanges
+from impact_gym.teleop import checks
+from impact_gym.teleop.channels import Channel
+from impact_gym.teleop.operators import Operator
 from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 
-VELOCITY_RANGE = (-0.5, 1.5)  # m/s, what action[0] in [-1, 1] is mapped to, if not said otherwise
-ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, what action[1] in [-1, 1] is mapped to, likewise; its end brakes afterwards
-COMMAND_RESOLUTION = 1e-6  # m/s and m/s^2; so 8 m/s^2 can be commanded exactly through a float32
+VELOCITY_RANGE = (-0.5, 1.5)  # m/s, of the first number of an action, by default
+ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, of the second, by default; the flange brakes at its end after the episode
 MISSED_COST = 2.0  # m/s
 SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
 DISSIPATIONS = ("hu-guo", "exact", "fixed")
 ALARMS = ("force", "reading")
 MOST_STEPS = 2**53  # control steps until truncation
 PLACES = places(RECORD)
-"""Where each number that an episode draws stands in its record."""
+"""Place of each number of an episode in its record, by id."""
 MOUNT_IDS = tuple(row.id for row in SET_UP if row.id == "tool_mass" or "." in row.id)
-"""The numbers of what holds the tool."""
+"""Ids of the numbers of the mount: the tool, its coupling and the robot."""
 WORST_OF_STROKE = {"tool_mass": 1, "coupling.stiffness": 0, "coupling.stroke": 0}
-"""Which end of a range leaves a tool least way to its stop."""
+"""The end of each range (0 low, 1 high) at which the tool is closest to its stop."""
 
 PARTS: Mapping[str, tuple[Any, ...]] = {
     "coupling": get_args(Coupling), "robot": (Robot,),
-    "operator": get_args(Operator), **dict.fromkeys(steering.WAYS, (Channel,)),
+    "operator": get_args(Operator), **dict.fromkeys(checks.WAYS, (Channel,)),
 }  # fmt: skip
 """Arguments that are records, and their kinds."""
-
-
-class Action(NamedTuple):
-    """One number of an action."""
-
-    id: str
-    unit: str
-    low: float
-    high: float
-    words: str
 
 
 def argument(default: Any, words: str) -> Any:
@@ -56,25 +46,27 @@ def argument(default: Any, words: str) -> Any:
     return field(default=default, metadata={"words": words})
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Task:
-    """Arguments of the environment, checked; those of every front end.
+    """The arguments of the environment, checked; every front end takes these.
 
-    A number of the set-up may be given as a pair (low, high), from which episodes draw: `drawn` has it then, and the
-    field itself the middle. `at` returns the task of one episode. Fields are of the type Any where what is given is not
-    what is kept.
+    A number of the set-up may be given as a pair (low, high), from which each episode draws. Then `drawn` has the pair,
+    and the field has its middle. `arguments` returns what was given, `changed` a task with other arguments, `at` the
+    task of one episode. A field has the type Any where the value that is kept differs from the value that is given.
     """
 
     scenario: Any = argument("train", '"train", "test", "hard", a `ScenarioRanges` or a dict of ranges')
     coupling: Any = argument(SpringDamper(50.0, 1.0), "how the tool hangs on the flange; a dict works too")
     tool_mass: Any = argument(0.125, "")
-    time_weight: Any = argument(2.0, "what a second of approach costs; a pair draws it log-uniformly per episode")
+    time_weight: Any = argument(2.0, "cost of a second of approach; a pair draws it log-uniformly per episode")
     force_weight: float = argument(0.0, "")
     reaction_delay: Any = argument(0.016, "from sensor to controller; a pair draws it uniformly per episode")
     control_period: float = argument(0.016, "")
     velocity_range: Range = argument(VELOCITY_RANGE, "")
-    acceleration_range: Range = argument(ACCELERATION_RANGE, "what the second is mapped to; its top brakes at the end")
-    alarm: str = argument("force", 'or "reading": what raises the alarm, see Observation Space')
+    acceleration_range: Range = argument(
+        ACCELERATION_RANGE, "range of the second number of an action; the flange brakes at its top after the episode"
+    )
+    alarm: str = argument("force", 'or "reading": source of the alarm, see Observation Space')
     alarm_threshold: Any = argument(1.0, "")
     dissipation: str = argument("hu-guo", 'or "exact" or "fixed": how damping follows from restitution, see `Contact`')
     reference_velocity: float | None = argument(None, 'at which "fixed" gives the restitution, 1 if None')
@@ -86,18 +78,27 @@ class Task:
     force_bias: Any = argument(0.0, "")
     deflection_sensor: bool = argument(False, "observe how far the tool is displaced on its coupling")
     past_readings: int = argument(0, f"readings before the last one to observe too; at most {PAST_READINGS}")
-    privileged: bool = argument(False, "observe the true scenario, and whatever is drawn, too")
+    privileged: bool = argument(False, "observe the true scenario and all drawn numbers, too")
     robot: Any = argument(None, "a compliant `Robot`; a dict works too")
     rtol: float = argument(1e-8, "relative error allowed in a contact, see `simulate`")
     horizon: float = argument(HORIZON, "end of an episode without an alarm")
     after_alarm: float = argument(AFTER_ALARM, "from the alarm to the end of an episode")
-    missed_cost: float = argument(MISSED_COST, "what an object costs that was not touched")
-    operator: Any = argument(None, "who commands, see `impact_gym.operators`; a dict works too; None: the controller")
-    uplink: Any = argument(None, "the `Channel` of the operator's commands; a dict works too; None: a perfect one")
-    downlink: Any = argument(None, "that of what the operator sees, likewise")
+    missed_cost: float = argument(MISSED_COST, "cost of an object that was not touched")
+    operator: Any = argument(
+        None, "the operator, see `impact_gym.operators`; a dict works too; None: the controller commands alone"
+    )
+    uplink: Any = argument(None, "`Channel` of the operator's commands; a dict works too; None: a perfect one")
+    downlink: Any = argument(None, "`Channel` of the operator's view, likewise")
     max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
 
-    drawn: Mapping[str, Range] = field(init=False)  # by id, in the order of the table
+    drawn: Mapping[str, Range] = field(init=False, hash=False)  # by id, in the order of the table
+    _given: Mapping[str, Any] = field(init=False, repr=False, compare=False)
+
+    def __new__(cls, **given: Any) -> Self:
+        """Keep the arguments as they are given."""
+        self = super().__new__(cls)
+        self._put("_given", {name: {**value} if isinstance(value, dict) else value for name, value in given.items()})
+        return self
 
     def __post_init__(self) -> None:
         drawn: dict[str, Range] = {}
@@ -118,26 +119,6 @@ class Task:
         for name in ("force_weight", "control_period", "rtol", "horizon", "after_alarm", "missed_cost"):
             self._put(name, QUANTITIES[name].check(getattr(self, name)))
         self._put("drawn", {row.id: drawn[row.id] for row in SET_UP if row.id in drawn})
-        self._check_commands()
-        self._check_choices()
-        for way, channel in steering.checked(self).items():
-            self._put(way, channel)
-        self._check_reach()
-
-    @classmethod
-    def of(cls, field: str, given: Any) -> "Task":
-        """Return the task of a mapping of arguments, such as a file has at `field`; ValueError: it is none."""
-        one_of(field, given, Mapping)
-        for name in given:
-            if name not in arguments():
-                known = ", ".join(arguments())
-                raise WrongTypeError(f"{field}: unknown argument {shown(name)}; allowed are {known}")
-        return cls(**given)
-
-    def _put(self, name: str, value: Any) -> None:
-        object.__setattr__(self, name, value)
-
-    def _check_commands(self) -> None:
         for name in ("velocity_range", "acceleration_range"):
             unit, value = QUANTITIES[name].unit, getattr(self, name)
             low, high = QUANTITIES[name].interval(value)
@@ -146,6 +127,50 @@ class Task:
             self._put(name, (low, high))
         if self.velocity_range[1] <= 0.0:
             raise ValueError(f"velocity_range must end above 0 m/s, got {self.velocity_range}")
+        self._check_choices()
+        for way, channel in checks.checked(self).items():
+            self._put(way, channel)
+        self._check_reach()
+
+    @classmethod
+    def of(cls, field: str, given: Any) -> "Task":
+        """Return the task of a mapping of arguments, such as a file has at `field`; ValueError: it is none."""
+        one_of(field, given, Mapping)
+        for name in given:
+            if name not in ARGUMENTS:
+                raise WrongTypeError(f"{field}: unknown argument {shown(name)}; allowed are {', '.join(ARGUMENTS)}")
+        return cls(**given)
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the arguments as they were given: `Task(**task.arguments())` equals the task."""
+        return dict(self._given)
+
+    def by_path(self) -> dict[str, Any]:
+        """Return all arguments but the scenario, and the parts of records, by dotted path; ranges as given."""
+        values: dict[str, Any] = {}
+        for name in (name for name in ARGUMENTS if name != "scenario"):
+            values[name] = self._given.get(name, getattr(self, name))
+            if is_dataclass(getattr(self, name)):
+                values |= {f"{name}.{part}": value for part, value in self._parts(name).items()}
+        return values
+
+    def changed(self, by_path: Mapping[str, Any]) -> "Task":
+        """Return the task with other arguments, or parts of them, by dotted path; the other parts of a record stay."""
+        arguments = self.arguments()
+        for name, value in grouped(by_path).items():
+            if any(path.startswith(f"{name}.") for path in by_path):
+                value = {"type": type(getattr(self, name)).__name__, **self._parts(name), **value}
+            arguments[name] = value
+        return Task(**arguments)
+
+    def _parts(self, name: str) -> dict[str, Any]:
+        """Return the numbers of a coupling, robot, operator or channel, as they were given if in a mapping."""
+        given = self._given.get(name)
+        parts = asdict(getattr(self, name)) | (dict(given) if isinstance(given, Mapping) else {})
+        return {part: value for part, value in parts.items() if part != "type" and value is not None}
+
+    def _put(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
 
     def _check_choices(self) -> None:
         for name, allowed in {"dissipation": DISSIPATIONS, "alarm": ALARMS}.items():
@@ -168,7 +193,7 @@ class Task:
             number("max_episode_steps", self.max_episode_steps, "-", at_most=MOST_STEPS)
 
     def _check_reach(self) -> None:
-        """Refuse a way that no episode is long enough for; warn of one that some are not, and of a stroke too short."""
+        """Refuse objects that are all out of reach; warn of some that are, and of a stroke that is too short."""
         near, far = self.scenario.distance
         way = self.check_distance(near)
         if far > self.reach:
@@ -195,7 +220,7 @@ class Task:
 
     @property
     def ranges(self) -> dict[str, Range]:
-        """Return by id the ranges that episodes draw from; some that are always drawn from may have no width."""
+        """Return by id the ranges that episodes draw from; those of a scenario, delay and weight may have no width."""
         pairs = {name: getattr(self, name) for name in ("time_weight", "reaction_delay")}
         always = {name: pair if isinstance(pair, tuple) else (pair, pair) for name, pair in pairs.items()}
         return self.scenario.by_id() | always | dict(self.drawn)
@@ -205,83 +230,60 @@ class Task:
         """The longest reaction delay of an episode, s."""
         return self.ranges["reaction_delay"][1]
 
-    @property
-    def draws_mount(self) -> bool:
-        """Whether episodes differ in what holds the tool."""
-        return not self.drawn.keys().isdisjoint(MOUNT_IDS)
-
-    @property
-    def rough(self) -> bool:
-        """Whether there is friction under the object, in some episodes at least."""
-        return bool(self.friction)
-
     def ends(self, argument: str) -> Range:
-        """Return the ends of a scale that follow from an argument of the environment."""
+        """Return the ends of a scale that depend on an argument of the environment."""
         if argument == "operator":
             return -0.25, 0.75 if self.operator is None else 1.75
         if argument == "horizon":
             return 0.0, max(1.25 * self.horizon, self.horizon + self.after_alarm)
         return (0.0, self.after_alarm) if argument == "after_alarm" else self.velocity_range
 
-    def draws(self) -> list[tuple[Any, ...]]:
-        """Return the fields of the compiled program's `Draw` of each number that episodes draw from a range."""
-        draws = []
-        for name, (low, high) in self.ranges.items():
-            row = QUANTITIES[name]
-            source = row.draw.source if row.draw else 0
-            draws.append((PLACES[name], source, int(row.by_ratio(low)), low, high))
-        return draws
+    def at(self, record: Mapping[str, float]) -> "Task":
+        """Return the task of the episode that drew `record`, the final `info["record"]`: nothing in it is drawn."""
+        return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
 
-    def lowered(self, first_draw: int, table_at: int) -> tuple[Any, Any]:
-        """Return the compiled program's `Task` (1,), TASK, and the tables of its operator and channels (n,).
+    def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
+        """Return the task in the records of the compiled program.
 
-        Its draws begin at `first_draw` among those of all tasks, its tables at `table_at` among all tables.
+        Args:
+            first_draw: place of its first draw among those of all tasks.
+            table_at: place of its first table's first number among the tables of all tasks.
+
+        Returns:
+            its record (1,), TASK; the fields of DRAW of each number that episodes draw; and its tables (n,).
         """
         held, no_table = mount(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)
         record["mount"] = held
         numbers = record["numbers"]
         numbers["coupling"], numbers["robot"] = record["mount"]["coupling"], record["mount"]["robot"]
-        tables = [no_table, *steering.lowered(self, record, table_at + len(no_table))]
+        tables = [no_table, *checks.lowered(self, record, table_at + len(no_table))]
         if self.robot is None:
             for name in ROBOT_NUMBERS:
-                numbers["robot"][name] = math.inf  # what a critic sees beside rows with a robot
+                numbers["robot"][name] = math.inf  # for a critic, beside rows with a robot
         for row in SET_UP:
             if "." not in row.id:
                 numbers[row.id] = getattr(self, row.id) or 0.0
+        draws = []
+        for name, (low, high) in self.ranges.items():
+            row = QUANTITIES[name]
+            draws.append((PLACES[name], row.draw.source if row.draw else 0, row.by_ratio(low), low, high))
+        action = ActionSpec(self)
         values = {
             "control_period": self.control_period, "horizon": self.horizon, "after_alarm": self.after_alarm,
             "full_deceleration": self.acceleration_range[1], "settle_limit": SETTLE_LIMIT,
             "missed_cost": self.missed_cost, "reference_velocity": self.reference_velocity or 0.0,
-            "velocity": self.velocity_range, "acceleration": self.acceleration_range,
-            "command_resolution": COMMAND_RESOLUTION, "first_draw": first_draw,
-            "last_draw": first_draw + len(self.ranges), "mount_drawn": self.draws_mount,
+            "velocity": self.velocity_range, "action_size": len(action), "actions": action.to_kernel(),
+            "first_draw": first_draw, "last_draw": first_draw + len(draws),
+            "mount_drawn": not self.drawn.keys().isdisjoint(MOUNT_IDS),
             "alarm_by_reading": self.alarm == "reading", "force_weight": self.force_weight,
             "tolerance": LOCAL_SHARE * self.rtol, "exact": self.dissipation != "hu-guo",
             "max_steps": self.max_episode_steps or 0,
         }  # fmt: skip
         for name, value in values.items():
             record[name] = value
-        return record, np.concatenate(tables)
-
-    def at(self, record: Mapping[str, float]) -> "Task":
-        """Return the task of the episode that drew `record`, the final `info["record"]`: nothing in it is drawn."""
-        return replaced(self, {name: float(record[name]) for name in self.drawn}) if self.drawn else self
-
-    @property
-    def actions(self) -> tuple[Action, ...]:
-        """What the numbers of an action, from -1 to 1, are mapped to."""
-        acceleration = Action("acceleration", "m/s^2", *self.acceleration_range, "acceleration to use for it")
-        if self.operator is None:
-            return Action("velocity", "m/s", *self.velocity_range, "velocity to go to"), acceleration
-        gain = Action("gain", "-", 0.0, 1.0, "share of the operator's command")
-        return gain, acceleration, Action("withdrawal", "m/s", 0.0, FASTEST_WITHDRAWAL, "withdrawal after an alarm")
-
-    def readings_under_way(self) -> int:
-        """Return how many force readings can be between sensor and controller."""
-        return int(samples_under_way(self.longest_delay, self.control_period))
+        return record, draws, np.concatenate(tables)
 
 
-def arguments() -> dict[str, Any]:
-    """Return the fields of `Task` that are arguments of the environment, by name."""
-    return {item.name: item for item in fields(Task) if item.init}
+ARGUMENTS = {item.name: item for item in fields(Task) if item.init}
+"""The fields of `Task` that are arguments of the environment, by name."""

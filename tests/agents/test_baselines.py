@@ -188,3 +188,14 @@ def test_paper_limits_permit_the_papers_rule_and_no_more():
     expected = played(PaperTrapezoid(), "paper-limits")
     assert_identical(expected, played(PaperTrapezoid(), "linear-blind"))
     assert_identical(expected, played(ConstantSpeed(1.5, 20.0), "paper-limits"))
+
+
+@pytest.mark.parametrize("name", ["linear-blind", "teleop-spring"])
+def test_random_actions_play_a_set_up_whatever_numbers_its_action_has(name):
+    environment = load_setup(name).environment
+    alone = load_baseline("random", 2.0).for_environment(environment)
+    seen = np.zeros((1000, len(ObservationSpec(Task(**environment)))), np.float32)
+    actions = np.concatenate([alone.predict(seen)[0] for _ in range(10)])
+    assert (actions.min(axis=0) < -0.99).all()
+    assert (actions.max(axis=0) > 0.99).all()
+    assert ScenarioBatch(3, 20, **environment).play(alone).peak_force.max() > 0.0

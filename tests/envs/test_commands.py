@@ -22,7 +22,7 @@ def test_operator_alone_is_never_corrected(uplink):
         columns = each.link_columns()
         assert not columns["is_intervention"].any()
         assert (columns["teleop_action"] == columns["intervene_action"]).all()
-        stopped += each.links["silent"].sum()
+        stopped += each.links["expired"].sum()
     assert (stopped > 100) == ("loss" in uplink)
 
 

@@ -1,21 +1,24 @@
-"""The environment plays the physics of `simulate`, and of a slow solver of the whole task; its rewards add up."""
+"""The environment plays the physics of `simulate`, its actions are commands in SI units, and wrong calls are refused.
+
+All other bad input: tests/test_refusals.py.
+"""
 
 from itertools import product
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, PAPERS_SPRING, Always, Given, assert_identical, history, play, scenes_of, seconds
-from impact_gym.kernels import decode
+from episodes import ID, PAPERS_SPRING, Always, Given, assert_identical, encode, history, play, scenes_of, seconds
 
 import impact_gym as ig
-from agents.baselines import PaperTrapezoid, encode
+from agents.baselines import PaperTrapezoid
 from agents.baselines.profile import ConstantDeceleration
 from agents.evaluate import ScenarioBatch
 from experiments.reference import task as slow
-from impact_gym.task import Task
+from impact_gym.envs.single import ImpactApproachEnv
+from impact_gym.sb3 import ImpactVecEnv
+from impact_gym.task import ActionSpec, Task
 from impact_gym.task.scenario import FIELDS
-from impact_gym.task.task import ACCELERATION_RANGE, COMMAND_RESOLUTION, VELOCITY_RANGE
 
 COUPLINGS = [PAPERS_SPRING, ig.SpringDamper(150.0, 0.2), ig.Rigid(), ig.Bistable()]
 PERIODS_AND_DELAYS = [
@@ -98,17 +101,31 @@ def test_named_sets_are_the_documented_ones():
 
 
 def test_float32_actions_command_the_papers_rule_exactly_and_every_round_number_to_rounding():
-    def commanded(action):
-        ranges = zip(action.astype(float), (VELOCITY_RANGE, ACCELERATION_RANGE), strict=True)
-        return tuple(decode(share, *limits, COMMAND_RESOLUTION) for share, limits in ranges)
-
+    decode = ActionSpec(Task()).decode
     assert encode(1.0, 8.0).dtype == np.float32
-    assert commanded(encode(1.0, 8.0)) == (1.0, 8.0)
-    assert commanded(encode(0.0, 8.0)) == (0.0, 8.0)
-    for velocity in np.arange(-50, 151) / 100:
-        for acceleration in (1.0, 8.0 + velocity, 20.0):
-            decoded = commanded(encode(velocity, acceleration))
-            assert decoded == pytest.approx((velocity, acceleration), rel=1e-15, abs=1e-300)
+    assert decode(encode(1.0, 8.0)).tolist() == [1.0, 8.0]
+    assert decode(encode(0.0, 8.0)).tolist() == [0.0, 8.0]
+    velocity, part = np.meshgrid(np.arange(-50, 151) / 100, [0, 1, 2])
+    acceleration = np.choose(part, (1.0, 8.0 + velocity, 20.0))
+    decoded = decode(encode(velocity, acceleration))
+    assert decoded == pytest.approx(np.stack([velocity, acceleration], axis=-1), rel=1e-15, abs=1e-300)
+
+
+@pytest.mark.parametrize("options", [{}, {"velocity_range": (-1.0, 0.5), "acceleration_range": (0.5, 10.0)}], ids=str)
+def test_flange_does_what_the_action_says_in_si_units(options):
+    """After a period it moves at the acceleration that was decoded, later at the velocity, to the bit."""
+    envs, spec = gym.make_vec(ID, num_envs=200, scenario={"distance": 0.5}, **options), ActionSpec(Task(**options))
+    action = np.random.default_rng(0).uniform(-1.2, 1.2, (200, 2)).astype(np.float32)
+    (velocity, acceleration), moved = spec.decode(action).T, []
+    envs.reset(seed=0)
+    for _ in range(20):
+        envs.step(action)
+        moved.append(envs.unwrapped.sensors()["velocity"])
+    assert moved[0] == pytest.approx(np.sign(velocity) * np.minimum(0.016 * acceleration, np.abs(velocity)), rel=1e-12)
+    arrived = np.abs(velocity) <= 0.3 * acceleration
+    assert np.sum(arrived) > 100
+    assert np.array_equal(moved[-1][arrived], velocity[arrived])
+    assert spec.encode(velocity, acceleration) == pytest.approx(np.clip(action, -1.0, 1.0), abs=2e-6)
 
 
 def test_action_means_the_same_as_float32_float64_or_list():
@@ -126,3 +143,51 @@ def test_baseline_commands_what_it_means_on_an_arm_of_other_ranges():
         info = play(gym.make(ID, **options), rule.for_environment(options), scenario=scenario).info
         results.append([info["object_velocity"], info["approach_time"], info["peak_force"]])
     assert results[0] == pytest.approx(results[1], rel=1e-4)  # actions and observations are of single precision
+
+
+MAKERS = {"single": gym.make, "vector": gym.make_vec, "stable": lambda _, **options: ImpactVecEnv(2, **options)}
+
+
+def test_batch_takes_its_size_from_numpy():
+    assert gym.make_vec(ID, num_envs=np.int64(3)).num_envs == 3
+
+
+def test_actions_outside_the_box_act_as_its_edge():
+    for outside, edge in (([3.0, -1.7], [1.0, -1.0]), ([-1e30, 1e30], [-1.0, 1.0]), ([1.0000001, 2], [1.0, 1.0])):
+        env, twin = gym.make(ID), gym.make(ID)
+        env.reset(seed=3), twin.reset(seed=3)
+        for _ in range(25):
+            assert_identical(env.step(np.float32(outside)), twin.step(np.float32(edge)))
+
+
+def step(env, controller):
+    """Step any front end: whether all has ended, and the info."""
+    slots = (env.num_envs,) if isinstance(env, ImpactVecEnv) else env.action_space.shape[:-1]
+    result = env.step(controller.predict(np.zeros((*slots, 8)))[0])
+    return np.all(result[2]), result[-1]
+
+
+@pytest.mark.parametrize("make", [*MAKERS.values(), lambda _: ImpactApproachEnv()], ids=[*MAKERS, "by itself"])
+def test_step_before_the_first_reset_is_refused(make):
+    with pytest.raises((RuntimeError, gym.error.ResetNeeded), match="reset"):
+        step(make(ID), Always(1.0, 8.0))
+
+
+def test_step_after_the_end_is_refused_instead_of_rewarded_again():
+    """`gym.make` lets such a step through to the environment; the batch without autoreset refuses it as well."""
+    env = gym.make(ID)
+    play(env, PaperTrapezoid())
+    with pytest.raises((RuntimeError, gym.error.ResetNeeded), match="reset"):
+        env.step(np.zeros(2, np.float32))
+    env.reset()
+    assert env.step(np.zeros(2, np.float32))[2] is False
+
+
+def test_trace_that_is_not_kept_or_too_long_is_refused():
+    env = gym.make(ID, horizon=40.0, control_period=0.15)
+    with pytest.raises(RuntimeError, match="record_trace"):
+        env.unwrapped.trace()
+    env = gym.make(ID, horizon=40.0, control_period=0.15, record_trace=True)
+    play(env, Always(0.0, 20.0))
+    with pytest.raises(RuntimeError, match="trace points"):  # longer than a trace can be
+        env.unwrapped.trace()

@@ -28,7 +28,7 @@ from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import Task
 from impact_gym.task.episodes import RECORD_IDS
-from impact_gym.task.task import arguments
+from impact_gym.task.task import ARGUMENTS
 
 HARD = {"scenario": "hard", "time_weight": (0.5, 8.0), "reaction_delay": 0.03}
 NOISY = {"range_noise": 0.01, "force_noise": 0.2, "force_bias": 0.1, "deflection_sensor": True, "privileged": True}
@@ -41,7 +41,7 @@ FIXED = st.sampled_from([
 
 
 def test_every_argument_of_a_task_is_in_the_strategy():
-    assert {*arguments()} == {*OWN, *OBSERVED, *WITH_OPERATOR, *MORE}
+    assert {*ARGUMENTS} == {*OWN, *OBSERVED, *WITH_OPERATOR, *MORE}
 
 
 @pytest.mark.parametrize("front", FRONT_ENDS)

@@ -3,6 +3,8 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import action_table, assert_identical, begin
+from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import check_env
 
 from impact_gym.envs import IDS, objectives, of_objectives
@@ -18,6 +20,7 @@ def test_episodes_lie_between_reference_and_utopia_point(options):
     env = gym.make(ID, disable_env_checker=True, **options)
     bare, rng = env.unwrapped, np.random.default_rng(2)
     assert bare.reward_dim == 2 + ("force_weight" in options)
+    assert bare.reward_space == Box(-np.inf, 0.0, (bare.reward_dim,), np.float64)
     for seed in range(30):
         env.reset(seed=seed)
         total, ended, action = np.zeros(bare.reward_dim), False, [rng.choice([-1.0, 0.0, 1.0]), 1.0]
@@ -27,6 +30,21 @@ def test_episodes_lie_between_reference_and_utopia_point(options):
             total += reward
         assert np.all(total >= bare.reference_point - 1e-12)
         assert np.all(total <= bare.utopia_point)
+
+
+@pytest.mark.parametrize("weights", [[0.01, 0.01], [0.01, 0.0]])
+def test_force_is_an_objective_of_the_slots_with_a_force_weight_also_after_a_restore(weights):
+    slots = [{"force_weight": weight} for weight in weights]
+    envs, other = (gym.make_vec(ID, num_envs=2, per_slot=slots).unwrapped for _ in range(2))
+    begin(envs, seed=1), begin(other, seed=5)
+    forces, (first, *actions) = np.zeros(2), action_table(4, 90, 2)
+    envs.step(first), other.set_state(envs.get_state())
+    for row in actions:
+        _, rewards, *_, infos = returned = envs.step(row)
+        assert_identical(returned, other.step(row))
+        forces = np.minimum(forces, rewards[:, 2])
+        assert rewards @ [2.0, 1.0, 0.01] == pytest.approx(infos["original_reward"], abs=1e-9)
+    assert (forces < 0.0).tolist() == [weight > 0.0 for weight in weights]
 
 
 def test_no_tool_is_sooner_than_a_rigid_one_at_the_limits():

@@ -9,7 +9,7 @@ from scipy.signal import lsim
 from steered import AWAY, OWN, STOP, played, sent, steered
 
 import impact_gym as ig
-from impact_gym.operators import FIFTH_GENERATION
+from impact_gym.teleop.channels import FIFTH_GENERATION
 
 
 @pytest.mark.parametrize(("name", "spread"), [("5g-100ms", 0.034), ("5g-299ms", 0.090), ("5g-500ms", 0.095)])

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, action_table, assert_identical, begin, task_of
+from episodes import ID, action_table, assert_identical, begin, encode, task_of
 from episodes import IDS as APPROACHES
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers.vector import RecordVideo
@@ -17,7 +17,6 @@ from rendered import HARD_AND_HEAVY, SHAPE, history_of, play
 from stable_baselines3.common.vec_env import VecVideoRecorder
 from tasks import EVERYTHING_DRAWN
 
-from agents.baselines import encode
 from impact_gym.envs import IDS, render_canvas, render_chain, rendering
 from impact_gym.envs.render_history import FRAME_RATE, FRAMES_PER_IMPACT
 from impact_gym.envs.render_video import SlowMotionVideo

@@ -6,10 +6,14 @@ That all observations are those of the independent solver, whatever is done: `te
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import FORCE, ID, PEAK, Always, action_table, at_rest, newtons, play, seconds
+from episodes import FORCE, ID, PEAK, ROBOT, Always, action_table, at_rest, encode, newtons, play, seconds
 from scipy import stats
+from steered import ARM, OWN
 
+import impact_gym as ig
 from agents.baselines import PaperTrapezoid
+from impact_gym.envs.batch import Batch
+from impact_gym.task import Task
 
 
 def test_approach_without_a_distance_estimate_looks_the_same_whatever_stands_ahead():
@@ -90,3 +94,45 @@ def test_sensors_say_in_si_units_what_the_observation_says():
         touched = max(touched, sensors["force"])
         observation, _, ended, _, _ = env.step(next(actions))
     assert touched > 1.0
+
+
+@pytest.mark.parametrize("options", [{}, {"alarm": "reading", "force_noise": 1.0}, {"operator": "Trapezoid"}], ids=str)
+def test_episode_state_has_the_alarm_that_is_observed_and_the_end_of_the_last_step(options):
+    steered = {**ARM, "operator": {"type": options["operator"]}} if "operator" in options else options
+    batch = Batch(20, Task(**steered), threads=1)
+    batch.begin_seeded(0, {})
+    assert len(np.unique(batch.info()["scenario"]["distance"])) == 20
+    action, alarms = OWN if steered is not options else encode(0.8, 10.0), 0
+    while not batch.ended.all():
+        skipped = batch.ended
+        batch.step(np.tile(action, (20, 1)), skipped)
+        sensors = batch.sensors()
+        for row in np.flatnonzero(~skipped):
+            state, now = batch.episode_state(row), sensors["time"][row]
+            assert state.end == (now if batch.ended[row] else np.inf)
+            assert sensors["alarm"][row] == (state.alarm <= now < state.alarm_over - 1e-9)
+            if sensors["alarm"][row]:
+                assert sensors["time_since_alarm"][row] == now - state.alarm
+            if "alarm" not in options:
+                assert state.alarm == state.detection + 0.016
+            alarms += sensors["alarm"][row]
+    assert alarms > 20
+
+
+@pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(50.0)], ids=str)
+def test_bodies_are_where_the_trace_ends(coupling):
+    batch = Batch(1, Task(coupling=coupling, robot=ROBOT), threads=1, trace_points=5000)
+    batch.begin_seeded(3, {"distance": 0.05})
+    for _ in range(12):
+        batch.step(encode([0.7], [15.0]), batch.ended)
+        trace, bodies = batch.trace(0), batch.bodies()
+        ends = [
+            column[-1] for column in (trace.time, trace.flange_position, trace.tool_position, trace.object_position)
+        ]
+        assert np.array(bodies[:4])[:, 0] == pytest.approx(ends, abs=1e-12)
+        assert bodies.touched == (trace.contact_force.max() > 0.0)
+        if coupling != ig.Rigid():
+            assert bodies.deflection == pytest.approx(bodies.tool - bodies.flange, abs=1e-12)
+            assert bodies.deflection_rate == pytest.approx(
+                trace.tool_velocity[-1] - trace.flange_velocity[-1], abs=1e-12
+            )

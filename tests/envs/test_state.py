@@ -107,21 +107,3 @@ def test_state_with_fewer_generators_or_that_of_no_generator_is_refused(kind):
     expected = [envs.step(row) for row in actions]
     target.set_state(state)
     assert_identical([envs.step(row) for row in actions], expected)
-
-
-@pytest.mark.parametrize("weights", [[0.01, 0.01], [0.01, 0.0]])
-def test_first_vector_reward_after_a_restore_is_that_without_one(weights):
-    make = lambda: gym.make_vec("mo-impact-approach-v0", 2, per_slot=[{"force_weight": weight} for weight in weights])  # noqa: E731
-    envs, other = make().unwrapped, make().unwrapped
-    begin(envs, seed=1), begin(other, seed=5)
-    actions = action_table(4, 90, 2)
-    for row in actions[:20]:
-        envs.step(row)
-    other.set_state(envs.get_state())
-    forces = np.zeros(2)
-    for row in actions[20:]:
-        returned = envs.step(row)
-        assert_identical(returned, other.step(row))
-        forces = np.minimum(forces, returned[1][:, 2])
-        assert returned[1] @ [2.0, 1.0, 0.01] == pytest.approx(returned[4]["original_reward"], abs=1e-9)
-    assert (forces < 0.0).tolist() == [weight > 0.0 for weight in weights]

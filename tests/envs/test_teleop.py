@@ -13,11 +13,10 @@ from tasks import CHANNEL, STEERED_DRAWN
 import impact_gym as ig
 from impact_gym.envs import IDS
 from impact_gym.envs.batch import Batch
-from impact_gym.operators import SIMPLE_REACTION
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.quantities import STEERED
 from impact_gym.task import Task
-from impact_gym.task.episodes import free_records
+from impact_gym.teleop.operators import SIMPLE_REACTION
 
 COUPLINGS = (ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable())
 
@@ -49,18 +48,18 @@ def test_no_action_over_no_channel_breaks_the_rules_of_authority():
         for _ in range(180):
             begun = np.flatnonzero(batch.ended)
             if len(begun):
-                batch.begin(begun, rng.random((len(begun), 11)), free_records(len(begun)))
+                batch.begin(begun, rng.random((len(begun), 11)))
                 still[begun] = 0.0
-            before, now = batch.links["silent"].copy(), batch.chains["time"].copy()
+            before, now = batch.links["expired"].copy(), batch.chains["time"].copy()
             batch.step(rng.uniform(-1.5, 1.5, (512, 3)), np.zeros(512, bool))
             sensors, links = batch.episodes["sensors"], batch.links
-            command, executed = links["obeyed"], sensors["executed"]
+            command, executed = links["effective"], sensors["executed"]
             free = now - links["alarmed"] > 0.15 + 0.1
             assert (np.abs(executed[free]) <= np.abs(command[free])).all()
             assert (executed[free] * command[free] >= 0.0).all()
             assert (np.abs(executed - command) <= np.abs(command) + 0.3 + 1e-12).all()
             assert (executed[command == 0.0] == 0.0).all()
-            silent = (links["silent"] == 1) & (before == 1)  # the whole step
+            silent = (links["expired"] == 1) & (before == 1)  # the whole step
             assert (executed[silent] == 0.0).all()
             still = np.where(silent | (command == 0.0), still + 0.016, 0.0)
             assert (sensors["velocity"][still > 0.032 + 0.5 / 20.0] == 0.0).all()
@@ -180,10 +179,10 @@ def test_replay_of_what_a_person_commanded_at_each_tick_is_the_same_episode(dela
     commands = [[0.0] for _ in range(20)]
     while not batch.ended.all():
         if rng.random() < 0.25:  # persons at the sticks go and let go at random
-            batch.command(rng.uniform(-0.1, 0.4, 20) * (rng.random(20) < 0.95))
+            batch.set_operator_velocity(rng.uniform(-0.1, 0.4, 20) * (rng.random(20) < 0.95))
         batch.step(assist(batch), batch.ended)
         for row in np.flatnonzero(batch.links["packets"] > list(map(len, commands))):  # a step cut by an alarm has none
-            commands[row].append(float(batch.links["given"][row]))
+            commands[row].append(float(batch.links["person_command"][row]))
     of_them = batch.info()
     times, length = [0.016 * np.arange(len(each)) for each in commands], 0.016 * 600
     several = {
@@ -207,8 +206,8 @@ def test_recording_is_drawn_and_every_one_alike():
                 "recording": (0, 2)}  # fmt: skip
     batch = steered(operator, 1000, scenario=AWAY)
     batch.begin_seeded(0, {})
-    assert {*batch.links["last"]} == {0.1, 0.2}
-    assert np.mean(batch.links["last"] == 0.1) == pytest.approx(0.5, abs=0.05)
+    assert {*batch.links["last_sent"]} == {0.1, 0.2}
+    assert np.mean(batch.links["last_sent"] == 0.1) == pytest.approx(0.5, abs=0.05)
 
 
 def test_command_is_for_a_person_and_within_what_the_arm_can_do():

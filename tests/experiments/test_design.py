@@ -16,7 +16,6 @@ from experiments.design.pads import PADS, on_pad, pad_of
 from experiments.design.search import PENALTY, Candidate, SearchBudget, objective, play
 from experiments.design.variables import SearchVariable, as_built, search_variables
 from impact_gym.task import Task
-from impact_gym.task.arguments import changed
 
 STIFFNESS = "coupling.stiffness=20:200"
 SPRING = (STIFFNESS, "coupling.damping_ratio=0.2:2")
@@ -109,22 +108,24 @@ def test_scenario_batch_plays_rows_with_a_design_as_a_set_up_with_that_design():
     stage = ScenarioBatch(TUNING_SEED, 10, copies=2, threads=1, **ranges)
     together = stage.play(BlindProfile(PROFILE), {name: np.repeat(values, 10) for name, values in designs.items()})
     for copy in range(2):
-        alone = changed({}, {name: float(values[copy]) for name, values in designs.items()})
+        alone = Task().changed({name: float(values[copy]) for name, values in designs.items()}).arguments()
         played = ScenarioBatch(TUNING_SEED, 10, threads=1, **alone).play(BlindProfile(PROFILE))
         assert np.array_equal(together.object_velocity[10 * copy : 10 * copy + 10], played.object_velocity)
 
 
-def test_changed_puts_numbers_in_together_that_are_a_coupling_only_together():
-    before = load_setup("bistable-blind").environment
-    after = changed(before, {"coupling.height": 0.06, "coupling.rear_stop": -0.03, "tool_mass": 0.1})
+def test_task_takes_numbers_of_a_coupling_together_that_are_a_coupling_only_together():
+    task = Task(**load_setup("bistable-blind").environment)
+    assert Task(**task.arguments()) == task
+    before = task.arguments()
+    after = task.changed({"coupling.height": 0.06, "coupling.rear_stop": -0.03, "tool_mass": 0.1}).arguments()
     assert after["coupling"] == before["coupling"] | {"height": 0.06, "rear_stop": -0.03} | {
         "free_length": 0.07, "stop_stiffness": 1e5, "stop_damping_ratio": 1.0
     }  # fmt: skip
     assert after["tool_mass"] == 0.1
-    drawn = changed({"coupling": {"type": "SpringDamper", "stiffness": [40, 60]}}, {"coupling.damping_ratio": 0.5})
-    assert drawn["coupling"] == {"type": "SpringDamper", "stiffness": [40, 60], "damping_ratio": 0.5}
+    drawn = Task(coupling={"type": "SpringDamper", "stiffness": [40, 60]}).changed({"coupling.damping_ratio": 0.5})
+    assert drawn.arguments()["coupling"] == {"type": "SpringDamper", "stiffness": [40, 60], "damping_ratio": 0.5}
     with pytest.raises(ValueError, match="rear_stop must be above minus the stroke"):
-        Task(**changed(before, {"coupling.height": 0.06}))
+        task.changed({"coupling.height": 0.06})
 
 
 def test_play_takes_a_design_as_it_may_be_built_another_in_each_scenario():
@@ -132,7 +133,7 @@ def test_play_takes_a_design_as_it_may_be_built_another_in_each_scenario():
     assert as_built({"coupling.rear_stop": -0.02}, 0.05) == {"coupling.rear_stop": pytest.approx([-0.021, -0.019])}
     candidate = asdict(Candidate({}, "BlindProfile", PROFILE, design))
     exact, built = (play(candidate, share, limits={}, **scenarios) for share in (0.0, 0.05))
-    alone = ScenarioBatch.of(**scenarios, threads=1, **changed({}, design)).play(BlindProfile(PROFILE))
+    alone = ScenarioBatch.of(**scenarios, threads=1, **Task().changed(design).arguments()).play(BlindProfile(PROFILE))
     exact, built = (frame["object_velocity"].to_numpy() for frame in (exact, built))
     assert np.array_equal(exact, alone.object_velocity)
     changes = built / exact - 1.0

@@ -10,9 +10,8 @@ from gymnasium.utils.env_checker import data_equivalence
 from stable_baselines3.common.vec_env import VecEnv
 
 import impact_gym as ig
-from agents.baselines import encode
-from impact_gym.task import Task
-from impact_gym.task.task import arguments
+from impact_gym.task import ActionSpec, Task
+from impact_gym.task.task import ARGUMENTS
 
 ID = "ImpactApproach-v0"
 IDS = sorted(name for name in gym.registry if name.startswith("ImpactApproach"))
@@ -21,6 +20,8 @@ COMMANDED = ("command", "command_age", "is_intervention", "teleop_action", "inte
 """Entries of the info of every step, with an operator."""
 ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 PAPERS_SPRING = ig.SpringDamper(50.0, 1.0)
+encode = ActionSpec(Task()).encode
+"""From velocity (m/s) and acceleration (m/s^2) to the action of `ID`."""
 VELOCITY, TIME, ALARM, SINCE, FORCE, PEAK = range(1, 7)
 """Where these stand in an observation, by the table of the environment's documentation."""
 
@@ -98,7 +99,7 @@ def play(env, controller, seed=None, **options):
 
 def task_of(env):
     """The task of an environment of `gymnasium.make`."""
-    return Task(**{name: value for name, value in env.spec.kwargs.items() if name in arguments()})
+    return Task(**{name: value for name, value in env.spec.kwargs.items() if name in ARGUMENTS})
 
 
 def assert_added_up(task, rewards, info):

@@ -11,7 +11,7 @@ from experiments.play import try_files
 from experiments.play.assistance import PERIOD
 from experiments.play.clock import HOLD, SILENT, Clock, Stick
 from experiments.play.tries import LATE
-from impact_gym.operators import CUT
+from impact_gym.teleop.channels import CUT
 
 
 @pytest.fixture(scope="module")

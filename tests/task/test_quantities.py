@@ -19,24 +19,24 @@ from agents import load_setup
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.identify.model import free_coordinates
 from impact_gym.quantities import BY_PATH, EPISODE, NEVER_OBSERVED, QUANTITIES, RESULTS, SCENARIO, SENSORS, SET_UP
-from impact_gym.task import ObservationSpec, ScenarioRanges, Task, numbers, paths
-from impact_gym.task.episodes import fixed_records
-from impact_gym.task.task import PARTS, arguments
+from impact_gym.task import ObservationSpec, ScenarioRanges, Task, nested, numbers
+from impact_gym.task.episodes import reset_options
+from impact_gym.task.task import ARGUMENTS, PARTS
 
 EVERY_ROW = pytest.mark.parametrize("row", QUANTITIES.values(), ids=list(QUANTITIES))
 CONTACT, BRAKE = ig.Contact(1e5, 0.5, "fixed"), ig.Brake(deceleration=5.0)
 SPRING, ROBOT = ig.SpringDamper(150.0, stroke=0.02), ig.Robot(5.0, 1e5, 50.0)
 SPRUNG = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.25, 0.1), CONTACT, SPRING, ROBOT)
 SCENES = [SPRUNG, dataclasses.replace(SPRUNG, coupling=ig.Bistable())]
-RECORDS = [{**paths.parts(scene), "motion": ig.Trapezoid(1.0, 8.0, BRAKE)} for scene in SCENES]
-NUMBERS = {path: records for records in RECORDS for path in paths.flatten(records)}
+RECORDS = [{**nested.parts(scene), "motion": ig.Trapezoid(1.0, 8.0, BRAKE)} for scene in SCENES]
+NUMBERS = {path: records for records in RECORDS for path in nested.flatten(records)}
 """The records in which a dotted path leads to a number."""
 EVERY_PATH = pytest.mark.parametrize("path", NUMBERS)
 
 ALL_DRAWN = EVERYTHING_DRAWN | STEERED_DRAWN
 EVERY_SET_UP = pytest.mark.parametrize("arguments", ALL_DRAWN.values(), ids=list(ALL_DRAWN))
 EPISODES = 3000
-ARGUMENTS = arguments().keys() - {row.id for row in SENSORS}  # "alarm" says what raises it: the sensor is another thing
+GIVEN = ARGUMENTS.keys() - {row.id for row in SENSORS}  # "alarm" says what raises it: the sensor is another thing
 
 
 def doors(row):
@@ -46,20 +46,20 @@ def doors(row):
     path = row.path or row.id
     if path in NUMBERS:
         records, (parent, _, field) = NUMBERS[path], path.rpartition(".")
-        kind = type(paths.get(records, parent)).__name__
-        yield f"{kind}.{field}", lambda value: paths.replaced(records, {path: value}), None
+        kind = type(nested.get(records, parent)).__name__
+        yield f"{kind}.{field}", lambda value: nested.replaced(records, {path: value}), None
     if row in SCENARIO:
         take = lambda value: ScenarioRanges(**{row.id: value})  # noqa: E731
         yield f"ScenarioRanges.{row.id}", take, take
     if row in (*SCENARIO, *EPISODE):
-        fixed = partial(fixed_records, tasks=[Task(reaction_delay=1.0)])
+        fixed = partial(reset_options, tasks=[Task(reaction_delay=1.0)])
         yield f"options['record']['{row.id}']", lambda value: fixed({"record": {row.id: value}}), None
-    if row.id in ARGUMENTS and not row.id.endswith("_range"):
+    if row.id in GIVEN and not row.id.endswith("_range"):
         yield row.id, lambda value: Task(**{row.id: value}), None
     if row.id.startswith(("coupling.", "robot.")) and path in NUMBERS:
         part, _, field = row.id.partition(".")
-        kind = type(paths.get(NUMBERS[path], part)).__name__
-        given = dataclasses.asdict(paths.get(NUMBERS[path], part)) | {"type": kind}
+        kind = type(nested.get(NUMBERS[path], part)).__name__
+        given = dataclasses.asdict(nested.get(NUMBERS[path], part)) | {"type": kind}
         take = lambda value: Task(**{part: given | {field: value}})  # noqa: E731
         yield f"{row.id}[1]", lambda value: take((given[field], value)), take
     if row.id in ("duration", "rtol"):
@@ -108,7 +108,7 @@ def test_unknown_key_beside_the_numbers_of_a_part_is_refused_with_those_that_the
 def test_unknown_field_of_a_scenario_is_refused_with_those_that_there_are():
     fields = [row.id for row in SCENARIO]
     refused(lambda: Task(scenario={"mass": 1.0}), "scenario", "'mass'", *fields)
-    refused(lambda: fixed_records({"scenario": {"mass": 1.0}}, [Task()]), "scenario", "'mass'", *fields)
+    refused(lambda: reset_options({"scenario": {"mass": 1.0}}, [Task()]), "scenario", "'mass'", *fields)
 
 
 @EVERY_ROW
@@ -133,11 +133,11 @@ def test_paths_are_those_of_the_table():
 
 @EVERY_PATH
 def test_path_leads_to_a_number_changes_it_alone_and_may_be_swept_and_what_is_the_scenes_identified(path):
-    records, before = NUMBERS[path], paths.flatten(NUMBERS[path])
+    records, before = NUMBERS[path], nested.flatten(NUMBERS[path])
     value = 0.98 * before[path] or 0.01
-    changed = paths.replaced(records, {path: value})
-    assert paths.flatten(changed) == before | {path: BY_PATH[path].check(value)}
-    assert paths.get(records, path) == before[path]
+    changed = nested.replaced(records, {path: value})
+    assert nested.flatten(changed) == before | {path: BY_PATH[path].check(value)}
+    assert nested.get(records, path) == before[path]
     motion, scene = records["motion"], {name: each for name, each in records.items() if name != "motion"}
     swept = ig.sweep(ig.Scene(**scene), motion, {path: [value]}, duration=1.0)
     outcome = ig.simulate(ig.Scene(**{name: changed[name] for name in scene}), changed["motion"], duration=1.0)
@@ -257,7 +257,7 @@ def test_records_of_the_compiled_program_are_those_that_the_table_writes():
 def test_documentation_names_the_number_and_its_unit(row):
     text = gym.make(ID).unwrapped.__class__.__doc__
     lines = [line for line in text.splitlines() if line.strip().startswith("|")]
-    if row in SCENARIO or row in SET_UP or row.id in ARGUMENTS:
+    if row in SCENARIO or row in SET_UP or row.id in GIVEN:
         assert any(f"| `{row.id}`" in line and row.unit in line for line in lines)
     if row.observed and row.observed != "past_readings":
         assert any(f"| {row.words}" in line and f"| {row.unit}" in line for line in lines)

@@ -1,4 +1,4 @@
-"""What an operator and the channels make of a task: whether they fit, and how the compiled program has them."""
+"""Whether operator and channels fit a task, and their records for the compiled program."""
 
 import math
 from collections.abc import Mapping
@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.kernels import LONGEST_JITTER, WITHDRAWAL_FADE
-from impact_gym.operators import KINDS, LOST, Channel
+from impact_gym.teleop.channels import LOST, Channel
+from impact_gym.teleop.operators import KINDS
 from impact_gym.validation import Range, shown
 
 WAYS = ("uplink", "downlink")
@@ -17,10 +18,10 @@ FADE: float = WITHDRAWAL_FADE  # s, in which a withdrawal ends
 
 
 def checked(task: Any) -> dict[str, Channel]:
-    """Return the channels of a `Task` with an operator; where none was given a perfect one.
+    """Return the channels of a `Task` with an operator; perfect ones where none were given.
 
     Raises:
-        ValueError: something that only an operator has without one, or an operator whom the arm cannot follow.
+        ValueError: channels without an operator, or an operator whom the arm cannot follow.
     """
     if task.operator is None:
         if task.uplink or task.downlink:
@@ -58,7 +59,7 @@ def checked(task: Any) -> dict[str, Channel]:
 
 
 def without_files(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return arguments of an environment that came in a file from elsewhere, once they name no file to be read.
+    """Return arguments of an environment from an untrusted file, which may not name files to read.
 
     Raises:
         ValueError: a channel's trace is the name of a file or an URL instead of rows.
@@ -77,7 +78,7 @@ def ends(task: Any, part: str, name: str) -> Range:
 
 
 def longest(task: Any, part: str, name: str) -> float:
-    """Return the largest."""
+    """Return the largest value that this number can take in any episode."""
     return ends(task, part, name)[1]
 
 
@@ -104,7 +105,7 @@ def lowered(task: Any, record: NDArray[Any], begin: int) -> list[NDArray[np.floa
 
 
 def packets_under_way(task: Any) -> int:
-    """Return how many commands must be kept: those on their way, and where the flange was for who sees it late."""
+    """Return how many packets must be kept: those in transit, and those that the operator sees late."""
     if task.operator is None:
         return 0
     late = [LONGEST_JITTER * max(longest(task, way, "jitter"), longest(task, way, "tail")) for way in WAYS]

@@ -1,144 +1,24 @@
-"""Operators and channels: who commands an arm from afar, and over what.
-
-An operator commands a velocity, and is told of a touch by the display. Nobody knows where the object stands: a reach
-goes to where the operator believes it, `place_error` beyond its face, and from there on searches with `creep`. All but
-a `Replay` and a `Person` stop a reaction time after the displayed touch. In a dict, as in a set-up's file, any number
-may be a pair, from which episodes draw. A number without a default has none because no source for one was found.
-"""
+"""Channels between an operator and an arm: their delays, losses and traces, and those of telesurgery over 5G."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.csv_files import Column, read_columns
-from impact_gym.kernels import LONGEST_JITTER, PERSON, REACH, REPLAY, SECOND_ORDER_LAG, STEADY, TRACKER
-from impact_gym.record import SI, Record
+from impact_gym.kernels import LONGEST_JITTER
+from impact_gym.record import Record
 from impact_gym.validation import numbers, rising, shown
 
-SIMPLE_REACTION = 0.213  # s, mean of 1,469 persons (Woods et al., Front. Hum. Neurosci. 9, 2015, 131)
 CUT = float(LONGEST_JITTER)  # means of a random delay, which takes no longer
-NOTHING: NDArray[np.float64] = np.empty(0)
 LOST = 1e6  # s, the delay of a packet that never arrives: longer than any episode
 USUAL_DELAY = 1.0  # s; a file with longer ones must say its unit
 TRACE_COLUMNS = {
     "time": Column("s", r"((rel|relative|elapsed|send|sent) )?(time ?stamp|time|at)s?|t|sent"),
     "delay": Column("s", r"((one way|network|packet) )?(delay|latency|owd)s?", empty=np.nan),
 }
-Instants = Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e6)]
-
-
-class Commander(Record, path="operator"):
-    """What all operators have."""
-
-    __slots__ = ()
-
-    @property
-    def table(self) -> NDArray[np.float64]:
-        """What was recorded: times (s), then as many commands (m/s)."""
-        return NOTHING
-
-    @property
-    def recorded(self) -> NDArray[np.float64]:
-        """The commands of these, m/s."""
-        return self.table[len(self.table) // 2 :]
-
-
-@dataclass(frozen=True, slots=True)
-class Replay(Commander):
-    """Commands what was recorded, linearly between its points, the last for ever; sees nothing.
-
-    With a `length`, these are several recordings, one behind the other, that begin so long apart: `recording` counts
-    from 0, and from a pair (0, n) an episode draws one of n.
-    """
-
-    time: Instants  # rising, from 0
-    velocity: Annotated[tuple[float, ...], SI("m/s", at_least=-1e3, at_most=1e3)]  # at each
-    recording: float = 0.0  # -, its fraction does not count
-    length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = 0.0  # at least the horizon; 0: there is one
-
-    def __post_init__(self) -> None:
-        Record.__post_init__(self)
-        rising("Replay", self.time, {"velocity": self.velocity})
-        count = np.ceil(self.time[-1] / self.length) if self.length else 0.0
-        if self.recording > count:
-            raise ValueError(
-                f"Replay.recording must be at most {count:g}, as many as there are, got {self.recording!r}"
-            )
-
-    @property
-    def table(self) -> NDArray[np.float64]:
-        """Times, s, then commands, m/s."""
-        return np.array([*self.time, *self.velocity])
-
-
-@dataclass(frozen=True, slots=True)
-class Person(Commander):
-    """Somebody at a stick: commands at each tick what the environment's `command` was last given, at first 0."""
-
-
-@dataclass(frozen=True, slots=True)
-class Trapezoid(Commander):
-    """One speed until the stop: with an arm of finite acceleration the paper's trapezoid (paper, Fig. 11)."""
-
-    speed: float = 0.5  # m/s
-    reaction: float = SIMPLE_REACTION  # s
-
-
-@dataclass(frozen=True, slots=True)
-class Reach(Commander):
-    """A minimum jerk to where the object is believed (Flash and Hogan 1985, J. Neurosci. 5, 1688-1703).
-
-    Its peak is 1.875 times the mean and at most `speed`. Lag lengthens it: 64 % at 225 ms (MacKenzie and Ware 1993,
-    CHI '93, 488-493, whose effect is a factor). Its noise is signal-dependent: a share of the control, behind two lags
-    of 40 ms (Todorov 2005, as in the code of RothkopfLab/inverse-optimal-control).
-    """
-
-    place_error: float  # m
-    creep: float  # m/s
-    speed: float = 0.5  # m/s
-    reaction: float = SIMPLE_REACTION  # s
-    lag_slope: float = 0.64 / 0.225  # 1/s
-    noise: float = 0.5  # -
-
-
-@dataclass(frozen=True, slots=True)
-class SecondOrderLag(Commander):
-    """A pointing hand on a spring and damper (medians of 192 fits, `optparams/` of fl0fischer/OFC4HCI).
-
-    Its target goes to where the object is believed, so fast that the hand, with its overshoot, gets to `speed`.
-    """
-
-    place_error: float  # m
-    creep: float  # m/s
-    speed: float = 0.5  # m/s
-    reaction: float = SIMPLE_REACTION  # s
-    stiffness: float = 38.0  # 1/s^2
-    damping: float = 8.9  # 1/s
-
-
-@dataclass(frozen=True, slots=True)
-class Tracker(Commander):
-    """The crossover model: as fast as the way left, as it is seen, times `gain`.
-
-    `gain` and `reaction` are where `src/optimize_runs_u.m` of Idate96/MRAC_manual_control begins to fit recorded runs.
-    """
-
-    place_error: float  # m
-    creep: float  # m/s
-    speed: float = 0.5  # m/s
-    gain: float = 2.5  # rad/s
-    reaction: float = 0.2  # s
-
-
-Operator = Replay | Person | Trapezoid | Reach | SecondOrderLag | Tracker
-KINDS = {
-    Replay: REPLAY, Person: PERSON, Trapezoid: STEADY, Reach: REACH, SecondOrderLag: SECOND_ORDER_LAG,
-    Tracker: TRACKER,
-}  # fmt: skip
-"""What the compiled program calls them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +63,7 @@ class Channel(Record, path="uplink"):
     @property
     def table(self) -> NDArray[np.float64]:
         """The trace: times (s), then as many delays (s), `LOST` up to the middle between such a packet and the next."""
-        times, delays = np.array(self.trace or NOTHING.reshape(0, 2), np.float64).T
+        times, delays = np.array(self.trace or np.empty((0, 2)), np.float64).T
         lost = delays >= LOST
         if not lost.any():
             return np.concatenate([times, delays])

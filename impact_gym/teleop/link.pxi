@@ -1,18 +1,18 @@
-"""An operator behind two channels: what is commanded, when it arrives, and what the arm makes of it."""
+"""An operator behind two channels: commands, their packets, and the assistance at the arm."""
 
 cpdef enum:
     NO_OPERATOR, REPLAY, PERSON, STEADY, REACH, SECOND_ORDER_LAG, TRACKER  # operators
 
 cpdef enum:
-    LONGEST_JITTER = 12  # means of a random delay: what would take longer does not
+    LONGEST_JITTER = 12  # means; a longer random delay is cut to this
 
 cdef double MUSCLE = 0.04  # s, time constant of each of two lags between control and motion (Todorov 2005)
 cdef double WITHDRAWAL = 0.3  # m/s, the fastest
 cdef double FADE = 0.1  # s, in which a withdrawal ends
 FASTEST_WITHDRAWAL, WITHDRAWAL_FADE = WITHDRAWAL, FADE
-cdef double IDLE = 0.3  # s, an operator who has commanded nothing for so long is done
-cdef double BESIDE = 5e-3  # m, of a tool that has done its work
-cdef double STANDING = 0.01  # m/s, commanded of such a tool at the most
+cdef double IDLE = 0.3  # s, an operator who has commanded 0 for so long is done
+cdef double BESIDE = 5e-3  # m, penetration or gap of a tool that stands at the object
+cdef double STANDING = 0.01  # m/s, fastest flange of such a tool
 
 
 cdef double chance(Row *row, int64_t stream, int64_t count) noexcept nogil:
@@ -47,15 +47,16 @@ cdef double mean_delay(const ChannelNumbers *channel, const Table *trace) noexce
     return channel.delay + channel.jitter + channel.tail_share * (channel.tail - channel.jitter)
 
 
-cdef bint is_lost(Row *row, const ChannelNumbers *channel, int64_t *bad, int64_t stream, int64_t count) noexcept nogil:
+cdef bint is_lost(Row *row, const ChannelNumbers *channel, int64_t *was_lost, int64_t stream,
+                  int64_t count) noexcept nogil:
     """Whether a packet is lost, from whether the one before was (Gilbert 1960): `loss` of all, `burst` in a row."""
     cdef double share = channel.loss
     if share == 0.0:
         return False
     if count > 0:
-        share = 1.0 - 1.0 / channel.burst if bad[0] else min(1.0, share / (channel.burst * (1.0 - share)))
-    bad[0] = chance(row, stream + 1, count) < share
-    return bad[0]
+        share = 1.0 - 1.0 / channel.burst if was_lost[0] else min(1.0, share / (channel.burst * (1.0 - share)))
+    was_lost[0] = chance(row, stream + 1, count) < share
+    return was_lost[0]
 
 
 cdef double look_up(const Table *table, const double *tables, double time) noexcept nogil:
@@ -77,23 +78,23 @@ cdef double look_up(const Table *table, const double *tables, double time) noexc
 
 
 cdef void begin_link(Row *row) noexcept nogil:
-    """Let the operator begin at t = 0, with nothing on its way."""
+    """Reset the link at t = 0, with no packet in transit."""
     cdef Link *link = row.link
     cdef const Record *drawn = &row.episode.drawn
-    cdef const OperatorNumbers *who = &drawn.operator
+    cdef const OperatorNumbers *numbers = &drawn.operator
     cdef double way, lag = mean_delay(&drawn.uplink, &row.task.uplink) + mean_delay(&drawn.downlink, &row.task.downlink)
     memset(link, 0, sizeof(Link))
     link.sent = -1.0
-    link.stop = link.idle_since = link.next_arrival = link.silent_at = INFINITY
+    link.stop = link.idle_since = link.next_arrival = link.expires = INFINITY
     link.alarmed = -INFINITY
-    way = link.believed = max(drawn.distance + who.place_error, 0.0)
-    link.duration = 1.875 * way / who.speed if who.speed > 0.0 else INFINITY
-    link.duration *= 1.0 + who.lag_slope * lag
-    row.episode.late = lag + who.reaction
+    way = link.believed = max(drawn.distance + numbers.place_error, 0.0)
+    link.duration = 1.875 * way / numbers.speed if numbers.speed > 0.0 else INFINITY
+    link.duration *= 1.0 + numbers.lag_slope * lag
+    row.episode.late = lag + numbers.reaction
 
 
 cdef double step_response(double omega, double zeta, double time) noexcept nogil:
-    """Where a spring and damper of angular frequency omega (rad/s) is, whose target stepped from 0 to 1 at time 0."""
+    """Response of a spring and damper of angular frequency omega (rad/s) to a unit step of its target at time 0."""
     cdef double decay = zeta * omega, root = omega * sqrt(fabs(1.0 - zeta * zeta)), slow, fast
     if time <= 0.0:
         return 0.0
@@ -106,94 +107,97 @@ cdef double step_response(double omega, double zeta, double time) noexcept nogil
 
 
 cdef double intended(Row *row, double time) noexcept nogil:
-    """What the operator means to command, m/s, before noise and errors."""
-    cdef const OperatorNumbers *who = &row.episode.drawn.operator
+    """Command of the operator's model, m/s, before noise."""
+    cdef const OperatorNumbers *numbers = &row.episode.drawn.operator
     cdef Link *link = row.link
-    cdef double speed = who.speed, share, omega, zeta
+    cdef double speed = numbers.speed, share, omega, zeta
     if row.task.operator_kind == PERSON:
-        return link.given
+        return link.person_command
     if row.task.operator_kind == REPLAY:  # at the tick's own time, whatever rounding the clock has gathered
-        time = floor(who.recording) * row.task.replay.length + (link.ticks - 1) * row.task.control_period
+        time = floor(numbers.recording) * row.task.replay.length + (link.ticks - 1) * row.task.control_period
         return look_up(&row.task.replay, row.tables, time)
     if row.task.operator_kind == STEADY:
         return speed
     if row.task.operator_kind == REACH:
         share = time / link.duration if link.duration > 0.0 else 1.0
         speed = 30.0 * link.believed / link.duration * (share * (1.0 - share)) ** 2 if share < 1.0 else 0.0
-        return max(speed, who.creep) if share > 0.5 else speed
+        return max(speed, numbers.creep) if share > 0.5 else speed
     if row.task.operator_kind == SECOND_ORDER_LAG:
-        omega, zeta = sqrt(who.stiffness), 0.5 * who.damping / sqrt(who.stiffness)
+        omega, zeta = sqrt(numbers.stiffness), 0.5 * numbers.damping / sqrt(numbers.stiffness)
         share = exp(-M_PI * zeta / sqrt(1.0 - zeta * zeta)) if zeta < 1.0 else 0.0  # by which it overshoots
         speed /= 1.0 + share
         share = time - link.believed / speed  # since the target has arrived
         speed *= step_response(omega, zeta, time) - step_response(omega, zeta, share)
-        return max(speed, who.creep) if omega * share > 1.0 else speed
-    return min(max(who.gain * (link.believed - seen(row, time)), who.creep), speed)
+        return max(speed, numbers.creep) if omega * share > 1.0 else speed
+    return min(max(numbers.gain * (link.believed - seen_position(row, time)), numbers.creep), speed)
 
 
-cdef double seen(Row *row, double time) noexcept nogil:
-    """Where the operator sees the flange, m: as in the newest packet of the display that had arrived a reaction ago."""
+cdef double seen_position(Row *row, double time) noexcept nogil:
+    """Position of the flange that the operator sees, m: of the newest packet displayed a reaction time ago."""
     cdef double then = time - row.episode.drawn.operator.reaction + ROUNDING
     cdef Link *link = row.link
     cdef Packet *packet
     cdef int64_t k
-    for k in range(link.packets, max(link.looked_at, link.packets - row.packet_slots), -1):
+    for k in range(link.packets, max(link.seen_packet, link.packets - row.packet_slots), -1):
         packet = &row.packets[k % row.packet_slots]
         if packet.displayed <= then:
-            link.looked_at, link.seen = k, packet.position
+            link.seen_packet, link.seen_position = k, packet.position
             break
-    return link.seen
+    return link.seen_position
 
 
 cdef double commanded(Row *row, double time) noexcept nogil:
-    """What the operator commands now, m/s: what is meant, with the noise of control."""
-    cdef const OperatorNumbers *who = &row.episode.drawn.operator
+    """Command of the operator now, m/s: the model's with the noise of control."""
+    cdef const OperatorNumbers *numbers = &row.episode.drawn.operator
     cdef Link *link = row.link
     cdef int64_t count = link.packets
-    cdef double limit = who.speed if who.speed > 0.0 else INFINITY, least = max(-limit, row.task.velocity.low), speed, rate
+    cdef double limit = numbers.speed if numbers.speed > 0.0 else INFINITY
+    cdef double least = max(-limit, row.task.velocity.low), speed, rate, share
     if link.stopped:
         return 0.0
     speed = intended(row, time)
-    if who.noise > 0.0:  # white, 10 ms of it as in the source, through two lags
+    if numbers.noise > 0.0:  # white, 10 ms of it as in the source, through two lags
         rate = row.task.control_period / MUSCLE
         rate = rate / (1.0 + rate)
-        link.muscle += rate * (who.noise * sqrt(0.01 / row.task.control_period) * normal_chance(row, 12, count) - link.muscle)
+        share = numbers.noise * sqrt(0.01 / row.task.control_period)
+        link.muscle += rate * (share * normal_chance(row, 12, count) - link.muscle)
         link.tremor += rate * (link.muscle - link.tremor)
         speed *= 1.0 + link.tremor
     return min(max(speed, least), limit)
 
 
-cdef double show(Row *row) noexcept nogil:
-    """Send the display what the arm senses now; return when it arrives. The first one that does shows a touch."""
+cdef double send_display(Row *row) noexcept nogil:
+    """Send a packet to the display; return when it arrives, s. The first to arrive after a touch shows it."""
     cdef Link *link = row.link
     cdef const ChannelNumbers *channel = &row.episode.drawn.downlink
-    cdef double now = row.chain.time, arrives = now + delay_of(row, channel, &row.task.downlink, 8, link.shown, now)
-    if is_lost(row, channel, &link.downlink_bad, 8, link.shown):
+    cdef double now = row.chain.time
+    cdef double arrives = now + delay_of(row, channel, &row.task.downlink, 8, link.display_packets, now)
+    if is_lost(row, channel, &link.downlink_lost, 8, link.display_packets):
         arrives = INFINITY
-    link.shown += 1
+    link.display_packets += 1
     if row.chain.contacts > 0 and row.task.operator_kind > PERSON:
         link.stop = min(link.stop, arrives + row.episode.drawn.operator.reaction)
     return arrives
 
 
 cdef void send(Row *row, bint regular) noexcept nogil:
-    """Send a command now; it arrives after the delay of its packet, if it is not lost. The arm sends as regularly."""
+    """Send a command now, which may be lost; at a `regular` tick the arm sends a packet to the display too."""
     cdef Link *link = row.link
     cdef Chain *chain = row.chain
     cdef const ChannelNumbers *channel = &row.episode.drawn.uplink
     cdef Packet *packet = &row.packets[link.packets % row.packet_slots]
     packet.sent, packet.position = chain.time, chain.flange_position
-    packet.displayed = show(row) if regular else INFINITY
-    link.last = packet.command = commanded(row, chain.time)
+    packet.displayed = send_display(row) if regular else INFINITY
+    link.last_sent = packet.command = commanded(row, chain.time)
     packet.arrives = chain.time + delay_of(row, channel, &row.task.uplink, 4, link.packets, chain.time)
-    if is_lost(row, channel, &link.uplink_bad, 4, link.packets):
+    if is_lost(row, channel, &link.uplink_lost, 4, link.packets):
         packet.arrives = INFINITY
     link.packets += 1
     link.next_arrival = min(link.next_arrival, packet.arrives)
 
 
-cdef void arrive(Row *row) noexcept nogil:
-    """Take in what has arrived by now: the newest counts, older ones are dropped."""
+cdef void receive_commands(Row *row) noexcept nogil:
+    """Receive the commands that have arrived by now: the newest counts, older ones are dropped."""
     cdef Link *link = row.link
     cdef Packet *packet
     cdef double now = row.chain.time + ROUNDING, age
@@ -210,8 +214,8 @@ cdef void arrive(Row *row) noexcept nogil:
                     link.idle_since = INFINITY
                 elif link.command != 0.0:
                     link.idle_since = row.chain.time
-                link.sent, link.command, link.silent = packet.sent, packet.command, 0
-                link.silent_at = packet.arrives + row.episode.drawn.uplink.timeout
+                link.sent, link.command, link.expired = packet.sent, packet.command, 0
+                link.expires = packet.arrives + row.episode.drawn.uplink.timeout
                 age = packet.arrives - packet.sent
                 link.arrived += 1
                 link.age_squares += (age - link.age_mean) * (age - link.age_mean) * (link.arrived - 1) / link.arrived
@@ -222,14 +226,14 @@ cdef void arrive(Row *row) noexcept nogil:
 
 
 cdef double next_event(const Row *row) noexcept nogil:
-    """When the link changes next, s: a command is sent or arrives, or none has for too long."""
+    """Time of the link's next event, s: a command is sent, arrives or expires."""
     cdef const Link *link = row.link
     cdef double sends = min(link.next_sent, link.stop if not link.stopped else INFINITY)
-    return min(min(sends, link.next_arrival), link.silent_at)
+    return min(min(sends, link.next_arrival), link.expires)
 
 
-cdef void happen(Row *row) noexcept nogil:
-    """Let happen what is due at the link."""
+cdef void process_events(Row *row) noexcept nogil:
+    """Process the events of the link that are due."""
     cdef Link *link = row.link
     cdef double now = row.chain.time + ROUNDING
     cdef bint regular = link.next_sent <= now
@@ -240,59 +244,58 @@ cdef void happen(Row *row) noexcept nogil:
         link.stopped = link.stop <= now
         send(row, regular)
     if link.next_arrival <= now:
-        arrive(row)
-    if link.silent_at <= now:
-        link.silent, link.silent_at = 1, INFINITY
+        receive_commands(row)
+    if link.expires <= now:
+        link.expired, link.expires = 1, INFINITY
 
 
-cdef Command obeyed(Row *row) noexcept nogil:
-    """What the flange is sent to: before an alarm a share of the command, soon after one with a withdrawal.
+cdef Command flange_command(Row *row) noexcept nogil:
+    """Command to the flange: a share of the operator's, soon after an alarm minus a withdrawal.
 
-    A command of 0, or none for too long, which counts as 0, stops at the arm's limit, whatever the assistance asks for.
+    A command of 0, or one that has expired, stops the flange at the arm's limit, whatever the action is.
     """
     cdef Link *link = row.link
     cdef const Task *task = row.task
-    cdef Command asked = Command(0.0, task.full_deceleration)
-    link.obeyed = 0.0 if link.silent else link.command
-    if link.obeyed != 0.0:
-        asked.velocity = min(max(link.gain * link.obeyed - link.withdrawal, task.velocity.low), task.velocity.high)
-        asked.acceleration = link.acceleration
-    row.episode.sensors.executed = asked.velocity
-    return asked
+    cdef Command sent = Command(0.0, task.full_deceleration)
+    link.effective = 0.0 if link.expired else link.command
+    if link.effective != 0.0:
+        sent.velocity = min(max(link.gain * link.effective - link.withdrawal, task.velocity.low), task.velocity.high)
+        sent.acceleration = link.acceleration
+    row.episode.sensors.executed = sent.velocity
+    return sent
 
 
 cdef void assist(Row *row, double gain, double acceleration, double withdrawal) noexcept nogil:
-    """Take the action of a control step; a withdrawal counts within `after_alarm` of an alarm, then fades."""
+    """Take the action of a control step, in SI units; a withdrawal counts for `after_alarm` after an alarm, then fades."""
     cdef double since
-    row.link.gain, row.link.acceleration = 0.5 * (min(1.0, max(-1.0, gain)) + 1.0), acceleration
+    row.link.gain, row.link.acceleration = gain, acceleration
     row.link.withdrawal = 0.0
     if row.chain.time >= row.episode.alarm:
         row.link.alarmed = row.episode.alarm
     since = row.chain.time - row.link.alarmed - row.task.after_alarm
     if since < FADE:
-        withdrawal = 0.5 * WITHDRAWAL * (min(1.0, max(-1.0, withdrawal)) + 1.0)
         row.link.withdrawal = withdrawal * min(1.0, 1.0 - since / FADE)
 
 
-cdef void account(Row *row, double time) noexcept nogil:
-    """Enter what was asked and withheld in a time (s) before the touch."""
-    row.link.asked += time * fabs(row.link.obeyed)
-    row.link.withheld += time * fabs(row.link.obeyed - row.episode.sensors.executed)
+cdef void add_to_withheld_share(Row *row, double time) noexcept nogil:
+    """Add a time (s) before the touch to the ways commanded and withheld."""
+    row.link.commanded_way += time * fabs(row.link.effective)
+    row.link.withheld_way += time * fabs(row.link.effective - row.episode.sensors.executed)
 
 
-cdef void show_link(Row *row) noexcept nogil:
-    """Write what is known of the operator's commands at the arm."""
+cdef void observe_link(Row *row) noexcept nogil:
+    """Write the observed numbers of the operator's commands."""
     cdef Link *link = row.link
     cdef Sensors *sensors = &row.episode.sensors
     sensors.command = link.command
     sensors.command_age = row.chain.time - max(link.sent, 0.0)
     sensors.command_age_mean = link.age_mean
     sensors.command_age_spread = sqrt(link.age_squares / link.arrived) if link.arrived > 0 else 0.0
-    row.episode.taken = link.withheld / link.asked if link.asked > 0.0 else 0.0
+    row.episode.taken = link.withheld_way / link.commanded_way if link.commanded_way > 0.0 else 0.0
 
 
-cdef bint is_done(Row *row) noexcept nogil:
-    """Whether the object rests after a touch and the operator has let go or the tool stands at it, or nobody goes on."""
+cdef bint task_done(Row *row) noexcept nogil:
+    """Done: object at rest and operator or tool finished, or operator gave up untouched."""
     cdef Chain *chain = row.chain
     cdef bint idle = chain.time >= row.link.idle_since + IDLE - ROUNDING
     if chain.contacts == 0:

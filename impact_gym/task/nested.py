@@ -1,0 +1,105 @@
+"""Nested records and their dotted paths, such as `coupling.stiffness`: read, changed, and made from mappings."""
+
+from collections.abc import Mapping
+from dataclasses import MISSING, fields, is_dataclass, replace
+from itertools import product
+from typing import Any
+
+from impact_gym.quantities import QUANTITIES
+from impact_gym.validation import Range, WrongTypeError, shown
+
+Tree = Mapping[str, Any]
+
+
+def flatten(records: Tree, prefix: str = "") -> dict[str, float]:
+    """Return the numbers in records, or in mappings of them, by their dotted paths, in order."""
+    numbers: dict[str, float] = {}
+    for name, value in records.items():
+        if isinstance(value, float):
+            numbers[prefix + name] = value
+        elif is_dataclass(value) or isinstance(value, Mapping):
+            numbers |= flatten(parts(value), f"{prefix}{name}.")
+    return numbers
+
+
+def parts(record: Any) -> Tree:
+    """Return the fields of a record, or of a mapping, by name."""
+    if isinstance(record, Mapping):
+        return record
+    return {field.name: getattr(record, field.name) for field in fields(record)}
+
+
+def get(record: Any, path: str) -> Any:
+    """Return the value at a dotted path of a record or of mappings of records."""
+    for name in path.split("."):
+        record = record[name] if isinstance(record, Mapping) else getattr(record, name)
+    return record
+
+
+def replaced(record: Any, numbers: Mapping[str, Any]) -> Any:
+    """Return a record, or a mapping of records, with other `numbers` by path; each record is made once."""
+    groups = grouped(numbers).items()
+    changes = {name: replaced(get(record, name), to) if isinstance(to, dict) else to for name, to in groups}
+    return {**record, **changes} if isinstance(record, Mapping) else replace(record, **changes)
+
+
+def grouped(numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values by dotted path as mappings in mappings, one level deep."""
+    groups: dict[str, Any] = {}
+    for path, value in numbers.items():
+        first, dot, rest = path.partition(".")
+        if dot:
+            groups.setdefault(first, {})[rest] = value
+        else:
+            groups[first] = value
+    return groups
+
+
+def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, dict[str, Range]]:
+    """Return the record of one of the `kinds` that `value` describes, and the ranges in it by dotted path.
+
+    The record has the middle of each range. It must be valid at all corners of the ranges.
+
+    Raises:
+        TypeError, ValueError: a range is malformed, or the record refuses a corner.
+    """
+    if not isinstance(value, Mapping):
+        return record_from(name, value, kinds), {}
+    pairs = {
+        path: QUANTITIES[path].interval(given)
+        for path, given in ((f"{name}.{inner}", given) for inner, given in value.items())
+        if given is not None and path in QUANTITIES and QUANTITIES[path].draw
+    }
+    for corner in product(*(sorted({*pair}) for pair in pairs.values())):
+        record_from(name, {**value, **grouped(dict(zip(pairs, corner, strict=True))).get(name, {})}, kinds)
+    middles = {path: QUANTITIES[path].middle(*pair) for path, pair in pairs.items()}
+    record = record_from(name, {**value, **grouped(middles).get(name, {})}, kinds)
+    return record, {path: pair for path, pair in pairs.items() if pair[0] < pair[1]}
+
+
+def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
+    """Return a record of one of the `allowed` kinds from one, or from a mapping with its fields and its kind as "type".
+
+    A mapping of all fields of one kind needs no type: `EnvSpec.to_json` makes such mappings of records.
+    """
+    if isinstance(value, allowed):
+        return value
+    kinds = {kind.__name__: kind for kind in allowed}
+    if isinstance(value, Mapping):
+        given = {field: argument for field, argument in value.items() if field != "type"}
+        named = {kind: [field.name for field in fields(of)] for kind, of in kinds.items()}
+        fitting = [kind for kind in kinds if len(kinds) == 1 or set(given) == set(named[kind])]
+        chosen = value.get("type", fitting[0] if fitting else None)
+        if isinstance(chosen, str) and chosen in kinds:
+            for field in given:
+                if field not in named[chosen]:
+                    raise WrongTypeError(f"{name} has no field {field!r}; the fields of a {chosen} are {named[chosen]}")
+            needed = [field.name for field in fields(kinds[chosen]) if field.default is MISSING]
+            needed = [field for field in needed if field not in given]
+            if needed:
+                raise WrongTypeError(f"{name}, a {chosen}, needs the fields {needed} too")
+            return kinds[chosen](**given)
+    wanted = " or ".join(kinds)
+    raise WrongTypeError(
+        f"{name} must be a {wanted}, or a mapping whose 'type' is one of {list(kinds)}, got {shown(value)}"
+    )
