@@ -29,7 +29,7 @@ from agents.evaluate.controllers import controller_of
 from agents.policies import Controller, load_policy
 from agents.provenance import revision
 from agents.setups import FIXED, Setup, load_setup, shipped_baselines
-from experiments.play import tries
+from experiments.play import try_files
 from impact_gym.envs import IDS
 from impact_gym.files import reason, write_file
 from impact_gym.sources import compiled_from
@@ -176,8 +176,8 @@ def of_setup(options: DatasetOptions) -> Iterator[Any]:
 
 def of_tries(options: DatasetOptions) -> Any:
     """Make and return a dataset of the tries of persons in a folder."""
-    found = tries.of_persons(Path(options.source), options.include_marked)
-    env = gym.make("impact_gym:ImpactTeleop-v0", **found[0].environment, operator=tries.operator_of(found))
+    found = try_files.of_persons(Path(options.source), options.include_marked)
+    env = gym.make("impact_gym:ImpactTeleop-v0", **found[0].environment, operator=try_files.operator_of(found))
     name = f"{options.namespace}/{found[0].setup}/person-v{options.version}"
 
     def again() -> Iterator[EpisodeBuffer]:
@@ -253,8 +253,8 @@ def work(options: DatasetOptions) -> None:
     if options.check:
         print(f"{options.source}: {check(options.source)} episodes play again to the bit")
     elif options.operator is not None:
-        found = tries.of_persons(Path(options.source), options.include_marked)
-        content = [f"{key} = {json.dumps(value)}\n" for key, value in tries.operator_of(found).items()]  # TOML, too
+        found = try_files.of_persons(Path(options.source), options.include_marked)
+        content = [f"{key} = {json.dumps(value)}\n" for key, value in try_files.operator_of(found).items()]  # TOML, too
         write_file(options.operator, "".join(["[environment.operator]\n", *content]))
         print(f"{options.operator}: an operator that draws one of {len(found)} tries for each episode")
     else:

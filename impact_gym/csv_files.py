@@ -1,7 +1,7 @@
-"""Columns of numbers in a CSV file as recorders write it: one reader for logs of blows and for traces of channels.
+"""Columns of numbers in a CSV file of any recorder: the reader of logs of blows and traces of channels.
 
-It finds encoding, separator, decimal sign, preamble, names and units, says what it understood, and refuses what may
-mean two things. NumPy converts the numbers, so that no extra is needed to read a log.
+It finds encoding, separator, decimal sign, preamble, names and units, reports them, and refuses ambiguous files. NumPy
+converts the numbers, so that a log is read without extras.
 """
 
 import codecs
@@ -30,10 +30,10 @@ SCALES: Mapping[str, Mapping[str, float]] = {
         "m/s^2": {1.0: "m/s^2 m/s/s ms^-2", 1e-3: "mm/s^2", 1e-2: "cm/s^2", 9.80665: "g gn g0", 9.80665e-3: "mg"},
     }.items()
 }  # fmt: skip
-"""By the SI unit, how its multiples are written, in small letters. The pound-force and standard gravity are exact."""
+"""Spellings of multiples of each SI unit, in lower case. Pound-force and standard gravity are exact."""
 IN_BRACKETS = (r"(.+?)[\s_]*[\[({<]([^\[({<]*)[\])}>]\s*", r"([^/]+?)\s*/\s*\(?(.+?)\)?")
 UNIT_FORMS = (*IN_BRACKETS, r"(.+)()", r"(.+?)(?:[\s_,:-]|\bin\b)+([^\s_]+)")
-"""Force (N), force/N, force without a unit, force_N; in the first two whatever follows the name must be a unit."""
+"""Force (N), force/N, force without a unit, force_N; in the first two the text after the name must be a unit."""
 SEPARATORS = ("\t", ";", ",", "|", None)  # None: blanks
 NUMBERS = {
     sign: re.compile(rf"[+-]?((\d+[{sign}]?\d*|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
@@ -41,23 +41,23 @@ NUMBERS = {
 }
 COMMENTS = ("#", "%", "//")
 COMMENT_LINE = re.compile(r"^[ \t]*(#|%|//).*", re.MULTILINE)
-FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # of a file, which must show how it is written
+FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # of a file, from which its layout is found
 
 
 class Column(NamedTuple):
-    """A column that is looked for."""
+    """A wanted column."""
 
     unit: str  # SI, one of SCALES
-    names: str  # a regular expression of its names in small letters, with one blank between words
-    needs_unit: bool = False  # as several are usual, the file must say which
-    empty: float | None = None  # what an empty value is: nan or inf; None: it is refused
+    names: str  # regular expression of its names in lower case, words separated by one blank
+    needs_unit: bool = False  # the file must have a unit, as several are usual
+    empty: float | None = None  # value of an empty field, nan or inf; None: it is refused
 
 
 class Table(NamedTuple):
-    """What was understood of a file."""
+    """Columns of a file and how they were read."""
 
     columns: dict[str, NDArray[np.float64]]  # (n,) each, SI units
-    said: str  # where each column comes from, and which of the file are not used
+    said: str  # source of each column, and unused columns of the file
 
 
 class _Layout(NamedTuple):
@@ -70,21 +70,21 @@ class _Layout(NamedTuple):
 
 class _Source(NamedTuple):
     place: int
-    head: str  # as the file names it; "": it does not
+    head: str  # its name in the file; "": none
     scale: float | None  # None: the file has no unit
 
 
 def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> Table:
-    """Return those of the `wanted` columns that a file has.
+    """Return the `wanted` columns that a file has.
 
     Args:
         path: a regular file; UTF-8, UTF-16 or Latin-1.
-        wanted: by their names here.
-        unnamed: the columns of a file that names none, in this order; it must have the first of them and another one.
+        wanted: columns by name.
+        unnamed: order of the columns of a file without names. Every file must have the first of them and another one.
 
     Raises:
-        ValueError: none of that is there, or two columns may be the same, a unit is unknown or missing, or a value is
-            no number; names file, line, column and what was found.
+        ValueError: columns are missing or ambiguous, a unit is unknown or missing, or a value is no number; names file,
+            line, column and value.
     """
     return parsed(path, "CSV", partial(_table, wanted=wanted, unnamed=unnamed), _decoded)
 
@@ -148,7 +148,7 @@ def _split(line: str, separator: str | None) -> list[str]:
 
 
 def _layout(lines: Sequence[str]) -> _Layout:
-    """Return the separator and the decimal sign with which most of what stands in rows is numbers, and where."""
+    """Return separator and decimal sign with which most fields of rows are numbers, and where these stand."""
     best, most = None, 0.0
     for separator in SEPARATORS:
         rows = [[] if line.lstrip().startswith(COMMENTS) else _split(line, separator) for line in lines]
@@ -172,7 +172,7 @@ def _layout(lines: Sequence[str]) -> _Layout:
 def _sources(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column], unnamed: Sequence[str]
 ) -> tuple[dict[str, _Source], list[str]]:
-    """Return where the wanted columns are, and how the file names each of its columns."""
+    """Return the sources of the wanted columns, and the file's names of all its columns."""
     allowed = ", ".join(f"{name} ({column.unit})" for name, column in wanted.items())
     heads, units, between = _names(lines, layout, wanted)
     if heads and between:
@@ -206,7 +206,7 @@ def _sources(
 def _names(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column]
 ) -> tuple[list[str], list[str], list[int]]:
-    """Return the names of columns and their units above the numbers, and the lines between, last first."""
+    """Return names and units of columns above the numbers, and indices of other lines between, last first."""
     units: list[str] = []
     between: list[int] = []
     for k in reversed(range(layout.first)):
@@ -223,7 +223,7 @@ def _names(
 
 
 def _heads(line: str, layout: _Layout) -> Iterator[list[str]]:
-    """Yield what a line may be split into that are as many names as there are columns."""
+    """Yield possible splits of a line into as many names as there are columns."""
     rows = [_split(line, separator) for separator in (layout.separator, *SEPARATORS) if separator]
     rows += [re.split(pattern, line.strip()) for pattern in (r"\s{2,}", r"\s+(?![\[({</])")]
     for row in rows:
@@ -238,7 +238,7 @@ def _plain(name: str) -> str:
 
 
 def _meaning(head: str, wanted: Mapping[str, Column]) -> tuple[str, str] | None:
-    """Return which column a name means, and the unit in it, or "" without one."""
+    """Return the wanted column that a name means, and the unit in it, or ""."""
     for form in UNIT_FORMS:
         if parts := re.fullmatch(form, head):
             name = next((name for name in wanted if re.fullmatch(wanted[name].names, _plain(parts[1]))), None)
@@ -248,7 +248,7 @@ def _meaning(head: str, wanted: Mapping[str, Column]) -> tuple[str, str] | None:
 
 
 def _scale(unit: str, written: str) -> float | None:
-    """Return a unit in the SI unit, None if it is no such one; MN is not mN."""
+    """Return the factor of a written unit to the SI unit, None if it is unknown; MN is not mN."""
     short = re.sub(r"[\s*\u00b7.]", "", written).replace("\u00b2", "^2").replace("\u207b", "-").replace("\u00b9", "1")
     short = re.sub(r"(?<=s)\^?(-?\d)$", r"^\1", short)
     return SCALES[unit].get(short if short[:1] == "M" and len(short) < 4 else short.lower())
@@ -262,7 +262,7 @@ def _is_unit(head: str) -> bool:
 def _refuse_row(
     text: str, layout: _Layout, sources: Mapping[str, _Source], number: Callable[[str, str], float]
 ) -> None:
-    """Refuse the first line that does not have the numbers."""
+    """Refuse the first line that lacks a number."""
     for k, line in enumerate(text.split("\n")[layout.first :], layout.first + 1):
         if line.strip() and not line.lstrip().startswith(COMMENTS):
             row = _split(line, layout.separator)

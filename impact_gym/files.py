@@ -1,4 +1,4 @@
-"""Files: those of users, read or refused in one line, and ours, which are whole or not there, or the disk is full."""
+"""Reading users' files; atomic writes, with errors for a full disk; locks of folders."""
 
 import csv
 import errno
@@ -16,10 +16,10 @@ Content = TypeVar("Content")
 
 
 def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -> Path:
-    """Return the file that a name means: one that is `shipped` with this `suffix`, a path, or one `inside` a folder.
+    """Return the file of a name: a `shipped` one with this `suffix`, a path, or a file `inside` a folder.
 
     Raises:
-        TypeError, ValueError: neither a name nor a path, or there is no such file; names the nearest that is shipped.
+        TypeError, ValueError: neither a name nor a path, or no such file; names the nearest shipped one.
     """
     one_of(kind, name, str, os.PathLike)
     for path in (shipped / f"{name}{suffix}", Path(name), *(Path(name) / file for file in inside)):
@@ -34,16 +34,16 @@ LARGEST = 100_000_000  # bytes of a file that is read
 
 
 def utf_8(content: bytes) -> str:
-    """Return a text whose lines end with a line feed, with or without the byte order mark that Excel writes."""
+    """Return a text with line feeds as line ends, without the byte order mark that Excel writes."""
     return io.TextIOWrapper(io.BytesIO(content), "utf-8-sig").read()
 
 
 def parsed(path: Path, kind: str, parse: Callable[[str], Content], decode: Callable[[bytes], str] = utf_8) -> Content:
-    """Return what `parse` makes of a text file: a regular one, as a device or a pipe may never end.
+    """Return `parse` of the text of a regular file; a device or a pipe might never end.
 
     Raises:
-        ValueError: it is not there, no regular file, larger than `LARGEST`, or no text, or `parse` finds nothing of
-            this `kind` in it; names the file.
+        ValueError: it does not exist, is no regular file, larger than `LARGEST`, no text, or not of this `kind` for
+            `parse`; names the file.
     """
     try:
         if path.exists() and not path.is_file():
@@ -65,24 +65,24 @@ def reason(error: Exception) -> str:
 
 
 UNFINISHED = ".unfinished"
-"""End of the name of a file that is being written, which stays where the process is killed."""
+"""Suffix of a file being written, which remains if the process is killed."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class DiskFullError(OSError):
-    """There is no room for what was to be written."""
+    """The disk or the quota is full."""
 
 
 @contextmanager
 def writing(what: str) -> Iterator[None]:
-    """Say in one line that there is no room for `what`, a thing and its path, whichever library finds out.
+    """Turn errors of a full disk, of any library, into one line with `what` was being written.
 
     Raises:
-        DiskFullError: the disk, or what one may have of it, is full.
+        DiskFullError: the disk or the quota is full.
     """
     try:
         yield
-    except DiskFullError:  # which says already what was being written
+    except DiskFullError:  # it names its file already
         raise
     except OSError as error:
         if error.errno not in NO_ROOM:
@@ -92,11 +92,11 @@ def writing(what: str) -> Iterator[None]:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[IO[bytes]]:
-    """Open a file beside `path` for writing and move it there once it is complete; a link stays, its target is written.
+    """Write `path` atomically: open a file beside it, move it there when complete; of a link the target is written.
 
     Raises:
-        OSError: something else than a file is there, such as a folder, a device or a pipe: it is left as it is.
-        DiskFullError: there is no room for it; what was at `path` is as it was.
+        OSError: `path` is a folder, a device or a pipe, which stays unchanged.
+        DiskFullError: the disk is full; `path` is unchanged.
     """
     name, path = path, Path(os.path.realpath(path))
     if path.is_symlink() or (path.exists() and not path.is_file()):  # realpath leaves a link where links form a ring
@@ -117,12 +117,12 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
 
 @contextmanager
 def locked(path: Path, wait: bool = True) -> Iterator[None]:
-    """Hold the lock file `path`, made if need be, alone among processes and threads; a killed process lets go of it.
+    """Hold the lock file `path` exclusively among processes and threads; the end of the process releases it.
 
-    What a killed process was writing in its folder, or below, is removed.
+    Unfinished files of killed processes in its folder, or below, are removed.
 
     Raises:
-        ValueError: another process holds it, and there is no `wait`.
+        ValueError: another process holds it, and `wait` is false.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a") as file:

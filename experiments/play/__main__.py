@@ -14,13 +14,13 @@ from agents.command_line import run_command
 
 @dataclass(frozen=True)
 class Play:
-    """Serve a page, on this machine alone, on which one steers the tool and feels what delay and assistance do.
+    """Steer the tool in the browser, on this machine only, with a chosen delay and assistance.
 
-    It prints the page's address and serves until it is stopped. Every try is kept as a file.
+    It prints the page's address and serves until it is stopped. Every try is saved as a file.
     """
 
     setup: Annotated[Positional[str], arg(metavar="[SETUP]")] = "teleop-spring"
-    """Set-up with an operator, whose place the player takes: a name or a file."""
+    """Set-up with an operator, whom the player replaces: a name or a file."""
     assist: Annotated[str, arg(metavar="NAME")] = "none"
     """Assistance at the arm: none, brake, limit, policy or rule."""
     port: Annotated[int, arg(metavar="PORT")] = 8765

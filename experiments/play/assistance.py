@@ -1,4 +1,4 @@
-"""Assistances by name, and the environment in which a person takes the place of a set-up's operator."""
+"""Assistances by name, and the environment of a set-up with a person as operator."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,11 +18,11 @@ NAMES = {
     "none": "nobody", "brake": "a brake at the arm", "limit": "a tuned speed limit", "policy": "the learned policy",
     "rule": "the paper's rule",
 }  # fmt: skip
-"""Assistances, with what the page says of them."""
+"""Assistances, with their labels on the page."""
 PERSON = {"type": "Person"}
 PERIOD: float = Task.control_period  # s
 SLIDERS = {"delay": ("s", 0.0, 1.0), "jitter": ("s", 0.0, 0.05), "stiffness": ("N/m", 20.0, 2000.0)}
-"""Units and ranges of the sliders; the delay is that there and back, the stiffness that of a spring."""
+"""Units and ranges of the sliders: delay of the round trip, jitter of each way, stiffness of a spring."""
 RTOL = 1e-12  # so that `simulate` and the environment agree to 1e-9
 
 
@@ -30,7 +30,7 @@ def playable(name: str) -> Setup:
     """Return a set-up that has an operator.
 
     Raises:
-        ValueError: there is none of this name, or it has no operator: says how to add one.
+        ValueError: unknown name, or the set-up has no operator.
     """
     setup = load_setup(name)
     if "operator" not in setup.environment:
@@ -47,7 +47,7 @@ def playable(name: str) -> Setup:
 def environment_of(setup: Setup) -> dict[str, Any]:
     """Return a set-up's arguments without the operator, with the sliders' ranges.
 
-    A slider's value is then a number of the episode's record, so that all tries with one kind of coupling are one
+    The values of the sliders are numbers of the episode's record, so that tries with one kind of coupling share an
     environment.
     """
     environment = {name: value for name, value in setup.environment.items() if name != "operator"} | {"rtol": RTOL}
@@ -60,7 +60,7 @@ def environment_of(setup: Setup) -> dict[str, Any]:
 
 
 def usual(setup: Setup) -> dict[str, float]:
-    """Return where the sliders begin: delay there and back (s), jitter (s), and stiffness (N/m) of a spring."""
+    """Return the initial sliders: delay of the round trip (s), jitter (s), stiffness of a spring (N/m)."""
 
     def middle(part: str, name: str, share: float = 1.0) -> float:
         _, low, high = SLIDERS[name]
@@ -72,14 +72,14 @@ def usual(setup: Setup) -> dict[str, float]:
 
 
 def about(setup: Setup) -> dict[str, Any]:
-    """Return what a page knows of a set-up: sliders, what holds the tool, where objects are, how long, how fast."""
+    """Return a set-up for the page: sliders, mechanism, ranges of distance (m) and velocity (m/s), horizon (s)."""
     task = Task(**environment_of(setup), operator=PERSON)
     return {"usual": usual(setup), "chain": chain_of(task), "distance": task.scenario.distance,
             "horizon": task.horizon, "speeds": task.velocity_range}  # fmt: skip
 
 
 def record_of(sliders: Mapping[str, float]) -> dict[str, float]:
-    """Return the positions of sliders, as `usual` has them, as numbers of an episode's record."""
+    """Return the values of sliders (see `usual`) as numbers of an episode's record."""
     record = {f"{way}.delay": 0.5 * sliders["delay"] for way in WAYS}
     record |= {f"{way}.jitter": sliders["jitter"] for way in WAYS}
     return record | ({"coupling.stiffness": sliders["stiffness"]} if "stiffness" in sliders else {})
@@ -89,7 +89,7 @@ def assistance(name: str, setup: Setup) -> Controller:
     """Return an assistance for a set-up.
 
     Raises:
-        ValueError: no such assistance, or none that was tuned or trained for this set-up.
+        ValueError: unknown assistance, or it was not tuned or trained for this set-up.
     """
     if name not in NAMES:
         raise ValueError(f"assist must be one of {', '.join(NAMES)}, got {name!r:.80}")

@@ -1,7 +1,7 @@
-"""The clock of tries, in a process of its own: however busy the server is, each step comes when it is due.
+"""The clock of tries, a process of its own, so that each step is played on time however busy the server is.
 
-The server sends what the player does, and gets frames with the time until they reach the player's eyes, and the result
-of each try. If the server is killed, the arm stops and the try is kept; a journal keeps it if the clock is killed, too.
+The server sends the player's input and receives frames with their downlink delay, and the result of each try. If the
+server is killed, the arm stops and the try is saved; a journal saves it if the clock is killed as well.
 """
 
 import os
@@ -21,37 +21,37 @@ from typing import IO, Any
 import numpy as np
 
 from experiments.lab.player.films import radius_of
-from experiments.play import contest, tries
+from experiments.play import contest, try_files
 from experiments.play.assistance import PERIOD, PERSON
 from experiments.play.tries import Live, Try
 from impact_gym.teleop.channels import CUT
 
 STOPPED = "the server was stopped"
-SILENT = 0.25  # s, without a message a stick is let go
-HOLD = 1e-5  # m/s, of a stick that is let go before a touch was seen: a pause does not end the try, as 0 would
+SILENT = 0.25  # s without a message, after which the velocity is 0
+HOLD = 1e-5  # m/s, sent instead of 0 before the touch; 0 would end the try
 
 
 @dataclass
 class Stick:
-    """The player's input, with the times at which it came."""
+    """The player's velocities with their times of arrival."""
 
     inputs: deque[tuple[float, float]] = field(default_factory=lambda: deque([(-1e9, 0.0)], 256))
-    touched: bool = False  # a touch has been seen
+    touched: bool = False  # the player has seen the touch
     let_go: bool = False
-    marks: list[str] = field(default_factory=list)  # why the try does not count
+    marks: list[str] = field(default_factory=list)  # why the try is invalid or incomplete
 
     def put(self, velocity: float, came: float) -> None:
-        """Take a velocity (m/s) that comes at a moment of the clock (s)."""
+        """Add a velocity (m/s) with its time of arrival (s)."""
         self.inputs.append((came, velocity))
 
     def stop(self, why: str = "") -> None:
-        """Let go for good, and say `why` the try was interrupted; nothing where the player ended it."""
+        """Release the stick for the rest of the try; a reason marks the try as interrupted."""
         if why and not self.let_go:
             self.marks.append(f"interrupted: {why}")
         self.let_go = True
 
     def at(self, moment: float) -> float:
-        """Return the velocity (m/s) that counts at a moment of the clock (s)."""
+        """Return the velocity (m/s) to send at a time (s)."""
         inputs = tuple(self.inputs)
         came, velocity = next((each for each in reversed(inputs) if each[0] <= moment), inputs[0])
         if self.let_go or moment - came > SILENT:
@@ -61,18 +61,18 @@ class Stick:
 
 @dataclass
 class Clock:
-    """Plays one try after another, as the server asks for them."""
+    """Plays tries one after another, on request of the server."""
 
     server: Connection
     now: Callable[[], float] = time.perf_counter  # s
-    sleep: Callable[[float], None] = time.sleep  # for so many seconds
+    sleep: Callable[[float], None] = time.sleep  # s
     stick: Stick = field(default_factory=Stick)
-    gone: bool = False  # the server is gone: nobody looks
+    gone: bool = False  # the server has ended
     wanted: queue.SimpleQueue[tuple[Try, Path, bool] | None] = field(default_factory=queue.SimpleQueue)
-    unsaved: list[tuple[Path, Try]] = field(default_factory=list)  # for want of room
+    unsaved: list[tuple[Path, Try]] = field(default_factory=list)  # the disk was full
 
     def listen(self) -> None:
-        """Do what the server says, until it is gone."""
+        """Handle messages of the server until it ends."""
         with suppress(EOFError, OSError):
             while True:
                 word, value = self.server.recv()
@@ -89,34 +89,34 @@ class Clock:
         self.gone = True
         self.wanted.put(None)
 
-    def tell(self, **message: Any) -> None:
-        """Send a message to the server, if it is still there."""
+    def send(self, **message: Any) -> None:
+        """Send a message to the server, unless it has ended."""
         with suppress(OSError):
             self.server.send(message)
 
     def play(self, wanted: Try, path: Path, seen: bool) -> None:
-        """Play a try on the clock, keep it, and tell its result; `seen`: the object is shown before it is touched."""
+        """Play a try in real time, save it, send its result; `seen`: the object is shown before the touch."""
         try:
             live = Live(wanted)
-            self.tell(kind="began", setup=wanted.setup, radius=radius_of(live.kept.record["object_mass"]))
+            self.send(kind="began", setup=wanted.setup, radius=radius_of(live.kept.record["object_mass"]))
             path.parent.mkdir(parents=True, exist_ok=True)
             with path.with_suffix(".journal").open("wb", buffering=0) as journal:
                 self._run(live, seen, journal)
             live.kept.marks.extend(self.stick.marks)
             self.unsaved.append((path, live.finished()))
-            while self.unsaved:  # those that found no room before, too
-                tries.write(*self.unsaved[0]).with_suffix(".journal").unlink()
+            while self.unsaved:  # those for which the disk was full as well
+                try_files.write(*self.unsaved[0]).with_suffix(".journal").unlink()
                 self.unsaved.pop(0)
             beside = {name: played.result for name, played in contest.rivals_of(live.kept).items()}
-            self.tell(kind="ended", entry=entry_of(path.stem, live.kept, **beside))
+            self.send(kind="ended", entry=entry_of(path.stem, live.kept, **beside))
         except (OSError, RuntimeError, ValueError) as problem:
-            self.tell(kind="failed", text=str(problem))
+            self.send(kind="failed", text=str(problem))
 
     def _run(self, live: Live, seen: bool, journal: IO[bytes]) -> None:
-        """Play the steps of a try, each when it is due, until it ends or nobody looks; `journal` has them at once."""
+        """Play each step on time until the try or the server ends, and write it to the journal at once."""
         slow, start, behind, rng = live.kept.slow, self.now(), 0.0, random.Random(live.kept.seed)
-        self._note(journal, tries.to_text(replace(live.kept, operator=PERSON)))
-        self._show(live, seen, rng)
+        self._record(journal, try_files.to_text(replace(live.kept, operator=PERSON)))
+        self._send_frame(live, seen, rng)
         while not (live.ended or self.gone):
             due = start + slow * (live.time + PERIOD)
             while (left := due - self.now()) > 0.0:
@@ -124,47 +124,47 @@ class Clock:
             now = self.now()
             velocity = self.stick.at(now - slow * (live.time + PERIOD - live.next_tick))
             live.step(velocity, now - due - behind)
-            self._note(journal, repr(velocity))
+            self._record(journal, repr(velocity))
             behind = now - due
-            if behind > slow * PERIOD:  # the machine slept: the clock goes on from here
+            if behind > slow * PERIOD:  # after a suspension the clock continues from here
                 start, behind = start + behind, 0.0
-            self._show(live, seen, rng)
+            self._send_frame(live, seen, rng)
 
-    def _note(self, journal: IO[bytes], line: str) -> None:
-        """Write a line into the journal; if it finds no room, the arm stops."""
+    def _record(self, journal: IO[bytes], line: str) -> None:
+        """Write a line to the journal; if the disk is full, the arm stops."""
         try:
             journal.write(f"{line}\n".encode())
         except OSError:
             self.stick.stop("no room for the journal")
 
-    def _show(self, live: Live, seen: bool, rng: random.Random) -> None:
-        """Send the state now and one step on, with the time until it reaches the player's eyes."""
+    def _send_frame(self, live: Live, seen: bool, rng: random.Random) -> None:
+        """Send the state now and one step ahead, with the delay (s) of the downlink."""
         now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
         then = now if live.ended else live.ahead()
         late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)
         touched = bool(then.touched[0])
         places = [np.round(np.ravel(each[1:4]), 6).tolist() for each in (now, then)]  # flange, tool, object, m
-        if not (seen or touched or live.ended):  # what was missed is shown, too
+        if not (seen or touched or live.ended):  # a missed object is shown at the end
             places = [[*chain, None] for *chain, _ in places]
-        self.tell(
+        self.send(
             kind="frame", n=len(live.kept.actions), t=round(live.time, 4), touched=touched, wait=late * slow,
             dt=round(float(then.time[0] - now.time[0]) * slow, 5), **dict(zip(("from", "to"), places, strict=True)),
         )  # fmt: skip
 
 
 def entry_of(name: str, this: Try, **beside: dict[str, float]) -> dict[str, Any]:
-    """Return what a page shows of a try in its chart and its table, and the results of those `beside` it."""
+    """Return the data of a try in the page's chart and table, with the results of rule and policy `beside` it."""
     return {"name": name, "setup": this.setup, "assist": this.assist, "delay": 2.0 * this.record["uplink.delay"],
             "marks": this.marks, "beside": beside, **this.result}  # fmt: skip
 
 
 def run(server: Connection, theirs: Connection) -> None:
-    """Be the clock of a server, in a process of its own; `theirs` is the server's end of the connection."""
+    """Run the clock in a process of its own; `theirs` is the server's end of the connection, inherited by the fork."""
     theirs.close()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server says when it ends
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server stops the clock
     clock = Clock(server)
     threading.Thread(target=clock.listen, daemon=True).start()
-    with suppress(OSError, AttributeError):  # before all others, where the machine lets us
+    with suppress(OSError, AttributeError):  # highest priority, where permitted
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
     while (wanted := clock.wanted.get()) is not None:
         clock.play(*wanted)

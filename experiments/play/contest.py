@@ -1,4 +1,4 @@
-"""One scenario played by the paper's rule, the learned policy and a person, side by side: films, and a chart."""
+"""One scenario played by the paper's rule, the learned policy and a person: films side by side, and a chart."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -15,13 +15,13 @@ from experiments.play.assistance import assistance, environment_of, record_of, u
 from experiments.play.tries import Live, Try, replayed
 from impact_gym.envs.render_history import History
 
-SECONDS = 10.0  # of a film for those who only look
-SHOWN_SEED, REFERENCES = TEST_SEED + 11, 100
+SECONDS = 10.0  # length of the first film
+FIRST_FILM_SEED, REFERENCES = TEST_SEED + 11, 100
 
 
 @cache
 def rivals(setup: str) -> Mapping[str, str]:
-    """Return the assistances behind a scripted operator that a person is compared with, as far as a set-up has them."""
+    """Return the assistances with which a scripted operator is compared with a person, where a set-up has them."""
     found = {"paper's rule": "rule"}
     with suppress(ValueError):  # no policy was trained for it
         assistance("policy", load_setup(setup))
@@ -30,7 +30,7 @@ def rivals(setup: str) -> Mapping[str, str]:
 
 
 def scripted(setup: str, kind: str, seed: int, record: Mapping[str, float]) -> Try:
-    """Return a try of the set-up's own operator, assisted, in the scenario of a seed."""
+    """Return a try of the set-up's operator with an assistance, in the scenario of a seed."""
     operator = dict(load_setup(setup).environment["operator"])
     return Live(Try(setup, kind, seed, dict(record), operator)).finished()
 
@@ -41,10 +41,10 @@ def rivals_of(this: Try) -> dict[str, Try]:
 
 
 def film(this: Try, who: str = "you", seconds: float | None = None) -> str:
-    """Return the slow-motion player of a try beside rule and policy; with `seconds` its film takes so long."""
+    """Return the slow-motion player of a try beside rule and policy; `seconds` is the length of the film."""
     again = {name: replayed(each) for name, each in {**rivals_of(this), who: this}.items()}
     runs = {name: Run(History(*each, ended=True), each[1]) for name, each in again.items()}
-    scene = {"label": "one scene, the same for all", "number": 0, **scene_of(runs)}
+    scene = {"label": "one scenario for all", "number": 0, **scene_of(runs)}
     if seconds is not None:
         ends = [start for start, _ in scene["clock"][1:]] + [scene["end"]]
         whole = sum((end - start) * slower for (start, slower), end in zip(scene["clock"], ends, strict=True))
@@ -53,15 +53,15 @@ def film(this: Try, who: str = "you", seconds: float | None = None) -> str:
 
 
 def first_film(setup: str, latest: Try | None) -> str:
-    """Return the film for those who only look: the person of the latest try, or the set-up's operator, marked so."""
+    """Return the film shown before anything is played: the latest try, or one of the set-up's operator."""
     who = "you" if latest else "person (scripted)"
-    this = latest or scripted(setup, "none", SHOWN_SEED, record_of(usual(load_setup(setup))))
+    this = latest or scripted(setup, "none", FIRST_FILM_SEED, record_of(usual(load_setup(setup))))
     return film(this, who, SECONDS)
 
 
 @cache
 def reference(setup: str) -> list[dict[str, Any]]:
-    """Return where rule and policy stand on the chart: means over scenarios, with the set-up's own operator."""
+    """Return the points of rule and policy on the chart: means over scenarios, with the set-up's operator."""
     made, points = load_setup(setup), []
     options = {"threads": 1, "quiet": True, "lenient": True, **environment_of(made), "rtol": 1e-6}
     batch = ScenarioBatch(TEST_SEED, REFERENCES, operator=made.environment["operator"], **options)

@@ -1,4 +1,4 @@
-"""The server of the page: on this machine alone, for whoever has the address, with limits on what it accepts."""
+"""The server of the page: local only, open to anyone with the address, with limits on requests and messages."""
 
 import asyncio
 import secrets
@@ -29,8 +29,8 @@ from impact_gym.validation import number
 HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
 SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
-MOST_SEATS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # pages, bytes, messages a second
-PATIENCE = 5.0  # s, for a page that does not read and a connection that asks nothing
+MAX_CLIENTS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # pages, bytes, messages a second
+TIME_LIMIT = 5.0  # s, for a page that does not read and a connection without a request
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -40,66 +40,66 @@ HEADERS = {
 
 
 class Connection(H11Protocol):
-    """A connection that ends without a request in PATIENCE; one that still waits ends when 256 more have come."""
+    """A connection that is closed after TIME_LIMIT without a request, or as the oldest of more than 256 without one."""
 
     waiting: ClassVar = deque["Connection"](maxlen=256)
 
     def connection_made(self, transport: Any) -> None:
-        """Begin to wait."""
+        """Start the time limit."""
         super().connection_made(transport)
-        self.loop.call_later(PATIENCE, self.leave)
+        self.loop.call_later(TIME_LIMIT, self.leave)
         if len(self.waiting) == self.waiting.maxlen:
             self.waiting[0].leave()
         self.waiting.append(self)
 
     def leave(self) -> None:
-        """End, unless a request has come."""
+        """Close, unless a request has arrived."""
         if self.cycle is None and self in self.connections:
             self.transport.abort()
 
 
-class Seat:
-    """A page that is connected: it gets what there is in order, as fast as it reads; of frames only the newest."""
+class Client:
+    """A connected page: it receives messages in order, as fast as it reads them; of waiting frames only the newest."""
 
     def __init__(self, socket: WebSocket) -> None:
-        self.socket, self._waiting, self._news = socket, list[dict[str, Any]](), asyncio.Event()
-        self._allowance, self._heard = RATE, time.monotonic()
+        self.socket, self._queue, self._has_messages = socket, list[dict[str, Any]](), asyncio.Event()
+        self._allowance, self._last_message = RATE, time.monotonic()
 
-    def tell(self, message: dict[str, Any]) -> None:
-        """Send a message; a frame takes the place of one that has not gone yet."""
-        if message["kind"] == "frame" and self._waiting and self._waiting[-1]["kind"] == "frame":
-            self._waiting.pop()
-        self._waiting.append(message)
-        self._news.set()
+    def enqueue(self, message: dict[str, Any]) -> None:
+        """Queue a message; a frame replaces a frame that still waits."""
+        if message["kind"] == "frame" and self._queue and self._queue[-1]["kind"] == "frame":
+            self._queue.pop()
+        self._queue.append(message)
+        self._has_messages.set()
 
     async def send(self) -> None:
-        """Send what there is, until the page goes or does not read."""
+        """Send queued messages until the page disconnects or does not read."""
         with suppress(TimeoutError, RuntimeError, WebSocketDisconnect):
-            while await self._news.wait():
-                self._news.clear()
-                while self._waiting:
-                    await asyncio.wait_for(self.socket.send_json(self._waiting.pop(0)), PATIENCE)
+            while await self._has_messages.wait():
+                self._has_messages.clear()
+                while self._queue:
+                    await asyncio.wait_for(self.socket.send_json(self._queue.pop(0)), TIME_LIMIT)
 
-    async def hear(self) -> Any:
-        """Return what the page says next.
+    async def receive(self) -> Any:
+        """Return the next message of the page.
 
         Raises:
-            ValueError: it says something too often, or nothing that can be understood.
-            WebSocketDisconnect: it has gone.
+            ValueError: too many messages, or no JSON.
+            WebSocketDisconnect: the page has disconnected.
         """
         try:
-            said = await self.socket.receive_json()
+            message = await self.socket.receive_json()
         except (KeyError, ValueError, RecursionError):  # KeyError: bytes
             raise ValueError("a message must be JSON") from None
-        before, self._heard = self._heard, time.monotonic()
-        self._allowance = min(self._allowance + RATE * (self._heard - before), RATE) - 1.0
+        before, self._last_message = self._last_message, time.monotonic()
+        self._allowance = min(self._allowance + RATE * (self._last_message - before), RATE) - 1.0
         if self._allowance < 0.0:
             raise ValueError(f"more than {RATE:g} messages a second")
-        return said
+        return message
 
 
 def foreign(scope: Any, token: str, port: int) -> str | None:
-    """Return why a request is not from our own page: another host (DNS rebinding), another origin, another token."""
+    """Return why a request is not from our page: another host (DNS rebinding), origin or token; None if it is."""
     hosts = {f"{name}:{port}" for name in (HOST, "localhost")}
     host, origin = map(Headers(scope=scope).get, ("host", "origin"))
     if host not in hosts:
@@ -111,7 +111,7 @@ def foreign(scope: Any, token: str, port: int) -> str | None:
 
 
 def application(session: Session, token: str, port: int, ready: Callable[[str], None]) -> Callable[..., Any]:
-    """Return what is served below /token/, to our own page alone."""
+    """Return the ASGI application below /token/, which answers our own page only."""
     styles = "\n".join([(LAB / "page.css").read_text(), player.style(), (HERE / "play.css").read_text()])
     program, page = player.script(*SCRIPTS), (HERE / "page.html.jinja").read_text()
 
@@ -154,35 +154,35 @@ def application(session: Session, token: str, port: int, ready: Callable[[str], 
 
 
 async def _serve_page(session: Session, page: WebSocket) -> None:
-    """Serve a page that is connected until it goes, or is refused."""
-    if len(session.seats) >= MOST_SEATS:
+    """Serve a connected page until it disconnects or breaks a limit."""
+    if len(session.clients) >= MAX_CLIENTS:
         session.refused["too many pages"] += 1
-        await page.send_denial_response(Response(f"at most {MOST_SEATS} pages\n", 503, HEADERS, "text/plain"))
+        await page.send_denial_response(Response(f"at most {MAX_CLIENTS} pages\n", 503, HEADERS, "text/plain"))
         return
     await page.accept()
-    seat, why = Seat(page), "the page was closed"
-    session.sit(seat)
-    sender = asyncio.create_task(seat.send())
+    client, why = Client(page), "the page was closed"
+    session.join(client)
+    sender = asyncio.create_task(client.send())
     try:
         while not sender.done():
-            session.hear(seat, await seat.hear())
+            session.handle(client, await client.receive())
         why = "the page did not read"
     except ValueError as problem:
-        session.refused[why := str(problem).partition(", got ")[0][:120]] += 1  # nothing of what the page said
+        session.refused[why := str(problem).partition(", got ")[0][:120]] += 1  # without the page's own text
     except WebSocketDisconnect as gone:
-        why = STOPPED if gone.code == 1012 else why  # the code of a server that ends
+        why = STOPPED if gone.code == 1012 else why  # code of a server that shuts down
     finally:
-        session.leave(seat, why)
+        session.leave(client, why)
         sender.cancel()
-    with suppress(RuntimeError, TimeoutError, WebSocketDisconnect):  # it has gone already
-        await asyncio.wait_for(page.close(1008, why), PATIENCE)
+    with suppress(RuntimeError, TimeoutError, WebSocketDisconnect):  # already disconnected
+        await asyncio.wait_for(page.close(1008, why), TIME_LIMIT)
 
 
 def serve(session: Session, port: int, ready: Callable[[str], None]) -> None:
-    """Serve until stopped; `ready` gets the address once a browser may open it.
+    """Serve until stopped; `ready` is called with the address once it answers.
 
     Raises:
-        ValueError: the port is in use, or none.
+        ValueError: the port is in use or out of range.
     """
     number("port", port, "-", at_least=0, at_most=65535)
     try:

@@ -1,48 +1,51 @@
-"""Between the pages and the clock: who has the stick, what may be asked for, and what is told."""
+"""Between pages and clock: which page steers, which requests are valid, which messages go to the pages."""
 
 import asyncio
 import multiprocessing
 import secrets
 from collections import Counter, deque
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from agents.setups import Setup
-from experiments.play import clock, contest, tries
+from experiments.play import clock, contest, try_files
 from experiments.play.assistance import NAMES, SLIDERS, about, assistance, playable, record_of
+from experiments.play.tries import Try
+from impact_gym.files import locked
 from impact_gym.validation import choice, flag, identifier, number, one_of
 
-SHOWN = 200  # tries on the chart
+MAX_ON_CHART = 200  # tries
 COUPLINGS = ("rigid", "spring", "bistable")
 
 
 class Session:
-    """One player at a time, watchers, one try at a time."""
+    """One player at a time and watchers; one try at a time."""
 
     def __init__(self, setup: Setup, assist: str, folder: Path) -> None:
-        """Begin with the tries in a folder, and start the clock.
+        """Read the tries in a folder and start the clock.
 
         Raises:
-            ValueError: there is no such assistance, or another server plays in the folder.
+            ValueError: unknown assistance, or another server uses the folder.
         """
         assistance(assist, setup)
-        self._lock = tries.locked(folder)
+        self._lock = ExitStack()  # held by the clock as well, which is forked from this process
+        self._lock.enter_context(locked(folder / ".lock", wait=False))
         self.setup, self.assist, self.folder = setup.called, assist, folder
-        self.seats: list[Any] = []  # the player is the first
+        self.clients: list[Any] = []  # the player is the first
         self.refused: Counter[str] = Counter()
         family, _, kind = setup.called.rpartition("-")
         names = [f"{family}-{each}" for each in COUPLINGS if setup.shipped and kind in COUPLINGS] or [setup.called]
         self.setups = {name: about(playable(name)) for name in names}
-        self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is under way, and how fast its arm may be, m/s
-        self._seen_at, self._shown = 0.0, -1  # s, by the loop: when its last frame is seen; its newest that was shown
-        self.history: deque[dict[str, Any]] = deque(maxlen=SHOWN)
-        self.left_out = tries.recover(folder)  # why files in the folder are not shown
+        self.busy, self._speeds = False, (-1.0, 1.0)  # a try is in progress; least and largest velocity of its arm, m/s
+        self._seen_at, self._newest = 0.0, -1  # time at which its last frame is shown, s; number of the newest shown
+        self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
+        self.left_out = try_files.recover(folder)  # why files in the folder are not shown
         for path in sorted(folder.glob("*.json")):
             try:
                 name = identifier(f"name of {path}", path.stem)
-                self.history.append(clock.entry_of(name, tries.read(path)))
+                self.history.append(clock.entry_of(name, try_files.read(path)))
             except ValueError as problem:
                 self.left_out.append(str(problem))
         self.pipe, theirs = multiprocessing.Pipe()
@@ -51,23 +54,23 @@ class Session:
         self._clock.start()
         theirs.close()
 
-    def hear(self, seat: Any, said: Any) -> None:
-        """Do what the page of a seat asks for.
+    def handle(self, client: Any, message: Any) -> None:
+        """Handle a message of a page.
 
         Raises:
-            ValueError: it is nothing that can be asked for; says what can.
+            ValueError: the message is invalid.
         """
-        one_of("message", said, dict)
-        if len(said) != 1:
+        one_of("message", message, dict)
+        if len(message) != 1:
             raise ValueError("a message must have one key")
-        ((word, value),) = said.items()
+        ((word, value),) = message.items()
         choice("message", word, ("v", "begin", "done", "take"))
         if word == "take":
             self._send("stop", "another tab took the stick")
-            self.seats.sort(key=lambda each: each is not seat)
-            self._tell_roles()
-        elif seat is not self.seats[0]:
-            return  # who watches has no stick
+            self.clients.sort(key=lambda each: each is not client)
+            self._send_roles()
+        elif client is not self.clients[0]:
+            return  # a watcher does not steer
         elif word == "v":
             share = number("v", value, "(of full speed)", at_least=-1.0, at_most=1.0)
             self._send("v", abs(share) * self._speeds[share >= 0.0])
@@ -77,7 +80,7 @@ class Session:
             self._begin(value)
 
     def _begin(self, options: Any) -> None:
-        """Begin a try with what the page's controls say."""
+        """Begin a try with the values of the page's controls."""
         one_of("begin", options, dict)
         choice("setup", options.get("setup"), list(self.setups))
         choice("assist", options.get("assist"), list(NAMES))
@@ -86,38 +89,38 @@ class Session:
         for name, at in chosen["usual"].items():
             unit, low, high = SLIDERS[name]
             sliders[name] = number(name, options.get(name, at), unit, at_least=low, at_most=high)
-        slow = number("slow", options.get("slow"), "(times)", at_least=1.0, at_most=tries.SLOWEST)
-        self._speeds, self._shown, self.busy = chosen["speeds"], -1, True
-        wanted = tries.Try(options["setup"], options["assist"], secrets.randbelow(2**31), record_of(sliders), slow=slow)
+        slow = number("slow", options.get("slow"), "(times)", at_least=1.0, at_most=try_files.SLOWEST)
+        self._speeds, self._newest, self.busy = chosen["speeds"], -1, True
+        wanted = Try(options["setup"], options["assist"], secrets.randbelow(2**31), record_of(sliders), slow=slow)
         self._send("play", (wanted, self.folder / f"{datetime.now():%Y%m%d-%H%M%S-%f}.json", options["seen"]))
 
-    def sit(self, seat: Any) -> None:
-        """A page has come: tell it all that it has to know at first."""
-        self.seats.append(seat)
-        seat.tell({
+    def join(self, client: Any) -> None:
+        """Add a page and send it set-ups, assistances, limits of its controls and earlier tries."""
+        self.clients.append(client)
+        client.enqueue({
             "kind": "hello", "setups": self.setups, "setup": self.setup, "assists": NAMES, "assist": self.assist,
             "tries": list(self.history), **{name: limits for name, (_, *limits) in SLIDERS.items()},
         })  # fmt: skip
-        self._tell_roles()
+        self._send_roles()
 
-    def leave(self, seat: Any, why: str) -> None:
-        """A page has gone: if it had the stick, the arm stops."""
-        if seat is self.seats[0]:
+    def leave(self, client: Any, why: str) -> None:
+        """Remove a page; if it steered, the arm stops."""
+        if client is self.clients[0]:
             self._send("stop", why)
-        self.seats.remove(seat)
-        self._tell_roles()
+        self.clients.remove(client)
+        self._send_roles()
 
-    def _tell_roles(self) -> None:
-        """Tell each page whether it has the stick."""
-        for seat in self.seats:
-            seat.tell({"kind": "role", "player": seat is self.seats[0], "others": len(self.seats) - 1})
+    def _send_roles(self) -> None:
+        """Tell each page whether it steers."""
+        for client in self.clients:
+            client.enqueue({"kind": "role", "player": client is self.clients[0], "others": len(self.clients) - 1})
 
     def _send(self, word: str, value: Any = None) -> None:
         with suppress(OSError):
             self.pipe.send((word, value))
 
     def listen(self) -> None:
-        """Pass on what the clock says when it reaches the player's eyes: the result of a try after its last frame."""
+        """Forward messages of the clock after the downlink's delay, the result of a try after its last frame."""
         loop = asyncio.get_running_loop()
         try:
             while self.pipe.poll():
@@ -126,40 +129,40 @@ class Session:
                 if message["kind"] == "frame":
                     self._seen_at = max(self._seen_at, at)
                 elif message["kind"] in ("ended", "failed"):
-                    at = max(at, self._seen_at + 1e-6)  # of equal ones any might come first
-                loop.call_at(at, self._pass_on, message)
+                    at = max(at, self._seen_at + 1e-6)  # calls at equal times have no order
+                loop.call_at(at, self._forward, message)
         except (EOFError, OSError):
             loop.remove_reader(self.pipe.fileno())
-            self._pass_on({"kind": "failed", "text": "the clock has stopped: start impact-gym play again"})
+            self._forward({"kind": "failed", "text": "the clock has stopped: start impact-gym play again"})
 
-    def _pass_on(self, message: dict[str, Any]) -> None:
-        """Tell the pages; of a try's frames none that comes behind a newer one."""
+    def _forward(self, message: dict[str, Any]) -> None:
+        """Send a message to all pages, unless it is a frame older than the newest shown."""
         if message["kind"] == "frame":
-            if message["n"] <= self._shown:
+            if message["n"] <= self._newest:
                 return
-            self._shown = message["n"]
+            self._newest = message["n"]
             if message["touched"]:
                 self._send("touched")
         elif message["kind"] in ("ended", "failed"):
             self.busy = False
         if message["kind"] == "ended":
             self.history.append(message["entry"])
-        for seat in self.seats:
-            seat.tell(message)
+        for client in self.clients:
+            client.enqueue(message)
 
     def close(self) -> None:
-        """Stop what is under way, have it kept, and end."""
+        """Stop and save a try in progress, stop the clock, release the folder."""
         self.pipe.close()
         self._clock.join(20.0)
         self._lock.close()
 
     def film(self, name: str) -> str:
-        """Return the film of a try by its name, beside rule and policy; the first film where there is no name.
+        """Return the film of a try beside rule and policy, or without a name the first film.
 
         Raises:
-            ValueError: there is no such try.
+            ValueError: no such try.
         """
         if not name:
             counts = [self.folder / f"{entry['name']}.json" for entry in tuple(self.history) if not entry["marks"]]
-            return contest.first_film(self.setup, tries.read(counts[-1]) if counts else None)
-        return contest.film(tries.read(self.folder / f"{name}.json"))
+            return contest.first_film(self.setup, try_files.read(counts[-1]) if counts else None)
+        return contest.film(try_files.read(self.folder / f"{name}.json"))

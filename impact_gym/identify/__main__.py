@@ -1,4 +1,4 @@
-"""`impact-gym identify log.csv --scene my.toml [--hold-out] [--out setup.toml]`: from measured blows to a set-up."""
+"""`impact-gym identify log.csv --scene my.toml [--hold-out] [--out setup.toml]`: a set-up from measured blows."""
 
 import argparse
 import sys
@@ -24,11 +24,11 @@ DESCRIPTION = """Fit numbers of a scene to a measured blow and write their 95 % 
 
 FILE = """
 the log: a CSV file with columns time (s) and any of force (N), flange_velocity, tool_velocity, object_velocity (m/s),
-tool_acceleration, object_acceleration (m/s^2 or g). Other units stand in the header, as in "t [ms]", or in a line below
-it. What was understood is said. Several logs share the free numbers; each has its own start.
+tool_acceleration, object_acceleration (m/s^2 or g). Other units are given in the header, as in "t [ms]", or in a line
+below it. The command prints how it read the file. Several logs share the free numbers; each has its own start.
 
-the scene, my.toml: a set-up (see agents/setups) and two tables more. Of a number that is fitted it has a guess, of any
-other one what it was when the blow was measured: no range.
+the scene, my.toml: a set-up (see agents/setups) and two more tables. A fitted number has a guess, any other number its
+value during the measurement, no range.
 
     [environment]
     tool_mass = 0.125                                    # kg
@@ -42,26 +42,26 @@ other one what it was when the blow was measured: no range.
     speed = 1.0                                          # m/s, or a list with the speed of each log
     acceleration = 8.0                                   # m/s^2
     brake = { threshold = 1.0, delay = 0.016 }           # N, s; leave it out if it does not brake
-    [sensor.force]                                       # what is known of a column, all of it optional
+    [sensor.force]                                       # known properties of a column, all optional
     rate = 4000.0                                        # Hz
     low_pass = 1000.0                                    # Hz, first order
     bias = "estimated"                                   # or a number, in the column's unit
     noise = 0.2                                          # standard deviation
     cell = { mass = 0.02, frequency = 5000.0 }           # of a force: kg before the element, Hz; damping_ratio
 
-what is written: the set-up with the intervals as ranges, without the two tables. A number to
-which the log sets no limit on one side stays as it was, and a comment says so.
+the output: the set-up with the intervals as ranges, without the two tables. A number with an interval that is unlimited
+on one side keeps its value, with a comment.
 
---hold-out checks the fit on blows that it has not seen: every other log is fitted and predicts those between, then they
-change places. Printed is how far off V_p, peak force, impulse and duration are for each blow, beside the scatter of
-blows with equal motions. With --out setup.toml the table goes to setup.held-out.csv, too.
+--hold-out checks the fit on blows it was not fitted to: every other log is fitted and predicts the rest, then the
+reverse. It prints the errors of V_p, peak force, impulse and duration for each blow, and the scatter of blows with
+equal motions. With --out setup.toml the table is also written to setup.held-out.csv.
 """
 
 PLACES = {row.path: ("scenario", row.id) for row in SCENARIO} | {row.path: (row.id,) for row in SET_UP if row.path}
-"""Where in `[environment]` a number of a scene stands; those of coupling and robot under their own names."""
+"""Keys of a scene's numbers in `[environment]`; those of coupling and robot have their own names."""
 
 MEASUREMENT = ("motion", "sensor")
-"""Tables about the measured blow, which no set-up has."""
+"""Tables of the measurement, which are no part of a set-up."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -71,11 +71,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
     parser.add_argument("logs", nargs="+", metavar="log.csv", help="measured blows with the same scene")
-    parser.add_argument("--scene", type=Path, required=True, help="what is known, a TOML file, see below")
+    parser.add_argument("--scene", type=Path, required=True, help="known numbers and guesses, a TOML file, see below")
     parser.add_argument("--free", nargs="+", default=list(FREE), help=f"numbers to fit, default: {' '.join(FREE)}")
-    parser.add_argument("--hold-out", action="store_true", help="predict each half of the logs from the other one, too")
-    parser.add_argument("--out", type=Path, help="file for the set-up; without it, it is printed")
-    parser.add_argument("--plot", type=Path, help="file for a picture of fit and residuals, needs Matplotlib")
+    parser.add_argument("--hold-out", action="store_true", help="also predict each half of the logs from the other")
+    parser.add_argument("--out", type=Path, help="file for the set-up, which is printed otherwise")
+    parser.add_argument("--plot", type=Path, help="file for a figure of fit and residuals, needs Matplotlib")
     options = parser.parse_args(arguments)
     try:
         if find_spec("tomli_w") is None:
@@ -103,10 +103,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def parse(
     content: Mapping[str, Any], free: Sequence[str], count: int = 1
 ) -> tuple[Scene, list[Trapezoid], dict[str, Sensor]]:
-    """Return scene, motion of each of `count` logs, and sensors that the tables of a file describe.
+    """Return scene, motion of each of `count` logs, and sensors from the tables of a file.
 
     Raises:
-        ValueError: a table is missing, or has something unknown, or a range where a number is needed.
+        ValueError: a table is missing or has unknown keys, or a range where a number is needed.
     """
     for name in ("environment", "motion"):
         if not isinstance(content.get(name), Mapping):
@@ -143,21 +143,21 @@ def parse(
 
 
 def _sensor(name: str, table: Any) -> Sensor:
-    """Return the sensor that a table describes, with its load cell."""
+    """Return the sensor of a table, with its load cell."""
     one_of(name, table, Mapping)
     cell = {"cell": _record(f"{name}.cell", table["cell"], LoadCell)} if "cell" in table else {}
     return _record(name, {**table, **cell}, Sensor)
 
 
 def _record(name: str, table: Any, kind: type[Any]) -> Any:
-    """Return the record that a table describes; ValueError: it has no such fields."""
+    """Return the record of a table; ValueError: it has other fields."""
     one_of(name, table, Mapping)
     return record_from(name, {"type": kind.__name__, **table}, (kind,))
 
 
 def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterator[str]:
     """Yield the lines of the set-up: the file's tables with the intervals as ranges, and `said` as comments."""
-    import tomli_w  # not needed by whoever reads a log from Python
+    import tomli_w  # an extra that the Python interface does not need
 
     yield from (f"# {line}" for line in said.splitlines())
     written = deepcopy({name: table for name, table in content.items() if name not in MEASUREMENT})
@@ -170,7 +170,7 @@ def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterato
         if abs(low) > 0.0 and abs(high) < float("inf"):
             table[key] = [low, high]
         else:
-            yield f"# {name} is not this log's: it stays {table.get(key, 'as set-ups have it')}"
+            yield f"# {name} is not limited by this log: it stays {table.get(key, 'as set-ups have it')}"
     yield tomli_w.dumps(written)
 
 

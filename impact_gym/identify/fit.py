@@ -1,6 +1,6 @@
-"""The best fit from several starts, and how far each number may move before the log objects.
+"""The best fit from several starts, and the interval of each free number by its profile likelihood.
 
-`Fit.of` is the best of the local minima; `intervals` moves one number at a time and fits all others again.
+`Fit.of` is the best of the local minima; `intervals` moves one number at a time and refits all others.
 """
 
 import math
@@ -14,35 +14,35 @@ from impact_gym.identify.model import Model
 from impact_gym.identify.search import ROUGH, Point, as_good, descend, distinct, race, scatter
 from impact_gym.identify.sensor import Array, bursts, level
 
-STARTS = 8  # of the scattered points that are fitted, the best first; `Fit.again` takes as many more
-NOISE_ROUNDS = 3  # of estimating noise and fitting anew
+STARTS = 8  # starting points that are fitted, the best first; `Fit.again` takes as many more
+NOISE_ROUNDS = 3  # estimates of the noise, each with a new fit
 CONFIDENCE = 0.95
-END_TOLERANCE = 0.02  # of the half width, to which an end of an interval is found
-MAX_STEP = 1.5  # of a coordinate, a first step towards an end; an interval as long may hide another minimum
-MAX_STEPS = 10  # fits on the way to an end
-BEYOND = (1.6, 2.5)  # times the way to an end, where the misfit is looked at once more
-MAX_DEVIATION = 1e3  # of a coordinate, a standard deviation that says there is none
-MIN_IMPROVEMENT = 0.05  # of the misfit, by which a better fit is better, twice as much each time; an end is 3.8 above
-MIN_LEFTOVER = 6.0, 0.5  # of a blow not in the scene: standard deviations that the fit leaves of it, and share of it
+END_TOLERANCE = 0.02  # of an end of an interval, relative to the half width
+MAX_STEP = 1.5  # of a coordinate, first step towards an end; an interval longer than this may hide another minimum
+MAX_STEPS = 10  # fits per end of an interval
+BEYOND = (1.6, 2.5)  # times the distance to an end, where the misfit is checked for another minimum
+MAX_DEVIATION = 1e3  # of a coordinate, standard deviation of an undetermined number
+MIN_IMPROVEMENT = 0.05  # of the misfit, for a point to replace the best fit, doubled each time; an end is 3.8 above
+MIN_LEFTOVER = 6.0, 0.5  # residual of a blow that the model lacks: standard deviations, and share of the blow
 
 Ends = tuple[float | None, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The best x, the misfit there, its covariance (size, size), and the minima that were found besides."""
+    """The best x, its misfit and covariance (size, size), and the other minima."""
 
     model: Model
     x: Array
     misfit: float  # sum of squared residuals over the noise
     covariance: Array
-    valley: Array  # covariance with each free number held loosely, within MAX_STEP: what nothing tells stays
+    valley: Array  # covariance with a prior of MAX_STEP on each free number, so that undetermined numbers stay
     others: Sequence[Point]
     improvement: float = MIN_IMPROVEMENT
 
     @classmethod
     def of(cls, model: Model) -> "Fit":
-        """Return the best fit from several starts, the noise that is not known estimated on the way.
+        """Return the best fit from several starts; unknown noise is estimated from its residuals.
 
         Raises:
             ValueError: no start leads to a blow, or a free number changes nothing.
@@ -50,58 +50,53 @@ class Fit:
         first = slice(STARTS)
         starts = scatter(model)[first]
         _refuse_idle(model, starts)
-        return cls._polished(model, as_good(model, race(model, starts + _past_first_blow(model, first))))
+        return cls.polished(model, as_good(model, race(model, starts + _past_first_blow(model, first))))
 
     def again(self) -> "Fit":
-        """Return the best fit from as many starts more and the known minima; itself if there is no other minimum."""
+        """Return the best fit from STARTS further starts and the known minima; itself if they add no minimum."""
         model, more = self.model, slice(STARTS, 2 * STARTS)
         known = [Point(self.misfit, self.x), *self.others]
         minima = race(model, scatter(model)[more] + _past_first_blow(model, more))
         good = as_good(model, distinct(model, known + minima))
         is_new = {id(point) for point in good} - {id(point) for point in known}
-        return self._polished(model, good) if is_new else self
+        return self.polished(model, good) if is_new else self
 
     @classmethod
-    def _polished(cls, model: Model, points: Sequence[Point]) -> "Fit":
+    def polished(cls, model: Model, points: Sequence[Point]) -> "Fit":
+        """Return the best of the minima near some points, with the noise of its residuals."""
         for _ in range(NOISE_ROUNDS):
             points = distinct(model, [descend(model, point.x) for point in points])
-            if not _estimate_noise(model, points[0].x) or len(model.noise) == 1:  # which alone changes no minimum
+            if (
+                not _estimate_noise(model, points[0].x) or len(model.noise) == 1
+            ):  # a single noise level moves no minimum
                 break
         best, *others = (Point(float(np.sum(model.residuals(point.x) ** 2)), point.x) for point in points)
         jacobian, loosely = model.jacobian(best.x), np.eye(len(model.free), model.size) / MAX_STEP
         valley = _covariance(np.concatenate([jacobian, loosely]))
         return cls(model, best.x, best.misfit, _covariance(jacobian), valley, others)
 
-    def moved(self, x: Array) -> "Fit":
-        """Return the fit that a better point leads to, with the noise of its own residual."""
-        return self._polished(self.model, [Point(self.misfit, x), Point(self.misfit, self.x), *self.others])
-
     @property
     def quantile(self) -> float:
-        """How many standard deviations to either side hold CONFIDENCE; Student's where noise is estimated."""
+        """Half width of an interval in standard deviations; Student's t if noise is estimated, otherwise normal."""
         upper = 0.5 + CONFIDENCE / 2.0
         if all(sensor.noise is not None for sensor in self.model.sensors.values()):
             return float(ndtri(upper))
         return float(stdtrit(self.model.samples - self.model.size, upper))
 
     def excess(self, point: Point) -> float:
-        """Return how far the misfit of a point is above the least one: the quantile squared where an interval ends."""
+        """Return the misfit of a point above the least one; it is the square of `quantile` at an end of an interval."""
         return max(point.misfit - self.misfit, 0.0)
 
     def deviation(self, i: int) -> float:
         """Return the standard deviation of x[i] by the curvature at the best fit."""
         return min(math.sqrt(self.covariance[i, i]), MAX_DEVIATION)
 
-    def direction(self, i: int) -> Array:
-        """Return how x moves with x[i] along the valley of the misfit, by the curvature at the best fit."""
-        return self.valley[:, i] / self.valley[i, i]
-
 
 def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
-    """Return the best fit and the intervals of its free numbers, searched again where they leave much open.
+    """Return the best fit and the intervals of its free numbers, after a second search if these are wide.
 
     Raises:
-        ValueError: no start leads to a blow, a free number changes nothing, or a log has more blows than the scene.
+        ValueError: no start leads to a blow, a free number changes nothing, or a log has more blows than the fit.
     """
     fit = Fit.of(model)
     if searched_again := bool(_extra_blows(fit) or _is_vague(fit)):
@@ -116,7 +111,7 @@ def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
 
 
 def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
-    """Refuse a free number that changes nothing."""
+    """Refuse starts without a blow, and free numbers that do not change the residuals."""
     if not points:
         raise ValueError(
             "scene: neither it nor its neighbours can be simulated to a blow; are motion and distance right?"
@@ -130,7 +125,7 @@ def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
 
 
 def _extra_blows(fit: Fit) -> str:
-    """Return a sentence about a log with more blows than the fitted motion has, an empty one if there is none."""
+    """Return the refusal of a log with more blows than the fit, or an empty text."""
     model = fit.model
     for k, log in enumerate(model.logs):
         if "force" not in log.columns:
@@ -153,13 +148,13 @@ def _extra_blows(fit: Fit) -> str:
 
 
 def _past_first_blow(model: Model, starts: slice) -> list[Array]:
-    """Return the minima of the first blow alone: those of what follows are many, and most have no way out."""
+    """Return minima of a fit to the first blow alone, as later blows add many local minima."""
     first = model.of_first_blow()
     return [point.x for point in race(first, scatter(first)[starts])] if first.samples < model.samples else []
 
 
 def _estimate_noise(model: Model, x: Array) -> bool:
-    """Set the noise that is not known to what is left of each column at x; return whether that changed anything."""
+    """Set unknown noise to the residual of its columns at x; return whether that changed it."""
     left = model.residuals(x) * model.scales()
     share = 1.0 - model.size / model.samples
     changed = False
@@ -173,7 +168,7 @@ def _estimate_noise(model: Model, x: Array) -> bool:
 
 
 def _covariance(jacobian: Array) -> Array:
-    """Return the inverse of J^T J; of what no sample depends on, as good as infinite."""
+    """Return the inverse of J^T J, with very large entries where no sample depends on x."""
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0.0] = 1.0
     _, values, rows = np.linalg.svd(jacobian / size, full_matrices=False)
@@ -182,26 +177,27 @@ def _covariance(jacobian: Array) -> Array:
 
 
 class _BetterError(Exception):
-    """A point fits better than the best fit."""
+    """A point fits better than the best fit so far."""
 
     def __init__(self, x: Array) -> None:
         self.x = x
 
 
 def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
-    """Return both ends of each free number's interval, None where there is none, and the fit they belong to.
+    """Return the fit and both ends of each free number's interval, None where it is unlimited.
 
-    Other minima that the quantile does not exclude widen an interval. Where a better fit is met, that is the fit.
+    Other minima below the quantile widen an interval. A better point found on the way becomes the fit.
     """
-    while True:  # ends, as the misfit is finite
+    while True:  # terminates, as the misfit falls by more each time
         try:
             return fit, [tuple(_end(fit, i, side) for side in (-1, 1)) for i in range(len(fit.model.free))]
         except _BetterError as better:
-            fit = replace(fit.moved(better.x), improvement=2.0 * fit.improvement)
+            points = [Point(fit.misfit, better.x), Point(fit.misfit, fit.x), *fit.others]
+            fit = replace(Fit.polished(fit.model, points), improvement=2.0 * fit.improvement)
 
 
 def _end(fit: Fit, i: int, side: int) -> float | None:
-    """Return the outermost end on one side (-1, 1) of x[i], from the best fit and all that are as good."""
+    """Return the outermost end of x[i] on one side (-1, 1), from the best fit and other minima below the quantile."""
     limit = fit.quantile**2
     end = profile(fit, i, side, Point(fit.misfit, fit.x))
     for point in fit.others:
@@ -219,7 +215,7 @@ def _end(fit: Fit, i: int, side: int) -> float | None:
 
 
 def _is_vague(fit: Fit) -> bool:
-    """Whether an interval will be longer than MAX_STEP, by the curvature or by another minimum that is as good."""
+    """Whether an interval will exceed MAX_STEP, by the curvature or another minimum below the quantile."""
     good = [fit.x, *(point.x for point in fit.others if point.misfit - fit.misfit < fit.quantile**2)]
     spread = np.ptp(good, axis=0)
     widths = [2.0 * fit.quantile * fit.deviation(i) + float(spread[i]) for i in range(len(fit.model.free))]
@@ -227,13 +223,13 @@ def _is_vague(fit: Fit) -> bool:
 
 
 def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
-    """Return the fit with x[i] held at `u`, begun from a point near, along the valley or, if that ends outside, across.
+    """Return the fit with x[i] = `u`, started from `near` along the valley and, if that is no good, with x[i] alone.
 
     Raises:
-        _BetterError: it is better than the best.
+        _BetterError: it is better than the best fit.
     """
     points = []
-    for along in (fit.direction(i), np.zeros_like(near.x)):
+    for along in (fit.valley[:, i] / fit.valley[i, i], np.zeros_like(near.x)):
         start = near.x + along * (u - near.x[i])
         start[i] = u
         points.append(descend(fit.model, start, i, ROUGH))
@@ -245,13 +241,13 @@ def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
 
 
 def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
-    """Return where on one `side` (-1, 1) of x[i] the misfit, all else fitted anew, passes the quantile, or None.
+    """Return x[i] on one `side` (-1, 1) at which the profile of the misfit reaches the quantile, or None.
 
-    The first step goes from a minimum where the curvature at the best fit says; if the misfit agrees to END_TOLERANCE,
-    that is the end.
+    The first step, from the minimum `begin`, follows the curvature at the best fit and is the end if the misfit agrees
+    to END_TOLERANCE.
 
     Raises:
-        _BetterError: a point on the way fits better than the best.
+        _BetterError: a point on the way is better than the best fit.
     """
     first, last = float(begin.x[i]), fit.model.free[i].reach[side > 0]
     inner, outer = (first, math.sqrt(fit.excess(begin) / fit.quantile**2), begin), None

@@ -1,74 +1,76 @@
-"""How far off a fit is on blows that it has not seen: half of the logs predict the other half, then they change places.
+"""Errors of a fit on blows it was not fitted to: each half of the logs predicts the other.
 
-Every quantity is read off the samples in the same way, of the log and of what the fitted scene's sensors would have
-recorded. Of a predicted log only the start of the motion, and a bias that is not known, are fitted.
+Every quantity is computed in the same way from the samples of the log and from the predicted readings of the fitted
+scene's sensors. In a predicted log only the start of the motion, and an unknown bias, are fitted.
 """
 
 import csv
 import io
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_gym.identify import FREE, Identified, Sensor, identify
+from impact_gym.identify import FREE, Identified, Sensor, identify, motion_of_each
 from impact_gym.identify.log import Log, read
 from impact_gym.identify.model import Model
 from impact_gym.identify.search import descend, start_at
 from impact_gym.identify.sensor import Array, level, runs
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
-from impact_gym.validation import one_of
 
 UNITS = {"object_velocity": "m/s", "peak_force": "N", "impulse": "N s", "duration": "s"}
-"""Quantities of a blow: V_p, and of the force its peak, its integral and its width at half of the peak."""
-END = 0.25  # of a log, its last samples, whose mean is the velocity after the blow
+"""Quantities of a blow: V_p, and the peak of the force, its integral and its width at half of the peak."""
+END = 0.25  # share of a log's samples, the last, whose mean is the velocity after the blow
 HALF = 0.5  # of the peak
-FEWEST = 2  # logs
+MIN_LOGS = 2
 
 
 class Prediction(NamedTuple):
-    """A quantity of a blow that was not fitted, in the unit that UNITS has for it."""
+    """A quantity of a blow that was not fitted, in its unit of UNITS."""
 
     log: str
     quantity: str
     measured: float
     predicted: float
-    equal: float  # median of the fitted blows with the same motion; nan without any
+    equal: float  # median of the fitted blows with the same motion; nan: there are none
 
     def error(self, value: float) -> float:
-        """Return how far a value is from the measured one, relative to it."""
+        """Return the error of a value relative to the measured one."""
         return abs(value - self.measured) / abs(self.measured) if self.measured else math.inf
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Predictions of all blows, each by a fit to those of the other half."""
+    """Predictions of all blows, each by a fit to the other half of the logs."""
 
     predictions: tuple[Prediction, ...]
 
     def errors(self, quantity: str) -> tuple[Array, Array]:
         """Return the relative errors of the predictions and of the medians of equal blows, (blows,) each."""
-        mine = [each for each in self.predictions if each.quantity == quantity]
-        ours, of_equals = [each.error(each.predicted) for each in mine], [each.error(each.equal) for each in mine]
-        return np.array(ours), np.array(of_equals)
+        errors = [
+            (each.error(each.predicted), each.error(each.equal))
+            for each in self.predictions
+            if each.quantity == quantity
+        ]
+        predicted, equal = np.array(errors).reshape(-1, 2).T
+        return predicted, equal
 
     def __str__(self) -> str:
-        return "\n".join(["each half of the logs predicts the other:", *self._lines()])
-
-    def _lines(self) -> Iterator[str]:
+        lines = ["each half of the logs predicts the other:"]
         for log, quantity, measured, predicted, _ in self.predictions:
             off = 100.0 * (predicted / measured - 1.0) if measured else math.inf
-            yield f"{log}: {quantity} {measured:.4g} {UNITS[quantity]}, predicted {predicted:.4g}, {off:+.1f} %"
+            lines.append(f"{log}: {quantity} {measured:.4g} {UNITS[quantity]}, predicted {predicted:.4g}, {off:+.1f} %")
         for quantity in dict.fromkeys(each.quantity for each in self.predictions):
             errors, of_equals = self.errors(quantity)
             known = of_equals[np.isfinite(of_equals)]
             beside = f"; the median of equal blows {100.0 * np.median(known):.1f} %" if len(known) else ""
-            yield (f"{quantity}: median error {100.0 * np.median(errors):.1f} %, 95 % of the blows below "
-                   f"{100.0 * np.quantile(errors, 0.95):.1f} %{beside}")  # fmt: skip
+            lines.append(f"{quantity}: median error {100.0 * np.median(errors):.1f} %, 95 % of the blows below "
+                         f"{100.0 * np.quantile(errors, 0.95):.1f} %{beside}")  # fmt: skip
+        return "\n".join(lines)
 
     def csv(self) -> str:
         """Return the predictions as a CSV file, a row for each blow and quantity."""
@@ -83,15 +85,15 @@ def hold_out(
     log: Sequence[Any], scene: Scene, motion: Trapezoid | Sequence[Trapezoid],
     free: Iterable[str] | Mapping[str, Any] = FREE, sensor: Sensor | Mapping[str, Sensor] | None = None,
 ) -> HeldOut:  # fmt: skip
-    """Fit every other log, predict those between, and the other way round; the arguments are those of `identify`.
+    """Fit every other log and predict the rest, then the reverse; the arguments are those of `identify`.
 
     Raises:
-        TypeError, ValueError: as `identify`; or there are too few logs, their columns differ, or nothing in them can be
-            compared: V_p needs a column object_velocity, all else a force.
+        TypeError, ValueError: as `identify`; or there are too few logs, their columns differ, or none can be
+            compared: V_p needs a column object_velocity, the other quantities a force.
     """
-    if not isinstance(log, (list, tuple)) or len(log) < FEWEST:
+    if not isinstance(log, (list, tuple)) or len(log) < MIN_LOGS:
         count = len(log) if isinstance(log, (list, tuple)) else 1
-        raise ValueError(f"hold-out needs {FEWEST} logs or more, a half to fit and a half to predict, got {count}")
+        raise ValueError(f"hold-out needs {MIN_LOGS} logs or more, a half to fit and a half to predict, got {count}")
     logs = [read(source, f"log {k + 1}") for k, source in enumerate(log)]
     columns = logs[0].columns.keys()
     for each in logs:
@@ -100,11 +102,7 @@ def hold_out(
                              f" the first one {', '.join(columns)}")  # fmt: skip
     if not {"force", "object_velocity"} & columns:
         raise ValueError(f"hold-out compares force or object_velocity, got {', '.join(columns)}")
-    motions: list[Any] = list(motion) if isinstance(motion, (list, tuple)) else [motion] * len(logs)
-    for imposed in motions:
-        one_of("motion", imposed, Trapezoid)
-    if len(motions) != len(logs):
-        raise ValueError(f"motion must be one Trapezoid, or one for each of {len(logs)} logs, got {len(motions)}")
+    motions = motion_of_each(motion, len(logs))
     found: dict[int, list[Prediction]] = {}
     for begin in (0, 1):
         fitted = slice(begin, None, 2)
@@ -123,7 +121,7 @@ def hold_out(
 
 
 def _predicted(log: Log, motion: Trapezoid, fit: Identified) -> Log:
-    """Return a log as the sensors of a fit would have recorded it."""
+    """Return a log as predicted for the sensors of a fit."""
     model = Model.of([log], fit.scene, [motion], fit.fit.model.sensors, ())
     x = descend(model, start_at(model, np.empty(0), 0.5).x).x
     samples = model.predicted(x)[0] + model.biases(x)
@@ -131,7 +129,7 @@ def _predicted(log: Log, motion: Trapezoid, fit: Identified) -> Log:
 
 
 def _quantities(log: Log, fit: Identified) -> dict[str, float]:
-    """Return the quantities that can be read off a log."""
+    """Return the quantities of a log that its columns allow."""
     found = {}
     if "object_velocity" in log.columns:
         found["object_velocity"] = float(np.mean(log.columns["object_velocity"][-max(int(END * len(log.time)), 1) :]))
@@ -143,7 +141,7 @@ def _quantities(log: Log, fit: Identified) -> dict[str, float]:
 
 
 def _width(force: Array) -> float:
-    """Return how many samples lie between the places where a blow passes HALF of its peak, linear between samples."""
+    """Return the width of a blow at HALF of its peak in samples, with linear interpolation."""
     high, padded = HALF * force.max(), np.concatenate([[0.0], force, [0.0]])
     first, last = next(run for run in runs(padded > high) if run[0] <= padded.argmax() <= run[1])
     inside = [(padded[a] - high) / (padded[a] - padded[b]) for a, b in ((first, first - 1), (last, last + 1))]

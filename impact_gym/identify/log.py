@@ -1,8 +1,8 @@
-"""A measured blow: reading it, and refusing what cannot be one, in one line that says where and what is allowed."""
+"""A measured blow: reading it, and refusing invalid ones with column, value, unit and allowed range."""
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.csv_files import Column, read_columns
-from impact_gym.identify.coordinates import Coordinate
 from impact_gym.identify.sensor import Array, Sensor, bursts, level, noise_of, runs
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Rigid, Robot, Scene
-from impact_gym.task.nested import replaced
 from impact_gym.validation import WrongTypeError, numbers, shown
 
 TIME = Column("s", r"((rel|relative|elapsed) )?(time ?stamp|time)s?|t|zeit|x value")
@@ -37,12 +35,12 @@ MAX_FORCE = 1e5  # N
 MAX_ACCELERATION = 1e6  # m/s^2
 MAX_SPEED_RATIO = 10.0  # of a velocity over the motion's speed
 MAX_STEP = 0.05  # s between two samples
-MAX_GAP = 1.5  # times the usual step: more are lost samples, unless the steps beside are as much shorter
+MAX_GAP = 1.5  # usual steps; a longer one means lost samples, unless the steps beside it are shorter by as much
 MAX_LOST = 3  # samples in a row
 MIN_SWING = 10.0  # standard deviations of the noise, from the least to the largest sample of a blow
-MOST_IMPULSE = 200.0  # times what brings the tool back as fast as it came: time may be in ms
-LEAST_IMPULSE = 0.03  # times that of the lightest bodies searched for that stop each other: the unit is another
-FLAT_SAMPLES = 3  # with the very same largest value, between much smaller ones: the sensor is saturated
+MOST_IMPULSE = 200.0  # impulses that reverse the tool's velocity; above: time may be in ms
+LEAST_IMPULSE = 0.03  # plastic impulses of the lightest bodies in the searched ranges; below: another unit
+FLAT_SAMPLES = 3  # equal extreme values between clearly smaller ones: the sensor is saturated
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,20 +50,20 @@ class Log:
     name: str
     time: Array  # (n,), s
     columns: Mapping[str, Array]  # (n,) each, see UNITS
-    said: str = ""  # how a file was understood, in one line
+    said: str = ""  # how the file was read, in one line
 
     @property
     def lost(self) -> NDArray[np.int64]:
-        """How many samples were lost after each but the last (n - 1,)."""
+        """Number of samples lost after each sample except the last (n - 1,)."""
         steps = np.diff(self.time)
         usual = float(np.median(steps))
         padded = np.concatenate([[usual], steps, [usual]])
-        three = padded[:-2] + steps + padded[2:]  # a stamp that is late alone does not make it longer
+        three = padded[:-2] + steps + padded[2:]  # unchanged by a single late stamp
         return np.where(steps > MAX_GAP * usual, np.maximum(np.rint(three / usual) - 3, 0), 0).astype(np.int64)
 
     @property
     def step(self) -> float:
-        """Mean time between two samples, those that were lost among them, s."""
+        """Mean time between two samples, lost ones included, s."""
         return float(self.time[-1] - self.time[0]) / float(len(self.time) - 1 + self.lost.sum())
 
 
@@ -73,8 +71,8 @@ def read(source: Any, name: str) -> Log:
     """Return the log in a mapping of columns, or in a CSV file, see `impact_gym.csv_files`; a `Log` as it is.
 
     Raises:
-        TypeError, ValueError: it is neither; columns are missing, unknown or of different lengths; a value is no finite
-            number; time does not increase or has a gap of more than MAX_LOST samples.
+        TypeError, ValueError: another type; columns are missing, unknown or of other lengths; a value is not finite;
+            time does not increase or has a gap of more than MAX_LOST samples.
     """
     if isinstance(source, Log):
         return source
@@ -119,13 +117,11 @@ def read(source: Any, name: str) -> Log:
     return replace(log, said=f"read {len(time):,} samples at {shown_rate} from {name}: {said}{lost}")
 
 
-def check(
-    log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor], free: Sequence[Coordinate] = ()
-) -> None:
-    """Refuse a log in other units, off its rate, of a dead or clipped sensor, without a blow, with a force that pulls.
+def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
+    """Refuse a log in other units, at another rate, of a dead or saturated sensor, without a blow, or with a pull.
 
     Raises:
-        ValueError: names column, value, unit and what is allowed.
+        ValueError: names column, value, unit and allowed range.
     """
     for name, values in log.columns.items():
         limits = {"N": (MAX_FORCE, "mN"), "m/s": (MAX_SPEED_RATIO * motion.speed, "mm/s")}
@@ -143,20 +139,19 @@ def check(
         _refuse_clipped(log, name)
     noise = {name: max(noise_of(values, sensors[name]), 1e-12) for name, values in log.columns.items()}
     if not any(float(np.ptp(values)) > MIN_SWING * noise[name] for name, values in log.columns.items()):
-        raise ValueError(f"{log.name} has no blow: nothing in {', '.join(log.columns)} stands out of the noise")
+        raise ValueError(f"{log.name} has no blow: no column of {', '.join(log.columns)} rises above the noise")
     if "force" in log.columns:
-        lightest = {number.name: number.searched[0] for number in free if number.name.endswith(".mass")}
-        _refuse_other_force(log, replaced(scene, lightest), motion, sensors["force"])
+        _refuse_other_force(log, scene, motion, sensors["force"])
 
 
 def tool_mass(scene: Scene) -> float:
-    """Return the mass (kg) of the tool and what is fixed to it."""
+    """Return the mass (kg) of the tool and all bodies fixed to it."""
     behind = scene.robot.mass if isinstance(scene.robot, Robot) else math.inf
     return scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
 
 
 def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Sensor) -> None:
-    """Refuse a force that pulls, and one whose impulse is far below what stops bodies as light as the scene's."""
+    """Refuse a pulling force, and an impulse far below the plastic one of the scene; warn of one far too large."""
     force = log.columns["force"] - level(log.columns["force"], sensor)
     most, least = float(force.max()), float(force.min())
     if sensor.bias != "estimated" and -least > most:
@@ -181,7 +176,7 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
 
 
 def _refuse_clipped(log: Log, name: str) -> None:
-    """Refuse a flat end of the range: equal values where the neighbours are further off than the resolution."""
+    """Refuse a saturated column: equal extreme values whose neighbours differ by more than the resolution."""
     values = log.columns[name]
     resolution = np.diff(np.unique(values))
     for end, side in ((values.max(), 1.0), (values.min(), -1.0)):

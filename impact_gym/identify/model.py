@@ -1,31 +1,129 @@
-"""The logs as our simulator has them: predictions, residuals over the noise, and how they change with what is free."""
+"""The fitted model: free numbers of the scene as coordinates, predicted logs, residuals over the noise, derivatives.
 
-from collections.abc import Mapping, Sequence
+A coordinate is the logarithm of a number, and ln(e/(1-e)) of the restitution e.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any
 
 import numpy as np
 
-from impact_gym.identify.coordinates import Coordinate
 from impact_gym.identify.log import Log
 from impact_gym.identify.sensor import Array, Sensor, bursts, noise_of
 from impact_gym.motion import Trapezoid
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.scene import Rigid, RobotTable, Scene, SpringDamper
 from impact_gym.simulation import Trace, simulate
-from impact_gym.task.nested import replaced
+from impact_gym.task.nested import flatten, get, parts, replaced
+from impact_gym.validation import WrongTypeError, number, shown
 
+MASS, STIFFNESS, RESTITUTION = "object.mass", "contact.stiffness", "contact.restitution"
+SEARCHED = {STIFFNESS: (1e2, 1e8), RESTITUTION: (0.03, 0.99), MASS: (5e-3, 5e2)}
+"""Ranges of starting points, unless `free` has others."""
+SEARCH_FACTOR = 10.0  # of other numbers: from a tenth to ten times the scene's value
+REACH_FACTOR = 1e4  # bound of the fit beyond the searched range on either side
+WALL = 1e5  # masses of a tool on a spring, bound of the object's mass: beyond it the object is a wall
+LARGEST_LOGIT = 14.0  # of ln(e/(1-e)): e within 1e-6 of an end
 RTOL = 1e-8
 STEP = 2e-3
-"""Of a coordinate, for forward differences: what the curvature adds to a slope, a thousandth of it, and what the
-simulator's steps and the interpolation between them add, are both lost in a noise of a percent. As slopes by start and
-bias cost nothing, a fit takes up to 30 % fewer simulations than with SciPy's "2-point" and less than half of its
-"3-point", to the same minimum. The batch simulator records no motion but its end and cannot give these differences."""
-IMPOSSIBLE = 1e3  # times its size is what a log is off a scene that cannot be
-TRACED = {"force": "contact_force"}  # column of a log: that of a trace, where the two have not the same name
+"""Of a coordinate, for forward differences: their errors by curvature (0.1 %) and by the simulator's steps are far
+below a noise of 1 %. Derivatives by start and bias need no simulation, so a fit takes up to 30 % fewer simulations than
+with SciPy's "2-point" and less than half of those with "3-point", to the same minimum. The batch simulator returns
+final states only and cannot give these differences."""
+IMPOSSIBLE = 1e3  # ranges of a log, its residual where the scene cannot be simulated
+TRACED = {"force": "contact_force"}  # column of a log: column of a trace, where the names differ
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One free number and its bounds."""
+
+    name: str
+    sign: float  # of the number
+    searched: tuple[float, float]  # range of the absolute value
+    bounded: bool  # the searched range is a known bound
+    wall: float = math.inf  # absolute value beyond which it makes no difference
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Least and largest coordinate."""
+        if self.bounded:
+            return self.coordinate(self.searched[0]), self.coordinate(self.searched[1])
+        if self.name == RESTITUTION:
+            return -LARGEST_LOGIT, LARGEST_LOGIT
+        return math.log(self.searched[0] / REACH_FACTOR), math.log(min(self.searched[1] * REACH_FACTOR, self.wall))
+
+    def coordinate(self, size: float) -> float:
+        """Return the coordinate of an absolute value."""
+        if self.name == RESTITUTION:
+            return min(math.log(size / (1.0 - size)) if size < 1.0 else LARGEST_LOGIT, LARGEST_LOGIT)
+        return math.log(size)
+
+    def clipped(self, u: float) -> float:
+        """Return `u`, limited to its reach."""
+        low, high = self.reach
+        return min(max(u, low), high)
+
+    def number(self, u: float) -> float:
+        """Return the number at coordinate `u`, limited to its reach."""
+        u = self.clipped(u)
+        return 1.0 / (1.0 + math.exp(-u)) if self.name == RESTITUTION else self.sign * math.exp(u)
+
+    def end(self, u: float | None, side: int) -> float:
+        """Return the end of an interval at `u` on one side (-1, 1); None: the limit of the number itself."""
+        if u is not None:
+            return self.number(u)
+        if self.bounded:
+            return self.number(self.reach[side > 0])
+        return float(side > 0) if self.name == RESTITUTION else self.sign * (math.inf if side > 0 else 0.0)
+
+    def start(self, scene: Scene) -> float:
+        """Return the coordinate of the scene's own number, or the middle of the reach if that lies outside."""
+        size, (low, high) = abs(get(scene, self.name)), self.reach
+        inside = size > 0.0 and low <= self.coordinate(size) <= high
+        return self.coordinate(size) if inside else (low + high) / 2.0
+
+
+def free_coordinates(scene: Scene, free: Iterable[str] | Mapping[str, Any]) -> tuple[Coordinate, ...]:
+    """Return the coordinates of the numbers in `free`: names, or a mapping to known bounds (low, high).
+
+    Raises:
+        ValueError: a name is unknown or given twice, a number without bounds is 0, or its bounds are no range.
+    """
+    if isinstance(free, str):
+        raise WrongTypeError(f"free must be a sequence of names, or a mapping to ranges, got the text {free!r}")
+    known, names = list(flatten(parts(scene))), list(free)
+    if not names or len(set(names)) < len(names):
+        raise ValueError(f"free must name at least one number of the scene, and none twice, got {names}")
+    coordinates = []
+    for name in names:
+        if name not in known:
+            near = get_close_matches(str(name), known, 1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise ValueError(f"free: the scene has no number {name!r}{hint}; it has {', '.join(known)}")
+        value = get(scene, name)
+        pair = free[name] if isinstance(free, Mapping) else None
+        if pair is None and value == 0.0:
+            raise ValueError(f"free: {name} is 0 in the scene, which gives its scale: give a guess, or a range for it")
+        searched = SEARCHED.get(name, (abs(value) / SEARCH_FACTOR, abs(value) * SEARCH_FACTOR))
+        if pair is not None:
+            if not hasattr(pair, "__len__") or len(pair) != 2:
+                raise WrongTypeError(f"free: the range of {name} must be a pair (low, high), got {shown(pair)}")
+            most = 1.0 if name == RESTITUTION else math.inf
+            low, high = (number(f"free: the range of {name}", end, "(its unit)", above=0, at_most=most) for end in pair)
+            if not low < high:
+                raise ValueError(f"free: the range of {name} must rise, got {low!r} to {high!r}")
+            searched = low, high
+        wall = WALL * scene.tool.mass if name == MASS and isinstance(scene.coupling, SpringDamper) else math.inf
+        coordinates.append(Coordinate(name, math.copysign(1.0, value), searched, pair is not None, wall))
+    return tuple(coordinates)
 
 
 def tool_acceleration(scene: Scene, trace: Trace) -> Array:
-    """Return the tool's acceleration (n,), m/s^2, from the forces on it and on what is fixed to it."""
+    """Return the tool's acceleration (n,), m/s^2, from the forces on it and on all bodies fixed to it."""
     robot = scene.robot.at(scene.object.distance) if isinstance(scene.robot, RobotTable) else scene.robot
     mass = scene.tool.mass + (robot.mass if robot and isinstance(scene.coupling, Rigid) else 0.0)
     return np.asarray((trace.coupling_force - trace.contact_force) / mass)
@@ -62,7 +160,7 @@ class Model:
         cls, logs: Sequence[Log], scene: Scene, motions: Sequence[Trapezoid], sensors: Mapping[str, Sensor],
         free: Sequence[Coordinate],
     ) -> "Model":  # fmt: skip
-        """Return the model with the noise that is known, or seen in the logs; never nothing."""
+        """Return the model with known noise, or noise estimated from the logs, always above 0."""
         noise = {}
         for name, sensor in sensors.items():
             columns = [log.columns[name] for log in logs if name in log.columns]
@@ -96,9 +194,9 @@ class Model:
         return trace
 
     def latest(self, scene: Scene, k: int) -> float:
-        """Return the latest time (s) of the motion at which log k may end.
+        """Return the latest time (s) of the motion at which log k can end.
 
-        It begins before the flange has gone twice the distance to the object, and the tool has followed on its spring.
+        The log begins before the flange has travelled twice the distance to the object and the spring has settled.
         """
         motion, log = self.motions[k], self.logs[k]
         arrival = 2.0 * scene.object.distance / motion.speed + motion.speed / motion.acceleration
@@ -107,12 +205,12 @@ class Model:
         return arrival + float(log.time[-1] - log.time[0])
 
     def sensed(self, scene: Scene, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
-        """Return what the sensor of a column reads `at` (n,) s of the motion, and its slope."""
+        """Return the reading of a column's sensor `at` (n,) s of the motion, and its slope."""
         sensor = self.sensors[name]
         if name == "tool_acceleration":
             values = tool_acceleration(scene, trace)
         elif name == "object_acceleration":
-            drag = (scene.object.friction or 0.0) * GRAVITY  # where it stands the ground gives way no sooner
+            drag = (scene.object.friction or 0.0) * GRAVITY  # static friction balances a smaller force
             values = trace.contact_force / scene.object.mass - drag
             values = np.where(trace.object_velocity > 0.0, values, np.maximum(values, 0.0))
         else:
@@ -139,7 +237,7 @@ class Model:
                 trace = self.trace(scene, k, max(float(at[-1]), log.step))
                 for name in log.columns:
                     values[self.slots[k, name]], slopes[self.slots[k, name]] = self.sensed(scene, trace, name, at)
-        except (ValueError, RuntimeError):  # no such scene or start, or the simulator cannot finish it
+        except (ValueError, RuntimeError):  # invalid scene or start, or the simulator fails
             for (k, name), slot in self.slots.items():
                 values[slot], slopes[slot] = IMPOSSIBLE * np.ptp(self.logs[k].columns[name]), 0.0
         return values, slopes
@@ -161,16 +259,16 @@ class Model:
         return np.concatenate([np.full_like(self.logs[k].time, self.noise[name]) for k, name in self.slots])
 
     def residuals(self, x: Array) -> Array:
-        """Return predicted less measured, over the noise (n,)."""
+        """Return (predicted - measured) / noise (n,)."""
         return (self.predicted(x)[0] + self.biases(x) - self.measured) / self.scales()
 
     def jacobian(self, x: Array, skip: int | None = None) -> Array:
-        """Return the derivatives of `residuals` by x (n, size), differences in part, without x[skip]."""
+        """Return the derivatives of `residuals` by x (n, size), by free numbers as differences; 0 for x[skip]."""
         here, slopes = self.predicted(x)
         columns = np.zeros((self.samples, self.size))
-        for i, number in enumerate(self.free):
+        for i, coordinate in enumerate(self.free):
             if i != skip:
-                step = -STEP if x[i] + STEP > number.reach[1] else STEP  # beyond its reach nothing moves
+                step = -STEP if x[i] + STEP > coordinate.reach[1] else STEP  # beyond its reach the number is constant
                 there = x.copy()
                 there[i] += step
                 columns[:, i] = (self._predict(there)[0] - here) / step

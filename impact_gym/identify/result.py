@@ -1,4 +1,4 @@
-"""Result of a fit: numbers, how sure they are, what the log cannot tell and why, in words, and a picture."""
+"""Result of a fit: estimates, intervals, sentences on what the log cannot determine and why, a figure."""
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,36 +9,36 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, fdtrc, ndtri  # scipy.stats would double the time of an import
 
-from impact_gym.identify.coordinates import RESTITUTION
 from impact_gym.identify.fit import Ends, Fit
 from impact_gym.identify.log import UNITS
+from impact_gym.identify.model import RESTITUTION
 from impact_gym.identify.sensor import Array, bursts
 from impact_gym.quantities import BY_PATH
 from impact_gym.scene import Rigid, Scene
 from impact_gym.simulation import simulate
 
-WIDE_RATIO = 2.0  # high over low of an interval that says little
-WIDE_RESTITUTION = 0.3  # high less low
-MIN_CORRELATION = 0.95  # of two numbers, one of them wide, that the log does not tell apart
-MIN_BLOW_SAMPLES = 4  # fewer do not show the shape of a blow
-HEAVY_RATIO = 5.0  # mass of the object over the tool's, from which the force hardly shows it
+WIDE_RATIO = 2.0  # high / low of a wide interval
+WIDE_RESTITUTION = 0.3  # high - low of a wide interval
+MIN_CORRELATION = 0.95  # of two numbers, one with a wide interval, that the log cannot separate
+MIN_BLOW_SAMPLES = 4  # that show the shape of a blow
+HEAVY_RATIO = 5.0  # mass of the object / mass of the tool; above, the force hardly depends on it
 
-FALSE_ALARM = 1e-4  # chance of each test of the residuals to object to a model that fits
+FALSE_ALARM = 1e-4  # probability at which each test of the residuals rejects a model that fits
 LAGS = 10  # of the autocorrelation of residuals
-MIN_BEFORE = 8  # samples before the touch, to judge the others by
+MIN_BEFORE = 8  # samples before the touch, for the tests that need its noise
 
 Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """What the logs say of the free numbers; all in SI units, keyed by their dotted names."""
+    """Estimates of the free numbers from the logs; all in SI units, keyed by their dotted names."""
 
     estimate: Mapping[str, float]
-    interval: Mapping[str, Interval]  # 95 % unless there are `warnings`; 0 or inf: the log sets no limit
-    correlation: Array  # (k, k), of the estimates in the order of `estimate`, on the scales they are fitted on
+    interval: Mapping[str, Interval]  # 95 % if there are no `warnings`; 0 or inf: unlimited
+    correlation: Array  # (k, k), in the order of `estimate`, of the coordinates of the fit
     scene: Scene  # with the estimates
-    indistinguishable: tuple[str, ...]  # what the log cannot tell, in words; empty if it tells everything
+    indistinguishable: tuple[str, ...]  # sentences on what the log cannot determine
     warnings: tuple[str, ...]  # signs that the model does not fit the log, each also a UserWarning
     fit: Fit = field(repr=False)
 
@@ -86,7 +86,7 @@ class Identified:
         return tuple({name: samples[slots[k, name]] for name in log.columns} for k, log in enumerate(logs))
 
     def plot(self) -> Any:
-        """Return a Matplotlib figure: each column as it was measured and fitted, and what is left over the noise."""
+        """Return a Matplotlib figure: each column as measured and fitted, and residual over noise."""
         from matplotlib.figure import Figure
 
         model = self.fit.model
@@ -118,11 +118,11 @@ class Identified:
 
 
 def misfits(fit: Fit) -> Iterator[str]:
-    """Yield a sentence for each test of the residuals that fails, as a model that fits does once in 1 / FALSE_ALARM.
+    """Yield a sentence for each failed test of the residuals; a model that fits fails one with probability FALSE_ALARM.
 
-    The mean before the touch by the normal distribution; the size from there on beside that before it by Fisher's F, or
-    where the noise is known by chi-squared; whiteness by Ljung and Box (Biometrika 65, 1978). Residuals within the
-    resolution of a sensor are not tested: they are no noise.
+    Tested are the mean before the touch (normal distribution), the variance from the touch on against that before it
+    (Fisher's F) and against known noise (chi-squared), and whiteness (Ljung and Box, Biometrika 65, 1978). Residuals
+    within the resolution of a sensor are not noise and are not tested.
     """
     model = fit.model
     scene, left = model.scene_at(fit.x), -fit.model.residuals(fit.x)
@@ -144,7 +144,7 @@ def misfits(fit: Fit) -> Iterator[str]:
             ratio = float(np.mean(behind**2)) / spread**2 if len(behind) else 0.0
             if fdtrc(len(behind), len(before) - 1, ratio) < FALSE_ALARM:
                 yield (f"{log.name}, {name}: the model leaves {ratio**0.5:.3g} times as much from the touch on as the "
-                       "noise before it: does the scene, or the sensor, leave something out?")  # fmt: skip
+                       "noise before it: is something missing in the scene or the sensor?")  # fmt: skip
         if model.sensors[name].noise is not None and chdtrc(n, float(np.sum(rest**2))) < FALSE_ALARM:
             yield (f"{log.name}, {name}: the model leaves {float(np.mean(rest**2)) ** 0.5:.3g} times the noise that "
                    "the sensor is said to have")  # fmt: skip
@@ -157,14 +157,14 @@ def misfits(fit: Fit) -> Iterator[str]:
 
 
 def _with_unit(scene: Any, name: str, text: str) -> str:
-    """Return a text about a number of a scene with the number's unit behind it."""
+    """Return a text followed by the unit of a number of a scene."""
     if name == "contact.stiffness":
         return f"{text} N/m^{scene.contact.stiffness_exponent:g}"
     return f"{text} {BY_PATH[name].unit}".removesuffix(" -")
 
 
 def _words(fit: Fit, interval: Mapping[str, Interval], correlation: Array) -> Iterator[str]:
-    """Yield a sentence for each number, and each pair of them, that the logs do not tell."""
+    """Yield a sentence for each number, and each pair of numbers, that the logs do not determine."""
     wide = []
     for name, ends in interval.items():
         least, most = sorted(map(abs, ends))
@@ -183,7 +183,7 @@ def _words(fit: Fit, interval: Mapping[str, Interval], correlation: Array) -> It
 
 
 def _sentence(scene: Scene, name: str, low: float, high: float) -> str:
-    """Return a sentence about a number that the log does not tell well."""
+    """Return a sentence about a number with a wide interval."""
     open_above = high == (1.0 if name == RESTITUTION else np.inf)
     if low == 0.0 and open_above:
         return f"the log does not tell {name} at all: any value fits as well"
@@ -194,7 +194,7 @@ def _sentence(scene: Scene, name: str, low: float, high: float) -> str:
 
 
 def _reasons(fit: Fit) -> Iterator[str]:
-    """Yield what about the sensor or the scene hides a blow."""
+    """Yield properties of sensor or scene that explain wide intervals."""
     model = fit.model
     scene = model.scene_at(fit.x)
     durations, samples = [], [(0, 0.0)]  # of blows: s, and how many samples lie in them, how far apart (s)
@@ -214,4 +214,4 @@ def _reasons(fit: Fit) -> Iterator[str]:
         yield f"the filter takes {1e3 * min(lags):.2g} ms and the blow lasts {1e3 * max(durations):.2g} ms"
     heavy = scene.object.mass > HEAVY_RATIO * scene.tool.mass and not isinstance(scene.coupling, Rigid)
     if heavy and set(model.sensors) == {"force"} and any(number.name == "object.mass" for number in model.free):
-        yield "an object much heavier than the tool is to the force as good as a wall"
+        yield "the force of an object much heavier than the tool is nearly that of a wall"

@@ -1,7 +1,7 @@
-"""Where a fit begins, and least squares from there: several starts race each other to the minima.
+"""Starting points of a fit, and least squares from several of them, of which the worst are dropped on the way.
 
-A start is a scene with the impulse and the width of the measured blow, or one scattered over what is searched, with the
-start of the motion and the biases that suit the log best.
+A start is a scene with the impulse and width of the measured blow, or a point of a Latin hypercube over the searched
+ranges, with the start of the motion and the biases of least misfit.
 """
 
 import math
@@ -11,36 +11,35 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from impact_gym.identify.coordinates import MASS, RESTITUTION, STIFFNESS
 from impact_gym.identify.log import Log, tool_mass
-from impact_gym.identify.model import Model
+from impact_gym.identify.model import MASS, RESTITUTION, STIFFNESS, Model
 from impact_gym.identify.sensor import Array, level
 from impact_gym.scene import Scene
 from impact_gym.simulation import Trace
 
-SCATTERED = 40  # scenes beside the given one
+SCATTERED = 40  # points of the Latin hypercube
 SEED = 0
-RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # of scenes with the impulse and the width of the measured blow
-PASSES, NEAR = 8, 0.1  # simulations to find such a scene, at most, and how near (ln) is enough
-HEAVY = 1e3  # times the mass of the tool, where the impulse says a wall
-ROUNDS, ROUND_EVALUATIONS = 5, 8  # of a race: fits are compared after so many evaluations of the residuals
-MIN_GAP_REDUCTION = 0.2  # drop a fit that keeps more than 80 % of its gap to the best one per round
-GOOD_MISFIT = 20.0  # above the least misfit, relative to what noise leaves of a sample: a rough minimum worth polishing
-MIN_DISTANCE = 0.03  # of the coordinate of a free number, by which two minima are apart
-LARGEST_START = 4.0  # of ln(e/(1-e)), from where a fit may begin: e from 0.02 to 0.98
-FINE, ROUGH = 1e-8, 1e-5  # tolerances of misfit and x, relative: of the best fit, and of those on the way
+RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # of starts by impulse and width
+PASSES, NEAR = 8, 0.1  # simulations per such start, at most, and its tolerance (ln)
+HEAVY = 1e3  # masses of the tool, largest mass by the impulse
+ROUNDS, ROUND_EVALUATIONS = 5, 8  # comparisons of the fits, and evaluations of the residuals before each
+MIN_GAP_REDUCTION = 0.2  # per round, of the gap to the best fit; otherwise a fit is dropped
+GOOD_MISFIT = 20.0  # above the least misfit, over the misfit per sample: a rough minimum to refine
+MIN_DISTANCE = 0.03  # of a coordinate between two distinct minima
+LARGEST_START = 4.0  # of ln(e/(1-e)) at the start of a fit: e from 0.02 to 0.98
+FINE, ROUGH = 1e-8, 1e-5  # relative tolerances of misfit and x: of the best fit, and of intermediate ones
 
 
 class Point(NamedTuple):
-    """Where least squares have come to."""
+    """A result of least squares."""
 
     misfit: float  # sum of squared residuals over the noise
     x: Array
-    is_minimum: bool = True  # False: evaluations ran out on the way to one
+    is_minimum: bool = True  # False: evaluations ran out before it converged
 
 
 def scatter(model: Model) -> list[Array]:
-    """Return starting points x, best first: the given scene, those `from_impulse`, a Latin hypercube of the rest."""
+    """Return starting points x, best first: the given scene, those `from_impulse`, a Latin hypercube."""
     rng = np.random.default_rng(SEED)
     low, high = np.array([[number.coordinate(size) for size in number.searched] for number in model.free]).T
     cells = np.array([rng.permutation(SCATTERED) for _ in model.free]).T
@@ -52,10 +51,10 @@ def scatter(model: Model) -> list[Array]:
 
 
 def from_impulse(model: Model, given: Array) -> list[Array]:
-    """Return free coordinates with which the first log's force has its impulse and its width, for each of RESTITUTIONS.
+    """Return free coordinates that reproduce impulse and width of the first log's force, for each of RESTITUTIONS.
 
     An impulse is (1 + e) v / (1/m + 1/m_tool), and a width, impulse over peak, goes with k^(-1/(n + 1)) for a force
-    k delta^n (Johnson, Contact Mechanics, 1985, sec. 11.4): each pass corrects both by what a simulation has of them.
+    k delta^n (Johnson, Contact Mechanics, 1985, sec. 11.4): each pass corrects both by those of a simulation.
     """
     places = {number.name: i for i, number in enumerate(model.free)}
     k = next((k for k, log in enumerate(model.logs) if "force" in log.columns), None)
@@ -63,7 +62,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
         return []
     log, sensor = model.logs[k], model.sensors["force"]
     force, few = log.columns["force"], max(len(log.time) // 20, 1)
-    rests = np.median(force[:few]), np.median(force[-few:])  # of which one may lie in the blow
+    rests = np.median(force[:few]), np.median(force[-few:])  # one of them may lie in the blow
     force = force - (min(rests) if sensor.bias == "estimated" else sensor.bias)
     impulse, peak = float(np.trapezoid(force, log.time)), float(force.max())
 
@@ -73,7 +72,11 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 
     points = []
     for restitution in RESTITUTIONS if RESTITUTION in places else RESTITUTIONS[:1]:
-        x, light, heavy = given.copy(), -math.inf, math.inf  # coordinates of masses too light, too heavy
+        x, light, heavy = (
+            given.copy(),
+            -math.inf,
+            math.inf,
+        )  # largest coordinate of the mass that is too light, smallest that is too heavy
         put(RESTITUTION, math.log(restitution / (1.0 - restitution)))
         for _ in range(PASSES if impulse > 0.0 else 0):
             try:
@@ -104,8 +107,8 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 def start_at(model: Model, point: Array, share: float) -> Point:
     """Return free coordinates with the start times and biases at which the misfit is least.
 
-    Times are tried on the log's own grid, moved by a `share` of a sample, and none at which the log begins later than
-    its own length after the touch, or ends as much before it.
+    Start times lie on the log's own grid, shifted by a `share` of a sample, with the log at most its own length before
+    or after the touch.
     """
     x = np.zeros(model.size)
     x[: len(point)] = point
@@ -126,7 +129,7 @@ def start_at(model: Model, point: Array, share: float) -> Point:
 
 
 def _align(model: Model, scene: Scene, log: Log, trace: Trace, share: float) -> tuple[float, float, dict[str, float]]:
-    """Return the least misfit of a motion with a log, the start of the motion after the log's (s), and the biases."""
+    """Return the least misfit of a motion and a log, the start of the motion after the log's (s), and the biases."""
     step, n = log.step, len(log.time)
     touch = trace.time[np.argmax(trace.contact_force > 0.0)] if np.any(trace.contact_force > 0.0) else np.inf
     last = min(trace.time[-1], touch + 2.0 * n * step)
@@ -159,39 +162,39 @@ def descend(
     model: Model, x: Array, fixed: int | None = None, tolerance: float = FINE,
     evaluations: int = ROUNDS * ROUND_EVALUATIONS,
 ) -> Point:  # fmt: skip
-    """Return where least squares come to from x, with x[fixed] held, within so many evaluations."""
+    """Return the result of least squares from x with x[fixed] held, after at most so many `evaluations`."""
     free = np.delete(np.arange(model.size), [] if fixed is None else [fixed])
     x = x.copy()
     if not np.all(np.isfinite(x)):
         return Point(math.inf, x, is_minimum=False)
-    # Starts and biases count from where they begin: MINPACK's tolerance of x is relative to x, and a clock that is
-    # seconds from the motion's would end the search before samples of microseconds are told apart.
+    # Starts and biases are relative to their initial values: MINPACK's tolerance of x is relative to x, and with a
+    # clock seconds from the motion's it would stop before microseconds are resolved.
     origin = np.where(np.arange(model.size) < len(model.free), 0.0, x)
-    for i, number in enumerate(model.free):  # at the end of what a restitution may be nothing would move it
+    for i, number in enumerate(model.free):  # near 0 and 1 the slope vanishes
         if number.name == RESTITUTION and i != fixed:
             x[i] = min(max(x[i], -LARGEST_START), LARGEST_START)
 
-    def whole(part: Array) -> Array:
+    def full(part: Array) -> Array:
         point = x.copy()
         point[free] = origin[free] + part
         return point
 
     solution = least_squares(
-        lambda part: model.residuals(whole(part)), (x - origin)[free],
-        jac=lambda part: model.jacobian(whole(part), skip=fixed)[:, free], method="lm", x_scale="jac",
+        lambda part: model.residuals(full(part)), (x - origin)[free],
+        jac=lambda part: model.jacobian(full(part), skip=fixed)[:, free], method="lm", x_scale="jac",
         max_nfev=evaluations, ftol=tolerance, xtol=tolerance, gtol=tolerance,
     )  # fmt: skip
-    end = whole(solution.x)
+    end = full(solution.x)
     for i, number in enumerate(model.free):
         end[i] = number.clipped(end[i])
     return Point(2.0 * float(solution.cost), end, solution.status > 0)
 
 
 def race(model: Model, starts: Sequence[Array]) -> list[Point]:
-    """Return the distinct minima that rough fits from `starts` come to, the best first.
+    """Return the distinct minima of rough fits from `starts`, the best first.
 
-    After each round the fits are compared. Of those that have met the best goes on; one that is clearly worse than the
-    best of all, and has hardly come closer in this round, is dropped.
+    After each round the fits are compared: of fits at the same place only the best continues, and a fit is dropped if
+    it is clearly worse than the best of all and has hardly improved in this round.
     """
     points = [Point(math.inf, x, is_minimum=False) for x in starts]
     for _ in range(ROUNDS):
@@ -207,7 +210,7 @@ def race(model: Model, starts: Sequence[Array]) -> list[Point]:
 
 
 def as_good(model: Model, points: Sequence[Point]) -> list[Point]:
-    """Return those points that may lead to the best minimum, or to one as good."""
+    """Return the points with a misfit near the least one."""
     good = _good_misfit(model, points)
     return [point for point in points if point.misfit < good]
 
@@ -218,7 +221,7 @@ def _good_misfit(model: Model, points: Sequence[Point]) -> float:
 
 
 def distinct(model: Model, points: Sequence[Point]) -> list[Point]:
-    """Return the points at which the free numbers are not the same, the best first."""
+    """Return points with distinct free numbers, the best first."""
     kept: list[Point] = []
     for point in sorted(points, key=lambda point: point.misfit):
         if all(np.abs(point.x - other.x)[: len(model.free)].max() > MIN_DISTANCE for other in kept):

@@ -1,4 +1,4 @@
-"""What a sensor makes of a motion: a load cell, a first-order low pass, a bias, noise, values at its times only."""
+"""The response of a sensor: load cell, first-order low pass, bias, noise, sampling."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -12,14 +12,14 @@ from impact_gym.validation import number, one_of
 Array = NDArray[np.float64]
 
 GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
-MIN_STEP = 1e-9  # s; points of a trace that lie closer together say nothing of a slope but rounding
-MIN_HEIGHT = 5.0, 0.2  # of a burst: standard deviations of the noise, and of the highest one
+MIN_STEP = 1e-9  # s between points of a trace; slopes between closer points are dominated by rounding
+MIN_HEIGHT = 5.0, 0.2  # of a burst: standard deviations of the noise, and share of the highest burst
 
 
 class Curve:
-    """A cubic between each two points (k,), its slopes there those of the parabola through a point and its neighbours.
+    """Cubic Hermite interpolation of points (k,) with the slopes of the parabola through a point and its neighbours.
 
-    What `scipy.interpolate` has for this takes as long to set up as the simulation of the points.
+    The set-up of those in `scipy.interpolate` takes as long as the simulation of the points.
     """
 
     def __init__(self, time: Array, values: Array) -> None:
@@ -36,11 +36,11 @@ class Curve:
         self.pieces = np.array([y[:-1], slope[:-1], square, cube])
 
     def piece(self, at: Array) -> NDArray[np.int64]:
-        """Return between which points each of the times lies."""
+        """Return the index of the piece in which each of the times lies."""
         return np.searchsorted(self.time[1:-1], at, side="right")
 
     def __call__(self, at: Array, piece: NDArray[np.int64] | None = None) -> tuple[Array, Array]:
-        """Return value and slope `at` times within the points, of any shape; `piece` broadcasts, where it is known."""
+        """Return value and slope `at` times within the points, of any shape; a known `piece` is broadcast."""
         piece = self.piece(at) if piece is None else piece
         s = at - self.time[piece]
         y, slope, square, cube = self.pieces[:, piece]
@@ -49,11 +49,11 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class LoadCell:
-    """A force sensor as it is built: a face of some mass on a spring and damper, fixed to the tool.
+    """A force sensor with a mass in front of its element, a spring and damper (Kelvin and Voigt) fixed to the tool.
 
-    Its reading is the force R = k u + c u' of the element (Kelvin and Voigt), where m u'' + c u' + k u = F + m a, with
-    the contact force F and the tool's acceleration a. So it rings, reads m a without a contact, and less than F while
-    the tool is braked by it. The element is taken to be much stiffer than the contact, which it does not soften.
+    Its reading is the element's force R = k u + c u', where m u'' + c u' + k u = F + m a with the contact force F and
+    the tool's acceleration a. So it rings, reads m a without contact, and less than F while F decelerates the tool. The
+    element is assumed to be much stiffer than the contact.
     """
 
     mass: float  # kg, between element and contact
@@ -67,31 +67,19 @@ class LoadCell:
         ):  # fmt: skip
             object.__setattr__(self, name, number(f"LoadCell.{name}", getattr(self, name), unit, **allowed))
 
-    @property
-    def pole(self) -> complex:
-        """Less the root of s^2 + 2 zeta omega s + omega^2 that turns forwards, 1/s."""
-        omega = 2.0 * np.pi * self.frequency
-        return complex(omega * self.damping_ratio, omega * np.sqrt(1.0 - self.damping_ratio**2))
-
-    def gain(self, s: complex) -> complex:
-        """Return what it makes of exp(s t), -."""
-        omega = 2.0 * np.pi * self.frequency
-        pull = 2.0 * self.damping_ratio * omega * s + omega**2
-        return pull / (s**2 + pull)
-
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """What is known of the sensor behind one column of a log.
+    """Known properties of the sensor of one column of a log.
 
-    Noise is white and comes after load cell and filter: independent from sample to sample, normal, the same all along.
+    Noise is added after load cell and filter: white, normal, of constant size.
     """
 
-    rate: float | None = None  # Hz, checked against the log's times; None: as these say
+    rate: float | None = None  # Hz, checked against the log's times; None: not checked
     low_pass: float | None = None  # Hz, cut-off of a first-order filter; None: no filter
     bias: float | Literal["estimated"] = 0.0  # in the column's unit, added to every sample
     noise: float | None = None  # standard deviation in the column's unit; None: estimated
-    cell: LoadCell | None = None  # of a force; None: it reads the contact force
+    cell: LoadCell | None = None  # of a force sensor; None: it reads the contact force
 
     def __post_init__(self) -> None:
         for name, unit in {"rate": "Hz", "low_pass": "Hz", "noise": "(the column's unit)"}.items():
@@ -103,12 +91,12 @@ class Sensor:
             object.__setattr__(self, "bias", number("Sensor.bias", self.bias, "(the column's unit), or 'estimated'"))
 
     def senses(self, time: Array, values: Array, at: Array) -> tuple[Array, Array]:
-        """Return what the sensor reads `at` (n,) s, but for bias and noise, and its slope, 1/s.
+        """Return the reading `at` (n,) s without bias and noise, and its slope, 1/s.
 
         Args:
-            time: of the signal (k,), s; it is at rest before.
+            time: of the signal (k,), s; before it the signal is at rest.
             values: the signal (k,), smooth between these points.
-            at: rising; beyond the last of `time` the signal keeps its value.
+            at: increasing; after the last of `time` the signal is constant.
         """
         signal = Curve(time, values)
         within = np.clip(at, signal.time[0], signal.time[-1])
@@ -130,21 +118,24 @@ class Sensor:
         return value, slope
 
     def _lags(self) -> list[tuple[complex, complex]]:
-        """Return cell and filter as a sum of lags: shares and paces (1/s), of which the real part counts."""
+        """Return cell and filter as a sum of first-order lags, whose real part is the reading: (share, rate in 1/s)."""
         slow = 2.0 * np.pi * self.low_pass if self.low_pass else None
         if self.cell is None:
             return [(1.0, slow)] if slow else []
-        pole = self.cell.pole
-        omega, damping = abs(pole), 2.0 * pole.real
+        omega, ratio = 2.0 * np.pi * self.cell.frequency, self.cell.damping_ratio
+        damping, pole = 2.0 * ratio * omega, omega * complex(ratio, np.sqrt(1.0 - ratio**2))
         share = 1j * (omega**2 - damping * pole) / (pole.imag * pole)
-        return [(self.cell.gain(-slow), slow), (share * slow / (slow - pole), pole)] if slow else [(share, pole)]
+        if slow is None:
+            return [(share, pole)]
+        element = omega**2 - damping * slow  # the cell's gain of exp(-slow t) is element / (slow^2 + element)
+        return [(element / (slow**2 + element), slow), (share * slow / (slow - pole), pole)]
 
 
 def _filtered(signal: Curve, nodes: Array, pace: complex, last: float) -> NDArray[Any]:
     """Return y at `nodes` (k,), y' = pace (u - y) from rest at the first.
 
-    Between two nodes y moves by 1 - exp(-pace h) towards the mean of u that is weighted with exp(-pace (time left)), by
-    Gauss's quadrature.
+    Between two nodes y moves by the share 1 - exp(-pace h) towards the mean of u weighted with exp(-pace (time left)),
+    by Gaussian quadrature.
     """
     h = np.diff(nodes)[:, None]
     inside = nodes[:-1, None] + h * (GAUSS + 1.0) / 2.0
@@ -157,7 +148,7 @@ def _filtered(signal: Curve, nodes: Array, pace: complex, last: float) -> NDArra
 
 
 def noise_of(values: Array, sensor: Sensor) -> float:
-    """Return the standard deviation of a column's noise, known or estimated from what a smooth signal cannot be."""
+    """Return the standard deviation of a column's noise, known or estimated from its second differences."""
     if sensor.noise is not None:
         return sensor.noise
     bends = np.abs(np.diff(values, 2)) / np.sqrt(6.0)
@@ -165,12 +156,12 @@ def noise_of(values: Array, sensor: Sensor) -> float:
 
 
 def level(values: Array, sensor: Sensor) -> float:
-    """Return what a column reads at rest: its bias, known or estimated."""
+    """Return the reading of a column at rest: its bias, known or estimated by the median."""
     return float(np.median(values)) if sensor.bias == "estimated" else float(sensor.bias)
 
 
 def bursts(force: Array, sensor: Sensor) -> list[tuple[int, int]]:
-    """Return first and last sample of each time that a force has MIN_HEIGHT above its level."""
+    """Return first and last sample of each period in which a force is MIN_HEIGHT above its level."""
     height = force - level(force, sensor)
     deviations, share = MIN_HEIGHT
     return runs(height > max(deviations * noise_of(force, sensor), share * float(height.max())))

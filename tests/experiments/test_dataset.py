@@ -17,7 +17,7 @@ from playing import pushed
 from agents.baselines import PaperTrapezoid
 from agents.evaluate import ScenarioBatch
 from agents.setups import load_setup
-from experiments.play import tries
+from experiments.play import try_files
 from impact_gym.envs.batch import Batch
 from impact_gym.task import Task
 
@@ -45,7 +45,7 @@ def folder(tmp_path_factory):
         this = pushed(lambda time, seed=seed: 0.1 + 0.3 * np.sin(3.0 * time + seed) ** 2, assist=assist, seed=seed,
                       delay=0.1 * seed)  # fmt: skip
         this.marks.extend(["interrupted: a test"] * (seed == 4))
-        tries.write(path / f"{seed}.json", this)
+        try_files.write(path / f"{seed}.json", this)
     return path
 
 
@@ -190,7 +190,7 @@ def test_tries_of_persons_play_again_to_the_bit(folder, marked, count):
     make(folder, include_marked=marked)
     name = "impact/teleop-spring/person-v0"
     assert dataset.check(name) == count
-    for this, episode in zip(tries.of_persons(folder, marked), minari.load_dataset(name), strict=True):
+    for this, episode in zip(try_files.of_persons(folder, marked), minari.load_dataset(name), strict=True):
         assert np.array_equal(episode.actions, np.array(this.actions, np.float32))
         assert {*episode.infos["command"]} <= {*np.float64(this.operator["velocity"]), 0.0}
         assert episode.infos["done_time"][-1] == this.result["done_time"]
@@ -208,7 +208,7 @@ def test_operator_draws_every_recording_and_a_set_up_takes_it(folder, tmp_path):
     batch.begin_seeded(0, {})
     assert {*np.floor(batch.info()["record"]["operator.recording"])} == {0, 1, 2, 3}
     env = setup.make()
-    for number, this in enumerate(tries.of_persons(folder)):
+    for number, this in enumerate(try_files.of_persons(folder)):
         env.reset(seed=1, options={"record": {"operator.recording": number, "uplink.delay": 0.0, "distance": 0.79}})
         sent, ended = [], False
         while not ended and len(sent) < 60:
@@ -219,10 +219,10 @@ def test_operator_draws_every_recording_and_a_set_up_takes_it(folder, tmp_path):
 
 
 def test_tries_that_do_not_count_or_do_not_fit_are_refused(tmp_path):
-    with refused("has no try of a person that counts"):
+    with refused("has no unmarked try of a person"):
         make(tmp_path)
     for setup in ("teleop-rigid", "teleop-spring"):
-        tries.write(tmp_path / f"{setup}.json", pushed(lambda time: 0.4 if time < 2.0 else 0.0, setup=setup))
-    with refused("several couplings or set-ups"):
+        try_files.write(tmp_path / f"{setup}.json", pushed(lambda time: 0.4 if time < 2.0 else 0.0, setup=setup))
+    with refused("several set-ups or couplings"):
         make(tmp_path, operator=tmp_path / "operator.toml")
     assert not (tmp_path / "operator.toml").exists()

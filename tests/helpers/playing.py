@@ -17,7 +17,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from agents.setups import load_setup
-from experiments.play import tries
+from experiments.play import try_files
 from experiments.play.assistance import record_of, usual
 from experiments.play.tries import Live, Try
 from impact_gym.files import write_file
@@ -62,7 +62,7 @@ class Served:
 
     def tries(self, count=0):
         """Return what was played so far, once there are so many."""
-        while len(found := [this for _, this in tries.folder_of(self.folder)]) < count:
+        while len(found := [this for _, this in try_files.folder_of(self.folder)]) < count:
             time.sleep(0.05)
         return found
 

@@ -12,8 +12,8 @@ from scipy import signal
 from scipy.stats import binomtest
 
 import impact_gym as ig
-from impact_gym.identify.coordinates import free_coordinates
 from impact_gym.identify.fit import BEYOND, Fit, intervals
+from impact_gym.identify.model import free_coordinates
 from impact_gym.identify.search import SCATTERED, scatter
 
 NUMBERS = ("contact.stiffness", "contact.restitution", "object.mass")

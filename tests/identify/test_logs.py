@@ -8,9 +8,8 @@ from quick_log import CLEAN, FLAT, FORCE, NOISE, SCENE, TIME, put
 from recorder import MOTION
 
 import impact_gym as ig
-from impact_gym.identify.coordinates import free_coordinates
 from impact_gym.identify.log import Log, check, read
-from impact_gym.identify.model import IMPOSSIBLE, Model
+from impact_gym.identify.model import IMPOSSIBLE, Model, free_coordinates
 
 
 def test_coarse_or_gently_rounded_sensor_is_not_taken_for_a_saturated_one():

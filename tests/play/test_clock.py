@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from playing import near_setup, wanted
 
-from experiments.play import tries
+from experiments.play import try_files
 from experiments.play.assistance import PERIOD
 from experiments.play.clock import HOLD, SILENT, Clock, Stick
 from experiments.play.tries import LATE
@@ -47,7 +47,7 @@ class Hand:
 
     def kept(self, name="a"):
         """Return a try that is kept, with times (s) and velocities (m/s) of what was commanded."""
-        this = tries.read(self.folder / f"{name}.json")
+        this = try_files.read(self.folder / f"{name}.json")
         return this, np.array(this.operator["time"]), np.array(this.operator["velocity"])
 
 

@@ -9,7 +9,7 @@ import pytest
 from playing import SETUP, pushed, wanted
 from refusals import refused
 
-from experiments.play import contest, tries
+from experiments.play import contest, tries, try_files
 from experiments.play.assistance import NAMES
 from experiments.play.tries import Live
 
@@ -22,7 +22,7 @@ def test_try_is_played_again_by_environment_and_simulate(setup, assist, tmp_path
         rng = np.random.default_rng(seed)
         asked = {"assist": assist, "seed": seed, "setup": setup}
         done = pushed(lambda _, rng=rng: float(rng.uniform(0.1, 0.5)), 4 + 9 * seed, **asked)
-        this = tries.read(tries.write(tmp_path / "try.json", done))
+        this = try_files.read(try_files.write(tmp_path / "try.json", done))
         _, info, _ = tries.replayed(this)
         assert {name: info["record"][name] for name in this.record} == this.record
         assert {name: info[name] for name in ("touch_time", "done_time", "taken")}.items() <= this.result.items()
@@ -62,7 +62,7 @@ DAMAGES = {
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A try as its file has it."""
-    return json.loads(tries.write(tmp_path_factory.mktemp("made") / "a.json", pushed(lambda _: 0.5)).read_text())
+    return json.loads(try_files.write(tmp_path_factory.mktemp("made") / "a.json", pushed(lambda _: 0.5)).read_text())
 
 
 @pytest.mark.parametrize("name", ["", "no", "list", "\x00", *DAMAGES])
@@ -71,7 +71,7 @@ def test_file_that_is_no_try_is_refused_in_one_line(name, made, tmp_path):
     value = {**made.get(part, {}), inner: DAMAGES[name]} if inner else DAMAGES.get(name)
     text = json.dumps({**made, part: value}) if name in DAMAGES else {"no": "{}", "list": "[]"}.get(name, name)
     (tmp_path / "a.json").write_text(text)
-    refused(lambda: tries.read(tmp_path / "a.json"), "a.json is not read as a try")
+    refused(lambda: try_files.read(tmp_path / "a.json"), "a.json is not read as a try")
 
 
 def test_file_that_would_not_end_is_refused(tmp_path):
@@ -80,7 +80,7 @@ def test_file_that_would_not_end_is_refused(tmp_path):
     with (tmp_path / "c.json").open("wb") as sparse:
         sparse.truncate(1 << 30)
     for name in "abc":
-        refused(lambda name=name: tries.read(tmp_path / f"{name}.json"), "must be a file of at most")
+        refused(lambda name=name: try_files.read(tmp_path / f"{name}.json"), "must be a file of at most")
 
 
 def test_rule_and_policy_play_the_scene_of_a_try_and_the_first_film_lasts_ten_seconds():

@@ -17,7 +17,7 @@ from tasks import EVERYTHING_DRAWN, STEERED_DRAWN
 import impact_gym as ig
 from agents import load_setup
 from impact_gym.envs.single import ImpactApproachEnv
-from impact_gym.identify.coordinates import free_coordinates
+from impact_gym.identify.model import free_coordinates
 from impact_gym.quantities import BY_PATH, EPISODE, NEVER_OBSERVED, QUANTITIES, RESULTS, SCENARIO, SENSORS, SET_UP
 from impact_gym.task import ObservationSpec, ScenarioRanges, Task, nested, numbers
 from impact_gym.task.episodes import reset_options

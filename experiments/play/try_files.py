@@ -1,0 +1,145 @@
+"""Files of tries: one JSON file each, the journal of a try in progress, and the operator that replays a folder."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from experiments.play.assistance import NAMES, PERIOD, SLIDERS
+from experiments.play.tries import Live, Try
+from impact_gym.files import parsed, write_file
+from impact_gym.teleop.operators import KINDS
+from impact_gym.validation import choice, number, numbers, one_of
+
+RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "taken", "missed"
+SLOWEST = 16.0  # times slower than real time
+MAX_TEXT, MAX_NUMBER, MAX_BYTES = 4096, 2.0**64, 1 << 23  # characters of a text, size of a number, of a file
+FORMAT = "impact_gym try 2"
+SPARE = 3  # ticks between the horizon and the next recording of an operator
+
+
+def from_text(text: str, ended: bool = True) -> Try:
+    """Return the try in a line that `to_text` wrote; before it has `ended` it has no results.
+
+    Raises:
+        ValueError, TypeError, LookupError: no try of this version, or a value is out of range.
+    """
+    content = json.loads(text, parse_float=_finite, parse_constant=_finite, parse_int=lambda text: int(_finite(text)))
+    if content.pop("format", None) != FORMAT:
+        raise ValueError(f"its format is not {FORMAT!r}")
+    this = Try(**content)
+    for name, sample in vars(Try("", "", 0, {})).items():
+        one_of(name, getattr(this, name), type(sample))
+    texts = "".join([this.setup, *this.marks])
+    if len(texts) > MAX_TEXT or not texts.isprintable() or "<" in texts:
+        raise ValueError(f"setup and marks must be at most {MAX_TEXT} printable letters without <")
+    choice("assist", this.assist, list(NAMES))
+    choice("type of its operator", this.operator["type"], [kind.__name__ for kind in KINDS])
+    number("slow", this.slow, "(times)", at_least=1.0, at_most=SLOWEST)
+    number("uplink.delay", this.record["uplink.delay"], "s", at_least=0.0, at_most=0.5 * SLIDERS["delay"][2])
+    numbers("late", this.late, "s")
+    for action in this.actions:
+        numbers("action", action, "-")
+    if {*this.result} != {*(RESULTS if ended else ())}:
+        raise ValueError(f"its results are not {', '.join(RESULTS)}")
+    for name, value in this.result.items():
+        number(name, value, "-", at_least=-1.0, at_most=1e3 if name.endswith("time") else 1e9)
+    return this
+
+
+def _finite(text: str) -> float:
+    return number("each number", float(text), "-", at_least=-MAX_NUMBER, at_most=MAX_NUMBER)
+
+
+def to_text(this: Try) -> str:
+    """Return a try in one line of JSON."""
+    return json.dumps({"format": FORMAT, **asdict(this)}, allow_nan=False)
+
+
+def write(path: Path, this: Try) -> Path:
+    """Write a try atomically and return its path."""
+    return write_file(path, to_text(this))
+
+
+def recovered(journal: Path) -> Try:
+    """Return the interrupted try in the journal of a killed clock; after its last line the person's velocity is 0.
+
+    The first line is the try as it began; each further line is the velocity (m/s) of a step.
+
+    Raises:
+        ValueError: it cannot be replayed; names the file.
+    """
+
+    def parse(text: str) -> Try:
+        head, *lines = text.split("\n")
+        wanted = from_text(head, ended=False)
+        live = Live(wanted)
+        if live.kept.environment != wanted.environment:
+            raise ValueError(f"set-up {wanted.setup} has changed")
+        live.kept.marks.append("interrupted: the server was killed")
+        for line in lines[:-1]:  # a last line without a line break is incomplete
+            if live.ended:
+                raise ValueError("it has steps after the end of the episode")
+            live.step(number("velocity", float(line), "m/s"))
+        return live.finished()
+
+    return parsed(_checked_size(journal), "the journal of a try", parse)
+
+
+def recover(folder: Path) -> list[str]:
+    """Turn the journals in a folder into tries; return an error for each journal that cannot be, which is kept."""
+    problems = []
+    for journal in sorted(folder.glob("*.journal")):
+        try:
+            if not journal.with_suffix(".json").exists():  # killed before the journal was removed
+                write(journal.with_suffix(".json"), recovered(journal))
+            journal.unlink()
+        except (OSError, RuntimeError, ValueError) as problem:
+            problems.append(str(problem))
+    return problems
+
+
+def read(path: Path) -> Try:
+    """Return the try in a file; ValueError: it is no try of this version."""
+    return parsed(_checked_size(path), "a try", from_text)
+
+
+def _checked_size(path: Path) -> Path:
+    """Return a path; ValueError: it is no regular file, or too large."""
+    if path.exists() and not (path.is_file() and path.stat().st_size <= MAX_BYTES):
+        raise ValueError(f"{path} is not read as a try: it must be a file of at most {MAX_BYTES} bytes")
+    return path
+
+
+def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
+    """Return paths and tries of a folder, oldest first, each read when it is reached."""
+    return ((path, read(path)) for path in sorted(folder.glob("*.json")))
+
+
+def of_persons(folder: Path, marked: bool = False) -> list[Try]:
+    """Return the unmarked tries of persons in a folder, or with `marked` all of them.
+
+    Raises:
+        ValueError: there is none, or their environments differ.
+    """
+    every = [this for _, this in folder_of(folder) if this.operator["type"] == "Replay"]
+    found = [this for this in every if marked or not this.marks]
+    if not found:
+        raise ValueError(f"{folder} has no unmarked try of a person, and {len(every)} marked ones")
+    if any(this.environment != found[0].environment for this in found):
+        raise ValueError(f"{folder} has tries of several set-ups or couplings: move each kind to its own folder")
+    return found
+
+
+def operator_of(found: Sequence[Try]) -> dict[str, Any]:
+    """Return the arguments of an operator `Replay` that draws one of the tries for each episode."""
+    ticks = round(found[0].environment["horizon"] / PERIOD) + SPARE
+    times, velocities = list[float](), list[float]()
+    for place, this in enumerate(found):
+        given = this.operator["velocity"][: ticks - 1]
+        begin = place * (ticks * PERIOD)
+        times += [begin + k * PERIOD for k in (*range(len(given)), ticks - 1)]  # the last is held
+        velocities += [*given, given[-1]]
+    drawn = {"length": ticks * PERIOD, "recording": [0, len(found)]}
+    return {"type": "Replay", "time": times, "velocity": velocities} | drawn
