@@ -122,9 +122,11 @@ def locked(path: Path, wait: bool = True) -> Iterator[None]:
     Unfinished files of killed processes in its folder, or below, are removed.
 
     Raises:
-        ValueError: another process holds it, and `wait` is false.
+        ValueError: another process holds it, and `wait` is false; or it is a link, a pipe or a device.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise ValueError(f"{path} must be a regular file, as it is the lock of its folder: remove it")
     with path.open("a") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))

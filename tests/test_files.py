@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from impact_gym.files import write_file
+from impact_gym.files import locked, write_file
 
 
 def test_write_file_writes_through_links_which_stay(tmp_path):
@@ -41,3 +41,10 @@ def test_write_file_leaves_what_is_no_file(tmp_path, kind):
     assert (os.lstat(path).st_ino, os.lstat(path).st_mode) == (before.st_ino, before.st_mode)
     assert {*os.listdir(tmp_path)} <= {"it", "pipe"}
     assert (tmp_path / "pipe").is_fifo() == kind.startswith("link")
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir, lambda path: os.symlink("/dev/null", path)])
+def test_lock_that_is_no_regular_file_is_refused_at_once(tmp_path, make):
+    make(tmp_path / ".lock")
+    with pytest.raises(ValueError, match=r"\.lock must be a regular file"), locked(tmp_path / ".lock"):
+        pass

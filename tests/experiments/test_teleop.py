@@ -5,11 +5,11 @@ from html import unescape
 
 import numpy as np
 import pytest
+from impact_gym.operators import FIFTH_GENERATION
 from pages import text_of_a_page_that_stands_on_its_own
 from studies import small_run
 
 from experiments.studies import teleop
-from impact_gym.operators import FIFTH_GENERATION
 from impact_gym.task import Task
 
 COUNT = 25
