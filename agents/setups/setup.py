@@ -24,6 +24,8 @@ SHIPPED = Path(__file__).resolve().parent
 TUNED = SHIPPED.parent / "tuned"
 VERSION = 1
 TABLES = ("environment", "training", "baselines", "evaluation")
+INHERITED = ("environment", "training", "evaluation")
+"""Tables whose keys a set-up has from the one that it extends, unless it says them itself."""
 BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
 SEEDS, MOST_SEEDS = 10, 10_000  # trainings of a set-up, unless the file says otherwise; and the most it may say
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
@@ -142,19 +144,39 @@ def load_setup(name_or_path: str | Path) -> Setup:
 @lru_cache(maxsize=64)
 def _loaded(path: Path, _: int) -> Setup:
     identifier("name of a set-up's file", path.stem)
-    content = parsed(path, "TOML", tomllib.loads)
+    content = _read(path)
     with within(str(path)):
         return _setup(path, content)
+
+
+def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """Return what a file says, with what it does not say of its tables INHERITED as in the one that it extends."""
+    content: dict[str, Any] = parsed(path, "TOML", tomllib.loads)
+    with within(str(path)):
+        _read_delays(table(content, "environment"), path.parent)
+        mixed = table(content, "training").get("mixed", [])
+        for place, part in enumerate(mixed if isinstance(mixed, list) else []):
+            if isinstance(part, dict):
+                with within(f"training.mixed[{place}]"):
+                    _read_delays(part, path.parent)
+        if "extends" in content:
+            beside = path.parent / (name := text(content, "extends", ""))
+            base = named_file("set-up", beside if name.endswith(".toml") else name, SHIPPED, ".toml").resolve()
+            if base in (*extended, path):
+                raise ValueError(f"extends must name a set-up that does not extend this one, got {name!r}")
+            inherited = _read(base, (*extended, path))
+            for each in INHERITED:
+                content[each] = {**table(inherited, each), **table(content, each)}
+    return content
 
 
 def _setup(path: Path, content: dict[str, Any]) -> Setup:
     version = content.get("version", VERSION)
     if version != VERSION:
         raise ValueError(f"version must be {VERSION}, got {version!r}: the set-up is one of another version of agents")
-    known("", content, ("version", "title", "about", "fails", *TABLES))
+    known("", content, ("version", "title", "about", "fails", "extends", *TABLES))
     environment, training, baselines, evaluation = (table(content, name) for name in TABLES)
     known("environment.", environment, SET_UP_ARGUMENTS)
-    _read_delays(environment, path.parent)
     with within("environment"):
         task = Task(**environment)
     known("baselines.", baselines, ("against", "tuned", "bound", "budget"))
@@ -165,7 +187,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         for name, given in listed.items()
     }
     title = text(content, "title", path.stem)
-    mixed = _mixed(training.pop("mixed", []), environment, path.parent)
+    mixed = _mixed(training.pop("mixed", []), environment)
     with within("training"):
         seeds = whole("seeds", training.pop("seeds", SEEDS), at_least=1)
         number("seeds", seeds, "-", at_most=MOST_SEEDS)
@@ -203,7 +225,7 @@ def _read_delays(environment: dict[str, Any], folder: Path) -> None:
                 channel["trace"] = [list(row) for row in zip(*columns_of(folder / trace), strict=True)]
 
 
-def _mixed(given: Any, environment: Mapping[str, Any], folder: Path) -> tuple[tuple[float, Mapping[str, Any]], ...]:
+def _mixed(given: Any, environment: Mapping[str, Any]) -> tuple[tuple[float, Mapping[str, Any]], ...]:
     """Return the shares of a training that play something else, and what."""
     parts = []
     for place, part in enumerate(given):
@@ -212,7 +234,6 @@ def _mixed(given: Any, environment: Mapping[str, Any], folder: Path) -> tuple[tu
         known(f"{name}.", part, ("share", *SET_UP_ARGUMENTS))
         with within(name):
             share = number("share", part.pop("share", None), "-", above=0, at_most=1)
-            _read_delays(part, folder)
             ObservationSpec.of_rows([Task(**environment), Task(**{**environment, **part})])
         parts.append((share, part))
     return tuple(parts)

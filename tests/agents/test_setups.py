@@ -2,6 +2,7 @@
 
 import math
 import sys
+from dataclasses import replace
 from itertools import repeat
 from pathlib import Path
 
@@ -197,3 +198,35 @@ def test_lines_say_how_late_an_operator_is_beside_each_way(tmp_path, operator, w
     (tmp_path / "delays.csv").write_text("0,0.1\n1,0.1\n")
     printed = "\n".join(check.lines(load_setup(tmp_path / "far.toml")))
     assert all(word in printed for word in words)
+
+
+def test_set_up_extends_another_key_by_key(tmp_path):
+    """A file beside it or a shipped one; baselines and words are its own."""
+    (tmp_path / "arm.toml").write_text("""extends = "linear-ranged"
+        [environment]
+        tool_mass = 0.2
+        [training]
+        steps = 5_000_000""")
+    (tmp_path / "mine.toml").write_text("""extends = "arm.toml"
+        title = "Mine"
+        [environment]
+        range_noise = 0.02
+        [evaluation]
+        typical = 1.0""")
+    mine, shipped_one = load_setup(tmp_path / "mine.toml"), load_setup("linear-ranged")
+    assert mine.environment == {**shipped_one.environment, "tool_mass": 0.2, "range_noise": 0.02}
+    assert mine.training == replace(shipped_one.training, steps=5_000_000)
+    assert mine.evaluation == replace(shipped_one.evaluation, typical=1.0)
+    assert (mine.title, mine.about, [*mine.tuned]) == ("Mine", "Mine", ["mine-profile"])
+
+
+def test_set_up_that_extends_itself_or_nothing_that_is_there_is_refused(tmp_path):
+    refusals = {
+        "a": ("b.toml", "extends must name"), "b": ("a.toml", "extends must name"), "c": ("c.toml", "extends must name"),
+        "d": ("linear-blnd", "linear-blind"), "e": ("f.toml", "no such file"),
+    }  # fmt: skip
+    for name, (base, _) in refusals.items():
+        (tmp_path / f"{name}.toml").write_text(f'extends = "{base}"')
+    for name, (_, why) in refusals.items():
+        with pytest.raises(ValueError, match=rf"{name}\.toml: .*{why}"):
+            load_setup(tmp_path / f"{name}.toml")
