@@ -33,8 +33,8 @@ README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 RULES = {
     name: f"agents.baselines.{module}:{name}"
     for module, names in {
-        "constant": ("ConstantSpeed",),
         "profile": ("BlindProfile", "ConstantDeceleration", "Ranged", "RangedProfile"),
+        "constant": ("ConstantSpeed",),
         "detector": ("DetectorProfile", "DetectorRanged"),
         "filtered": ("FilteredProfile", "FirstReadingProfile"),
     }.items()
