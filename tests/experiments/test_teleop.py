@@ -5,7 +5,7 @@ from html import unescape
 
 import numpy as np
 import pytest
-from impact_gym.operators import FIFTH_GENERATION
+from impact_gym.teleop.channels import FIFTH_GENERATION
 from pages import text_of_a_page_that_stands_on_its_own
 from studies import small_run
 
