@@ -5,12 +5,12 @@ from html import unescape
 
 import numpy as np
 import pytest
-from impact_gym.teleop.channels import FIFTH_GENERATION
 from pages import text_of_a_page_that_stands_on_its_own
 from studies import small_run
 
 from experiments.studies import teleop
 from impact_gym.task import Task
+from impact_gym.teleop.channels import FIFTH_GENERATION
 
 COUNT = 25
 
