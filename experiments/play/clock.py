@@ -20,10 +20,10 @@ from typing import IO, Any
 
 import numpy as np
 
-from experiments.lab.player.films import radius_of
 from experiments.play import contest, try_files
 from experiments.play.assistance import PERIOD, PERSON
 from experiments.play.tries import Live, Try
+from impact_gym.render.chain import object_radius
 from impact_gym.teleop.channels import CUT
 
 STOPPED = "the server was stopped"
@@ -98,7 +98,7 @@ class Clock:
         """Play a try in real time, save it, send its result; `seen`: the object is shown before the touch."""
         try:
             live = Live(wanted)
-            self.send(kind="began", setup=wanted.setup, radius=radius_of(live.kept.record["object_mass"]))
+            self.send(kind="began", setup=wanted.setup, radius=object_radius(live.kept.record["object_mass"]))
             path.parent.mkdir(parents=True, exist_ok=True)
             with path.with_suffix(".journal").open("wb", buffering=0) as journal:
                 self._run(live, seen, journal)

@@ -13,7 +13,7 @@ from experiments.lab import player
 from experiments.lab.player.films import COLUMNS, Run, scene_of
 from experiments.play.assistance import assistance, environment_of, record_of, usual
 from experiments.play.tries import Live, Try, replayed
-from impact_gym.envs.render_history import History
+from impact_gym.render.film import History
 
 SECONDS = 10.0  # length of the first film
 FIRST_FILM_SEED, REFERENCES = TEST_SEED + 11, 100
@@ -43,7 +43,7 @@ def rivals_of(this: Try) -> dict[str, Try]:
 def film(this: Try, who: str = "you", seconds: float | None = None) -> str:
     """Return the slow-motion player of a try beside rule and policy; `seconds` is the length of the film."""
     again = {name: replayed(each) for name, each in {**rivals_of(this), who: this}.items()}
-    runs = {name: Run(History(*each, ended=True), each[1]) for name, each in again.items()}
+    runs = {name: Run(History(*each), each[1]) for name, each in again.items()}
     scene = {"label": "one scenario for all", "number": 0, **scene_of(runs)}
     if seconds is not None:
         ends = [start for start, _ in scene["clock"][1:]] + [scene["end"]]

@@ -16,6 +16,7 @@ from impact_gym.envs.batch import Batch, Bodies
 from impact_gym.simulation import Outcome, Trace
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task
+from impact_gym.task.episodes import EpisodeState
 
 LATE, MOST_LATE = 4e-3, 0.02  # s, from which on a step is late; share of late steps from which on a try is invalid
 TRACE_POINTS = 1 << 18
@@ -48,8 +49,8 @@ def advance(batch: Batch, action: ArrayLike) -> None:
     batch.step(action, _ALL, (len(batch.action_spec),))
 
 
-def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task]:
-    """Play a try again in the environment; return its trace to the end of the settling, its info and its task.
+def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
+    """Play a try again in the environment; return its trace to the end of the settling, its info, its task, and the times of its alarm and end.
 
     Raises:
         RuntimeError: the replayed episode does not end with the last action: the environment has changed.
@@ -62,7 +63,7 @@ def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task]:
         advance(batch, action)
     if not batch.ended[0]:
         raise RuntimeError("the try does not end as it did: it was made with another version of the environment")
-    return batch.trace(0), batch.info(0), batch.tasks[0].at(this.record)
+    return batch.trace(0), batch.info(0), batch.tasks[0].at(this.record), batch.episode_state(0)
 
 
 def corners(trace: Trace) -> ig.Motion:
@@ -173,7 +174,7 @@ class Live:
         while not self.ended:
             self.step()
         done = self.kept
-        trace, info, _ = replayed(done)
+        trace, info, *_ = replayed(done)
         motion = corners(trace)
         done.motion.update(times=list(motion.times), velocities=list(motion.velocities))
         outcome = simulated(done)

@@ -1,7 +1,7 @@
 """The batch behind every front end: arrays with a row for each environment, and the compiled steps."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +12,7 @@ from impact_gym.envs.state import check, taken
 from impact_gym.scene import flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, Trace
 from impact_gym.task.action import ActionSpec
-from impact_gym.task.episodes import first_uniforms, records_with
+from impact_gym.task.episodes import EpisodeState, first_uniforms, records_with
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import PLACES, Task
@@ -20,6 +20,9 @@ from impact_gym.teleop.checks import packets_under_way
 from impact_gym.teleop.operators import Person
 from impact_gym.threads import cores, over_rows
 from impact_gym.validation import array, fits_memory, number, one_of, whole
+
+if TYPE_CHECKING:
+    from impact_gym.render.film import History
 
 ROWS_PER_THREAD = 256
 """A batch is cut for several threads only into pieces of at least this many rows: smaller ones do not pay."""
@@ -52,15 +55,6 @@ class Bodies(NamedTuple):
     deflection: NDArray[np.float64]  # m, of the tool against its flange
     deflection_rate: NDArray[np.float64]  # m/s
     touched: NDArray[np.bool_]
-
-
-class EpisodeState(NamedTuple):
-    """Times of the alarm and the end of an episode, s; inf for an event that has not come."""
-
-    detection: float  # contact force first above the threshold
-    alarm: float  # last alarm at the controller; an alarm by a switch is known while it is in transit
-    alarm_over: float  # end of that alarm; inf with an alarm by a switch, which stays on
-    end: float  # end of the last control step; later parts of the trace are the settling
 
 
 class Batch:
@@ -311,3 +305,12 @@ class Batch:
         rate = chains["deflection_rate"] - chains["flange_offset_rate"]
         place = tool - chains["penetration"]
         return Bodies(chains["time"].copy(), flange, tool, place, deflection, rate, chains["contacts"] > 0)
+
+    def history(self, row: int) -> "History":
+        """Return the episode of `row` so far as `impact_gym.render` draws it; needs trace points."""
+        from impact_gym.render.film import History
+
+        state = self.episode_state(row)
+        if not self.episodes["terminated"][row]:  # a truncated episode is not settled and could go on
+            state = state._replace(end=np.inf)
+        return History(self.trace(row), self.info(row), self.tasks[row % len(self.tasks)], state)

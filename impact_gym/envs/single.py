@@ -20,7 +20,8 @@ from impact_gym.task.task import Task
 from impact_gym.validation import choice, flag, whole
 
 if TYPE_CHECKING:
-    from impact_gym.envs.rendering import Renderer
+    from impact_gym.render import Renderer
+    from impact_gym.render.film import History
 
 TRACE_POINTS = 1 << 15
 _ROW = np.zeros(1, np.int64)
@@ -146,7 +147,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     its way to the controller. It is drawn from the trace, which is then kept; rendering changes no result. A contact is
     over in a few steps, so "human" and "rgb_array_list" show it in slow motion with many pictures per step. Each
     picture says how slow: 8 to 1024 times. "rgb_array" gives one picture, of the end of the step. Gymnasium's
-    `RecordVideo` keeps one picture per step in either case; `impact_gym.envs.render_video.SlowMotionVideo` keeps all.
+    `RecordVideo` keeps one picture per step in either case; `impact_gym.render.film.SlowMotionVideo` keeps all.
     A batch of at most 16 has "rgb_array" too: `render` returns a picture of each, and Gymnasium's `RecordVideo` for
     vector environments makes them tiles of one film.
 
@@ -221,6 +222,15 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise RuntimeError(f"the episode has {points} trace points, more than the {kept} that are kept")
         return self._batch.trace(0)
 
+    def history(self) -> "History":
+        """Return the trace with the times of touches, alarm and end, as pictures are drawn from it.
+
+        Raises:
+            RuntimeError: as by `trace`.
+        """
+        self.trace()
+        return self._batch.history(0)
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
@@ -265,10 +275,10 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if not self._running and self._batch.chains["traced"][0] == 0:
             raise gym.error.ResetNeeded("no episode is under way: call reset before render")
         if self._renderer is None:
-            from impact_gym.envs.rendering import Renderer
+            from impact_gym.render import Renderer
 
-            self._renderer = Renderer(self._batch.tasks[0], self.render_mode)
-        return self._renderer.render(self._batch, 0)
+            self._renderer = Renderer(self.render_mode)
+        return self._renderer.render(self._batch.history(0))
 
     def close(self) -> None:
         """Close the window, if there is one; again does nothing."""

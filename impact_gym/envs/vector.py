@@ -75,9 +75,9 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self._generators: list[np.random.Generator] = []
         self._renderers: list[Any] = []
         if render_mode is not None:
-            from impact_gym.envs.rendering import Renderer
+            from impact_gym.render import Renderer
 
-            self._renderers = [Renderer(tasks[slot % len(tasks)], render_mode) for slot in range(self.num_envs)]
+            self._renderers = [Renderer(render_mode) for _ in range(self.num_envs)]
         self._none: Flags = np.zeros(self.num_envs, np.bool_)
         self._ended = self._none.copy()
         self._begun = self._none.copy()
@@ -173,7 +173,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             return None
         if not self._begun.all():
             raise ResetNeeded("some slots have no episode under way: call reset before render")
-        return tuple(renderer.render(self.batch, slot) for slot, renderer in enumerate(self._renderers))
+        return tuple(renderer.render(self.batch.history(slot)) for slot, renderer in enumerate(self._renderers))
 
     def command(self, velocities: Any) -> None:
         """Let the operators, each a `Person`, command `velocities` (m/s), one for all slots or (num_envs,)."""

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import cycle
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,15 @@ from impact_gym.validation import number, one_of, shown, whole
 RECORD_IDS = tuple(row.id for row in (*SCENARIO, *EPISODE))
 """Ids of all drawn numbers except those of the set-up: keys of the final `info["record"]` and of `options["record"]`,
 which plays the episode again."""
+
+
+class EpisodeState(NamedTuple):
+    """Times of the alarm and the end of an episode, s; inf for an event that has not come."""
+
+    detection: float  # contact force first above the threshold
+    alarm: float  # last alarm at the controller; an alarm by a switch is known while it is in transit
+    alarm_over: float  # end of that alarm; inf with an alarm by a switch, which stays on
+    end: float  # end of the last control step; later parts of the trace are the settling
 
 
 def skip_episodes(generator: np.random.Generator, count: int) -> None:

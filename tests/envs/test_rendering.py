@@ -5,12 +5,15 @@ import itertools
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, ROBOT, task_of
-from rendered import HARD_AND_HEAVY, SHAPE, drawn, history_of, is_colour, play
+from episodes import ID, ROBOT, encode, task_of
+from rendered import HARD_AND_HEAVY, SHAPE, drawn, is_colour, play
+from steered import ARM, OWN
+from steered import ID as TELEOP
 
 import impact_gym as ig
-from impact_gym.envs import render_canvas, render_chain, render_strips, rendering
 from impact_gym.envs.batch import Batch
+from impact_gym.render import LAMP, Renderer, chain, strips
+from impact_gym.render.canvas import ALARM, COUPLING, FAINT, FLANGE, FORCE, GRID, INK, TOOL, WARNING
 from impact_gym.task import Task
 
 pytest.importorskip("pygame")
@@ -24,24 +27,24 @@ pytestmark = pytest.mark.usefixtures("no_display")
 def test_tool_flange_and_spring_are_drawn_where_the_trace_has_them(options):
     env = gym.make(ID, record_trace=True, **options)
     play(env, seed=4, scenario=HARD_AND_HEAVY)
-    history, task = history_of(env), task_of(env)
+    history, task = env.unwrapped.history(), task_of(env)
     first, springs = history.touches[0], []
     deflection = history.columns["tool_position"] - history.columns["flange_position"]
     shortest = float(history.time[np.argmin(deflection)])
     for time in (0.5 * first, 0.99 * first, first, shortest, history.alarm + 0.02, history.now):
-        state, picture = history.at(time), drawn(env, time)
-        view = render_chain.camera(task, state)
-        row = round(view.axis + 0.4 * render_chain.TOOL_HEIGHT * view.scale)  # where nothing else is drawn
-        tool = np.flatnonzero(is_colour(picture[row], render_canvas.TOOL))
-        mark = 1.0 if is_colour(picture[row], render_canvas.FORCE).any() else 0.0  # the mark of the force covers this
+        state, picture = history.at(time), drawn(history, time)
+        view = chain.camera(task, state)
+        row = round(view.axis + 0.4 * chain.TOOL_HEIGHT * view.scale)  # where nothing else is drawn
+        tool = np.flatnonzero(is_colour(picture[row], TOOL))
+        mark = 1.0 if is_colour(picture[row], FORCE).any() else 0.0  # the mark of the force covers this
         assert tool[-1] + 1 + mark == pytest.approx(view.x(state.tool_position), abs=1.0)
-        assert tool[0] == pytest.approx(view.x(state.tool_position - render_chain.TOOL_LENGTH), abs=1.0)
-        row = round(view.axis + 0.45 * render_chain.FLANGE_HEIGHT * view.scale)
-        flange = np.flatnonzero(is_colour(picture[row], render_canvas.FLANGE))
-        behind = render_chain.TOOL_LENGTH + render_chain.rest_length(task) + render_chain.FLANGE_LENGTH
+        assert tool[0] == pytest.approx(view.x(state.tool_position - chain.TOOL_LENGTH), abs=1.0)
+        row = round(view.axis + 0.45 * chain.FLANGE_HEIGHT * view.scale)
+        flange = np.flatnonzero(is_colour(picture[row], FLANGE))
+        behind = chain.TOOL_LENGTH + chain.rest_length(task) + chain.FLANGE_LENGTH
         assert flange[0] == pytest.approx(view.x(state.flange_position - behind), abs=1.0)
-        panel = picture[: round(render_chain.PANEL[1] + render_chain.PANEL[3])]
-        spring = np.flatnonzero(is_colour(panel, render_canvas.COUPLING).any(axis=0))
+        panel = picture[: round(chain.PANEL[1] + chain.PANEL[3])]
+        spring = np.flatnonzero(is_colour(panel, COUPLING).any(axis=0))
         stretch = state.tool_position - state.flange_position
         springs.append([np.ptp(spring) / view.scale - stretch if len(spring) else 0.0, 1.5 / view.scale])
     if not options:
@@ -53,20 +56,42 @@ def test_tool_flange_and_spring_are_drawn_where_the_trace_has_them(options):
 def test_lamp_is_lit_by_the_force_and_turns_red_when_the_controller_knows():
     env = gym.make(ID, record_trace=True, reaction_delay=0.03)
     _, results = play(env, scenario=HARD_AND_HEAVY)
-    told = next(
-        0.75 * (float(result[0][2]) + 1.0) for result in results if result[0][3] == 1.0
-    )  # s, of the observation
-    history, (x, y) = history_of(env), map(round, rendering.LAMP)
-    assert history.alarm == pytest.approx(told, abs=2e-7)
+    observed = next(result[0] for result in results if result[0][3] == 1.0)
+    history, (x, y) = env.unwrapped.history(), map(round, LAMP)
+    assert history.alarm == pytest.approx(0.75 * (float(observed[2]) + 1.0), abs=2e-7)
     assert np.interp(history.detection, history.time, history.columns["contact_force"]) == pytest.approx(1.0, rel=1e-6)
-    colours = render_canvas.GRID, render_canvas.WARNING, render_canvas.WARNING, render_canvas.ALARM
+    colours = GRID, WARNING, WARNING, ALARM
     times = [begins + side for begins in (history.detection, history.alarm) for side in (-1e-4, 1e-4)]
-    for time, name in zip((*times, history.now), (*colours, render_canvas.ALARM), strict=True):
-        assert is_colour(drawn(env, time)[y, x], name)
-    left, top, width, height = map(round, render_strips.FORCE)
-    strip = drawn(env, history.alarm + 0.01)[top : top + height, left : left + width]
-    for name in (render_canvas.WARNING, render_canvas.ALARM, render_canvas.FORCE):
+    for time, name in zip((*times, history.now), (*colours, ALARM), strict=True):
+        assert is_colour(drawn(history, time)[y, x], name)
+    left, top, width, height = map(round, strips.FORCE)
+    strip = drawn(history, history.alarm + 0.01)[top : top + height, left : left + width]
+    for name in (WARNING, ALARM, FORCE):
         assert is_colour(strip, name).any()
+
+
+@pytest.mark.parametrize(("name", "action", "options"), [
+    (ID, encode(0.8, 10.0), {"reaction_delay": 0.03}),
+    (ID, encode(0.8, 10.0), {"alarm": "reading", "force_noise": 0.6, "after_alarm": 0.05}),  # with false alarms
+    (TELEOP, OWN, ARM | {"operator": {"type": "Trapezoid"}, "after_alarm": 0.02}),
+], ids=["switch", "reading", "operator"])  # fmt: skip
+def test_lamp_is_red_while_the_controller_has_an_alarm_and_settling_begins_at_the_end(name, action, options):
+    env, (x, y) = gym.make(name, render_mode="rgb_array", scenario=HARD_AND_HEAVY, **options), map(round, LAMP)
+    env.reset(seed=1)
+    alarms, ended = [], False
+    while not ended:
+        _, _, ended, _, _ = env.step(np.array(action, np.float32))
+        sensors = env.unwrapped.sensors()
+        history = env.unwrapped.history()
+        assert history.end == (sensors["time"] if ended else np.inf)
+        if not ended:  # later pictures are of the settling
+            assert is_colour(env.render()[y, x], ALARM) == sensors["alarm"]
+            alarms.append(sensors["alarm"])
+    assert set(alarms) == {0.0, 1.0}
+    assert (np.diff(alarms).min() < 0.0) == ("alarm" in options)  # only an alarm by readings is cleared
+    assert history.now > history.end + 2e-3
+    settling = [is_colour(drawn(history, history.end + side)[510:530, -60:], FAINT).any() for side in (-1e-3, 1e-3)]
+    assert settling == [False, True]
 
 
 @pytest.mark.parametrize(("scenario", "options"), [
@@ -80,19 +105,19 @@ def test_lamp_is_lit_by_the_force_and_turns_red_when_the_controller_knows():
 def test_scenes_of_any_scale_are_drawn(scenario, options):
     env = gym.make(ID, record_trace=True, **options)
     play(env, scenario=scenario)
-    history = history_of(env)
+    history = env.unwrapped.history()
     assert 10 < sum(1 for _ in itertools.islice(history.film(0.0), 5000)) < 5000
     for time in np.linspace(0.0, history.now, 5):
-        assert is_colour(drawn(env, time), render_canvas.INK).any()
+        assert is_colour(drawn(history, time), INK).any()
 
 
 def test_episode_too_long_for_its_trace_is_drawn_as_far_as_that_goes():
     task = Task(scenario=HARD_AND_HEAVY, horizon=40.0, control_period=0.15)
-    batch, renderer, pictures = Batch(1, task, trace_points=400), rendering.Renderer(task, "rgb_array"), []
+    batch, renderer, pictures = Batch(1, task, trace_points=400), Renderer("rgb_array"), []
     batch.begin_seeded(1, {})
     for velocity in (-1.0, 1.0, 1.0, 1.0, 1.0):
         batch.step(np.array([[velocity, 1.0]]), batch.ended)
-        pictures.append(renderer.render(batch, 0))
+        pictures.append(renderer.render(batch.history(0)))
     assert batch.chains["traced"][0] > 400
     assert (pictures[1] != pictures[0]).any()
     assert pictures[-1].shape == SHAPE

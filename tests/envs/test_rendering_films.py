@@ -13,13 +13,13 @@ from episodes import ID, action_table, assert_identical, begin, encode, task_of
 from episodes import IDS as APPROACHES
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers.vector import RecordVideo
-from rendered import HARD_AND_HEAVY, SHAPE, history_of, play
+from rendered import HARD_AND_HEAVY, SHAPE, play
 from stable_baselines3.common.vec_env import VecVideoRecorder
 from tasks import EVERYTHING_DRAWN
 
-from impact_gym.envs import IDS, render_canvas, render_chain, rendering
-from impact_gym.envs.render_history import FRAME_RATE, FRAMES_PER_IMPACT
-from impact_gym.envs.render_video import SlowMotionVideo
+from impact_gym.envs import IDS
+from impact_gym.render import HOLD, Renderer, canvas, chain
+from impact_gym.render.film import FRAME_RATE, FRAMES_PER_IMPACT, SlowMotionVideo
 from impact_gym.sb3 import ImpactVecEnv
 
 pytest.importorskip("pygame")
@@ -49,7 +49,7 @@ def test_contact_fills_many_pictures_as_far_apart_as_the_factor_says_and_the_cam
     env = gym.make(name, record_trace=True)
     for seed in range(5):
         _, results = play(env, seed=seed)
-        played, task = history_of(env), task_of(env)
+        played, task = env.unwrapped.history(), task_of(env)
         times, factors = np.array(list(played.film(0.0))).T
         assert np.diff(times, prepend=0.0)[:-1] == pytest.approx(1.0 / (FRAME_RATE * factors[:-1]), rel=1e-6)
         assert times[-1] == played.now
@@ -58,11 +58,11 @@ def test_contact_fills_many_pictures_as_far_apart_as_the_factor_says_and_the_cam
         assert inside.sum() >= FRAMES_PER_IMPACT - 2
         assert factors[inside][1:].min() >= 32.0  # the first may have been chosen before the touch
         states = [played.at(time) for time in times]
-        views = [render_chain.camera(task, state) for state in states]
+        views = [chain.camera(task, state) for state in states]
         places = [
             (view.x(at.tool_position), view.x(at.object_position)) for view, at in zip(views, states, strict=True)
         ]
-        assert 0.0 < np.min(places) < np.max(places) < render_canvas.WIDTH
+        assert 0.0 < np.min(places) < np.max(places) < canvas.WIDTH
         assert np.abs(np.diff(places, axis=0))[:, 0].max() < 25.0
         assert np.abs(np.diff(np.log([view.scale for view in views]))).max() < 0.05
 
@@ -72,26 +72,26 @@ def test_modes_show_a_picture_of_each_instant_of_one_go_and_change_no_result(mod
     import pygame
 
     env = gym.make(ID, record_trace=True, **SHORT)
-    renderer = rendering.Renderer(task_of(env), "rgb_array")
-    shown, expected = play(env, look=lambda ended: [*renderer.instants(history_of(env, ended))])
-    contact, instants = history_of(env), np.concatenate(shown)
+    renderer = Renderer("rgb_array")
+    shown, expected = play(env, look=lambda: [*renderer.instants(env.unwrapped.history())])
+    contact, instants = env.unwrapped.history(), np.concatenate(shown)
     assert min(map(len, shown)) > 0
     assert instants[0, 0] == 0.0
     assert (np.diff(instants[:, 0]) > 0.0).all()
     inside = (instants[:, 0] > contact.touches[0]) & (instants[:, 0] < contact.partings[0])
     assert inside.sum() >= FRAMES_PER_IMPACT - 2
-    assert instants[-1, 0] == contact.now > contact.end_of_control
+    assert instants[-1, 0] == contact.now > contact.end
     last = renderer.picture(contact, *instants[-1])
     env = gym.make(ID, render_mode=mode, **SHORT)
     pictures, results = play(env)
     assert_identical(results, expected)
     if mode == "human":
         assert pictures == [None] * len(pictures)
-        assert no_waiting == [FRAME_RATE] * len(instants) + [1.0 / rendering.HOLD]
+        assert no_waiting == [FRAME_RATE] * len(instants) + [1.0 / HOLD]
         window = pygame.surfarray.array3d(pygame.display.get_surface()).transpose(1, 0, 2)
         np.testing.assert_array_equal(window, last)
     else:
-        held = round(rendering.HOLD * FRAME_RATE)
+        held = round(HOLD * FRAME_RATE)
         assert [*map(len, pictures)] == [*map(len, shown[:-1]), len(shown[-1]) + held]
         np.testing.assert_array_equal(pictures[-1][-1], last)
         assert env.render() == []
@@ -113,7 +113,7 @@ import sys, gymnasium as gym, impact_gym
 env = gym.make("ImpactApproach-v0", render_mode="rgb_array")
 env.reset(seed=1)
 env.step(env.action_space.sample())
-assert not {"pygame", "impact_gym.envs.rendering"} & sys.modules.keys()
+assert not {"pygame", "impact_gym.render"} & sys.modules.keys()
 env.render()
 assert "pygame" in sys.modules
 """

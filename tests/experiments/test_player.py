@@ -12,7 +12,7 @@ from agents.baselines import ConstantSpeed, PaperTrapezoid
 from agents.evaluate.scenario_batch import Episodes, ScenarioBatch
 from experiments.lab.player import choose, films, fragment, script, style
 from experiments.lab.player.films import COLUMNS, FORCE, MOST, POSITION, VELOCITY, play, thin
-from impact_gym.envs.render_history import CONTACT_FACTOR
+from impact_gym.render.film import CONTACT_FACTOR
 from impact_gym.task import evaluation_sets
 from impact_gym.task.task import HORIZON
 

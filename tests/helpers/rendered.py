@@ -1,38 +1,32 @@
 """Episodes played for their pictures, and how to read these."""
 
 import numpy as np
-from episodes import task_of
 
 from agents.baselines import PaperTrapezoid
-from impact_gym.envs import render_canvas, rendering
-from impact_gym.envs.render_history import History
+from impact_gym.render import Renderer, canvas
 
-SHAPE = (render_canvas.HEIGHT, render_canvas.WIDTH, 3)
+SHAPE = (canvas.HEIGHT, canvas.WIDTH, 3)
 HARD_AND_HEAVY = {"object_mass": 1.3, "contact_stiffness": 2e5, "restitution": 0.5, "distance": 0.2}
 
 
 def play(env, seed=1, scenario=None, stop=10**6, look=None):
-    """Play the paper's rule; return what `look` gave after the reset and each step, and what each `step` gave.
+    """Play the paper's rule; return what `look` returned after the reset and each step, and each `step`'s results.
 
-    It is called with whether the episode has ended; by default it is `render`.
+    By default `look` is `render`.
     """
-    look = look or (lambda ended: env.render() if env.render_mode else None)
+    look = look or (lambda: env.render() if env.render_mode else None)
     observation, _ = env.reset(seed=seed, options={"scenario": scenario or {}})
-    seen, results = [look(False)], []
+    seen, results = [look()], []
     while not (results and results[-1][2]) and len(results) < stop:
         results.append(env.step(PaperTrapezoid().predict(observation)[0]))
         observation = results[-1][0]
-        seen.append(look(results[-1][2]))
+        seen.append(look())
     return seen, results
 
 
-def history_of(env, ended=True):
-    return History(env.unwrapped.trace(), env.unwrapped.episode_info(), task_of(env), ended)
-
-
-def drawn(env, time):
-    """The picture of any instant of the episode that `env` has played."""
-    return rendering.Renderer(task_of(env), "rgb_array").picture(history_of(env), time, 8.0)
+def drawn(history, time):
+    """The picture of any instant of an episode."""
+    return Renderer("rgb_array").picture(history, time, 8.0)
 
 
 def is_colour(pixels, name):

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from agents.evaluate.scenario_batch import RESULTS, TEST_SEED, Episodes
 from agents.policies import Controller
-from impact_gym.envs.render_chain import DENSITY, LARGEST_RADIUS, rest_length
-from impact_gym.envs.render_history import FRAME_RATE, History
 from impact_gym.envs.single import ImpactApproachEnv
+from impact_gym.render.chain import object_radius, rest_length
+from impact_gym.render.film import FRAME_RATE, History
 from impact_gym.scene import Bistable, Rigid, SpringDamper
 from impact_gym.task import Task
 from impact_gym.task.evaluation_sets import EvaluationSet
@@ -201,7 +201,7 @@ def play(
         start, ended = np.zeros(1, np.bool_), terminated or truncated
     if info["status"] != "ok":
         raise RuntimeError(f"scenario {number}: {info['status']}")
-    return Run(History(env.trace(), info, Task(**options), ended=True), info)
+    return Run(env.history(), info)
 
 
 def scene_of(runs: Mapping[str, Run]) -> dict[str, Any]:
@@ -222,17 +222,12 @@ def scene_of(runs: Mapping[str, Run]) -> dict[str, Any]:
     scenario = next(iter(runs.values())).info["scenario"]
     return {
         "scenario": scenario,
-        "radius": radius_of(scenario["object_mass"]),
+        "radius": object_radius(scenario["object_mass"]),
         "end": end,
         "clock": clock(list(runs.values()), end),
         "limits": limits,
         "runs": [_run(name, run, histories[name], limits) for name, run in runs.items()],
     }
-
-
-def radius_of(mass: float) -> float:
-    """Return the radius (m) of the ball that is drawn for an object of a mass (kg)."""
-    return float(min(np.cbrt(0.75 * mass / (np.pi * DENSITY)), LARGEST_RADIUS))
 
 
 def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float]) -> dict[str, Any]:

@@ -1,23 +1,25 @@
-"""What is drawn, and when: the time histories of an episode read at any instant, and the instants of a slowed film."""
+"""The time histories of an episode, read at any instant, and the instants of a film in slow motion."""
 
 import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+from gymnasium.wrappers import RecordVideo
 
 from impact_gym.scene import Rigid
 from impact_gym.simulation import Trace
+from impact_gym.task.episodes import EpisodeState
 from impact_gym.task.task import Task
 
 FRAME_RATE = 30  # 1/s
-FLIGHT_FACTOR = 8  # times slower than life, where nothing touches
-CONTACT_FACTOR = 32  # times slower at least, while tool and object touch
-LARGEST_FACTOR = 1024  # times slower at the most
-SMALLEST_FACTOR = 0.25  # faster than life, for a long settling
+FLIGHT_FACTOR = 8  # slow motion without contact
+CONTACT_FACTOR = 32  # slow motion at least, while tool and object touch
+LARGEST_FACTOR = 1024  # slow motion at most
+SMALLEST_FACTOR = 0.25  # fast motion, for a long settling
 FRAMES_PER_IMPACT = 16  # in the time that an elastic Hertz impact of the bodies takes
 FRAMES_PER_FOLD = 8  # while the time to or since the touch grows e-fold
-SETTLING_FRAMES = 90  # after the end, but for impacts, at the most
+SETTLING_FRAMES = 90  # after the end, without impacts, at most
 SLOWEST_IMPACT = 1e-3  # m/s
 
 
@@ -43,20 +45,23 @@ class State(NamedTuple):
 
     @property
     def closing(self) -> float:
-        """How fast it comes nearer, m/s."""
+        """Rate of the penetration, m/s."""
         return self.tool_velocity - self.object_velocity
 
 
 class History:
     """An episode up to now, from the simulator's own trace: nothing here is simulated again."""
 
-    def __init__(self, trace: Trace, info: dict[str, Any], task: Task, ended: bool) -> None:
-        """Take the trace, which begins with the first step, and `info` as `episode_info()` gives it.
+    def __init__(self, trace: Trace, info: dict[str, Any], task: Task, state: EpisodeState) -> None:
+        """Read an episode.
 
-        `task` becomes that of this episode, with what it drew.
+        Args:
+            trace: from the first step on.
+            info: as `episode_info()` returns it.
+            task: of the environment; `self.task` has the numbers that this episode drew.
+            state: times of the alarm, the last one where readings raise it, and of the end; inf if it goes on.
         """
-        self.info = info
-        self.ended = ended
+        self.info, self.ended, self.end = info, math.isfinite(state.end), state.end
         self.task = task = task.at(info["record"])
         at_rest = {name: 0.0 for name in State._fields} | {"object_position": info["scenario"]["distance"]}
         rows = np.vstack([list(at_rest.values()), np.column_stack([getattr(trace, name) for name in at_rest])])
@@ -72,11 +77,10 @@ class History:
         self.touches = self.time[np.maximum(np.flatnonzero(edges > 0) - 1, 0)]
         partings = self.time[np.flatnonzero(edges < 0)]
         self.partings = np.append(partings, math.inf)[: len(self.touches)]
-        self.threshold = task.alarm_threshold
-        over = np.flatnonzero(self.columns["contact_force"] >= self.threshold * (1.0 - 1e-9))
-        self.detection = float(self.time[over[0]]) if len(over) else math.inf
-        self.alarm = self.detection + info["record"]["reaction_delay"]
-        self.end_of_control = task.horizon if math.isinf(self.alarm) else self.alarm + task.after_alarm
+        self.threshold, self.by_switch = task.alarm_threshold, task.alarm == "force"
+        self.detection, self.alarm, self.alarm_over = state.detection, state.alarm, state.alarm_over
+        if self.alarm > self.end:  # raised by a contact of the settling: there is no control step left to use it
+            self.alarm = math.inf
 
     def at(self, time: float) -> State:
         """Return the chain at `time` (s), linear between points of the trace."""
@@ -91,26 +95,26 @@ class History:
         return max(float(self.columns["contact_force"][: self.seen(state.time)].max()), state.contact_force)
 
     def impact_time(self, speed: float) -> float:
-        """Time from touch to parting of an elastic Hertz impact at `speed` (m/s), s (Johnson 1985, eq. 11.24)."""
+        """Return the duration of an elastic Hertz impact at `speed` (m/s), s (Johnson 1985, eq. 11.24)."""
         return 2.9432 * self.impact_depth(speed) / speed
 
     def impact_depth(self, speed: float) -> float:
-        """Deepest penetration of such an impact, m (Johnson 1985, eq. 11.23)."""
+        """Return the largest penetration in an elastic Hertz impact at `speed` (m/s), m (Johnson 1985, eq. 11.23)."""
         stiffness = self.info["scenario"]["contact_stiffness"]
         return (1.25 * self.reduced_mass * speed * speed / stiffness) ** 0.4
 
     def factor(self, time: float) -> float:
-        """How many times slower than life a film runs at `time` (s): a power of two.
+        """Return the slow motion at `time` (s): how many times slower than real time a film runs, a power of two.
 
-        It rises as the touch comes near, so that the impact itself gets FRAMES_PER_IMPACT frames, and falls with the
-        time since: a contact that the coupling then presses on for a hundred impact times is not stretched as much.
+        It rises before the touch, so that the impact itself has FRAMES_PER_IMPACT frames, and falls with the time
+        since: a contact in which the coupling then presses for a hundred impact times runs faster again.
         """
         state = self.at(time)
         begun = int(np.searchsorted(self.touches, time, side="right"))
         touching = begun > 0 and time < self.partings[begun - 1]
         interval = 1.0 / (FRAME_RATE * (CONTACT_FACTOR if touching else FLIGHT_FACTOR))
-        if self.ended and time >= self.end_of_control:
-            interval = max(interval, (self.now - self.end_of_control) / SETTLING_FRAMES)
+        if time >= self.end:
+            interval = max(interval, (self.now - self.end) / SETTLING_FRAMES)
         away, speed = math.inf, 1.0
         if begun:
             touch = self.at(float(self.touches[begun - 1]))
@@ -123,10 +127,10 @@ class History:
         return max(2.0 ** math.ceil(math.log2(slower) - 1e-9), SMALLEST_FACTOR)
 
     def film(self, after: float) -> Iterator[tuple[float, float]]:
-        """Yield instants (s) after `after` for frames, each with its factor.
+        """Yield the instants of frames after the instant `after`, s, each with its factor.
 
-        What is left of a step for less than a frame comes with the next; but some frame comes of any step, and the
-        last one of an episode shows how it ended.
+        A remainder of less than a frame is left to the next step. But each step has a frame, and the last frame of an
+        episode shows its last instant.
         """
         time, factor = after, self.factor(after)
         while time + 1.0 / (FRAME_RATE * factor) <= self.now:
@@ -135,3 +139,21 @@ class History:
             factor = self.factor(time)
         if time < self.now and (self.ended or time == after):
             yield self.now, factor
+
+
+class SlowMotionVideo(RecordVideo[Any, Any]):
+    """Gymnasium's `RecordVideo` with all pictures of each step, of which Gymnasium's own keeps the last one.
+
+    Use it in the same way, on an environment made with `render_mode="rgb_array_list"`; in mode "rgb_array", or with
+    `RecordVideo` itself, a film has a picture per step: about twice slower than real time, so that a contact lasts a
+    few pictures. Needs moviepy, which the extra `render` brings.
+
+    Example:
+        >>> env = gym.make("ImpactApproach-v0", render_mode="rgb_array_list")
+        >>> env = SlowMotionVideo(env, "films", episode_trigger=lambda episode: True)
+        >>> # play episodes as usual, then env.close(); films/rl-video-episode-0.mp4 is the first
+    """
+
+    def _capture_frame(self) -> None:
+        frames: Any = self.env.render()
+        self.recorded_frames += frames if isinstance(frames, list) else [frames]

@@ -1,6 +1,6 @@
-"""A picture to draw on: pygame behind coordinates in pixels from the upper left corner, smooth edges, and the colours.
+"""A picture to draw on with pygame: coordinates in pixels from the upper left corner, smooth edges, and the colours.
 
-Shapes are drawn at twice the size and scaled down; text comes on top, at its own size.
+Shapes are drawn at twice the size and scaled down; text is then written over them at its own size.
 """
 
 import importlib
@@ -20,11 +20,10 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float]
 Box = tuple[float, float, float, float]  # left, top, width, height
-Colour = str | tuple[int, int, int]
 
 WIDTH, HEIGHT = 960, 540
 OVERSAMPLING = 2
-FAR = 1 << 14  # pixels
+FARTHEST = 1 << 14  # pixels; pygame cannot hold coordinates far beyond
 
 # Okabe and Ito (2008), as in the report's charts
 FLANGE, TOOL, OBJECT, FORCE, COUPLING = "#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7"
@@ -32,31 +31,26 @@ WARNING, ALARM = "#E69F00", "#C1121F"
 PAPER, PANEL, GRID, FAINT, INK = "#FFFFFF", "#F5F5F2", "#DDDDDD", "#767676", "#1A1A1A"
 
 
-def load_pygame() -> Any:
-    """Return pygame, imported now.
-
-    Raises:
-        DependencyNotInstalled: it is not there; says how to get it.
-    """
-    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # pygame 2.6 asks setuptools for what setuptools deprecates
-            return importlib.import_module("pygame")
-    except ImportError as error:
-        raise DependencyNotInstalled("rendering needs pygame: pip install 'impact-gym[render]'") from error
-
-
 class Canvas:
     """One picture of WIDTH x HEIGHT pixels, drawn anew for each frame."""
 
     def __init__(self) -> None:
-        """Make an empty picture; needs no display."""
-        self.pygame = load_pygame()
+        """Make an empty picture; needs no display.
+
+        Raises:
+            DependencyNotInstalled: pygame is not installed; says how to install it.
+        """
+        os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # pygame 2.6 calls what setuptools deprecates
+                self.pygame: Any = importlib.import_module("pygame")
+        except ImportError as error:
+            raise DependencyNotInstalled("rendering needs pygame: pip install 'impact-gym[render]'") from error
         self.pygame.font.init()
         self._surface: pygame.Surface = self.pygame.Surface((WIDTH * OVERSAMPLING, HEIGHT * OVERSAMPLING), 0, 32)
-        self._texts: list[tuple[str, Point, int, Colour, str]] = []
-        self._font = cache(partial(self.pygame.font.Font, None))  # the one that pygame brings, alike everywhere
+        self._texts: list[tuple[str, Point, int, str, str]] = []
+        self._font = cache(partial(self.pygame.font.Font, None))  # pygame's own font, the same on every machine
 
     def clear(self) -> None:
         """Begin a frame."""
@@ -72,7 +66,7 @@ class Canvas:
         return picture
 
     def pixels(self) -> NDArray[np.uint8]:
-        """Return what has been drawn as an array (HEIGHT, WIDTH, 3) of its own."""
+        """Return what has been drawn as a new array (HEIGHT, WIDTH, 3)."""
         return np.ascontiguousarray(self.pygame.surfarray.array3d(self.picture()).transpose(1, 0, 2))
 
     @contextmanager
@@ -82,49 +76,40 @@ class Canvas:
         yield
         self._surface.set_clip(None)
 
-    def polygon(self, points: Sequence[Point], colour: Colour) -> None:
+    def polygon(self, points: Sequence[Point], colour: str) -> None:
         """Fill a polygon."""
         self.pygame.draw.polygon(self._surface, colour, self._scaled(points))
 
-    def rectangle(self, box: Box, colour: Colour) -> None:
+    def rectangle(self, box: Box, colour: str) -> None:
         """Fill a rectangle, edges to a fraction of a pixel."""
         left, top, width, height = box
         (x0, y0), (x1, y1) = self._scaled([(left, top), (left + width, top + height)])
         self._surface.fill(colour, (x0, y0, max(x1 - x0, 1), max(y1 - y0, 1)))
 
-    def frame(self, box: Box, colour: Colour) -> None:
-        """Draw the outline of a rectangle."""
-        left, top, width, height = box
-        right, bottom = left + width, top + height
-        self.lines([(left, top), (right, top), (right, bottom), (left, bottom), (left, top)], colour, 1.0)
-
-    def circle(self, centre: Point, radius: float, colour: Colour) -> None:
+    def circle(self, centre: Point, radius: float, colour: str) -> None:
         """Fill a circle."""
         self.pygame.draw.circle(self._surface, colour, self._scaled([centre])[0], radius * OVERSAMPLING)
 
-    def lines(self, points: Sequence[Point], colour: Colour, width: float = 1.5) -> None:
+    def lines(self, points: Sequence[Point], colour: str, width: float = 1.5) -> None:
         """Draw a line through `points`."""
         if len(points) > 1:
             thickness = max(1, round(width * OVERSAMPLING))
             self.pygame.draw.lines(self._surface, colour, False, self._scaled(points), thickness)
 
-    def dashes(self, start: Point, end: Point, colour: Colour, width: float = 1.0, length: float = 5.0) -> None:
+    def dashes(self, start: Point, end: Point, colour: str) -> None:
         """Draw a dashed line."""
         (x0, y0), (x1, y1) = start, end
-        count = max(1, int(np.hypot(x1 - x0, y1 - y0) / (2.0 * length)))
+        count = max(1, int(np.hypot(x1 - x0, y1 - y0) / 10.0))
         for dash in range(count):
             ends = (dash / count, (dash + 0.5) / count)
-            self.lines([(x0 + part * (x1 - x0), y0 + part * (y1 - y0)) for part in ends], colour, width)
+            self.lines([(x0 + part * (x1 - x0), y0 + part * (y1 - y0)) for part in ends], colour, 1.0)
 
-    def text(self, text: str, at: Point, size: int = 18, colour: Colour = INK, anchor: str = "midleft") -> None:
-        """Write `text`; `anchor` is the name of the point of its box that lies `at`."""
+    def text(self, text: str, at: Point, size: int = 18, colour: str = INK, anchor: str = "midleft") -> None:
+        """Write `text`; `anchor` names the point of its box that lies `at`."""
         self._texts.append((text, at, size, colour, anchor))
 
     @staticmethod
     def _scaled(points: Sequence[Point]) -> list[tuple[int, int]]:
-        """Return `points` on the larger surface; far ones are brought near, whose coordinates pygame could not hold."""
-
-        def scaled(side: float) -> int:
-            return round(min(max(side * OVERSAMPLING, -FAR), FAR))
-
-        return [(scaled(x), scaled(y)) for x, y in points]
+        """Return `points` on the larger surface, none farther than FARTHEST."""
+        x, y = np.clip(np.transpose(points) * OVERSAMPLING, -FARTHEST, FARTHEST).round().astype(int).tolist()
+        return list(zip(x, y, strict=True))

@@ -1,0 +1,183 @@
+"""Pictures of an episode: what `render` of the environment returns, in slow motion around contacts.
+
+    canvas    pygame behind shapes and text
+    chain     flange, coupling, tool and object to scale
+    strips    velocities and force over time
+    film      History: the episode at any instant; SlowMotionVideo
+
+Each picture is drawn from the simulator's own trace, so an instant inside a control step is as exact as its end.
+"""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_gym.render import chain, strips
+from impact_gym.render.canvas import (
+    ALARM,
+    FAINT,
+    FLANGE,
+    FORCE,
+    GRID,
+    HEIGHT,
+    INK,
+    OBJECT,
+    TOOL,
+    WARNING,
+    WIDTH,
+    Canvas,
+)
+from impact_gym.render.film import FRAME_RATE, History, State
+from impact_gym.scene import Bistable, SpringDamper
+
+if TYPE_CHECKING:
+    import pygame
+
+HOLD = 1.0  # s, for which the last picture of an episode stays
+LAMP = (WIDTH - 22.0, 19.0)  # grey, amber from the detection of the force on, red while the controller has an alarm
+
+Frame = NDArray[np.uint8]
+
+
+class Renderer:
+    """Draws the episodes of one environment; keeps a picture, a window if there is one, and the last instant shown."""
+
+    def __init__(self, mode: str) -> None:
+        """Draw in this `render_mode`; nothing is imported or opened before the first picture."""
+        self._mode = mode
+        self._canvas: Canvas | None = None
+        self._window: pygame.Surface | None = None
+        self._clock: Any = None
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a new episode."""
+        self._shown: float | None = None  # s, the instant of the last picture
+        self._reached = 0.0  # s, end of the episode at the last call
+        self._ended = False
+        self._last: Frame | None = None
+
+    def render(self, history: History) -> Frame | list[Frame] | None:
+        """Return what `render` of the environment returns for the episode so far."""
+        if self._mode == "rgb_array":
+            if self._last is None or history.now != self._shown:  # else the same moment, the same picture
+                span = history.now - (self._shown or 0.0)
+                self._shown = history.now
+                self._last = self.picture(history, history.now, 1.0 / (FRAME_RATE * span) if span > 0.0 else 1.0)
+            return self._last.copy()
+        newly_ended, self._ended = history.ended and not self._ended, history.ended
+        if self._mode == "rgb_array_list":
+            frames = [self.picture(history, time, factor) for time, factor in self.instants(history)]
+            return frames + frames[-1:] * round(HOLD * FRAME_RATE * newly_ended)
+        for time, factor in self.instants(history):
+            self._show(history, time, factor)
+        if newly_ended:
+            self._clock.tick(1.0 / HOLD)
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one; again does nothing."""
+        if self._window is not None and self._canvas is not None:
+            self._canvas.pygame.display.quit()
+        self._window = self._clock = self._canvas = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out canvas and window, which cannot be copied; they are made again when needed."""
+        return self.__dict__ | {"_canvas": None, "_window": None, "_clock": None}
+
+    def instants(self, history: History) -> Iterator[tuple[float, float]]:
+        """Yield the instants (s) not shown so far, each with its slow motion."""
+        if self._shown is None:
+            self._shown = 0.0
+            yield 0.0, history.factor(0.0)
+        if history.now > self._reached:
+            self._reached = history.now
+            for time, factor in history.film(self._shown):
+                self._shown = time
+                yield time, factor
+
+    def picture(self, history: History, time: float, factor: float) -> Frame:
+        """Return the picture (540, 960, 3) of an instant (s) that runs `factor` times slower than real time."""
+        return self._drawn(history, time, factor).pixels()
+
+    def _show(self, history: History, time: float, factor: float) -> None:
+        canvas = self._drawn(history, time, factor)
+        pygame = canvas.pygame
+        if self._window is None:
+            try:
+                pygame.display.init()
+                self._window = pygame.display.set_mode((WIDTH, HEIGHT))
+            except pygame.error as error:
+                raise RuntimeError(
+                    f"no window can be opened ({error}): without a display, use render_mode='rgb_array' or "
+                    "'rgb_array_list', or set SDL_VIDEODRIVER=dummy to draw without one"
+                ) from error
+            pygame.display.set_caption("impact_gym")
+            self._clock = pygame.time.Clock()
+        self._window.blit(canvas.picture(), (0, 0))
+        pygame.event.pump()
+        pygame.display.flip()
+        self._clock.tick(FRAME_RATE)
+
+    def _drawn(self, history: History, time: float, factor: float) -> Canvas:
+        if self._canvas is None:
+            self._canvas = Canvas()
+        canvas, state = self._canvas, history.at(time)
+        canvas.clear()
+        chain.draw(canvas, history, state)
+        strips.draw(canvas, history, state)
+        _head(canvas, history, state, factor)
+        _foot(canvas, history, state)
+        return canvas
+
+
+def _head(canvas: Canvas, history: History, state: State, factor: float) -> None:
+    """Write time, slow motion and alarm, and below them velocities and force."""
+    pace = f"slow motion {round(factor, 1):g} x" if factor > 1.0 else f"fast motion {1.0 / factor:.2g} x"
+    canvas.text(f"t = {state.time:.4f} s", (14.0, 19.0), 26)
+    canvas.text("real time" if factor == 1.0 else pace, (190.0, 19.0), 22, FAINT)
+    words, colour = alarm(history, state.time)
+    canvas.circle(LAMP, 9.0, colour)
+    canvas.text(words, (LAMP[0] - 18.0, LAMP[1]), 20, INK, "midright")
+    canvas.text(f"flange {state.flange_velocity:+.3f} m/s", (14.0, 47.0), 20, FLANGE)
+    canvas.text(f"tool {state.tool_velocity:+.3f} m/s", (199.0, 47.0), 20, TOOL)
+    canvas.text(f"object {state.object_velocity:+.3f} m/s", (384.0, 47.0), 20, OBJECT)
+    canvas.text(f"contact force {state.contact_force:.3g} N", (569.0, 47.0), 20, FORCE)
+    canvas.text(f"peak {history.peak_force(state):.3g} N", (784.0, 47.0), 20, FORCE)
+
+
+def alarm(history: History, time: float) -> tuple[str, str]:
+    """Return what the picture says of the alarm at `time` (s), and the colour of its lamp."""
+    if history.alarm <= time < history.alarm_over:
+        late = f", {1e3 * (history.alarm - history.detection):.1f} ms after {history.threshold:g} N"
+        return f"ALARM at {history.alarm:.4f} s" + late * history.by_switch, ALARM
+    if time < history.detection or time >= history.alarm_over:
+        return "no alarm", GRID
+    left = f"; controller knows in {1e3 * (history.alarm - time):.1f} ms"
+    return f"over {history.threshold:g} N" + left * (history.by_switch and history.alarm < np.inf), WARNING
+
+
+def _foot(canvas: Canvas, history: History, state: State) -> None:
+    """Write the scenario, or at the end the results."""
+    info, scenario, task = history.info, history.info["scenario"], history.task
+    if history.ended and state.time >= history.now:
+        words = "missed: nothing was touched"
+        if not info["missed"]:
+            words = f"V_p = {info['object_velocity']:.3f} m/s   approach time {info['approach_time']:.3f} s   "
+            words += f"peak force {info['peak_force']:.3g} N   contacts {info['contact_count']}"
+        failed = "" if info["status"] == "ok" else f"   {info['status']}"
+        canvas.text(words + failed + f"   return {sum(info['reward_terms'].values()):.3f}", (14.0, 520.0), 22)
+        return
+    mount = "rigid coupling"
+    if isinstance(task.coupling, SpringDamper):
+        mount = f"spring {task.coupling.stiffness:.3g} N/m, damping ratio {task.coupling.damping_ratio:.2g}"
+    elif isinstance(task.coupling, Bistable):
+        mount = f"bistable coupling, barrier {1e3 * task.coupling.barrier:.3g} mJ"
+    words = f"object {scenario['object_mass']:.3g} kg at {1e3 * scenario['distance']:.0f} mm, "
+    words += f"{scenario['contact_stiffness']:.3g} N/m^1.5, restitution {scenario['restitution']:.2f}   |   "
+    words += mount + ("" if task.robot is None else ", compliant robot")
+    canvas.text(f"{words}   |   time weight {info['time_weight']:.3g} m/s per s", (14.0, 520.0), 17, FAINT)
+    if state.time >= history.end:
+        canvas.text("settling", (WIDTH - 14.0, 520.0), 17, FAINT, "midright")
