@@ -50,7 +50,7 @@ def advance(batch: Batch, action: ArrayLike) -> None:
 
 
 def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
-    """Play a try again in the environment; return its trace to the end of the settling, its info, its task, and the times of its alarm and end.
+    """Play a try again in the environment; return its trace with the settling, info, task, and times of alarm and end.
 
     Raises:
         RuntimeError: the replayed episode does not end with the last action: the environment has changed.
