@@ -19,7 +19,7 @@ from impact_gym.simulation import Outcome, simulate
 from impact_gym.validation import WrongTypeError, number, shown
 
 if TYPE_CHECKING:
-    from impact_gym.robot.whole import Blow
+    from impact_gym.robot.all_joints import Blow
 
 Quantity = Literal["object_velocity", "peak_force", "impulse"]
 ROUNDS = 3  # runs of a model, of which the fastest counts
@@ -104,7 +104,7 @@ def advise(
         quantity: the object's velocity at the end, the largest contact force, or the impulse of all contacts.
         duration: of a run, s.
         arm: an arm and the line it moves along, `(arm, arm.along(...))`, for scenes without a robot. The full model is
-            then the whole arm (`impact_gym.robot.whole`), and the simpler ones put one mass in its place: that of each
+            then `impact_gym.robot.all_joints`, and the simpler ones put one mass in the arm's place: that of each
             kind, varying along the line or frozen where the object stands, or none that yields.
 
     Raises:
@@ -178,12 +178,12 @@ def _on_chain(motion: Trapezoid, duration: float, scene: Scene) -> Outcome:
 
 def _on_arm(arm: Arm, approach: Approach, motion: Trapezoid, duration: float, scene: Scene) -> "Blow":
     from impact_gym.robot import (
-        whole,
+        all_joints,
     )  # its integrators take 40 ms to import, which every `import impact_gym` would pay
 
-    blow = whole.simulate(arm, approach, scene, motion, duration=duration)
+    blow = all_joints.simulate(arm, approach, scene, motion, duration=duration)
     if blow.status != "ok":
-        raise RuntimeError(f"the whole arm: {blow.status}")
+        raise RuntimeError(f"all joints of the arm: {blow.status}")
     return blow
 
 

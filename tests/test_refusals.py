@@ -35,7 +35,7 @@ from agents.setups import feasible
 from experiments.design.options import DesignOptions
 from impact_gym.envs.batch import Batch
 from impact_gym.identify.__main__ import main as identify_command
-from impact_gym.robot import default_approach, from_urdf, whole
+from impact_gym.robot import all_joints, default_approach, from_urdf
 from impact_gym.robot.viper import angles_at, viper
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import Task
@@ -200,7 +200,7 @@ def along_viper(**change):
 def blow(approach=None, **given):
     mine = arm()
     line = mine.along((0.1, 1.6), (1.0, 0.5, 0.0), 0.2)
-    whole.simulate(**{"arm": mine, "approach": approach(line) if callable(approach) else approach or line} | given)
+    all_joints.simulate(**{"arm": mine, "approach": approach(line) if callable(approach) else approach or line} | given)
 
 
 def line_of_slides(_):
@@ -225,7 +225,7 @@ CALLS = {
     "set_state": [partial(set_state, make) for make in MAKERS[1:]],
     "file of delays": delays, "log file": log_file, "impact-gym identify": identify_main, "URDF": urdf,
     "DesignOptions": lambda **options: DesignOptions(out=Path(), **options).checked(),
-    "from_urdf": arm, "along": along, "along of the Viper": along_viper, "whole.simulate": blow,
+    "from_urdf": arm, "along": along, "along of the Viper": along_viper, "all_joints.simulate": blow,
     "angles_at": lambda **place: angles_at(six(), **place), "jacobian": lambda angles: six().jacobian(angles),
     "Approach": partial(replace, default_approach()), "Approach.robot_table": default_approach().robot_table,
 }  # fmt: skip
@@ -267,7 +267,7 @@ THINGS = {
     "two links of which one can hardly turn": partial(arms.edited, old=arms.SHOULDER, new=r'\1"0.2" upper="0.4"'),
     "joint angles without the last place": APPROACH.joint_angles[:-1], "an approach": APPROACH,
     "joint angles without the last joint": APPROACH.joint_angles[:, :-1], "one approach": (APPROACH,),
-    "two approaches": (APPROACH, APPROACH), "a servo": whole.Servo(), "that of another arm": line_of_slides,
+    "two approaches": (APPROACH, APPROACH), "a servo": all_joints.Servo(), "that of another arm": line_of_slides,
     "the same from elsewhere": lambda line: replace(line, start=line.start + 0.01),
 }  # fmt: skip
 """What only Python can be."""

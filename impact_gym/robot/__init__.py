@@ -1,7 +1,7 @@
 """From compliant joints to mass, damping and stiffness along the approach (paper, section 3.1, eq. 10-16, Fig. 10).
 
     default_approach() -> Approach        the shipped table: Viper s650, the paper's m_r at the impact
-    Approach.robot_table(), .at(position) what a Scene takes as its robot, with one of three masses
+    Approach.robot_table(), .at(position) the robot of a Scene, with one of three masses
 
 Everything else computes such a table and needs MuJoCo, the extra `robot`:
 
@@ -9,14 +9,92 @@ Everything else computes such a table and needs MuJoCo, the extra `robot`:
     Arm.along(start, direction, length)   -> Approach, the table along a line through the flange
     Arm.reduction(angles, direction)      one row of it
     joint_angles(arm, place, ...)         joint angles of a pose
-    whole.simulate(arm, approach, scene)  all joints at once, to see what the table leaves out
+    all_joints.simulate(arm, approach, scene)  the same blow with all joints: shows the error of the table
 
 Kinematics and limits are public data. Inertia and joint stiffness of the Viper are estimates: m_r is uncertain by tens
 of per cent at a given pose and k_r by a factor; the default pose is chosen such that both come out as in the paper.
 """
 
-from impact_gym.robot.approach import IMPACT, Approach, default_approach
-from impact_gym.robot.arm import Arm, from_urdf
-from impact_gym.robot.line import joint_angles
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from impact_gym.files import parsed
+from impact_gym.robot import urdf
+from impact_gym.robot.approach import IMPACT, Approach, Array, default_approach
+from impact_gym.robot.arm import Arm, joint_angles
+from impact_gym.validation import choice, number, numbers, one_of, whole
 
 __all__ = ["IMPACT", "Approach", "Arm", "default_approach", "from_urdf", "joint_angles"]
+
+PerJoint = float | Sequence[float] | Sequence[tuple[float, float]]
+"""A number for all joints, one for each, or a pair (low, high) for all or for each, drawn log-uniformly."""
+
+
+def from_urdf(
+    path: Path | str, base: str, tip: str, *, joint_stiffness: PerJoint, joint_damping: PerJoint,
+    rotor_inertia: PerJoint | None = None, gear: PerJoint | None = None, seed: int = 0, inertia: str = "given",
+) -> Arm:  # fmt: skip
+    """Return the arm between two links of a URDF file, its joints elastic between motor and link.
+
+    Args:
+        path: of the file; meshes are not needed.
+        base: the link that stands still; what is above it is left out.
+        tip: the link whose frame is the flange.
+        joint_stiffness: N m/rad, or N/m: a number for all joints, one for each, or a pair (low, high) to draw from, for
+            all or for each; for an arm of two joints two numbers are one for each. There is no default: it is seldom
+            published, and the results depend on it.
+        joint_damping: N m s/rad, or N s/m, in the same forms.
+        rotor_inertia: of the motors' rotors, kg m^2, or kg; needed only by the servo of `all_joints.simulate`.
+        gear: turns of the rotor per turn of the joint, 1 unless given.
+        seed: of the numbers drawn from pairs.
+        inertia: "given", or "balanced" for a file whose rounding breaks the triangle rule, that no principal moment of
+            inertia exceeds the sum of the other two: a body that breaks it, and no other, gets the mean of its three
+            moments for each, as by MuJoCo's `balanceinertia`. A body is all that is welded together behind a joint.
+
+    Raises:
+        TypeError, ValueError: the file is no such arm, or a joint parameter is invalid; says which.
+        ImportError: MuJoCo is not installed.
+
+    Warns:
+        UserWarning: a link that the arm moves has inertia but no mass, and its inertia is left out; or a joint beside
+            the arm mimics one of the arm's, but is held at zero; or a limit of a joint is beyond 10 rad or 100 m.
+    """
+    choice("inertia", inertia, ("given", "balanced"))
+    one_of("path", path, str, Path)
+    one_of("base", base, str)
+    one_of("tip", tip, str)
+    rng = np.random.default_rng(whole("seed", seed, at_least=0))
+    remarks = list[str]()
+    arm = parsed(
+        Path(path), "URDF", lambda text: Arm(*urdf.read(text, base, tip, inertia == "balanced", remarks)), urdf.decoded
+    )
+    for remark in remarks:
+        warnings.warn(remark, UserWarning, stacklevel=2)
+    arm.stiffness = _per_joint("joint_stiffness", joint_stiffness, arm.count, rng, "N m/rad", above=0)
+    arm.damping = _per_joint("joint_damping", joint_damping, arm.count, rng, "N m s/rad", at_least=0)
+    rotors = 0.0 if rotor_inertia is None else rotor_inertia
+    turns = _per_joint("gear", 1.0 if gear is None else gear, arm.count, rng, "-", above=0)
+    arm.rotors = _per_joint("rotor_inertia", rotors, arm.count, rng, "kg m^2", at_least=0) * turns**2
+    return arm
+
+
+def _per_joint(name: str, given: Any, count: int, rng: np.random.Generator, unit: str, **limits: float) -> Array:
+    """Return a number for each joint, (count,)."""
+    if not hasattr(given, "__len__") or isinstance(given, (str, Mapping)):
+        return np.full(count, number(name, given, unit, **limits))
+    if len(given) == 2 != count:
+        given = [given] * count
+    if len(given) != count:
+        raise ValueError(
+            f"{name} must be a number or {count} of them, one for each joint, or pairs, in {unit}, got {given!r}"
+        )
+    if all(hasattr(each, "__len__") and len(each) == 2 for each in given):
+        low, high = (numbers(name, [each[end] for each in given], unit, **limits) for end in (0, 1))
+        if not all(a <= b and a > 0.0 for a, b in zip(low, high, strict=True)):
+            raise ValueError(f"{name} must have pairs that rise, above 0, in {unit}, got {given!r}")
+        return np.asarray(np.exp(rng.uniform(np.log(low), np.log(high))))
+    return np.array(numbers(name, given, unit, **limits))

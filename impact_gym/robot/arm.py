@@ -1,92 +1,33 @@
-"""A serial arm on a fixed base, from a URDF file, computed by MuJoCo: its flange, its inertia, and both along a line.
+"""A serial arm on a fixed base, computed by MuJoCo: its flange, its inertia, and the table of both along a line.
 
-Joint angles are in rad, in m for prismatic joints; all that comes out is in the frame of the base.
+Joint angles are in rad, in m for prismatic joints; all results are in the frame of the base.
 """
 
-import importlib
-from collections.abc import Mapping, Sequence
-from functools import cached_property
-from pathlib import Path
+from collections.abc import Sequence
+from copy import copy
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from impact_gym.files import parsed
-from impact_gym.robot import line, urdf
 from impact_gym.robot.approach import Approach, Array
-from impact_gym.validation import choice, number, numbers, one_of, whole
+from impact_gym.robot.bodies import Body, specification
+from impact_gym.validation import number, numbers
 
-PerJoint = float | Sequence[float] | Sequence[tuple[float, float]]
-"""A number for all joints, one for each, or a pair (low, high) for all or for each, drawn log-uniformly."""
+TOLERANCE, STEPS = 1e-10, 200  # largest error of a pose, m and rad; most steps of the search for it
+LARGEST_TURN = 0.2  # rad or m, of a joint in a step of the search
+SPACING, LONGEST = 0.0025, 4.0  # m, of the places along a line, at most, and of a line
 
+MAX_CONDITION = 30.0
+"""Largest condition number of the Jacobian.
 
-def from_urdf(
-    path: Path | str, base: str, tip: str, *, joint_stiffness: PerJoint, joint_damping: PerJoint,
-    rotor_inertia: PerJoint | None = None, gear: PerJoint | None = None, seed: int = 0, inertia: str = "given",
-) -> "Arm":  # fmt: skip
-    """Return the arm between two links of a URDF file, its joints elastic between motor and link.
-
-    Args:
-        path: of the file; meshes are not needed.
-        base: the link that stands still; what is above it is left out.
-        tip: the link whose frame is the flange.
-        joint_stiffness: N m/rad, or N/m: a number for all joints, one for each, or a pair (low, high) to draw from, for
-            all or for each; for an arm of two joints two numbers are one for each. There is no default: it is seldom
-            published, and what follows depends on it.
-        joint_damping: N m s/rad, or N s/m, of the same elements.
-        rotor_inertia: of the motors' rotors, kg m^2, or kg; needed by the servo of `whole.simulate` alone.
-        gear: turns of the rotor for one of the joint, 1 unless given.
-        seed: of what is drawn from pairs.
-        inertia: "given", or "balanced" for a file whose rounding breaks the triangle rule, that no principal moment of
-            inertia exceeds the sum of the other two: a body that breaks it, and no other, gets the mean of its three
-            moments for each, as by MuJoCo's `balanceinertia`. A body is all that is welded together behind a joint.
-
-    Raises:
-        TypeError, ValueError: the file is no such arm, or a joint parameter is invalid; says which.
-        ImportError: MuJoCo is not installed.
-
-    Warns:
-        UserWarning: a link that the arm moves has inertia but no mass, and its inertia is left out; or a joint beside
-            the arm mimics one of the arm's, but is held at zero; or a limit of a joint is beyond 10 rad or 100 m.
-    """
-    choice("inertia", inertia, ("given", "balanced"))
-    one_of("path", path, str, Path)
-    one_of("base", base, str)
-    one_of("tip", tip, str)
-    rng = np.random.default_rng(whole("seed", seed, at_least=0))
-    balanced = inertia == "balanced"
-    arm = parsed(Path(path), "URDF", lambda text: Arm(*urdf.read(text, base, tip, balanced)), urdf.decoded)
-    arm.stiffness = _per_joint("joint_stiffness", joint_stiffness, arm.count, rng, "N m/rad", above=0)
-    arm.damping = _per_joint("joint_damping", joint_damping, arm.count, rng, "N m s/rad", at_least=0)
-    rotors = 0.0 if rotor_inertia is None else rotor_inertia
-    turns = _per_joint("gear", 1.0 if gear is None else gear, arm.count, rng, "-", above=0)
-    arm.rotors = _per_joint("rotor_inertia", rotors, arm.count, rng, "kg m^2", at_least=0) * turns**2
-    return arm
-
-
-def _per_joint(name: str, given: Any, count: int, rng: np.random.Generator, unit: str, **limits: float) -> Array:
-    """Return a number for each joint, (count,)."""
-    if not hasattr(given, "__len__") or isinstance(given, (str, Mapping)):
-        return np.full(count, number(name, given, unit, **limits))
-    if len(given) == 2 != count:
-        given = [given] * count
-    if len(given) != count:
-        raise ValueError(
-            f"{name} must be a number or {count} of them, one for each joint, or pairs, in {unit}, got {given!r}"
-        )
-    if all(hasattr(each, "__len__") and len(each) == 2 for each in given):
-        low, high = (numbers(name, [each[end] for each in given], unit, **limits) for end in (0, 1))
-        if not all(a <= b and a > 0.0 for a, b in zip(low, high, strict=True)):
-            raise ValueError(f"{name} must have pairs that rise, above 0, in {unit}, got {given!r}")
-        return np.asarray(np.exp(rng.uniform(np.log(low), np.log(high))))
-    return np.array(numbers(name, given, unit, **limits))
-
-
-def _pose(place: Array) -> tuple[Array, Array]:
-    """Return a homogeneous place as MuJoCo has it: position, and quaternion with the real part first."""
-    return place[:3, 3], np.roll(Rotation.from_matrix(place[:3, :3]).as_quat(), 1)
+At 30 joint 5 of the Viper is 6 to 10 deg from a straight wrist, or joint 3 about 14 deg from a stretched arm, where
+M_X,11 is some 100 kg, more than three times the whole robot: there a small displacement of the flange needs a large
+rotation of the joints, and eq. 11-16 no longer hold.
+"""
+SOFTEST, STIFFEST = 1.0, 1e8  # N/m, along a line: beyond these a unit is wrong; servos of 20 N m/rad give 100
 
 
 class Arm:
@@ -96,86 +37,60 @@ class Arm:
     damping: Array  # N m s/rad or N s/m, (n,)
     rotors: Array  # inertia of the motors behind the gear, kg m^2 or kg, (n,)
 
-    def __init__(self, bodies: Sequence[urdf.Body], tip: Array) -> None:
-        try:
-            # by name: the package has to load, and its types to check, where MuJoCo is not installed
-            self._mujoco: Any = importlib.import_module("mujoco")
-        except ImportError as missing:
-            raise ImportError(
-                "computing a robot needs MuJoCo: pip install 'impact-gym[robot]' (the shipped table does not need it)"
-            ) from missing
-        self.joints, self.units = tuple(body.name for body in bodies), tuple(body.unit for body in bodies)
+    def __init__(self, bodies: Sequence[Body], tip: Array) -> None:
+        self._mujoco, self._specification = specification(bodies, tip)
+        self.joints, self.units = tuple(body.joint for body in bodies), tuple(body.unit for body in bodies)
         self.lower, self.upper = (np.array([getattr(body, end) for body in bodies]) for end in ("low", "high"))
-        self._specification = self._mujoco.MjSpec()
-        last, kinds = self._specification.worldbody, self._mujoco.mjtJoint
-        for body in bodies:
-            (place, turn), (centre, axes) = _pose(body.place), _pose(body.axes)
-            last = last.add_body(
-                pos=place, quat=turn, mass=body.mass, ipos=centre, iquat=axes, inertia=body.moments,
-                explicitinertial=True,
-            )  # fmt: skip
-            last.add_joint(axis=body.axis, type=kinds.mjJNT_SLIDE if body.unit == "m" else kinds.mjJNT_HINGE)
-        place, turn = _pose(tip)
-        last.add_body(name="tip", pos=place, quat=turn)
-        self._load(self._specification)
+        self.count = len(bodies)
+        self.holds_orientation = self.count >= 6  # all of a pose, not only the place
+        self._compile()
 
-    def _load(self, specification: Any) -> None:
-        self._model = specification.compile()
+    def _compile(self) -> None:
+        self._model = self._specification.compile()
         self._data = self._mujoco.MjData(self._model)
         self._tip = self._model.body("tip").id
 
     def with_load(self, mass: float) -> "Arm":
         """Return the arm with a point mass (kg) at its flange."""
-        loaded = Arm.__new__(Arm)
-        loaded.__dict__ = dict(self.__dict__)
-        specification = self._specification.copy()
-        load = specification.body("tip").add_body(mass=mass, ipos=[0.0, 0.0, 0.0])
+        loaded = copy(self)
+        loaded._specification = self._specification.copy()
+        load = loaded._specification.body("tip").add_body(mass=mass, ipos=[0.0, 0.0, 0.0])
         load.inertia, load.explicitinertial = [1e-15] * 3, True
-        loaded._load(specification)
+        loaded._compile()
         return loaded
 
-    @property
-    def count(self) -> int:
-        """How many joints there are."""
-        return len(self.joints)
-
-    @property
-    def holds_orientation(self) -> bool:
-        """Whether it can hold all of a pose, not only the place."""
-        return self.count >= 6
-
-    @cached_property
-    def length(self) -> float:
-        """Largest distance between a joint and the next, m: the scale at which a rotation is a way."""
-        self.move(np.zeros(self.count))
-        anchors = np.vstack([self._data.xanchor, self._data.xpos[self._tip]])
-        return float(np.linalg.norm(np.diff(anchors, axis=0), axis=1).max())
-
     def move(self, q: ArrayLike) -> None:
-        """Put the joints there, unchecked."""
+        """Set the joint angles, unchecked."""
         self._data.qpos[:] = q
         self._mujoco.mj_kinematics(self._model, self._data)
         self._mujoco.mj_comPos(self._model, self._data)
 
-    def place(self, angles: ArrayLike) -> None:
-        """Put the joints there, checked."""
+    def _place(self, angles: ArrayLike) -> None:
+        """Set the joint angles, checked."""
         q = numbers("angles", angles, "rad")
         if len(q) != self.count:
             raise ValueError(f"angles must be {self.count} numbers in rad, got {angles!r}")
         self.move(q)
 
+    @cached_property
+    def length(self) -> float:
+        """Largest distance between a joint and the next, m, by which rotations are scaled."""
+        self.move(np.zeros(self.count))
+        anchors = np.vstack([self._data.xanchor, self._data.xpos[self._tip]])
+        return float(np.linalg.norm(np.diff(anchors, axis=0), axis=1).max())
+
     def flange(self, angles: ArrayLike) -> tuple[Array, Array]:
         """Return position (m) and rotation matrix of the flange."""
-        self.place(angles)
+        self._place(angles)
         return self.pose()
 
     def pose(self) -> tuple[Array, Array]:
-        """Return position (m) and rotation matrix of the flange as the joints are."""
+        """Return position (m) and rotation matrix of the flange at the present joint angles."""
         return self._data.xpos[self._tip].copy(), self._data.xmat[self._tip].reshape(3, 3).copy()
 
     def jacobian(self, angles: ArrayLike) -> Array:
         """Return J(q): rows vx, vy, vz (m/s) and wx, wy, wz (rad/s) of the flange per joint rate, (6, n)."""
-        self.place(angles)
+        self._place(angles)
         return self._jacobian()
 
     def _jacobian(self) -> Array:
@@ -189,23 +104,34 @@ class Arm:
 
     @cached_property
     def rank(self) -> int:
-        """How many of the held directions are independent, in general: fewer than there are for an arm in a plane."""
+        """How many of the held directions are independent in general; not all of them for an arm in a plane."""
         low, high = np.clip([self.lower, self.upper], -3.0, 3.0)
         somewhere = np.random.default_rng(0).uniform(low, np.maximum(high, low), (8, self.count))
-        return max(int((sizes > 1e-9 * sizes[0]).sum()) for sizes in map(self._sizes, somewhere))
+        return max(int((sizes > 1e-9 * sizes[0]).sum()) for sizes in map(self._singular_values, somewhere))
 
-    def _sizes(self, angles: ArrayLike) -> Array:
+    def _singular_values(self, angles: ArrayLike) -> Array:
         rows = self.held_rows(angles)
         return np.linalg.svd(np.vstack([rows[:3], self.length * rows[3:]]), compute_uv=False)
 
     def condition(self, angles: ArrayLike) -> float:
         """Return the condition number of the Jacobian's held rows, over its `rank`, rotations scaled by `length`."""
-        sizes = self._sizes(angles)
+        sizes = self._singular_values(angles)
         return float(sizes[0] / sizes[self.rank - 1]) if sizes[self.rank - 1] > 0.0 else np.inf
+
+    def check_condition(self, angles: Array, where: str) -> None:
+        """Raise ValueError if the arm is too near a singularity at these joint angles; `where` says which place."""
+        condition = self.condition(angles)
+        if not condition <= MAX_CONDITION:
+            far = np.argmax(np.abs(np.linalg.svd(self.held_rows(angles))[2][self.rank - 1]))
+            raise ValueError(
+                f"{where} is too near a singularity: with the joints at {np.array2string(angles, precision=4)} the"
+                f" condition number of the Jacobian is {condition:.4g}, allowed is at most {MAX_CONDITION:g}; it is"
+                f" joint {self.joints[int(far)]!r} that has to turn far"
+            )
 
     def mass_matrix(self, angles: ArrayLike) -> Array:
         """Return M_q(q), kg m^2, (n, n) (paper, eq. 11)."""
-        self.place(angles)
+        self._place(angles)
         self._mujoco.mj_crb(self._model, self._data)
         matrix = np.empty((self.count, self.count))
         for row, unit in zip(matrix, np.eye(self.count), strict=True):
@@ -213,7 +139,7 @@ class Arm:
         return np.asarray((matrix + matrix.T) / 2)  # symmetric but for rounding
 
     def dynamics(self, angles: Array, rates: Array, coriolis: bool, gravity: bool) -> tuple[Array, Array, Array]:
-        """Return flange position, J(q) of it and what centrifugal, Coriolis and weight take of the torques, (n,).
+        """Return flange position, its J(q), and the torques of centrifugal and Coriolis forces and of weight, (n,).
 
         `accelerations` is of these angles until the next call.
         """
@@ -236,8 +162,8 @@ class Arm:
         return found.reshape(torques.shape)
 
     def composite(self, angles: ArrayLike) -> tuple[float, Array, Array]:
-        """Return mass (kg), centre (m) and tensor of inertia about it (kg m^2) of all that moves, as one body."""
-        self.place(angles)
+        """Return mass (kg), centre (m) and tensor of inertia about it (kg m^2) of all moving links as one body."""
+        self._place(angles)
         moving = np.flatnonzero((self._model.body_weldid > 0) & (self._model.body_mass > 0.0))
         masses, centres = self._model.body_mass[moving], self._data.xipos[moving]
         mass, centre = float(masses.sum()), masses @ centres / masses.sum()
@@ -246,6 +172,41 @@ class Arm:
             turn = self._data.ximat[body].reshape(3, 3)
             tensor += turn @ np.diag(self._model.body_inertia[body]) @ turn.T + m * (r @ r * np.eye(3) - np.outer(r, r))
         return mass, centre, tensor
+
+    def reduction(self, angles: ArrayLike, direction: ArrayLike) -> dict[str, float]:
+        """Return the arm along a direction in one place, by the names of the columns of `Approach`.
+
+        Mass, damping and stiffness are elements (1,1) of the cartesian matrices (paper, eq. 12-16), those of a flange
+        that is *held* in its other directions. A flange that is free in them is lighter and softer: the effective mass
+        is the mass that an impulse along the line meets at first, the effective stiffness is static force over
+        deflection along it. By Cauchy-Schwarz they never exceed the held ones. The composite mass is that of all links
+        as one rigid body that nothing holds, which stiff position control comes close to (Wang, Dehio and Kheddar,
+        arXiv 2202.12646).
+
+        An arm with more joints than it holds directions moves, held, as its inertia and its springs let it:
+        A_X = (J A^-1 J')^-1.
+
+        Raises:
+            ValueError: the arm cannot move that way, or is too near a singularity.
+        """
+        u, M, J = _unit(direction), self.mass_matrix(angles), self.held_rows(angles)
+        self.check_condition(np.asarray(angles, dtype=np.float64), "the place")
+        held = np.concatenate([u, np.zeros(len(J) - 3)])
+        invert = np.linalg.inv if self.rank == len(J) else partial(np.linalg.pinv, rcond=1e-12)
+        M_X, K_X = invert(J @ np.linalg.solve(M, J.T)), invert((J / self.stiffness) @ J.T)
+        rates = (J / self.stiffness).T @ K_X @ held  # of the joints at 1 m/s along the line; J^-1 held with six
+        if not np.abs(J @ rates - held).max() < 1e-6:
+            raise ValueError(f"the arm cannot move along {u}, the direction, without moving in another")
+        x = u @ J[:3]
+        mass, centre, tensor = self.composite(angles)
+        lever = np.cross(self.flange(angles)[0] - centre, u)
+        return {
+            "held": float(held @ M_X @ held), "damping": float(rates @ (self.damping * rates)),
+            "stiffness": float(held @ K_X @ held),
+            "effective": float(1 / (x @ np.linalg.solve(M, x))),
+            "effective_stiffness": float(1 / (x @ (x / self.stiffness))),
+            "composite": float(1 / (1 / mass + lever @ np.linalg.solve(tensor, lever))),
+        }  # fmt: skip
 
     def along(self, start: ArrayLike, direction: ArrayLike, length: float | ArrayLike) -> Approach:
         """Return the arm along a straight line, the flange keeping its orientation if the arm can hold it.
@@ -257,10 +218,70 @@ class Arm:
 
         Raises:
             ValueError: the arm cannot follow it; names the first place that is refused, and the joint. Or it would be
-                so soft or so stiff there that a unit must have slipped.
+                so soft or so stiff there that a unit must be wrong.
         """
-        return line.follow(self, start, direction, length)
+        unit, angles, given = _unit(direction), np.array(numbers("start", start, "rad")), length
+        if not hasattr(given, "__len__"):
+            end = number("length", given, "m", above=0, at_most=LONGEST)
+            given = np.linspace(0.0, end, max(int(np.ceil(end / SPACING - 1e-9)), 3) + 1)
+        places = np.array(numbers("length", given, "m", at_least=0, at_most=LONGEST))
+        begin, turned = self.flange(angles)
+        rotation, rows, found = turned if self.holds_orientation else None, list[dict[str, float]](), list[Array]()
+        for place in places:
+            angles = joint_angles(self, begin + place * unit, rotation, angles)
+            found.append(angles)
+            rows.append(self.reduction(angles, unit))
+        softest, stiffest = (pick(row["stiffness"] for row in rows) for pick in (min, max))
+        if not SOFTEST <= softest <= stiffest <= STIFFEST:
+            raise ValueError(
+                f"along the line the stiffness is {softest:.3g} to {stiffest:.3g} N/m, expected is {SOFTEST:g} to"
+                f" {STIFFEST:g}: is joint_stiffness in N m/rad?"
+            )
+        columns: Any = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        return Approach(
+            places, **columns, joint_angles=np.array(found), joints=self.joints, start=begin, direction=unit
+        )
 
-    def reduction(self, angles: ArrayLike, direction: ArrayLike) -> dict[str, float]:
-        """Return the arm along a direction in one place, by the names of the columns of `Approach`."""
-        return line.reduction(self, angles, direction)
+
+def _unit(direction: ArrayLike) -> Array:
+    """Return a direction, of length 1."""
+    u = np.array(numbers("direction", direction, "-"))
+    if len(u) != 3 or not np.abs(u).max() > 0.0:
+        raise ValueError(f"direction must be three numbers that are not all 0, got {direction!r}")
+    u /= np.abs(u).max()
+    return np.asarray(u / np.linalg.norm(u))
+
+
+def joint_angles(arm: Arm, position: ArrayLike, rotation: Array | None, near: ArrayLike) -> Array:
+    """Return the joint angles that put the flange there, searched from angles `near` them, (n,).
+
+    Newton's method with the least change of the joints in each step, which also selects one solution of an arm with
+    more joints than it needs. Without a `rotation` matrix the orientation is free.
+
+    Raises:
+        ValueError: the arm cannot take the pose within its limits, or only near a singularity; names place and joint.
+    """
+    goal, angles = np.asarray(position, dtype=np.float64), np.array(near, dtype=np.float64)
+    where = f"x = {goal[0]:.6g} m, y = {goal[1]:.6g} m, z = {goal[2]:.6g} m"
+    for _ in range(STEPS):
+        place, turned = arm.flange(angles)
+        error, rows = goal - place, arm.jacobian(angles)
+        if rotation is None:
+            rows = rows[:3]
+        else:
+            error = np.append(error, Rotation.from_matrix(rotation @ turned.T).as_rotvec())
+        step = np.linalg.lstsq(rows, error, rcond=1e-9)[0]
+        angles += step * min(1.0, LARGEST_TURN / max(float(np.abs(step).max()), 1e-300))
+        if np.abs(step).max() < 1e-14:
+            break
+    miss = float(np.abs(error).max())
+    if not miss <= TOLERANCE:
+        raise ValueError(f"the robot cannot reach {where}: the nearest pose found misses it by {miss:.3g} (m or rad)")
+    for joint, angle, low, high, unit in zip(arm.joints, angles, arm.lower, arm.upper, arm.units, strict=True):
+        if not low <= angle <= high:
+            raise ValueError(
+                f"the robot cannot reach {where}: joint {joint!r} would be at {angle:.4g} {unit},"
+                f" its limits are {low:.4g} and {high:.4g} {unit}"
+            )
+    arm.check_condition(angles, where)
+    return angles

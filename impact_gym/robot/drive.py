@@ -1,4 +1,4 @@
-"""What moves an arm's motors: commands along a line, and a sampled servo that follows them or not."""
+"""The motion of an arm's motors: commands along a line, and a sampled servo that follows them."""
 
 import math
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from impact_gym.record import SI, Record
 from impact_gym.robot.approach import Array
 
 Command = tuple[float, float, float]
-"""When (s), to which velocity (m/s) and with which acceleration (m/s^2); then it is held."""
+"""Time (s), velocity to reach (m/s) and acceleration for it (m/s^2); the velocity is then held."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """Commands, and others from an alarm on, which the contact force raises when it first exceeds a threshold."""
+    """Commands, and further ones from an alarm on, raised when the contact force first exceeds a threshold."""
 
     before: tuple[Command, ...]
     after: tuple[Command, ...] = ()  # their times from the alarm on
@@ -45,7 +45,7 @@ class Path:
     def __init__(self, commands: Reaction) -> None:
         self.commands, self.pieces = commands, [(0.0, 0.0, 0.0, 0.0)]
         for command in commands.before:
-            self._obey(command)
+            self._add(command)
 
     def at(self, t: float) -> tuple[float, float, float]:
         """Return position (m), velocity and acceleration."""
@@ -58,11 +58,11 @@ class Path:
         return min((piece[0] for piece in self.pieces if piece[0] > t), default=math.inf)
 
     def react(self, detection: float) -> None:
-        """Go on with what follows an alarm, its cause having been felt at `detection` (s)."""
+        """Add the commands after an alarm whose cause was detected at `detection` (s)."""
         for t, velocity, acceleration in self.commands.after:
-            self._obey((detection + self.commands.delay + t, velocity, acceleration))
+            self._add((detection + self.commands.delay + t, velocity, acceleration))
 
-    def _obey(self, command: Command) -> None:
+    def _add(self, command: Command) -> None:
         t, velocity, acceleration = command
         place, speed, _ = self.at(t)
         lasts = abs(velocity - speed) / acceleration
@@ -87,9 +87,9 @@ class Servo(Record):
             raise ValueError(f"Servo.delay must be at most 20 periods, {20 * self.period:g} s, got {self.delay:g} s")
 
     def growth(self, M: Array, stiffness: Array, damping: Array, rotors: Array) -> float:
-        """Return the largest eigenvalue's size of the sampled loop around elastic joints at rest: stable below 1.
+        """Return the spectral radius of the sampled loop around elastic joints at rest: stable below 1.
 
-        Between samples the torques are held, so that matrix exponentials carry it exactly.
+        Torques are constant between samples, so matrix exponentials are exact.
         """
         n, w, inverse = len(M), self.frequency, np.linalg.inv(M)
         unit, K, D, R, zero = np.eye(n), np.diag(stiffness), np.diag(damping), np.diag(1.0 / rotors), np.zeros((n, n))

@@ -1,4 +1,4 @@
-"""The equations of an arm with all its joints, a tool and an object; see `whole`."""
+"""The equations of an arm with all its joints, a tool and an object; see `all_joints`."""
 
 import math
 from bisect import bisect_right
@@ -14,13 +14,13 @@ from impact_gym.robot.arm import Arm
 from impact_gym.robot.drive import Path, Servo
 from impact_gym.scene import Bistable, Rigid, Scene, SpringDamper
 
-LOST = 0.05  # rad or m, of a motor off its line: the servo does not hold it
+LOST = 0.05  # rad or m, deviation of a motor at which the servo has failed
 MOST_EVALUATIONS = 400_000  # of the equations, about a quarter of a minute
 STIFF = 1e5  # 1/s, the joints' fastest mode: above it an implicit method is faster
 
 
 class Unfinished(Exception):  # noqa: N818 a status, not an error
-    """A run ends before its time."""
+    """A run ended early; says why."""
 
 
 class Equations:
@@ -72,7 +72,7 @@ class Equations:
         return angles, rates
 
     def sample(self, t: float, y: Array) -> Array:
-        """Return the torques that the servo works out now."""
+        """Return the torques that the servo computes now."""
         assert self.servo is not None
         s, rate, rise = self.path.at(t)
         q_m, v_m = self.driven(t, y)
@@ -85,12 +85,12 @@ class Equations:
         return np.asarray(self.arm.rotors * (wanted + follow) + held)
 
     def contact(self, depth: float, rate: float) -> float:
-        """Contact force, N, without the sign that a clamp would take."""
+        """Return the contact force before it is limited to pushing, N."""
         law, depth = self.scene.contact, max(depth, 0.0)
         return float(law.stiffness * depth**law.stiffness_exponent + self.damping * depth**law.damping_exponent * rate)
 
     def pull(self, stretch: float, rate: float) -> float:
-        """Force of the coupling on the tool, N."""
+        """Return the force of the coupling on the tool, N."""
         held = self.scene.coupling
         if isinstance(held, SpringDamper):
             return -held.stiffness * stretch - 2.0 * held.damping_ratio * math.sqrt(held.stiffness * self.m_t) * rate
@@ -133,7 +133,7 @@ class Equations:
         return out
 
     def jacobian(self, t: float, y: Array) -> Array:
-        """Return what the joints' stiffness and damping have of d(rates)/d(state): all that is ever stiff."""
+        """Return the part of d(rates)/d(state) from the joints' stiffness and damping: the only stiff part."""
         self.flange(t, y)
         matrix, unit = np.zeros((len(y), len(y))), np.eye(self.n)
         inverse = self.inverse if self.linear else self.arm.accelerations(unit)
@@ -143,13 +143,13 @@ class Equations:
     def _elastic(self, unit: Array, inverse: Any) -> Any:
         return np.block([[0.0 * unit, unit], [-inverse * self.arm.stiffness, -inverse * self.arm.damping]])
 
-    def seen(self, t: float, y: Array) -> tuple[float, float]:
-        """Return how deep the tool is in the object, m, and how fast it goes deeper."""
+    def penetration(self, t: float, y: Array) -> tuple[float, float]:
+        """Return the penetration, m, and its rate, m/s."""
         tool, v_t = self.flange(t, y)[:2] if self.rigid else y[-5:-3]
         return float(tool - y[-3]), float(v_t - y[-2])
 
-    def aside(self, y: Array, rotation: Array) -> tuple[float, float]:
-        """Return how far the flange is from the line, m, and turned, rad."""
+    def deviation(self, y: Array, rotation: Array) -> tuple[float, float]:
+        """Return distance of the flange from the line, m, and its rotation from `rotation`, rad."""
         if self.linear:
             return 0.0, 0.0
         self.arm.move(y[: self.n])
@@ -158,30 +158,30 @@ class Equations:
         away = away - self.u * (self.u @ away)
         return math.sqrt(away @ away), math.acos(min(1.0, max(-1.0, 0.5 * (float(np.sum(rotation * turned)) - 1.0))))
 
-    def piece(self, t: float, until: float, y: Array, touching: bool, unfelt: bool, rtol: float) -> Any:
-        """Integrate a piece without corners, to the first of its events: touch or parting, line's end, alarm."""
+    def piece(self, t: float, until: float, y: Array, touching: bool, undetected: bool, rtol: float) -> Any:
+        """Integrate a smooth piece to its first event: touch or parting, end of the line, force over the threshold."""
 
         def gap(t: float, y: Array) -> float:
-            return self.seen(t, y)[0]
+            return self.penetration(t, y)[0]
 
         def line_left(t: float, _: Array) -> float:
             s = self.path.at(t)[0]
             return min(s + 1e-9, self.places[-1] - s)
 
-        def felt(t: float, y: Array) -> float:
-            return self.contact(*self.seen(t, y)) - self.path.commands.threshold
+        def over_threshold(t: float, y: Array) -> float:
+            return self.contact(*self.penetration(t, y)) - self.path.commands.threshold
 
-        events: list[Any] = [gap, line_left, felt][: 3 if unfelt and touching else 2]
+        events: list[Any] = [gap, line_left, over_threshold][: 3 if undetected and touching else 2]
         for event, direction in zip(events, (-1.0 if touching else 1.0, -1.0, 1.0), strict=False):
             event.terminal, event.direction = True, direction
         longest, law = until - t, self.scene.contact
         if touching:
-            mass, closing = 1.0 / (1.0 / self.m_t + 1.0 / self.m_p), max(abs(self.seen(t, y)[1]), 1e-3)
+            mass, closing = 1.0 / (1.0 / self.m_t + 1.0 / self.m_p), max(abs(self.penetration(t, y)[1]), 1e-3)
             depth = (mass * closing**2 / law.stiffness) ** (1.0 / (law.stiffness_exponent + 1.0))
             longest = min(longest, depth / closing)
         elif isinstance(self.scene.coupling, Bistable):
             longest = min(longest, 2.0 * math.sqrt(self.m_t / self.scene.coupling.stop_stiffness))
-        # LSODA starts anew too dearly for the samples of a servo, and wavers where joints are stiff
+        # LSODA restarts too slowly for the samples of a servo, and oscillates where joints are stiff
         method = "DOP853" if self.servo else "Radau" if self.stiff else "LSODA"
         return solve_ivp(
             lambda t, y: self.rates(t, y, touching), (t, until), y, method, events=events, rtol=rtol,

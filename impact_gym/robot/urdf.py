@@ -1,19 +1,15 @@
-"""The serial arm between two links of a URDF file: its joints, and the body that each of them moves.
+"""The serial arm between two links of a URDF file.
 
 Links that hang on the arm by other joints move with it: fixed ones, and those of a gripper, which is held at zero.
-All that is welded together this way is one body, and only its sum is checked: a frame or a point payload needs no
-inertia of its own. What the arm does not move is not checked. Meshes, colours and transmissions are left out.
+What the arm does not move is not checked. Meshes, colours and transmissions are left out.
 
-MuJoCo's own reader of URDF is not used: it wants the meshes, takes mimic joints without a word, and refuses an inertia
-without the name of its link.
+MuJoCo's own reader of URDF is not used: it needs the meshes, ignores mimic joints without a warning, and refuses an
+inertia without the name of its link.
 """
 
 import codecs
 import re
-import warnings
-from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from functools import partial
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -22,89 +18,27 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from impact_gym.robot.approach import Array
+from impact_gym.robot.bodies import Body, pseudo_inertia, welded_body
 from impact_gym.validation import number, unit_text
 
 UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 """Types of joints that an arm may have, and the unit of each."""
-LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # kg and kg m^2, of a body
 MOST_MASS, MOST_INERTIA, FARTHEST, MOST_TURN = 1e6, 1e12, 100.0, 10.0
 """In kg, kg m^2, m and rad, of the numbers in a file: beyond these they are in other units."""
 MOST_JOINTS, MOST_BYTES = 1000, 1 << 24  # of an arm, which MuJoCo's recursion bounds, and of a file
-LARGEST_GYRATION = 3.0
-"""Radius of gyration, m, of a body of an arm that reaches no farther: in kg mm^2 even a finger's is above."""
-ROUNDING = 1e-6
-"""By how much of itself the largest moment of inertia may exceed the sum of the others: six digits were printed."""
 
 Element = ElementTree.Element
 
 
-class Body(NamedTuple):
-    """A joint of an arm, and all that is welded together behind it."""
+class Joint(NamedTuple):
+    """A joint of a file."""
 
-    name: str  # of the joint
-    unit: str
-    low: float  # rad or m
-    high: float
-    place: Array  # of the joint in the frame of the body before, homogeneous, (4, 4)
-    axis: Array  # of length 1, (3,)
-    mass: float  # kg
-    moments: Array  # principal ones of inertia, kg m^2, (3,)
-    axes: Array  # of inertia, and the centre of mass, homogeneous, (4, 4)
-
-
-def read(text: str, base: str, tip: str, balanced: bool = False) -> tuple[list[Body], Array]:
-    """Return the bodies of the arm from the link `base` to the link `tip`, and the place of `tip` in the last, (4, 4).
-
-    Args:
-        text: of the file.
-        base: the link that stands still.
-        tip: the link at the end.
-        balanced: whether moments of inertia of which one exceeds the sum of the others are all set to their mean.
-
-    Raises:
-        ValueError: the text is no URDF of such an arm; names link or joint.
-
-    Warns:
-        UserWarning: a link that moves has inertia but no mass, and its inertia is left out; a joint aside mimics one of
-            the arm's; a limit is so large that it may be in other units.
-    """
-    robot = _parsed(text)
-    links, joints = _named(robot, "link"), _named(robot, "joint")
-    above = _above(links, joints)
-    for name in (base, tip):
-        if name not in links:
-            raise ValueError(f"no link {name!r}, there are {sorted(links)}")
-    held, way = _path(above, base), _path(above, tip)[::-1]
-    for joint in held:
-        if (kind := joint.get("type")) in ("floating", "planar"):
-            raise ValueError(f"the base {base!r} is not fixed: joint {joint.get('name')!r} above it is {kind}")
-    if base != tip and base not in [_end(joint, "parent") for joint in way]:
-        raise ValueError(f"the tip {tip!r} is not below the base {base!r}")
-    way = way[len(held) :]
-    chain = {joint.get("name", ""): joint for joint in way if joint.get("type") != "fixed"}
-    if not 2 <= len(chain) <= MOST_JOINTS:
-        wanted = "two joints or more" if len(chain) < 2 else f"at most {MOST_JOINTS} joints"
-        raise ValueError(f"an arm has {wanted}, between {base!r} and {tip!r} there are {len(chain)}")
-    places = {base: (0, np.eye(4))}  # which body a link is a part of, 0 standing still, and where in its frame it is
-    begins, welded = [np.eye(4)], [dict[str, Array]()]
-    for joint in _downwards(above.values(), [base]):
-        name, link = joint.get("name", ""), _end(joint, "child")
-        behind, place = places.get(_end(joint, "parent"), (0, np.eye(4)))
-        if not behind and joint not in way:
-            continue  # it stands still
-        place = place @ _place(name, joint)
-        if name in chain:
-            begins.append(place)
-            welded.append({})
-            behind, place = len(welded) - 1, np.eye(4)
-        else:
-            _check_held(joint, chain)
-        places[link] = behind, place
-        if behind:
-            welded[behind][link] = place @ _pseudo_inertia(links[link]) @ place.T
-    reach = sum(float(np.linalg.norm(place[:3, 3])) for place in (*begins, places[tip][1]))
-    body = partial(_body, reach=reach, balanced=balanced)
-    return list(map(body, chain.values(), begins[1:], welded[1:])), places[tip][1]
+    name: str
+    kind: str
+    parent: str  # the link above it
+    child: str
+    mimics: str | None  # the joint that it follows
+    element: Element
 
 
 def decoded(content: bytes) -> str:
@@ -124,9 +58,67 @@ def decoded(content: bytes) -> str:
     return content.decode(declared[1].decode() if declared else "utf-8").lstrip("\ufeff\r\n\t ")
 
 
+def read(text: str, base: str, tip: str, balanced: bool, remarks: list[str]) -> tuple[list[Body], Array]:
+    """Return the bodies from the link `base` to the link `tip`, and the place of `tip` in the last, (4, 4).
+
+    Args:
+        text: of the file.
+        base: the link that stands still.
+        tip: the link at the end.
+        balanced: see `bodies.welded_body`.
+        remarks: to which sentences are added that the user should be warned with.
+
+    Raises:
+        ValueError: the text is no URDF of such an arm; names link or joint.
+    """
+    robot = _parsed(text)
+    links = _named(robot, "link")
+    joints = _downwards(links, _named(robot, "joint"))
+    for name in (base, tip):
+        if name not in links:
+            raise ValueError(f"no link {name!r}, there are {sorted(links)}")
+    held, way = _path(joints, base), _path(joints, tip)
+    for joint in held:
+        if joint.kind in ("floating", "planar"):
+            raise ValueError(f"the base {base!r} is not fixed: joint {joint.name!r} above it is {joint.kind}")
+    if base != tip and base not in [joint.parent for joint in way]:
+        raise ValueError(f"the tip {tip!r} is not below the base {base!r}")
+    way = way[len(held) :]
+    moving = [joint for joint in way if joint.kind != "fixed"]
+    chain, on_way = {joint.name for joint in moving}, {joint.name for joint in way}
+    if not 2 <= len(chain) <= MOST_JOINTS:
+        wanted = "two joints or more" if len(chain) < 2 else f"at most {MOST_JOINTS} joints"
+        raise ValueError(f"an arm has {wanted}, between {base!r} and {tip!r} there are {len(chain)}")
+    places = {base: (0, np.eye(4))}  # of a link: its body, 0 standing still, and where it is in the body's frame
+    begins, welded = [np.eye(4)], [dict[str, Array]()]
+    for joint in joints:
+        behind, place = places.get(joint.parent, (0, np.eye(4)))
+        if not behind and joint.name not in on_way:
+            continue  # it stands still
+        place = place @ _place(joint.name, joint.element)
+        if joint.name in chain:
+            begins.append(place)
+            welded.append({})
+            behind, place = len(welded) - 1, np.eye(4)
+        elif joint.kind not in (*UNITS, "fixed"):
+            raise ValueError(_type_refused(joint))
+        elif joint.mimics in chain:
+            remarks.append(f"joint {joint.name!r} mimics {joint.mimics!r}, a joint of the arm, but is held at zero")
+        places[joint.child] = behind, place
+        if behind:
+            welded[behind][joint.child] = place @ _inertia(links[joint.child], remarks) @ place.T
+    reach = sum(float(np.linalg.norm(place[:3, 3])) for place in (*begins, places[tip][1]))
+    return [
+        Body(
+            joint.name, *_limits(joint, remarks), begin, _axis(joint), *welded_body(joint.name, parts, reach, balanced)
+        )
+        for joint, begin, parts in zip(moving, begins[1:], welded[1:], strict=True)
+    ], places[tip][1]
+
+
 def _parsed(text: str) -> Element:
     """Return the robot of a file."""
-    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # to which a prefix is a part of a name
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # which takes a prefix as part of a name
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:
         parser.Parse(text, True)
@@ -153,61 +145,51 @@ def _named(robot: Element, kind: str) -> dict[str, Element]:
     return named
 
 
-def _only(of: Element, tag: str, name: str) -> Element | None:
-    """Return the element of this tag in a part of this name, if there is one."""
-    found = of.findall(tag)
-    if len(found) > 1:
+def _only(of: Element | None, tag: str, name: str) -> Element | None:
+    """Return the element of this tag in the part called `name`, if there is one."""
+    found = [] if of is None else of.findall(tag)
+    if of is not None and len(found) > 1:
         raise ValueError(f"{of.tag} {name!r} has {len(found)} elements <{tag}>, allowed is one")
     return found[0] if found else None
 
 
-def _end(joint: Element, side: str) -> str:
-    """Return the link on a side of a joint."""
-    end = _only(joint, side, joint.get("name", ""))
-    return "" if end is None else end.get("link", "")
-
-
-def _above(links: Mapping[str, Element], joints: Mapping[str, Element]) -> dict[str, Element]:
-    """Return the joint that each link hangs on."""
-    above: dict[str, Element] = {}
-    for name, joint in joints.items():
-        for side in ("parent", "child"):
-            if _end(joint, side) not in links:
-                raise ValueError(f"joint {name!r} has the {side} {_end(joint, side)!r}, which is no link")
-        child = _end(joint, "child")
-        if child in above:
+def _downwards(links: Iterable[str], elements: Mapping[str, Element]) -> list[Joint]:
+    """Return the joints, each after those above it."""
+    below: dict[str, list[Joint]] = {link: [] for link in links}
+    children: set[str] = set()
+    for name, element in elements.items():
+        ends = [_only(element, side, name) for side in ("parent", "child")]
+        parent, child = ("" if end is None else end.get("link", "") for end in ends)
+        for side, link in (("parent", parent), ("child", child)):
+            if link not in below:
+                raise ValueError(f"joint {name!r} has the {side} {link!r}, which is no link")
+        if child in children:
             raise ValueError(f"link {child!r} hangs on two joints, a loop, which is not allowed")
-        above[child] = joint
-    tops = [link for link in links if link not in above]
-    reached = {*tops, *(_end(joint, "child") for joint in _downwards(above.values(), tops))}
-    for link in links:
-        if link not in reached:
-            raise ValueError(f"link {link!r} hangs on itself, a loop, which is not allowed")
-    return above
-
-
-def _path(above: Mapping[str, Element], link: str) -> list[Element]:
-    """Return the joints above a link, its own first."""
-    path: list[Element] = []
-    while link in above:
-        path.append(above[link])
-        link = _end(above[link], "parent")
-    return path
-
-
-def _downwards(joints: Iterable[Element], tops: Iterable[str]) -> list[Element]:
-    """Return the joints below some links, each after those above it."""
-    below, links, found = defaultdict[str, list[Element]](list), list(tops), list[Element]()
-    for joint in joints:
-        below[_end(joint, "parent")].append(joint)
-    for link in links:  # which grow
+        children.add(child)
+        mimic = element.find("mimic")
+        mimics = None if mimic is None else mimic.get("joint", "")
+        below[parent].append(Joint(name, element.get("type", ""), parent, child, mimics, element))
+    reached, found = [link for link in below if link not in children], list[Joint]()
+    for link in reached:  # which grows
         found += below[link]
-        links += [_end(joint, "child") for joint in below[link]]
+        reached += [joint.child for joint in below[link]]
+    if len(reached) < len(below):
+        lost = next(link for link in below if link not in reached)
+        raise ValueError(f"link {lost!r} hangs on itself, a loop, which is not allowed")
     return found
 
 
+def _path(joints: Iterable[Joint], link: str) -> list[Joint]:
+    """Return the joints above a link, the highest first."""
+    above, path = {joint.child: joint for joint in joints}, list[Joint]()
+    while link in above:
+        path.insert(0, above[link])
+        link = above[link].parent
+    return path
+
+
 def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, most: float) -> tuple[float, ...]:
-    """Return the numbers of an attribute, as many as there are in place of it if it is missing."""
+    """Return the numbers of an attribute; `missing` stands for one that is not there, and has as many words."""
     text = missing if of is None else of.get(key, missing)
     try:
         values = [float(each) for each in text.split()] if "_" not in text else []  # 1_0 is a number to Python alone
@@ -223,7 +205,7 @@ def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, m
 
 
 def _place(name: str, of: Element) -> Array:
-    """Return where a joint or the centre of a mass is and how it is turned, homogeneous, (4, 4)."""
+    """Return the pose of a joint or of a centre of mass, homogeneous, (4, 4)."""
     origin, place = _only(of, "origin", name), np.eye(4)
     if unknown := [] if origin is None else sorted({*origin.keys()} - {"xyz", "rpy"}):
         raise ValueError(f"origin of {name} has {', '.join(unknown)}, known are xyz and rpy")
@@ -233,100 +215,59 @@ def _place(name: str, of: Element) -> Array:
     return place
 
 
-def _check_held(joint: Element, chain: Mapping[str, Element]) -> None:
-    """Raise ValueError if a joint aside cannot be held at zero, warn if it is not where its file would have it."""
-    name, kind, mimic = joint.get("name", ""), joint.get("type", ""), joint.find("mimic")
-    if kind not in (*UNITS, "fixed"):
-        raise ValueError(f"joint {name!r} is {kind or 'of no type'}, allowed are {', '.join(UNITS)} and fixed")
-    if mimic is not None and mimic.get("joint", "") in chain:
-        what = f"joint {name!r} mimics {mimic.get('joint')!r}, a joint of the arm, but is held at zero"
-        warnings.warn(what, UserWarning, stacklevel=6)
+def _type_refused(joint: Joint) -> str:
+    return f"joint {joint.name!r} is {joint.kind or 'of no type'}, allowed are {', '.join(UNITS)} and fixed"
 
 
-def _limits(joint: Element) -> tuple[str, float, float]:
-    """Return the unit of a joint of an arm and its limits, checked."""
-    name, kind, limit = joint.get("name", ""), joint.get("type", ""), _only(joint, "limit", joint.get("name", ""))
-    _check_held(joint, {})
-    if joint.find("mimic") is not None:
+def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
+    """Return the unit of a joint of the arm and its limits, checked."""
+    name, limit = joint.name, _only(joint.element, "limit", joint.name)
+    if joint.kind not in UNITS:
+        raise ValueError(_type_refused(joint))
+    if joint.mimics is not None:
         raise ValueError(f"joint {name!r} mimics another, which is not allowed between base and tip")
-    if kind == "continuous":
-        return "rad", -np.inf, np.inf
+    unit = UNITS[joint.kind]
+    if joint.kind == "continuous":
+        return unit, -np.inf, np.inf
     if limit is None:
-        raise ValueError(f"joint {name!r} has no limits, {UNITS[kind]}")
-    low, high = (
-        _numbers(f"{side} limit of {name}", limit, side, UNITS[kind], "0", np.inf)[0] for side in ("lower", "upper")
-    )
+        raise ValueError(f"joint {name!r} has no limits, {unit}")
+    low, high = (_numbers(f"{side} limit of {name}", limit, side, unit, "0", np.inf)[0] for side in ("lower", "upper"))
     if not low < high:
-        raise ValueError(f"joint {name!r} has limits of {low:g} and {high:g} {UNITS[kind]}, which must rise")
-    if max(-low, high) > {"rad": MOST_TURN, "m": FARTHEST}[UNITS[kind]]:
-        what = (
-            f"joint {name!r} has limits of {low:g} and {high:g} {UNITS[kind]}, so wide that they may be in other units"
+        raise ValueError(f"joint {name!r} has limits of {low:g} and {high:g} {unit}, which must rise")
+    if max(-low, high) > {"rad": MOST_TURN, "m": FARTHEST}[unit]:
+        remarks.append(
+            f"joint {name!r} has limits of {low:g} and {high:g} {unit}, so wide that they may be in other units"
         )
-        warnings.warn(what, UserWarning, stacklevel=7)
-    return UNITS[kind], low, high
+    return unit, low, high
 
 
-def _pseudo_inertia(link: Element) -> Array:
-    """Return the integral of r r' over a link's mass, r being (x, y, z, 1), in the link's frame, (4, 4).
+def _axis(joint: Joint) -> Array:
+    """Return the axis of a joint, of length 1."""
+    axis = _only(joint.element, "axis", joint.name)
+    if axis is not None and axis.get("xyz") is None:
+        raise ValueError(f"axis of {joint.name} has no xyz")
+    along = np.array(_numbers(f"axis of {joint.name}", axis, "xyz", "-", "1 0 0", MOST_INERTIA))
+    if not (length := np.linalg.norm(along)) > 0.0:
+        raise ValueError(f"axis of {joint.name} must not be 0 0 0")
+    return np.asarray(along / length)
 
-    It is a sum over what is welded together, and in another frame T it is T J T'. See Wensing, Kim and Slotine, IEEE
-    Robotics and Automation Letters 3 (2018).
-    """
-    name, own = link.get("name", ""), np.zeros((4, 4))
+
+def _inertia(link: Element, remarks: list[str]) -> Array:
+    """Return the pseudo-inertia of a link in its frame, (4, 4)."""
+    name = link.get("name", "")
     if (inertial := _only(link, "inertial", name)) is None:
-        return own
+        return np.zeros((4, 4))
     (mass,) = _numbers(f"mass of {name}", _only(inertial, "mass", name), "value", "kg", "missing", MOST_MASS)
-    own[3, 3] = number(f"mass of {name}", mass, "kg", at_least=0)
-    if (inertia := _only(inertial, "inertia", name)) is None:
-        xx = yy = zz = xy = xz = yz = 0.0  # a point
-    else:
+    number(f"mass of {name}", mass, "kg", at_least=0)
+    xx = yy = zz = xy = xz = yz = 0.0  # a point
+    if (inertia := _only(inertial, "inertia", name)) is not None:
         xx, yy, zz, xy, xz, yz = (
             _numbers(f"i{axes} of {name}", inertia, f"i{axes}", "kg m^2", "missing", MOST_INERTIA)[0]
             for axes in ("xx", "yy", "zz", "xy", "xz", "yz")
         )
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    if own[3, 3] == 0.0:
+    if mass == 0.0:
         if tensor.any():
-            warnings.warn(f"link {name!r} has inertia but no mass: its inertia is left out", UserWarning, stacklevel=6)
-        return own
-    own[:3, :3] = np.trace(tensor) / 2 * np.eye(3) - tensor
-    place = _place(name, inertial)
-    return place @ own @ place.T
-
-
-def _body(joint: Element, place: Array, welded: Mapping[str, Array], reach: float, balanced: bool) -> Body:
-    """Return a joint and the body of these links, checked; `reach` is that of the arm, m."""
-    name, (unit, low, high) = joint.get("name", ""), _limits(joint)
-    if (along := _only(joint, "axis", name)) is not None and along.get("xyz") is None:
-        raise ValueError(f"axis of {name} has no xyz")
-    axis = np.array(_numbers(f"axis of {name}", along, "xyz", "-", "1 0 0", MOST_INERTIA))
-    if not (length := np.linalg.norm(axis)) > 0.0:
-        raise ValueError(f"axis of {name} must not be 0 0 0")
-    whole = np.sum(list(welded.values()), axis=0)
-    mass, centre = float(whole[3, 3]), whole[:3, 3] / max(whole[3, 3], LEAST_MASS)
-    if not mass >= LEAST_MASS:
-        raise ValueError(
-            f"link {next(iter(welded))!r}, which joint {name!r} moves, must have at least {LEAST_MASS:g} kg with all"
-            f" that is welded to it, got {mass:g} kg"
-        )
-    spread, axes = np.linalg.eigh(whole[:3, :3] - mass * np.outer(centre, centre))  # of the mass along its axes
-    least, middle, most = (spread.sum() - spread[::-1]).tolist()
-    first, *others = [repr(link) for link, part in welded.items() if part.any()]
-    what = f"link {first}" + (f" with {', '.join(others)} welded to it" if others else "")
-    found = f"{what} has principal moments of inertia of {least:.6g}, {middle:.6g} and {most:.6g} kg m^2"
-    if not least >= LEAST_INERTIA:
-        raise ValueError(f"{found}: each must be above 0, at least {LEAST_INERTIA:g}")
-    if most <= (1.0 + ROUNDING) * (least + middle):
-        spread = np.maximum(spread, 1e-12 * spread.sum())  # MuJoCo allows no rounding
-        moments = spread.sum() - spread
-    elif balanced:
-        moments = np.full(3, spread.sum() * 2.0 / 3.0)
-    else:
-        raise ValueError(
-            f'{found}: each must be at most the sum of the others; inertia="balanced" sets all three to their mean'
-        )
-    if (gyration := np.sqrt(most / mass)) > max(LARGEST_GYRATION, reach):
-        raise ValueError(f"{found}, a radius of gyration of {gyration:.3g} m with {mass:g} kg: is it in kg m^2?")
-    inertial = np.eye(4)
-    inertial[:3, :3], inertial[:3, 3] = axes * np.sign(np.linalg.det(axes)), centre
-    return Body(name, unit, low, high, place, axis / length, mass, moments, inertial)
+            remarks.append(f"link {name!r} has inertia but no mass: its inertia is left out")
+        return np.zeros((4, 4))
+    return pseudo_inertia(mass, tensor, _place(name, inertial))

@@ -1,8 +1,8 @@
-"""The paper's arm, the Viper s650, and its approach: the paper names none, so one is solved for that has its numbers.
+"""The paper's arm, the Viper s650, and an approach solved for that has the paper's numbers.
 
-The paper says where the impact happens neither in joint angles nor in place; of its Fig. 12 the text holds nothing but
-m_r + m_t = 5.35 kg at the impact. k_r = 1.9e5 N/m there and the 0.2505 m of travel before it are identified from other
-printed numbers (see docs/provenance.md).
+The paper gives neither joint angles nor place of the impact; of its Fig. 12 the text has only m_r + m_t = 5.35 kg at
+the impact. k_r = 1.9e5 N/m there and the 0.2505 m of travel before it are identified from other printed numbers (see
+docs/provenance.md).
 
 With the tool in the plane of the arm (y = 0) m_r and k_r depend on the place of the wrist centre alone: the orientation
 is held, so links 5 and 6 only translate. Both values meet at one place, and the arm reaches it on a straight line of
@@ -15,9 +15,9 @@ import numpy as np
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
+from impact_gym.robot import from_urdf
 from impact_gym.robot.approach import IMPACT, SHIPPED, Approach, Array, write
-from impact_gym.robot.arm import Arm, from_urdf
-from impact_gym.robot.line import joint_angles
+from impact_gym.robot.arm import Arm, joint_angles
 
 FILE = Path(__file__).with_name("viper_s650.urdf")
 STIFFNESS = (10000.0, 10000.0, 3000.0, 1000.0, 700.0, 300.0)

@@ -12,7 +12,7 @@ import viper_chain as viper
 
 from impact_gym.robot import IMPACT, approach, default_approach, joint_angles
 from impact_gym.robot import viper as vipers
-from impact_gym.robot.line import MAX_CONDITION
+from impact_gym.robot.arm import MAX_CONDITION
 from impact_gym.robot.viper import angles_at, write_default_approach
 
 SOME_ANGLES = np.random.default_rng(0).uniform(*np.radians(viper.KINEMATICS["limits_deg"]).T, size=(20, 6))

@@ -9,7 +9,7 @@ from arms import LENGTHS, rods, slides
 from scipy.integrate import solve_ivp
 
 import impact_gym as ig
-from impact_gym.robot import from_urdf, whole
+from impact_gym.robot import all_joints, from_urdf
 from impact_gym.robot.drive import Path
 from impact_gym.robot.equations import Equations
 
@@ -39,7 +39,7 @@ def test_two_slides_are_the_chain_with_one_mass_on_a_spring(coupling, tmp_path):
     (arm, approach), scene = sliding(tmp_path), replace(SCENE, coupling=coupling)
     assert arm.units == ("m", "m")
     ours = ig.simulate(replace(scene, robot=ig.Robot(5.225, 1.9e5, 50.4)), PAPERS, duration=0.4)
-    theirs, first = whole.simulate(arm, approach, scene, PAPERS, duration=0.4, rtol=1e-10), ours.contacts[0]
+    theirs, first = all_joints.simulate(arm, approach, scene, PAPERS, duration=0.4, rtol=1e-10), ours.contacts[0]
     assert (theirs.status, theirs.contact_count) == ("ok", len(ours.contacts))
     assert theirs.object_velocity == pytest.approx(ours.object_velocity, abs=1e-7)
     assert theirs.peak_force == pytest.approx(ours.peak_force, rel=1e-5)  # sampled
@@ -55,7 +55,7 @@ def test_stiffer_joints_come_to_a_rigid_robot_as_one_over_their_stiffness(tmp_pa
     for factor in (1e2, 1e3, 1e4, 1e5):
         stiffer = {"joint_stiffness": (9e3 * factor, 4e3 * factor), "joint_damping": (5.0 * factor, 2.0 * factor)}
         arm = from_urdf(rods(tmp_path), "base", "tip", **stiffer)
-        off.append(whole.simulate(arm, approach, scene, PAPERS, duration=0.3, rtol=1e-11).object_velocity - rigid)
+        off.append(all_joints.simulate(arm, approach, scene, PAPERS, duration=0.3, rtol=1e-11).object_velocity - rigid)
     assert np.array(off[:-1]) / off[1:] == pytest.approx([10.0, 10.0, 10.0], rel=0.02)
 
 
@@ -70,7 +70,9 @@ def test_small_motion_is_the_linear_one(coupling, tmp_path):
         scene = replace(scene, contact=ig.Contact(1e5 / size**0.5, 0.5))  # scales with the way: a force of that size
         motion = ig.Trapezoid(0.5 * size, 8.0 * size)
         given = {"duration": 0.28, "rtol": 1e-11}
-        full, linear = (whole.simulate(arm, approach, scene, motion, linear=each, **given) for each in (False, True))
+        full, linear = (
+            all_joints.simulate(arm, approach, scene, motion, linear=each, **given) for each in (False, True)
+        )
         off.append(abs(full.object_velocity / linear.object_velocity - 1.0))
     assert off[2] < 1e-6
     assert off[0] > 5.0 * off[1]
@@ -79,7 +81,7 @@ def test_small_motion_is_the_linear_one(coupling, tmp_path):
 def test_jacobian_is_the_derivative_of_the_rates_by_the_joints(tmp_path):
     """Of the linear equations, which have nothing else that depends on the joints while nothing touches."""
     arm, approach = elastic(tmp_path)
-    made = Equations(arm, approach, SCENE, Path(whole.Reaction(())), linear=True)
+    made = Equations(arm, approach, SCENE, Path(all_joints.Reaction(())), linear=True)
     assert (made.path.at(1.0), made.damping) == ((0.0, 0.0, 0.0), 0.0)  # without commands the motors stand
     y, ours = made.begin(0.1), made.jacobian(0.0, made.begin(0.1))
     by_columns = [made.rates(0.0, y + unit, False) - made.rates(0.0, y - unit, False) for unit in np.eye(len(y))[:4]]
@@ -88,7 +90,7 @@ def test_jacobian_is_the_derivative_of_the_rates_by_the_joints(tmp_path):
 
 def test_weight_hangs_the_joints_and_coriolis_is_small_but_there(tmp_path):
     arm, approach = elastic(tmp_path)
-    run = partial(whole.simulate, arm, approach, SCENE, PAPERS, duration=0.3)
+    run = partial(all_joints.simulate, arm, approach, SCENE, PAPERS, duration=0.3)
     plain = run().object_velocity
     assert plain == run(gravity=True).object_velocity  # the arm turns about the vertical
     assert 1e-7 < abs(plain - run(coriolis=False).object_velocity) < 0.01 * plain
@@ -97,16 +99,16 @@ def test_weight_hangs_the_joints_and_coriolis_is_small_but_there(tmp_path):
 def test_good_servo_is_nearly_an_imposed_motion_and_a_bad_one_has_a_status(tmp_path):
     arm, approach = elastic(tmp_path, rotor_inertia=1e-4, gear=100.0)
     assert arm.rotors == pytest.approx([1.0, 1.0])
-    run = partial(whole.simulate, arm, approach, scene=SCENE, motion=PAPERS, duration=0.25)
+    run = partial(all_joints.simulate, arm, approach, scene=SCENE, motion=PAPERS, duration=0.25)
     imposed = run().object_velocity
-    found = [run(servo=whole.Servo(delay=delay)).object_velocity for delay in (0.0, 0.4e-3, 1e-3, 1.5e-3)]
+    found = [run(servo=all_joints.Servo(delay=delay)).object_velocity for delay in (0.0, 0.4e-3, 1e-3, 1.5e-3)]
     assert found == pytest.approx([imposed] * 4, rel=0.05)
     assert len(set(found)) == 4
     for numbers in ((5e3, 1.0, 2e-3), (100.0, 1.0, 0.1), (300.0, 0.01), (1e9, 1.0, 0.1), (300.0, 1.0, 1e-3, 8e-3)):
-        lost = run(servo=whole.Servo(*numbers))
+        lost = run(servo=all_joints.Servo(*numbers))
         assert lost.status.startswith("the servo is not stable")
         assert np.isfinite([lost.object_velocity, lost.peak_force, lost.impulse, lost.sideways, lost.turn]).all()
-    weak = run(motion=ig.Trapezoid(0.5, 50.0), servo=whole.Servo(0.5, 1.0, 0.02, 0.0))  # stable, but 20 ms late
+    weak = run(motion=ig.Trapezoid(0.5, 50.0), servo=all_joints.Servo(0.5, 1.0, 0.02, 0.0))  # stable, but 20 ms late
     assert weak.status.startswith("the servo does not hold the arm on its line: a joint is")
 
 
@@ -126,7 +128,7 @@ def test_loop_of_a_servo_around_a_rotor_alone_is_the_sampled_double_integrator(w
         loop[3:, 2:-1] += np.eye(late)
     else:
         loop[:2, :2] += np.outer(newer, control)
-    servo = whole.Servo(w / 0.01, ratio, 0.01, 0.01 * delay)  # the same but for its unit of time
+    servo = all_joints.Servo(w / 0.01, ratio, 0.01, 0.01 * delay)  # the same but for its unit of time
     growth = servo.growth(np.eye(1), np.array([1e-9]), np.array([1e-9]), np.ones(1))
     expected = np.abs(np.linalg.eigvals(loop)).max()
     assert growth == pytest.approx(max(expected, 1.0), abs=1e-6)
@@ -185,7 +187,7 @@ def test_all_that_is_reported_is_what_an_independent_run_has(tmp_path):
     looked = [(t, contact.sol(t)) for t in np.linspace(touched, contact.t[-1], 4001)]
     away = [tip(y[:2]) - begin for _, y in looked]
     motion, duration = ig.Trapezoid(0.5, 8.0), contact.t[-1] + 1e-4
-    ours = whole.simulate(arm, approach, SCENE, motion, duration=duration, rtol=1e-10)
+    ours = all_joints.simulate(arm, approach, SCENE, motion, duration=duration, rtol=1e-10)
     assert (ours.status, ours.contact_count) == ("ok", 1)
     assert ours.touch_time == pytest.approx(touched, abs=1e-8)
     assert ours.impact_velocity == pytest.approx(closing, abs=1e-7)
@@ -199,19 +201,19 @@ def test_all_that_is_reported_is_what_an_independent_run_has(tmp_path):
 
 def test_a_motion_beyond_the_line_and_one_that_takes_too_long_have_a_status(tmp_path):
     arm, approach = elastic(tmp_path)
-    beyond = whole.simulate(arm, approach, SCENE, ig.Trapezoid(0.5, 8.0), duration=2.0)
+    beyond = all_joints.simulate(arm, approach, SCENE, ig.Trapezoid(0.5, 8.0), duration=2.0)
     assert beyond.status == "the motion leaves the line at 0.4313 s"  # 0.2 m at 0.5 m/s and 0.5 m/s at 8 m/s^2
-    back = whole.simulate(arm, approach, SCENE, ig.Motion((0.0, 0.1, 0.3), (0.0, 0.2, -0.4)), duration=2.0)
+    back = all_joints.simulate(arm, approach, SCENE, ig.Motion((0.0, 0.1, 0.3), (0.0, 0.2, -0.4)), duration=2.0)
     assert back.status.startswith("the motion leaves the line")
     assert (back.touch_time, back.impact_velocity, back.contact_time) == (None, None, None)
-    short = whole.simulate(arm, approach, SCENE, PAPERS, duration=0.3, most_evaluations=100)
+    short = all_joints.simulate(arm, approach, SCENE, PAPERS, duration=0.3, most_evaluations=100)
     assert short.status == "more than 100 evaluations of the equations"
 
 
 def test_advise_names_the_cheapest_mass_beside_all_joints(tmp_path):
     arm, approach = elastic(tmp_path, joint_stiffness=(9e4, 4e4))
     advice = ig.advise(SCENE, PAPERS, 0.05, duration=0.3, arm=(arm, approach))
-    true = whole.simulate(arm, approach, SCENE, PAPERS, duration=0.3).object_velocity
+    true = all_joints.simulate(arm, approach, SCENE, PAPERS, duration=0.3).object_velocity
     for model in advice.tried[1:]:
         chain = ig.simulate(model.simplify(SCENE), PAPERS, duration=0.3).object_velocity
         assert model.errors.tolist() == [abs(chain - true) / true]

@@ -1,10 +1,10 @@
-"""All joints of an arm at once: the reference that the table of an `Approach` is held against (paper, eq. 10).
+"""All joints of an arm at once: the reference for the table of an `Approach` (paper, eq. 10).
 
     M(q) q'' + c(q, q') = D (q_m' - q') + K (q_m - q) - J' F
 
 with elastic joints between the motors at q_m, which follow the line exactly or by a servo, and the links at q. Tool
-and object move along the line, the contact's law is the scene's. MuJoCo gives M, J and the bias c; SciPy integrates;
-neither contact nor integrator of MuJoCo's is used, nor the compiled solver of this package.
+and object move along the line with the contact law of the scene. MuJoCo computes M, J and the bias c, SciPy integrates;
+MuJoCo's contacts and integrator are not used, nor is the compiled solver of this package.
 """
 
 import math
@@ -29,7 +29,7 @@ MOST_CONTACTS = 200
 
 @dataclass(frozen=True)
 class Blow:
-    """What came of an approach of the whole arm."""
+    """Results of an approach with all joints."""
 
     object_velocity: float  # m/s, V_p
     touch_time: float | None  # s, of the first touch; None if there is none
@@ -38,9 +38,9 @@ class Blow:
     contact_time: float | None  # s, of the first contact; None if it has not ended
     impulse: float  # N s, on the object
     contact_count: int
-    sideways: float  # m, of the flange from the line, the largest while something touches
-    turn: float  # rad, of the flange since the first touch, likewise
-    status: str  # "ok", or why it ends before its time
+    sideways: float  # m, largest distance of the flange from the line during contacts
+    turn: float  # rad, largest rotation of the flange since the first touch, during contacts
+    status: str  # "ok", or why the run ended early
 
 
 def simulate(
@@ -48,24 +48,24 @@ def simulate(
     coriolis: bool = True, gravity: bool = False, linear: bool = False, servo: Servo | None = None, rtol: float = 1e-8,
     most_evaluations: int = MOST_EVALUATIONS,
 ) -> Blow:  # fmt: skip
-    """Run an approach of the whole arm along the line of `approach`; its robot is the arm, so the scene has none.
+    """Simulate an approach of `arm` with all its joints along the line of `approach`; the scene has no robot.
 
     Args:
-        arm: with which the approach was followed.
+        arm: that `approach` was computed for.
         approach: where the motors go.
         scene: tool, object, contact and coupling. Without friction, and with equal exponents of the contact.
         motion: of the motors along the line.
         duration: s.
         coriolis: whether centrifugal and Coriolis forces act.
-        gravity: whether weight acts, the joints hanging through from the start; else it is taken as compensated.
-        linear: M and J as they are where the object stands, small deflections: the paper's step from eq. 10 to eq. 11,
-            which has neither Coriolis forces nor weight.
-        servo: how the motors follow; exactly without.
+        gravity: whether weight acts, the joints deflected by it from the start; else it is compensated.
+        linear: M and J constant, those where the object stands, and small deflections: the paper's step from eq. 10 to
+            eq. 11, without Coriolis forces and weight.
+        servo: how the motors follow the line; None: exactly.
         rtol: of the integration, 1e-12 to 1e-3.
-        most_evaluations: of the equations, after which a run is given up with a status.
+        most_evaluations: of the equations, after which a run stops with a status.
 
     Raises:
-        ValueError: the scene has what this reference has not, or the line ends before the object; names it.
+        ValueError: this reference does not model the scene, or the line ends before the object; names the field.
     """
     for field, value, kinds in (
         ("arm", arm, (Arm,)), ("approach", approach, (Approach,)), ("scene", scene, (Scene,)),
@@ -90,41 +90,41 @@ def simulate(
     if servo is not None and (linear or not (arm.rotors > 0).all()):
         raise ValueError("a servo needs the arm's rotor_inertia, in kg m^2, above 0, and linear=False")
     path = Path(reaction(motion))
-    whole = Equations(
+    equations = Equations(
         arm, approach, scene, path, coriolis=coriolis, gravity=gravity, linear=linear, servo=servo,
         most_evaluations=most_evaluations,
     )  # fmt: skip
     if servo is not None:
-        found = [whole.arm.mass_matrix(approach.joint_angles[row]) for row in (0, len(approach.position) // 2, -1)]
+        found = [equations.arm.mass_matrix(approach.joint_angles[row]) for row in (0, len(approach.position) // 2, -1)]
         growth = max(servo.growth(M, arm.stiffness, arm.damping, arm.rotors) for M in found)
         if not growth < 1.0:
             twice = servo.period * math.log(2.0) / math.log(growth) if growth > 1.0 else math.inf
-            return _run(whole, 0.0, rtol, f"the servo is not stable: an error doubles in {twice:.3g} s")
-    return _run(whole, duration, rtol, "ok")
+            return _run(equations, 0.0, rtol, f"the servo is not stable: an error doubles in {twice:.3g} s")
+    return _run(equations, duration, rtol, "ok")
 
 
-def _run(whole: Equations, duration: float, rtol: float, status: str) -> Blow:
+def _run(equations: Equations, duration: float, rtol: float, status: str) -> Blow:
     """Integrate from one event to the next."""
-    scene, path, servo, touching, t = whole.scene, whole.path, whole.servo, False, 0.0
-    y, d = whole.begin(scene.object.distance), damping_factor(scene.contact.dissipation, scene.contact.restitution)
-    touches, parted, impact, rotation, unfelt = list[float](), list[float](), None, np.eye(3), True
+    scene, path, servo, touching, t = equations.scene, equations.path, equations.servo, False, 0.0
+    y, d = equations.begin(scene.object.distance), damping_factor(scene.contact.dissipation, scene.contact.restitution)
+    touches, parted, impact, rotation, undetected = list[float](), list[float](), None, np.eye(3), True
     peak = sideways = turn = 0.0
     due, late = 0.0 if servo else math.inf, deque[tuple[float, Array]]()  # the next sample; torques that do not act yet
     try:
         while t < duration:
             if servo and t >= due:
-                late.append((t + servo.delay, whole.sample(t, y)))
+                late.append((t + servo.delay, equations.sample(t, y)))
                 due = t + servo.period
             while late and t >= late[0][0]:
-                whole.torque = late.popleft()[1]
+                equations.torque = late.popleft()[1]
             until = min(duration, path.next_change(t), due, late[0][0] if late else math.inf)
-            found = whole.piece(t, until, y, touching, unfelt and path.commands.threshold < math.inf, rtol)
+            found = equations.piece(t, until, y, touching, undetected and path.commands.threshold < math.inf, rtol)
             if not found.success:
                 raise Unfinished(f"the integration failed: {found.message}")
             if touching:
                 states = [(s, found.sol(s)) for s in np.linspace(found.t[0], found.t[-1], 4 * len(found.t) + 1)]
-                peak = max(peak, _highest([whole.contact(*whole.seen(s, each)) for s, each in states]))
-                away, turned = zip(*(whole.aside(each, rotation) for _, each in states[::4]), strict=True)
+                peak = max(peak, _highest([equations.contact(*equations.penetration(s, each)) for s, each in states]))
+                away, turned = zip(*(equations.deviation(each, rotation) for _, each in states[::4]), strict=True)
                 sideways, turn = max(sideways, *away), max(turn, *turned)
             t, y = float(found.t[-1]), found.y[:, -1]
             fired = next((kind for kind, times in enumerate(found.t_events) if times.size), None)
@@ -132,15 +132,15 @@ def _run(whole: Equations, duration: float, rtol: float, status: str) -> Blow:
                 raise Unfinished(f"the motion leaves the line at {t:.4g} s")
             if fired == 2:
                 path.react(t)
-                unfelt = False
+                undetected = False
             elif fired == 0 and touching:
                 parted.append(t)
                 touching, y[-5] = False, y[-3] - 1e-15
             elif fired == 0:
-                closing = whole.seen(t, y)[1]
-                touching, whole.damping = True, d * scene.contact.stiffness / max(closing, 1e-9)
+                closing = equations.penetration(t, y)[1]
+                touching, equations.damping = True, d * scene.contact.stiffness / max(closing, 1e-9)
                 if not touches:
-                    impact, rotation = closing + float(y[-2]), whole.arm.flange(y[: whole.n])[1]
+                    impact, rotation = closing + float(y[-2]), equations.arm.flange(y[: equations.n])[1]
                 touches.append(t)
                 if len(touches) > MOST_CONTACTS:
                     raise Unfinished(f"more than {MOST_CONTACTS} contacts")
