@@ -17,12 +17,12 @@ from impact_gym.motion import Motion, Trapezoid
 from impact_gym.physics.dissipation import damping_factor
 from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.arm import Arm
-from impact_gym.robot.drive import Path, Reaction, Servo, reaction
+from impact_gym.robot.drive import Path, Servo
 from impact_gym.robot.equations import MOST_EVALUATIONS, Equations, Unfinished
 from impact_gym.scene import Scene, SpringDamper
 from impact_gym.validation import flag, number, one_of
 
-__all__ = ["Blow", "Reaction", "Servo", "simulate"]
+__all__ = ["Blow", "Servo", "simulate"]
 
 MOST_CONTACTS = 200
 
@@ -44,7 +44,7 @@ class Blow:
 
 
 def simulate(
-    arm: Arm, approach: Approach, scene: Scene, motion: Trapezoid | Motion | Reaction, *, duration: float,
+    arm: Arm, approach: Approach, scene: Scene, motion: Trapezoid | Motion, *, duration: float,
     coriolis: bool = True, gravity: bool = False, linear: bool = False, servo: Servo | None = None, rtol: float = 1e-8,
     most_evaluations: int = MOST_EVALUATIONS,
 ) -> Blow:  # fmt: skip
@@ -69,7 +69,7 @@ def simulate(
     """
     for field, value, kinds in (
         ("arm", arm, (Arm,)), ("approach", approach, (Approach,)), ("scene", scene, (Scene,)),
-        ("motion", motion, (Trapezoid, Motion, Reaction)), ("servo", servo, (Servo, type(None))),
+        ("motion", motion, (Trapezoid, Motion)), ("servo", servo, (Servo, type(None))),
     ):  # fmt: skip
         one_of(field, value, *kinds)
     for field, given in (("coriolis", coriolis), ("gravity", gravity), ("linear", linear)):
@@ -89,7 +89,7 @@ def simulate(
         raise ValueError("approach must be of this arm: its first joint angles do not put the flange at its start")
     if servo is not None and (linear or not (arm.rotors > 0).all()):
         raise ValueError("a servo needs the arm's rotor_inertia, in kg m^2, above 0, and linear=False")
-    path = Path(reaction(motion))
+    path = Path(motion)
     equations = Equations(
         arm, approach, scene, path, coriolis=coriolis, gravity=gravity, linear=linear, servo=servo,
         most_evaluations=most_evaluations,
@@ -118,7 +118,7 @@ def _run(equations: Equations, duration: float, rtol: float, status: str) -> Blo
             while late and t >= late[0][0]:
                 equations.torque = late.popleft()[1]
             until = min(duration, path.next_change(t), due, late[0][0] if late else math.inf)
-            found = equations.piece(t, until, y, touching, undetected and path.commands.threshold < math.inf, rtol)
+            found = equations.piece(t, until, y, touching, undetected and path.threshold < math.inf, rtol)
             if not found.success:
                 raise Unfinished(f"the integration failed: {found.message}")
             if touching:
@@ -131,7 +131,7 @@ def _run(equations: Equations, duration: float, rtol: float, status: str) -> Blo
             if fired == 1:
                 raise Unfinished(f"the motion leaves the line at {t:.4g} s")
             if fired == 2:
-                path.react(t)
+                path.brake(t)
                 undetected = False
             elif fired == 0 and touching:
                 parted.append(t)

@@ -23,7 +23,7 @@ COLUMNS = {
     "effective": "effective_mass_kg", "effective_stiffness": "effective_stiffness_N_per_m",
     "composite": "composite_mass_kg",
 }  # fmt: skip
-"""Name in the file of each field; the joint angles follow under the joints' names."""
+"""Name of each field in the file; the joint angles follow under the names of the joints."""
 
 Mass = Literal["held", "effective", "composite"]
 NEAREST = "from the start on, from place to place, the least change of the joints"
@@ -33,7 +33,7 @@ NEAREST = "from the start on, from place to place, the least change of the joint
 class Approach(Record):
     """The flange on a straight line at constant orientation; arrays with a row per place.
 
-    The masses are those of the bare robot: a tool's own mass comes on top (paper: 'simply adds').
+    The masses are those of the bare robot; the mass of a tool is added (paper: 'simply adds').
     """
 
     position: Annotated[Array, SI("m")]  # of the imposed motion from its start, rising from 0
@@ -47,8 +47,8 @@ class Approach(Record):
     joints: tuple[str, ...]  # names
     start: Annotated[Array, SI("m")]  # of the flange in the base's frame, (3,)
     direction: Annotated[Array, SI("-")]  # of length 1, (3,)
-    chosen: Mass = "held"  # which mass stands for the arm where nothing else is said
-    rule: str = NEAREST  # by which the joint angles were chosen, where others would do
+    chosen: Mass = "held"  # the mass used unless another is named
+    rule: str = NEAREST  # by which joint angles are chosen among several solutions
 
     def __post_init__(self) -> None:
         Record.__post_init__(self)
@@ -77,15 +77,10 @@ class Approach(Record):
         array.flags.writeable = False
         object.__setattr__(self, name, array)
 
-    @property
-    def x(self) -> Array:
-        """Of the flange in the base's frame, m, a row per place."""
-        return np.asarray(self.start[0] + self.position * self.direction[0])
-
     def robot_table(self, mass: Mass | None = None) -> RobotTable:
         """Return the robot whose parameters vary along the line, with this one of its three masses, or the chosen one.
 
-        With the effective mass goes what holds a flange that is free across the line.
+        The effective mass comes with the effective stiffness, and a damping in proportion.
         """
         mass = self.chosen if mass is None else mass
         choice("mass", mass, get_args(Mass))
@@ -96,13 +91,13 @@ class Approach(Record):
         return RobotTable(*(tuple(map(float, column)) for column in columns))
 
     def at(self, position: float, mass: Mass | None = None) -> Robot:
-        """Return the robot frozen as it is at a place of the line, m."""
+        """Return the robot with constant parameters, those at this place of the line, m."""
         return self.robot_table(mass).at(position)
 
 
 @cache
 def default_approach() -> Approach:
-    """Return the shipped table, chosen as `impact_gym.robot.viper` tells; needs no MuJoCo."""
+    """Return the shipped table, computed by `impact_gym.robot.viper`; needs no MuJoCo."""
     return read(SHIPPED)
 
 
@@ -125,7 +120,7 @@ def read(path: Path) -> Approach:
 
 
 def write(path: Path, approach: Approach, provenance: dict[str, Any]) -> None:
-    """Write `approach` and where it comes from to `path`: all of it or nothing, one line per row, no digit lost."""
+    """Write `approach` and its provenance to `path` atomically, one line per row, with all digits."""
     line = {
         "joints": list(approach.joints), "start_m": approach.start.tolist(), "direction": approach.direction.tolist(),
         "chosen": approach.chosen, "rule": approach.rule,

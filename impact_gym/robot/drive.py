@@ -11,41 +11,19 @@ from impact_gym.motion import Motion, Trapezoid
 from impact_gym.record import SI, Record
 from impact_gym.robot.approach import Array
 
-Command = tuple[float, float, float]
-"""Time (s), velocity to reach (m/s) and acceleration for it (m/s^2); the velocity is then held."""
-
-
-@dataclass(frozen=True, slots=True)
-class Reaction:
-    """Commands, and further ones from an alarm on, raised when the contact force first exceeds a threshold."""
-
-    before: tuple[Command, ...]
-    after: tuple[Command, ...] = ()  # their times from the alarm on
-    threshold: float = math.inf  # N
-    delay: float = 0.0  # s, of the alarm
-
-
-def reaction(motion: Trapezoid | Motion | Reaction) -> Reaction:
-    """Return a motion as commands."""
-    if isinstance(motion, Reaction):
-        return motion
-    if isinstance(motion, Motion):
-        lasts, changes = np.diff(motion.times), np.abs(np.diff(motion.velocities))
-        steps = zip(motion.times, motion.velocities[1:], np.maximum(changes / lasts, 1e-12).tolist(), strict=False)
-        return Reaction(tuple(steps))
-    before = ((0.0, motion.speed, motion.acceleration),)
-    if motion.brake is None:
-        return Reaction(before)
-    return Reaction(before, ((0.0, 0.0, motion.deceleration),), motion.brake.threshold, motion.brake.delay)
-
 
 class Path:
-    """The commanded motion: pieces of constant acceleration, the last one held."""
+    """The commanded motion along the line: pieces of constant acceleration, of which the last one never ends."""
 
-    def __init__(self, commands: Reaction) -> None:
-        self.commands, self.pieces = commands, [(0.0, 0.0, 0.0, 0.0)]
-        for command in commands.before:
-            self._add(command)
+    def __init__(self, motion: Trapezoid | Motion) -> None:
+        self.pieces = [(0.0, 0.0, 0.0, 0.0)]  # s, m, m/s and m/s^2 at the beginning of each
+        self._motion, self.threshold = motion, math.inf  # N, of the force that triggers the brake
+        if isinstance(motion, Trapezoid):
+            self._change(0.0, motion.speed, motion.acceleration)
+            self.threshold = math.inf if motion.brake is None else motion.brake.threshold
+            return
+        for t, end, velocity in zip(motion.times, motion.times[1:], motion.velocities[1:], strict=False):
+            self._change(t, velocity, max(abs(velocity - self.at(t)[1]) / (end - t), 1e-12))
 
     def at(self, t: float) -> tuple[float, float, float]:
         """Return position (m), velocity and acceleration."""
@@ -57,19 +35,20 @@ class Path:
         """Return when the acceleration changes next, s."""
         return min((piece[0] for piece in self.pieces if piece[0] > t), default=math.inf)
 
-    def react(self, detection: float) -> None:
-        """Add the commands after an alarm whose cause was detected at `detection` (s)."""
-        for t, velocity, acceleration in self.commands.after:
-            self._add((detection + self.commands.delay + t, velocity, acceleration))
+    def brake(self, detection: float) -> None:
+        """Brake a delay after the force first exceeded the threshold, at `detection` (s)."""
+        assert isinstance(self._motion, Trapezoid)
+        assert self._motion.brake is not None
+        self._change(detection + self._motion.brake.delay, 0.0, self._motion.deceleration)
 
-    def _add(self, command: Command) -> None:
-        t, velocity, acceleration = command
+    def _change(self, t: float, velocity: float, acceleration: float) -> None:
+        """From `t` (s) on, go to this velocity (m/s) with this acceleration (m/s^2), then hold it."""
         place, speed, _ = self.at(t)
-        lasts = abs(velocity - speed) / acceleration
+        duration = abs(velocity - speed) / acceleration
         self.pieces = [piece for piece in self.pieces if piece[0] < t]
-        if lasts > 0.0:
+        if duration > 0.0:
             self.pieces.append((t, place, speed, math.copysign(acceleration, velocity - speed)))
-        self.pieces.append((t + lasts, place + 0.5 * (speed + velocity) * lasts, velocity, 0.0))
+        self.pieces.append((t + duration, place + 0.5 * (speed + velocity) * duration, velocity, 0.0))
 
 
 @dataclass(frozen=True, slots=True)

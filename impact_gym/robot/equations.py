@@ -169,7 +169,7 @@ class Equations:
             return min(s + 1e-9, self.places[-1] - s)
 
         def over_threshold(t: float, y: Array) -> float:
-            return self.contact(*self.penetration(t, y)) - self.path.commands.threshold
+            return self.contact(*self.penetration(t, y)) - self.path.threshold
 
         events: list[Any] = [gap, line_left, over_threshold][: 3 if undetected and touching else 2]
         for event, direction in zip(events, (-1.0 if touching else 1.0, -1.0, 1.0), strict=False):

@@ -81,8 +81,8 @@ def test_small_motion_is_the_linear_one(coupling, tmp_path):
 def test_jacobian_is_the_derivative_of_the_rates_by_the_joints(tmp_path):
     """Of the linear equations, which have nothing else that depends on the joints while nothing touches."""
     arm, approach = elastic(tmp_path)
-    made = Equations(arm, approach, SCENE, Path(all_joints.Reaction(())), linear=True)
-    assert (made.path.at(1.0), made.damping) == ((0.0, 0.0, 0.0), 0.0)  # without commands the motors stand
+    made = Equations(arm, approach, SCENE, Path(ig.Motion((0.0, 1.0), (0.0, 0.0))), linear=True)
+    assert (made.path.at(1.0), made.damping) == ((0.0, 0.0, 0.0), 0.0)  # the motors stand
     y, ours = made.begin(0.1), made.jacobian(0.0, made.begin(0.1))
     by_columns = [made.rates(0.0, y + unit, False) - made.rates(0.0, y - unit, False) for unit in np.eye(len(y))[:4]]
     np.testing.assert_allclose(ours[:4, :4], np.transpose(by_columns)[:4] / 2.0, rtol=1e-12)
