@@ -77,6 +77,11 @@ class Approach(Record):
         array.flags.writeable = False
         object.__setattr__(self, name, array)
 
+    @property
+    def x(self) -> Array:
+        """Position of the flange along x in the base's frame, m, a row per place."""
+        return np.asarray(self.start[0] + self.position * self.direction[0])
+
     def robot_table(self, mass: Mass | None = None) -> RobotTable:
         """Return the robot whose parameters vary along the line, with this one of its three masses, or the chosen one.
 
