@@ -125,7 +125,7 @@ def test_copy_setup_keeps_a_folder_for_its_set_up(mine, tmp_path):
     assert copy_setup(load_setup(mine), out) == copy
     change(mine, "A slow arm", "A slower arm")
     assert "slower" in copy_setup(load_setup(mine), out).read_text()
-    with pytest.raises(ValueError, match="holds the whole: name another folder"):
+    with pytest.raises(ValueError, match="holds a full run: name another folder"):
         copy_setup(load_setup(mine), out, quick=True)
     change(mine, "0.7", "0.8")
     with pytest.raises(ValueError, match=r"mine\.toml as it was.*name another folder"):

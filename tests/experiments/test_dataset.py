@@ -119,11 +119,11 @@ def test_one_of_another_version_is_refused_in_a_line(tmp_path):
     file = next(tmp_path.rglob("main_data.hdf5"))
     with h5py.File(file, "a") as content:
         content["episode_3/rewards"][5] += 1e-16 + abs(content["episode_3/rewards"][5]) * 1e-15
-    with refused("rewards of episode 3 are others when played again", "it was made with impact-gym=="):
+    with refused("rewards of episode 3 differ when replayed", "it was made with impact-gym=="):
         dataset.check("impact/linear-blind/rule-v0")
     about = next(tmp_path.rglob("metadata.json"))
     about.write_text(about.read_text().replace("time_weight", "weight_of_time"))  # an argument that is none here
-    with refused("has an environment that is none here", "weight_of_time"):
+    with refused("has an environment that is not of this package", "weight_of_time"):
         dataset.check("impact/linear-blind/rule-v0")
 
 
@@ -150,7 +150,7 @@ def test_check_imports_nothing_that_a_dataset_names(root, tmp_path, monkeypatch,
     if not spaces:
         del about["observation_space"]
     file.write_text(json.dumps(about))
-    with refused("has an environment that is none here", field):
+    with refused("has an environment that is not of this package", field):
         dataset.check("impact/linear-blind/rule-v0")
     assert not Path("evil").exists()
 
