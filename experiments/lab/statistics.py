@@ -43,8 +43,8 @@ class Resamples:
     def means(self, values: Floats) -> Floats:
         """Return the mean of `values` (seeds, ..., scenarios) over seeds and scenarios in each resample: (1 + n, ...).
 
-        Values (scenarios,) are of one seed. Seeds are resampled independently of scenarios, and identically in all calls
-        with the same number of seeds.
+        Values (scenarios,) are of one seed. Seeds are resampled independently of scenarios, and identically in all
+        calls with the same number of seeds.
         """
         values = np.atleast_2d(values).astype(np.float64)
         seeds = len(values)
@@ -77,11 +77,11 @@ def estimate(resampled: Floats) -> Estimate:
 
 
 def tolerated(scores: Floats) -> float:
-    """Return the score that a share CONTENT of all trainings reaches, with CONFIDENCE, from `scores` (n,); more is better.
+    """Return the score that CONTENT of all trainings reach, with CONFIDENCE, from `scores` (n,); more is better.
 
     The one-sided tolerance bound of normal scores, mean - k s with k from the noncentral t distribution (G. J. Hahn,
-    W. Q. Meeker, Statistical Intervals, section 4.4); an interval of the mean does not bound a single training. One score
-    gives nan.
+    W. Q. Meeker, Statistical Intervals, section 4.4); an interval of the mean does not bound a single training. One
+    score gives nan.
     """
     n = len(scores)
     if n < 2:

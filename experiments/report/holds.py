@@ -152,7 +152,7 @@ def heat_map(played: Played) -> HeatMap:
         rows.append((place, f"{len(tried)} tried: {tried[0]} to {tried[-1]}" if len(tried) > 1 else tried[0], heats))
     caption = (
         f"Mean V_p + {weight:g} T (m/s), lower is better, with one thing changed: the worst of the values tried, and "
-        f"which value that is. Blue is below, orange above the cost of the paper's rule without changes, {measure:.2f} m/s."
+        f"which value that is. Blue is below, orange above the paper's rule without changes, {measure:.2f} m/s."
     )
     return HeatMap(caption, ("what is changed", *contestants.values()), rows)
 

@@ -75,7 +75,8 @@ def test_mean_and_tail_are_given_where_each_is_nearest_to_the_papers_time():
      "[60.0, 60.0] slower; at the paper's V_p the approach is at most 10.0 % [10.0, 10.0] later.",
      "one that is 10 % later the object leaves 60 % slower"),
     ((1.2, 1.4), (0.4, 0.2), "30.0 % [30.0, 30.0] faster at the paper's mean approach time; at every weight the "
-     "object leaves faster than with the paper's rule.", "leaves 30 % faster. Tuned profile, no learning: 50 % slower."),
+     "object leaves faster than with the paper's rule.",
+     "leaves 30 % faster. Tuned profile, no learning: 50 % slower."),
     ((0.8, 1.4), (0.4, 0.2), "at the paper's V_p the approach is 11.1 % [11.1, 11.1] later", "leaves 10 % faster"),
 ])  # fmt: skip
 def test_answer_says_what_a_curve_does_not_reach(shares, times, said, headline):

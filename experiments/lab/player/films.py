@@ -50,7 +50,7 @@ def thin(columns: Mapping[str, NDArray[np.float64]], limits: Mapping[str, float]
 def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
     """Return the numbers of the scenarios to show, all different, by a phrase that says why.
 
-    A scenario that is extreme in several ways appears once with all of them in its phrase. Of equal ones the first counts.
+    A scenario that is extreme in several ways appears once with all of them in its phrase. Ties: the first.
 
     Raises:
         ValueError: the two did not play the same scenarios.
@@ -158,7 +158,7 @@ def films(
     seed: int = TEST_SEED, frozen: EvaluationSet | None = None, environment: Mapping[str, Any] | None = None,
     time_weight: float = 2.0,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the content of `fragment`: per scenario the clock and the thinned traces of all contestants, as plain JSON.
+    """Return the content of `fragment`: per scenario the clock and the thinned traces of all contestants, as JSON.
 
     Args:
         contestants: by name, the baseline first.
