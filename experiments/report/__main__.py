@@ -164,7 +164,10 @@ def write(options: ReportOptions) -> Path:
 
 def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
     """Play what is missing of matchups, write the folder unless it is up to date, and return the path of its page."""
-    made_from, begun = _made_from(matchups, options), time.perf_counter()
+    begun = time.perf_counter()
+    modules = {module for matchup in matchups for module in matchup.modules}
+    inputs = (*map(repr, matchups), bool(options.policy), compiled_from(), digest_of(*DEPENDS, *modules))
+    made_from = hashlib.sha256(repr(inputs).encode()).hexdigest()
     page = options.out / "index.html"
     if options.force or not page.is_file() or _written(options.out).get("made from") != made_from:
         from experiments.report.jobs import play_matchups  # takes seconds to import
@@ -193,13 +196,6 @@ def _kept(options: ReportOptions) -> Path:
         if options.force or folder.name != current:
             shutil.rmtree(folder, ignore_errors=True)
     return parent / current
-
-
-def _made_from(matchups: Sequence[Matchup], options: ReportOptions) -> str:
-    """Return SHA-256 of all inputs of the folder: contestants, scenarios, texts, sources."""
-    own = {module for matchup in matchups for module in matchup.modules}
-    content = (*map(repr, matchups), bool(options.policy), compiled_from(), digest_of(*DEPENDS, *own))
-    return hashlib.sha256(repr(content).encode()).hexdigest()
 
 
 def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, begun: float) -> None:
