@@ -157,17 +157,23 @@ def next_weight(times: Mapping[float, float], target: float) -> float | None:
     Returns:
         None: enclosed, or there is no weight left to try.
     """
-    sooner = max(((time, weight) for weight, time in times.items() if time <= target), default=None)
-    later = min(((time, weight) for weight, time in times.items() if time > target), default=None)
-    if sooner is None:
-        weight = 1.5 * max(times)
-    elif later is None:
-        weight = min(times) / 1.5
-    elif max(later[0] - target, target - sooner[0]) <= NEAR:
+    weights = sorted(times)
+    gaps = [times[weight] - target for weight in weights]
+    if max(gaps) <= 0.0:
+        weight = weights[0] / 1.5
+    elif min(gaps) > 0.0:
+        weight = 1.5 * weights[-1]
+    elif (sooner := -max(gap for gap in gaps if gap <= 0.0)) <= NEAR and min(gap for gap in gaps if gap > 0.0) <= NEAR:
         return None
-    else:
-        aim = target + math.copysign(0.6 * NEAR, NEAR - (target - sooner[0]))  # first the nearest sooner one
-        weight = math.exp(np.interp(aim, [sooner[0], later[0]], np.log([sooner[1], later[1]])))
+    else:  # between neighbours where the front crosses the target
+        place = next((k for k, gap in enumerate(gaps[:-1]) if gap > 0.0 >= gaps[k + 1]), None)
+        if place is None:  # it rises with the weight
+            return None
+        pair, ends = [gaps[place + 1], gaps[place]], [weights[place + 1], weights[place]]
+        aim = math.copysign(0.6 * NEAR, NEAR - sooner)  # a sooner one first
+        weight = math.exp(np.interp(aim, pair, np.log(ends)))
+        if min(abs(math.log(weight / end)) for end in ends) < 0.1 * math.log(ends[0] / ends[1]):
+            weight = math.sqrt(ends[0] * ends[1])  # the front is steep there, or has a gap
     weight = float(f"{weight:.3g}")
     return weight if LEAST_WEIGHT <= weight <= LARGEST_WEIGHT and weight not in times else None
 

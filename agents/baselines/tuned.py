@@ -4,14 +4,12 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
 
 from agents import setups
-from agents.baselines import constant, detector, profile
-from agents.baselines.constant import LocalBrake, OperatorAlone, PaperTrapezoid
-from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule
 from agents.policies import Controller
 from agents.setups import TUNED, Setup, owner, shipped_baselines
@@ -19,9 +17,8 @@ from impact_gym.files import parsed, write_file
 from impact_gym.validation import nearest, number
 
 FORMAT = "impact_gym tuned baseline 1"
-CLASSES = vars(constant) | vars(profile) | vars(detector)
-RULES: dict[str, type[Rule]] = {name: CLASSES[name] for name in setups.RULES}
-FIXED = dict(zip(setups.FIXED, (PaperTrapezoid, RandomActions, LocalBrake, OperatorAlone), strict=True))
+RULES: dict[str, type[Rule]] = {name: resolve_name(place) for name, place in setups.RULES.items()}
+FIXED: dict[str, Any] = {name: resolve_name(place) for name, place in setups.FIXED.items()}
 
 
 def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> Controller:

@@ -28,13 +28,23 @@ BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
 SEEDS, MOST_SEEDS = 10, 10_000  # trainings of a set-up, unless the file says otherwise; and the most it may say
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 """Those that the README and `impact-gym report` are about."""
-RULES = (
-    "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile", "DetectorRanged", "Ranged",
-    "RangedProfile",
-)  # fmt: skip
-"""Those that may be tuned, classes of `agents.baselines`."""
-FIXED = ("paper-trapezoid", "random", "local-brake", "operator-alone")
-"""Baselines without anything to tune."""
+RULES = {
+    name: f"agents.baselines.{module}:{name}"
+    for module, names in {
+        "constant": ("ConstantSpeed",),
+        "profile": ("BlindProfile", "ConstantDeceleration", "Ranged", "RangedProfile"),
+        "detector": ("DetectorProfile", "DetectorRanged"),
+    }.items()
+    for name in names
+}
+"""Rules that a set-up may have tuned, and their classes; here, as set-ups are read without what plays them."""
+FIXED = {
+    "paper-trapezoid": "agents.baselines.constant:PaperTrapezoid",
+    "random": "agents.baselines.random:RandomActions",
+    "local-brake": "agents.baselines.constant:LocalBrake",
+    "operator-alone": "agents.baselines.constant:OperatorAlone",
+}
+"""Baselines without anything to tune, and their classes."""
 
 
 class Tuned(NamedTuple):
