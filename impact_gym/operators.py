@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from impact_gym.csv_files import Column, read_columns
 from impact_gym.kernels import LONGEST_JITTER, PERSON, REACH, REPLAY, SECOND_ORDER_LAG, STEADY, TRACKER
-from impact_gym.record import SI, Record
+from impact_gym.parameters import SI, Parameters
 from impact_gym.validation import numbers, rising, shown
 
 SIMPLE_REACTION = 0.213  # s, mean of 1,469 persons (Woods et al., Front. Hum. Neurosci. 9, 2015, 131)
@@ -30,7 +30,7 @@ TRACE_COLUMNS = {
 Instants = Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e6)]
 
 
-class Commander(Record, path="operator"):
+class Commander(Parameters, path="operator"):
     """What all operators have."""
 
     __slots__ = ()
@@ -60,7 +60,7 @@ class Replay(Commander):
     length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = 0.0  # at least the horizon; 0: there is one
 
     def __post_init__(self) -> None:
-        Record.__post_init__(self)
+        Parameters.__post_init__(self)
         rising("Replay", self.time, {"velocity": self.velocity})
         count = np.ceil(self.time[-1] / self.length) if self.length else 0.0
         if self.recording > count:
@@ -142,7 +142,7 @@ KINDS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Channel(Record, path="uplink"):
+class Channel(Parameters, path="uplink"):
     """One way between operator and arm: a packet each control period; the newest wins, later ones are dropped.
 
     A packet takes `delay` and an exponential time beside, of mean `jitter`, or of mean `tail` for a share of them; what
@@ -161,7 +161,7 @@ class Channel(Record, path="uplink"):
     tail_share: float = 0.0  # -
 
     def __post_init__(self) -> None:
-        Record.__post_init__(self)
+        Parameters.__post_init__(self)
         if self.trace is not None:
             columns = {name: numbers(f"Channel.trace: {name}", values, "s", at_least=0.0, at_most=1e6)
                        for name, values in zip(("time", "delay"), columns_of(self.trace), strict=True)}  # fmt: skip

@@ -29,7 +29,9 @@ Row = Mapping[str, Any]
 Rows = Sequence[Row] | pl.DataFrame
 Frames = Mapping[str, pl.DataFrame]
 LARGE = 50_000  # rows
-SOLVER = tuple(f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "lowering", "simulation"))
+SOLVER = tuple(
+    f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "to_kernel", "outcome", "simulation")
+)
 """Modules that every simulated row depends on, beside the compiled solver."""
 
 

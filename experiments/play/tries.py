@@ -20,7 +20,7 @@ from experiments.play.assistance import NAMES, PERIOD, PERSON, SLIDERS, assistan
 from impact_gym.envs.batch import Batch, Bodies
 from impact_gym.files import parsed, write_file
 from impact_gym.operators import KINDS
-from impact_gym.simulation import Outcome, Trace
+from impact_gym.outcome import Outcome, Trace
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 from impact_gym.validation import choice, number, numbers, one_of

@@ -9,9 +9,10 @@ from impact_gym.identify.coordinates import Coordinate
 from impact_gym.identify.log import Log
 from impact_gym.identify.sensor import Array, Sensor, bursts, noise_of
 from impact_gym.motion import Trapezoid
+from impact_gym.outcome import Trace
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.scene import Rigid, RobotTable, Scene, SpringDamper
-from impact_gym.simulation import Trace, simulate
+from impact_gym.simulation import simulate
 from impact_gym.task.paths import replaced
 
 RTOL = 1e-8

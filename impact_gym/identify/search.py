@@ -15,8 +15,8 @@ from impact_gym.identify.coordinates import MASS, RESTITUTION, STIFFNESS
 from impact_gym.identify.log import Log, tool_mass
 from impact_gym.identify.model import Model
 from impact_gym.identify.sensor import Array, level
+from impact_gym.outcome import Trace
 from impact_gym.scene import Scene
-from impact_gym.simulation import Trace
 
 SCATTERED = 40  # scenes beside the given one
 SEED = 0

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 
 from impact_gym.kernels import FASTEST_WITHDRAWAL, RECORD, TASK, samples_under_way
-from impact_gym.lowering import LOCAL_SHARE, ROBOT_NUMBERS, mount, places
 from impact_gym.operators import Channel, Operator
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Contact, Coupling, Rigid, Robot, SpringDamper, warn_of_stroke
@@ -17,6 +16,7 @@ from impact_gym.task import steering
 from impact_gym.task.parts import ranged_record
 from impact_gym.task.paths import replaced
 from impact_gym.task.scenario import ScenarioRanges
+from impact_gym.to_kernel import LOCAL_SHARE, ROBOT_NUMBERS, mount_to_kernel, places
 from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, what action[0] in [-1, 1] is mapped to, if not said otherwise
@@ -237,7 +237,7 @@ class Task:
 
         Its draws begin at `first_draw` among those of all tasks, its tables at `table_at` among all tables.
         """
-        held, no_table = mount(self.tool_mass, self.coupling, self.robot)
+        held, no_table = mount_to_kernel(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)
         record["mount"] = held
         numbers = record["numbers"]
