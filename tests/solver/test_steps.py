@@ -129,10 +129,6 @@ def test_stiff_pair_has_its_stages_at_the_published_times():
     assert (method["A"] @ gamma).sum(axis=1) == pytest.approx(published, abs=2e-14)
 
 
-def test_tableau_writes_the_steps_that_are_checked_in():
-    assert tableau.OUT.read_text(encoding="utf-8") == tableau.written()
-
-
 @EVERY_PIECE
 def test_explicit_step_is_the_loop_over_its_tableau(name):
     # the slow, obvious form of what `solver/dop853.pxi` writes out, on the rates that the kernel gives
