@@ -5,15 +5,16 @@ searches the best approach of one who knows the object. Finished searches are st
 command continues where it was stopped.
 """
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tyro
 
-from agents.baselines import Clairvoyant, bound
+from agents.baselines import Clairvoyant, PaperTrapezoid, bound
 from agents.baselines.cmaes import minimise
 from agents.baselines.random import Jittery
 from agents.baselines.rule import Floats
@@ -30,6 +31,9 @@ SETUPS = shipped()
 PACKAGES = ("impact-gym", "cma", "numpy", "scipy")
 BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1
 BOUND_RTOL = 1e-5  # of the simulation while searching: V_p is within 1e-6 m/s
+NEAR = 0.005  # s, from the rule's mean approach time to those that enclose it
+MOST_TRIED = 8  # further weights for each baseline
+LEAST_WEIGHT, LARGEST_WEIGHT = 0.125, 32.0  # m/s per s, as observations are scaled
 LOCK = ".lock"  # file beside those of the tuned baselines
 CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}
 """Arguments of an environment whose alarm comes from a switch without errors."""
@@ -57,6 +61,9 @@ class Tune:
     """Of the search."""
     bound: bool = False
     """Search the best approach of one who knows the object, too, unless the file says that another set-up's holds."""
+    at_rule_time: bool = False
+    """Tune for further weights, until the mean approach times at two of them enclose that of the paper's rule, each
+    within 5 ms: only there a front can be read at the rule's time."""
     processes: int = 2
     """Searches at a time on this machine, each on one core; 0: none but this process."""
     cluster: str | None = None
@@ -138,6 +145,44 @@ def tune(options: Tune) -> list[Path]:
 
     options.search_all(tune_one, arguments, "tuning", write)
     return [options.folder(setup) / f"{name}.json" for name, setup in setups.items()]
+
+
+def next_weight(times: Mapping[float, float], target: float) -> float | None:
+    """Return the time weight (m/s per s) to tune for next, until two approach times enclose `target` within NEAR.
+
+    Args:
+        times: mean approach time (s) at each weight; it falls as the weight rises.
+        target: s.
+
+    Returns:
+        None: enclosed, or there is no weight left to try.
+    """
+    sooner = max(((time, weight) for weight, time in times.items() if time <= target), default=None)
+    later = min(((time, weight) for weight, time in times.items() if time > target), default=None)
+    if sooner is None:
+        weight = 1.5 * max(times)
+    elif later is None:
+        weight = min(times) / 1.5
+    elif max(later[0] - target, target - sooner[0]) <= NEAR:
+        return None
+    else:
+        aim = target + math.copysign(0.6 * NEAR, NEAR - (target - sooner[0]))  # first the nearest sooner one
+        weight = math.exp(np.interp(aim, [sooner[0], later[0]], np.log([sooner[1], later[1]])))
+    weight = float(f"{weight:.3g}")
+    return weight if LEAST_WEIGHT <= weight <= LARGEST_WEIGHT and weight not in times else None
+
+
+def tune_at_rule_time(options: Tune) -> None:
+    """Tune each baseline at further weights, see `Tune.at_rule_time`; those on the way are kept, too."""
+    for name, setup in options.baselines().items():
+        stage = ScenarioBatch.of("validation", threads=1, **setup.environment)
+        target = float(stage.play(PaperTrapezoid().for_environment(setup.environment)).approach_time.mean())
+        for _ in range(MOST_TRIED):
+            tuned = read_tuned(name, options.folder(setup), setup)["weights"]
+            times = {float(weight): found["validation"]["approach_time"] for weight, found in tuned.items()}
+            if (weight := next_weight(times, target)) is None:
+                break
+            tune(replace(options, setups=(setup.called,), names=(name,), weights=(weight,)))
 
 
 def _tuned_before(name: str, setup: Setup, options: Tune, quiet: bool = False) -> dict[str, Any]:
@@ -262,7 +307,10 @@ def search_bound(
 
 def run(options: Tune) -> None:
     """Tune what is missing, and say what each baseline scores."""
-    for (name, setup), path in zip(options.baselines().items(), tune(options), strict=True):
+    paths = tune(options)
+    if options.at_rule_time:
+        tune_at_rule_time(options)
+    for (name, setup), path in zip(options.baselines().items(), paths, strict=True):
         print(path)
         for weight, tuned in read_tuned(name, path.parent, setup)["weights"].items():
             means = tuned["validation"]

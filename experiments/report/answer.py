@@ -109,6 +109,25 @@ def table(answer: Answer, played: Played) -> Table:
     return Table(caption[0].upper() + caption[1:], ("what", POLICY), body)
 
 
+def at_one_time(played: Played) -> Table:
+    """Return mean and 95th percentile of T, V_p and peak force of each, at the weight nearest to the rule's mean time.
+
+    With friction also the time at which object and tool rest. The mean over many approaches hides the worst of them.
+    """
+    goal, labels = played.paper.front[0][0], played.matchup.labels
+    contestants = {labels[name]: run for name, run in played.baselines.items()} | {POLICY: played.policy_as_late}
+    columns = {"T (s)": "approach_time", "V_p (m/s)": "object_velocity", "peak force (N)": "peak_force"}
+    columns |= {} if played.paper.at(played.paper.weights[0]).rest_time is None else {"at rest (s)": "rest_time"}
+    body = []
+    for label, run in contestants.items():
+        weight = min(run.weights, key=lambda each: abs(run.means(each)["T"] - goal))
+        values = [getattr(run.at(weight), field) for field in columns.values()]
+        numbers = [f"{each.mean():.3g}, {np.percentile(each, 95.0):.3g}" for each in values]
+        body.append((label, f"{weight:.3g}", *numbers, str(int(run.at(weight).missed.sum()))))
+    caption = f"Mean, 95th percentile, of {played.count:,} scenarios; a missed object counts with V_p = 0"
+    return Table(caption, ("contestant", "w (m/s per s)", *columns, "missed"), body)
+
+
 def _at_least(answer: Answer) -> str:
     return f"{100 * tolerated(np.array(answer.each)):.1f} %" if len(answer.each) > 1 else "-"
 

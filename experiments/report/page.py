@@ -59,6 +59,7 @@ def tab(played: Played) -> Tab:
     if not matchup.operated:  # an operator's command is none of the steps
         heading = "Ablation: gain from limits, knowing where, shape, estimate, learning"
         engineer.insert(0, Section(heading, [ablation.table(steps, matchup.labels)]))
+        engineer.insert(0, Section("At about the paper's approach time: mean and tail", [answer.at_one_time(played)]))
     chosen_on = next(words for kind, words in CHOSEN_ON.items() if kind in matchup.scenarios)
     note = (f"The weight that makes a policy as late as the paper's rule was found on {chosen_on}, so the two are "
             "equally late only nearly here.")  # fmt: skip

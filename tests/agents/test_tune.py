@@ -17,7 +17,18 @@ from agents.baselines.random import Jittery
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
 from agents.evaluate import TUNING_SEED, ScenarioBatch
-from agents.tune import CLEAN_ALARM, Tune, scores, search_bound, search_bounds, tune, tune_one
+from agents.tune import (
+    CLEAN_ALARM,
+    MOST_TRIED,
+    NEAR,
+    Tune,
+    next_weight,
+    scores,
+    search_bound,
+    search_bounds,
+    tune,
+    tune_one,
+)
 
 SPACE = (
     Parameter("speed", "m/s", -1.0, 3.0, 0.0),
@@ -203,3 +214,27 @@ def test_read_bound_refuses_what_is_of_another_search(tmp_path):
     path.with_name("clairvoyant-rigid-blind.npz").write_bytes(path.read_bytes())
     with pytest.raises(ValueError, match="for another environment"):
         bound.read_bound(load_setup("rigid-blind"), tmp_path)
+
+
+@pytest.mark.parametrize("target", [0.12, 0.3, 0.31, 0.6])
+@pytest.mark.parametrize("power", [0.1, 0.3, 0.6])
+def test_weights_enclose_the_time_of_the_rule_within_5_ms(target, power):
+    times = {weight: 0.35 * weight**-power for weight in (0.7, 1.0, 2.0, 4.0)}
+    for _ in range(MOST_TRIED):
+        if (weight := next_weight(times, target)) is None:
+            break
+        times[weight] = 0.35 * weight**-power
+    sooner, later = (np.array([time for time in times.values() if (time > target) == side]) for side in (False, True))
+    in_reach = 0.35 * 32.0**-power <= target - NEAR and target + NEAR <= 0.35 * 0.125**-power
+    if in_reach:
+        assert target - sooner.max() <= NEAR
+        assert later.min() - target <= NEAR
+    assert in_reach or next_weight(times, target) is None
+
+
+def test_front_with_a_gap_is_not_tuned_for_ever():
+    times = {weight: 0.25 if weight > 0.3 else 0.45 for weight in (0.2, 0.7, 1.0, 2.0)}
+    tried = 0
+    while (weight := next_weight(times, 0.31)) is not None and tried < 50:
+        times[weight], tried = 0.25 if weight > 0.3 else 0.45, tried + 1
+    assert tried < 50

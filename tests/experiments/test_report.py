@@ -83,7 +83,9 @@ def test_answer_and_ablation_follow_from_the_episodes_on_disk(folder, results, e
         assert step["velocity"]["less"]["value"] == pytest.approx(before - after)
         before = after
     page = (folder / "index.html").read_text()
-    assert "+ the arm&#39;s limits" in page[page.index("<table>") : page.index("</table>")]
+    first, second, *_ = re.findall("<table>.*?</table>", page, re.DOTALL)
+    assert "learned policy" in first
+    assert "+ the arm&#39;s limits" in second
     assert f"{100 * answer['reduction']['value']:.1f} %" in page
     assert f"{100 * steps[0]['velocity']['share']['value']:.1f} %" in results["sentences"][0]
 

@@ -54,6 +54,19 @@ def test_answer_is_read_where_the_papers_rule_is():
     assert rows["95 % of trainings: at least"] == "-"
 
 
+def test_mean_and_tail_are_given_where_each_is_nearest_to_the_papers_time():
+    results = played()
+    results.baselines["profile"] = run((0.4, 0.6), (0.4, 0.31), missed=3)
+    rows = {name: numbers for name, *numbers in answer.at_one_time(results).rows}
+    mean, tail = SPEEDS.mean(), np.percentile(SPEEDS, 95.0)
+    assert rows[PAPER] == ["2", "0.3, 0.3", f"{mean:.3g}, {tail:.3g}", "1, 1", "0"]
+    assert rows["tuned profile (profile)"] == ["2", "0.31, 0.31", f"{0.6 * mean:.3g}, {0.6 * tail:.3g}", "1, 1", "3"]
+    assert rows[POLICY][:3] == ["1.4", "0.3, 0.3", f"{0.3 * mean:.3g}, {0.3 * tail:.3g}"]
+    results.baselines = {name: run((1.0, 1.0), rest_time=0.7) for name in results.baselines}
+    results.as_late = {"seed-0": run((1.0, 1.0), rest_time=0.8)}
+    assert [row[-2] for row in answer.at_one_time(results).rows] == ["0.7, 0.7", "0.7, 0.7", "0.7, 0.7", "0.8, 0.8"]
+
+
 @pytest.mark.parametrize(("shares", "times", "said", "headline"), [
     ((0.2, 0.4), (0.3, 0.2), "80.0 % [80.0, 80.0] slower at the paper's", "leaves 80 % slower"),  # just as late
     ((0.2, 0.4), (0.27, 0.2), "as long as the paper's; at the nearest, 10.0 % sooner, the object leaves 80.0 %",
