@@ -25,7 +25,7 @@ define install
 	|| { echo "Python 3.11 or newer is needed; name one with make PYTHON=..."; exit 1; }
 @$(PYTHON) -m venv $(VENV)
 @echo "1 of 2: installing what compiles the solver into $(VENV)"
-@$(PIP) cython setuptools
+@$(PIP) cython setuptools numpy scipy
 @echo "2 of 2: compiling the solver (about 15 s) and, beside it, installing $(2)"
 @$(PIP) --no-build-isolation --no-deps -e . & $(BIN)/python -c '$(WANTED)' $(1) > $(VENV)/wanted.txt \
 	&& $(PIP) -r $(VENV)/wanted.txt && wait $$!

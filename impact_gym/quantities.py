@@ -1,7 +1,7 @@
 """Every number of a scene and of the task, once: identifier, words, unit, limits, how it is drawn, how it is observed.
 
 All else follows from these rows: what is refused, what an episode draws, the dotted paths of a scene, the records of
-the compiled program (written by `impact_gym.task.numbers`), the observation, the tables of the documentation, the keys
+the compiled program (`impact_gym.task.numbers`), the observation, the tables of the documentation, the keys
 of a set-up's file, and what may be swept, identified or designed. Users find them as `impact_gym.task.QUANTITIES`.
 """
 

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from impact_gym.kernels import bistable_energy, bistable_force, rest_of
+from impact_gym.parameters import Parameters
 from impact_gym.quantities import BY_PATH
-from impact_gym.record import Record
 from impact_gym.validation import number, one_of
 
 Dissipation = Literal[
@@ -31,14 +31,14 @@ STOP_STIFFNESS, STOP_DAMPING_RATIO = 1e5, 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Tool(Record, path="tool"):
+class Tool(Parameters, path="tool"):
     """The body that strikes."""
 
     mass: float  # kg
 
 
 @dataclass(frozen=True, slots=True)
-class Object(Record, path="object"):
+class Object(Parameters, path="object"):
     """The body that is struck; at rest until then.
 
     With `friction` it sticks to the ground until the contact force exceeds mu m_p g, slides, in a contact and after it,
@@ -51,7 +51,7 @@ class Object(Record, path="object"):
 
 
 @dataclass(frozen=True, slots=True)
-class Contact(Record, path="contact"):
+class Contact(Parameters, path="contact"):
     """Contact of a plane tool with an object, F = k_c delta^m + chi delta^n delta_dot, never negative (paper, eq. 5).
 
     m = n = 3/2, the default, is a sphere with hysteresis damping; m = 1, n = 0 a linear spring and damper.
@@ -72,7 +72,7 @@ class Contact(Record, path="contact"):
     reference_velocity: float | None = None  # m/s, of "fixed", which has 1 if nothing is said
 
     def __post_init__(self) -> None:
-        Record.__post_init__(self)
+        Parameters.__post_init__(self)
         if self.dissipation == "fixed" and self.reference_velocity is None:
             object.__setattr__(self, "reference_velocity", 1.0)
         elif self.dissipation != "fixed" and self.reference_velocity is not None:
@@ -97,7 +97,7 @@ class Rigid:
 
 
 @dataclass(frozen=True, slots=True)
-class SpringDamper(Record, path="coupling"):
+class SpringDamper(Parameters, path="coupling"):
     """Tool behind a linear spring and damper (paper, eq. 17-18); c_t = 2 zeta sqrt(k_t m_t).
 
     With a `stroke` its way ends there, on stops like those that `Bistable` has by default.
@@ -109,7 +109,7 @@ class SpringDamper(Record, path="coupling"):
 
 
 @dataclass(frozen=True, slots=True)
-class Bistable(Record, path="coupling"):
+class Bistable(Parameters, path="coupling"):
     """Tool on a bistable mechanism with two stops (paper, eq. 23-24, Fig. 21-22).
 
     Positions are those of the slider from the vertical alignment of the spring. Each stop is a one-sided linear
@@ -128,7 +128,7 @@ class Bistable(Record, path="coupling"):
     stop_damping_ratio: float = STOP_DAMPING_RATIO  # -, zeta_s
 
     def __post_init__(self) -> None:
-        Record.__post_init__(self)
+        Parameters.__post_init__(self)
         if not self.height < self.free_length:
             raise ValueError(
                 f"Bistable.height must be below Bistable.free_length = {self.free_length!r} m, got {self.height!r} m: "
@@ -194,7 +194,7 @@ Coupling = Rigid | SpringDamper | Bistable
 
 
 @dataclass(frozen=True, slots=True)
-class Robot(Record, path="robot"):
+class Robot(Parameters, path="robot"):
     """Lumped compliance of a robot along the approach (paper, eq. 8-9, Fig. 8), at rest and relaxed at t = 0.
 
     The imposed motion x_r drives the mass through spring and damper. With a `Rigid` coupling robot and tool are one
@@ -207,7 +207,7 @@ class Robot(Record, path="robot"):
 
 
 @dataclass(frozen=True, slots=True)
-class RobotTable(Record, path="robot"):
+class RobotTable(Parameters, path="robot"):
     """A compliant robot whose parameters vary along its imposed motion (paper, eq. 16, Fig. 12).
 
     Between the positions each parameter is a cubic spline (not-a-knot), beyond them it keeps its last value.
@@ -219,7 +219,7 @@ class RobotTable(Record, path="robot"):
     damping: tuple[float, ...]  # N s/m
 
     def __post_init__(self) -> None:
-        Record.__post_init__(self)
+        Parameters.__post_init__(self)
         if len(self.position) < 4 or not np.all(np.diff(self.position) > 0):
             raise ValueError(f"RobotTable.position must be at least 4 rising numbers in m, got {self.position!r}")
         for name in ("mass", "stiffness", "damping"):
@@ -280,8 +280,3 @@ def warn_of_stroke(coupling: Coupling, tool_mass: float, acceleration: float) ->
                 f"rest is {rest:.3g} m away: it lies on its stop whenever the arm accelerates",
                 stacklevel=4,
             )
-
-
-def flange_moves_with_tool(coupling: Coupling, robot: Robot | RobotTable | None) -> bool:
-    """Whether flange and tool are one mass, whose motion is not imposed: behind a compliant robot, coupled rigidly."""
-    return robot is not None and isinstance(coupling, Rigid)

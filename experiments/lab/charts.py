@@ -11,7 +11,7 @@ from matplotlib.text import Text
 
 from experiments.lab.page import mathtext
 from impact_gym.files import whole_file
-from impact_gym.simulation import Trace
+from impact_gym.outcome import Trace
 
 mpl.use("agg")
 mpl.rcParams.update(

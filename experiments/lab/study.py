@@ -28,8 +28,10 @@ Row = Mapping[str, Any]
 Rows = Sequence[Row] | pl.DataFrame
 Frames = Mapping[str, pl.DataFrame]
 LARGE = 50_000  # rows
-SOLVER = tuple(f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "lowering", "simulation"))
-"""Modules that every simulated row depends on, besides the compiled solver."""
+SOLVER = tuple(
+    f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "to_kernel", "outcome", "simulation")
+)
+"""Modules that every simulated row depends on, beside the compiled solver."""
 
 
 class Cell(NamedTuple):

@@ -13,7 +13,7 @@ from agents.policies import Controller
 from agents.provenance import circumstances, revision
 from experiments.play.assistance import PERIOD, PERSON, assistance, environment_of, playable
 from impact_gym.envs.batch import Batch, Bodies
-from impact_gym.simulation import Outcome, Trace
+from impact_gym.outcome import Outcome, Trace
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from impact_gym.outcome import Trace
 from impact_gym.scene import Rigid
-from impact_gym.simulation import Trace
 from impact_gym.task.task import Task
 
 FRAME_RATE = 30  # 1/s

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from impact_gym.envs import docstring
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
-from impact_gym.simulation import Trace
+from impact_gym.outcome import Trace
 from impact_gym.task.action import ActionSpec
 from impact_gym.task.episodes import reset_options, skip_episodes
 from impact_gym.task.observation import ObservationSpec

@@ -17,20 +17,20 @@ cdef void begin_piece(
     now.horizon = (until - chain.time) / now.units.time
     now.push = acceleration * now.units.time / now.units.velocity
     now.position, now.velocity = chain.flange_position, chain.flange_velocity
-    now.rough, now.footing, now.share = run.ground > 0.0, <int> chain.footing, 1.0
-    now.ground = (run.ground if chain.footing != STUCK else 0.0) * now.units.time / now.units.velocity
+    now.rough, now.object_state, now.share = run.ground > 0.0, <int> chain.object_state, 1.0
+    now.ground = (run.ground if chain.object_state != STUCK else 0.0) * now.units.time / now.units.velocity
     now.friction = run.object_mass * run.ground / now.units.force
     now.standstill = STANDSTILL * (1.0 + fabs(chain.flange_velocity) / now.units.velocity)
     if law.kind == RIGID:
         now.width = IMPULSE + 1
-        if chain.footing == STUCK:
+        if chain.object_state == STUCK:
             now.share = 0.0
     elif law.kind == SPRING:
         now.width = DEFLECTION_INTEGRAL + 1
         now.pull_y = -law.frequency * law.frequency * now.units.time * now.units.time
         now.pull_y_dot = -2.0 * law.damping_ratio * law.frequency * now.units.time
         now.tool_share = run.object_mass / (law.tool_mass + run.object_mass)
-        if chain.footing == STUCK:
+        if chain.object_state == STUCK:
             now.share = now.tool_share
     else:
         now.width = OFFSET_RATE + 1
@@ -47,7 +47,7 @@ cdef void begin_integrated(const Run *run, const Chain *chain, Piece *now) noexc
     now.per_acceleration = now.units.time / now.units.velocity
     now.per_force = 1.0 / now.units.force
     now.tool_rate = now.per_acceleration / run.law.tool_mass
-    now.object_rate = now.per_acceleration / run.object_mass if chain.footing != STUCK else 0.0
+    now.object_rate = now.per_acceleration / run.object_mass if chain.object_state != STUCK else 0.0
     now.pressed, now.side = <int> chain.pressed, <int> chain.side
 
 
@@ -143,7 +143,7 @@ cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nog
 
 cdef inline double ground_now(const Run *run, const Chain *chain) noexcept nogil:
     """Deceleration of the object by its friction where nothing pushes it, m/s^2."""
-    return run.ground if chain.footing != STUCK else 0.0
+    return run.ground if chain.object_state != STUCK else 0.0
 
 
 cdef inline void drift(const Run *run, Chain *chain, double acceleration, double time) noexcept nogil:
@@ -205,7 +205,7 @@ cdef void round_off(const Law *law, Chain *chain, double target) noexcept nogil:
     if law.coupled and law.intervals:
         chain.flange_offset_rate -= shift
     chain.flange_velocity = target
-    if chain.footing == STUCK:
+    if chain.object_state == STUCK:
         chain.penetration_rate = tool_velocity(chain)
 
 
@@ -229,7 +229,7 @@ cdef double coupling_force(const Run *run, const Chain *chain, double accelerati
     return motion_now(run, chain, acceleration, push).pull
 
 
-cdef Motion motion_now(const Run *run, const Chain *chain, double acceleration, double push) noexcept nogil:
+cdef Accelerations motion_now(const Run *run, const Chain *chain, double acceleration, double push) noexcept nogil:
     """What happens to an INTEGRATED chain under a contact force `push` (N), SI units."""
     cdef Piece now
     cdef Swing at

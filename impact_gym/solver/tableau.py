@@ -4,13 +4,11 @@ Order 8, 12 stages, first same as last. Coefficients, error estimates and dense 
 Wanner, Solving Ordinary Differential Equations I (1993), II.10, in double precision as SciPy has them.
 
 The kernels take a step as straight-line code on local variables, which a compiler keeps in registers: half the time of
-loops over a table in memory. Nobody writes that by hand: `python -m impact_gym.solver.tableau` writes
-`dop853.pxi` from these numbers, and a test says whether it still does.
+loops over a table in memory. setup.py writes it from these numbers as `dop853.pxi`.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 
 from scipy.integrate import DOP853
 
@@ -27,8 +25,7 @@ ERROR = by_stage([DOP853.E5, DOP853.E3])
 DENSE = by_stage(DOP853.D)
 """Weights of the stages in the upper four coefficients of the polynomial through a step."""
 
-OUT = Path(__file__).with_name("dop853.pxi")
-NOTICE = '''"""The steps of `solver/tableau.py` written out by `python -m impact_gym.solver.tableau`: edit that."""'''
+NOTICE = '"""The steps of `solver/tableau.py` written out by setup.py: edit that."""'
 LAST = 12  # the stage at the end of the step
 KEPT = range(5, LAST)  # stages that dense output needs beside the first and the last
 
@@ -134,11 +131,7 @@ def eigenvalue(layout: Layout) -> list[str]:
     return lines + ["    " + line for line in body]
 
 
-def written() -> str:
+def text() -> str:
     """Return the text of `dop853.pxi`."""
     parts = [NOTICE, *("\n".join(write(layout)) for layout in LAYOUTS for write in (step, dense, eigenvalue))]
     return "\n\n\n".join(parts) + "\n"
-
-
-if __name__ == "__main__":
-    OUT.write_text(written(), encoding="utf-8")

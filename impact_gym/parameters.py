@@ -16,7 +16,7 @@ class SI:
         self.unit, self.limits = unit, limits
 
 
-class Record:
+class Parameters:
     """A frozen dataclass that checks its numbers when it is made, and holds floats.
 
     Those at a `path` of a scene have rows in the table, others an annotation, `Annotated[float, SI("m", above=0)]`. A

@@ -58,11 +58,11 @@ STATUS_MESSAGES = {
 """What the status of a run or of an episode means where it is not 0, ok."""
 
 
-def approach_plan(
+def approach_to_kernel(
     scene: Scene, motion: Trapezoid | Motion, duration: float, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
     """Lower an approach to the fields of the kernels' `Approach`, and its tables, which begin at `table_at`."""
-    held, table = mount(scene.tool.mass, scene.coupling, scene.robot, table_at)
+    held, table = mount_to_kernel(scene.tool.mass, scene.coupling, scene.robot, table_at)
     target = scene.object
     profile: tuple[float, ...]
     if isinstance(motion, Motion):
@@ -73,16 +73,16 @@ def approach_plan(
         threshold, delay = (brake.threshold, brake.delay) if brake else (math.inf, math.inf)
         profile = motion.speed, motion.acceleration, threshold, delay, motion.deceleration, 0, 0
     numbers = target.mass, target.distance, target.friction or 0.0
-    return (held, contact_law(scene.contact), *numbers, *profile, duration, 0.0), table
+    return (held, contact_to_kernel(scene.contact), *numbers, *profile, duration, 0.0), table
 
 
-def packed(plan: tuple[Any, ...]) -> bytes:
+def to_bytes(plan: tuple[Any, ...]) -> bytes:
     """Return a plan as the bytes of one APPROACH: what an array of one would hold, at a tenth of its cost."""
     (coupling_kind, robot_kind, tool_mass, coupling, robot, *table), contact, *rest = plan
     return _APPROACH.pack(coupling_kind, robot_kind, tool_mass, *coupling, *robot, *table, *contact, *rest)
 
 
-def contact_law(contact: Contact) -> tuple[Any, ...]:
+def contact_to_kernel(contact: Contact) -> tuple[Any, ...]:
     """Lower a contact to the fields of the kernels' `Contact`."""
     m, n = contact.stiffness_exponent, contact.damping_exponent
     damping = damping_factor(contact.dissipation, contact.restitution, m, n)
@@ -94,7 +94,7 @@ _NO_ROBOT = (0.0,) * len(ROBOT_NUMBERS)
 _NO_MECHANISM = _NO_COUPLING[2:]
 
 
-def mount(
+def mount_to_kernel(
     tool_mass: float, coupling: Coupling, robot: Robot | RobotTable | None = None, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
     """Lower what holds the tool to the fields of `Mount`, and its robot's table, which begins at `table_at`."""
