@@ -1,7 +1,7 @@
 """Imposed motion of the flange: pieces of constant acceleration.
 
-Every motion here is a sequence of commands 'go to this velocity with this acceleration, then hold it'. A trapezoid
-is one command at t = 0 and, if it brakes, a second one when the contact alarm reaches the controller.
+Every motion is a sequence of commands: go to this velocity with this acceleration, then hold it. A trapezoid is one
+command at t = 0 and, if it brakes, a second one when the contact alarm reaches the controller.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from impact_gym.validation import one_of, rising
 
 @dataclass(frozen=True, slots=True)
 class Brake(Parameters, path="motion.brake"):
-    """Stop once the contact is felt: `delay` after the contact force first exceeds `threshold`.
+    """Brake to a stop, `delay` after the contact force first exceeds `threshold`.
 
     The delay is the paper's 16 ms; the deceleration of the paper is not printed (8 m/s^2 identified, see
     docs/provenance.md).
@@ -29,7 +29,7 @@ class Brake(Parameters, path="motion.brake"):
 
 @dataclass(frozen=True, slots=True)
 class Trapezoid(Parameters, path="motion"):
-    """From rest to `speed` at `acceleration`, then constant; never ends by itself (paper, Fig. 11)."""
+    """From rest to `speed` at `acceleration`, then constant without end (paper, Fig. 11)."""
 
     speed: float  # m/s
     acceleration: float  # m/s^2

@@ -1,10 +1,10 @@
-"""What a chain can do, whatever holds the tool: each function is one for all three kinds."""
+"""Functions of a chain for all three kinds."""
 
 
 cdef void begin_piece(
     const Run *run, const Chain *chain, double acceleration, double until, bint flying, Piece *now
 ) noexcept nogil:
-    """Set what the equations of motion read from the state of `chain` on, up to time `until` (s) at the latest."""
+    """Set the constants of the piece that starts at the state of `chain` and ends at time `until` (s) at the latest."""
     cdef const Law *law = run.law
     now.law, now.flying, now.acceleration = law, flying, acceleration
     now.units = flight_units(run, chain, acceleration) if flying else chain.units
@@ -38,7 +38,7 @@ cdef void begin_piece(
 
 
 cdef void begin_integrated(const Run *run, const Chain *chain, Piece *now) noexcept nogil:
-    """Set what only the INTEGRATED chain reads."""
+    """Set the constants of an INTEGRATED chain."""
     cdef double direction = chain.flange_velocity if chain.flange_velocity != 0.0 else now.acceleration
     now.robot = robot_table(run)
     if now.robot.intervals:
@@ -131,7 +131,7 @@ cdef void dense_output(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nogil:
-    """How far the rates of the last two stages of an explicit step differ, over their states; of a series see there."""
+    """How far the rates of the last two stages of an explicit step differ, over their states; of a series by `fastest`."""
     if work.method == SERIES:
         return fastest(now, work.trial, work.trial_rate)
     if now.law.kind == SPRING:
@@ -179,7 +179,7 @@ cdef double smooth_until(const Run *run, const Chain *chain, double acceleration
 
 
 cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
-    """True if, with the imposed motion at rest for good, tool and object can never touch again.
+    """True if tool and object can never touch again, given that the imposed motion stays at rest.
 
     The object does not come back, and the energy of the chain bounds how far the tool can swing out.
     """
@@ -196,7 +196,7 @@ cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef void round_off(const Law *law, Chain *chain, double target) noexcept nogil:
-    """Give the imposed motion the velocity (m/s) that a ramp ends with but for rounding; nothing else must feel it."""
+    """Give the imposed motion the velocity (m/s) with which a ramp ends but for rounding; tool and object keep theirs."""
     cdef double shift = target - chain.flange_velocity
     if law.kind == RIGID:
         chain.penetration_rate += shift
@@ -210,7 +210,7 @@ cdef void round_off(const Law *law, Chain *chain, double target) noexcept nogil:
 
 
 cdef double coupling_impulse(const Law *law, const Chain *chain) noexcept nogil:
-    """Impulse on the tool of what holds it, over the contact under way, N s (paper, eq. 21)."""
+    """Impulse of the coupling on the tool over the current contact, N s (paper, eq. 21)."""
     cdef double w = law.frequency, stretched = chain.deflection - chain.start_deflection
     if law.kind == RIGID:
         return law.tool_mass * (chain.flange_velocity - chain.start_tool_velocity) + chain.impulse
@@ -220,7 +220,7 @@ cdef double coupling_impulse(const Law *law, const Chain *chain) noexcept nogil:
 
 
 cdef double coupling_force(const Run *run, const Chain *chain, double acceleration, double push) noexcept nogil:
-    """Force on the tool of what holds it, N, under a contact force `push` (N)."""
+    """Force of the coupling on the tool, N, under a contact force `push` (N)."""
     cdef const Law *law = run.law
     if law.kind == RIGID:
         return law.tool_mass * acceleration + push
@@ -230,7 +230,7 @@ cdef double coupling_force(const Run *run, const Chain *chain, double accelerati
 
 
 cdef Accelerations motion_now(const Run *run, const Chain *chain, double acceleration, double push) noexcept nogil:
-    """What happens to an INTEGRATED chain under a contact force `push` (N), SI units."""
+    """Accelerations of an INTEGRATED chain under a contact force `push` (N), SI units."""
     cdef Piece now
     cdef Swing at
     now.law, now.acceleration, now.units = run.law, acceleration, Units(1.0, 1.0, 1.0, 1.0)
@@ -242,6 +242,6 @@ cdef Accelerations motion_now(const Run *run, const Chain *chain, double acceler
 
 
 cdef double tool_momentum(const Run *run, const Chain *chain) noexcept nogil:
-    """Momentum that the tool has gained in the contact, less what mass that joined it brought along, N s."""
+    """Momentum gained by the tool in the contact, without that of mass that joined it, N s."""
     cdef double before = moving_mass(run, chain.start_flange_position) * chain.start_tool_velocity
     return moving_mass(run, chain.flange_position) * tool_velocity(chain) - before - chain.joined

@@ -6,17 +6,17 @@ cdef double LARGEST_STEP = 1.0
 # Likewise, stops apart. Within it the gap's third derivative hardly changes sign twice, which the search for a touch
 # relies on; a step in which the tool cannot get there need not be searched and may be larger (`longest_blind_step`).
 cdef double OVERSHOOT = 1e3
-# Against an object with friction, which may stay in contact, a step aims at most so many times beyond the time that is
-# left: where a tool rests there, or pushes it on, every step is good, and one that grew without end would be too long to
-# find the end of the piece in it.
+# In a contact with friction, which may last, a step is at most so many times the time that is left. Where the tool rests
+# against the object or pushes it steadily, every step is accepted, and a step that grew without bound would be too long
+# to locate the end of the piece in it.
 
 cdef enum:
     TRACE_POINTS = 8  # in a step of a contact
-    EVENTS_IN_TURN = 20  # landed on in one step
+    EVENTS_IN_TURN = 20  # landings tried in one step
 
 
 cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bint flying) noexcept nogil:
-    """Advance `chain` through one smooth piece: to time `until` (s) or to the first event; return what came of it."""
+    """Advance `chain` through one smooth piece: to time `until` (s) or to the first event; return the status."""
     cdef Work *work = run.work
     cdef Piece now
     cdef Events[2] both
@@ -30,7 +30,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     load(&now, chain, work.x)
     rates(&now, work.x, work.rate)
     evaluate_events(&now, work.x, work.rate, start)
-    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:  # soon back: first to where it turns
+    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:  # it turns soon: step to where it does
         h = min(h, -work.x[RATE] / work.rate[RATE])
     if not flying:
         peak = start.height[FORCE]  # a linear contact begins with one
@@ -38,7 +38,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
             chain.detection = chain.time
             return DETECTED
         if now.rough and now.object_state == STUCK and work.x[ROOT] == 0.0 and start.value[SLIP] > 0.0:
-            return conclude(run, chain, SLIP, until)  # likewise the friction, by that force
+            return conclude(run, chain, SLIP, until)  # likewise the friction is exceeded by the first force
     work.memory, work.expanded = chain.memory, False
     while True:
         chain.steps += 1
@@ -62,7 +62,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
         if found.event != NOTHING:
             break
     if now.rough and not flying:
-        push_back(&now, run, chain, work.x)
+        add_ground_impulse(&now, run, chain, work.x)
     store(&now, chain, work.x, chain)
     chain.memory = work.memory
     chain.memory.step = h
@@ -76,8 +76,8 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     return conclude(run, chain, found.event, until)
 
 
-cdef void push_back(const Piece *now, const Run *run, Chain *chain, const double *x) noexcept nogil:
-    """Enter the impulse of the ground over a piece: what it takes to hold the object, or mu m_p g for so long."""
+cdef void add_ground_impulse(const Piece *now, const Run *run, Chain *chain, const double *x) noexcept nogil:
+    """Add the impulse of the ground over a piece: that of the contact if the object sticks, else mu m_p g times time."""
     if now.object_state == STUCK:
         chain.ground_impulse += x[IMPULSE] * now.units.force * now.units.time
     else:
@@ -85,7 +85,7 @@ cdef void push_back(const Piece *now, const Run *run, Chain *chain, const double
 
 
 cdef void come_to_rest(Chain *chain) noexcept nogil:
-    """Let the object stick."""
+    """Make the object stick."""
     chain.object_state, chain.object_rest_time = STUCK, chain.time
     chain.penetration_rate = tool_velocity(chain)
 
@@ -118,7 +118,7 @@ cdef bint good_step(
         if found.event == SHORTER:
             h[0] = found.share * taken[0]
             return False
-        if error > 1.0:  # shorter, but not as good as it looked
+        if error > 1.0:  # a shorter step can have a larger error
             h[0] = taken[0] * step_factor(work, error)
             return False
     elif tried >= left:
@@ -130,9 +130,9 @@ cdef bint good_step(
 cdef double land_on_first(
     const Piece *now, Work *work, double tried, const Events *start, Events *end, bint undetected, Finding *found, double *error
 ) noexcept nogil:
-    """Land on the event found in a step, or on what turns out to come before it; return the length of that step.
+    """Land on the event found in a step, or on an earlier one found meanwhile; return the length of that step.
 
-    What is found may turn out to need a shorter one.
+    `found.event` becomes SHORTER if a shorter step is needed first.
     """
     cdef int other
     cdef double taken = tried
@@ -147,12 +147,12 @@ cdef double land_on_first(
             return taken
         found.event, found.within = other, 1.0
         found.share = crossing_share(now, work, taken, other, start, end, 1.0)
-    found.event, found.share = SHORTER, 0.5  # two that seem to come before each other: they are closer than its error
+    found.event, found.share = SHORTER, 0.5  # each of two events seems to come first: they are closer than the error
     return taken
 
 
 cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogil:
-    """Let an event have its effect on `chain`; return what the caller is to know of it."""
+    """Apply the effect of an event to `chain`; return the status."""
     if event == NOTHING:
         return STEP_LIMIT
     if event == CLOCK:
@@ -181,7 +181,7 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
 
 
 cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noexcept nogil:
-    """Trace points along the step just found good, each by a step of its own: its polynomial is not as exact."""
+    """Trace points along the step just found good, each by a step of its own, which is more exact than the polynomial."""
     cdef Chain ghost = chain[0]
     cdef Events events
     cdef int64_t point, points = TRACE_POINTS

@@ -1,9 +1,9 @@
 """Equations of motion of the chain without a closed form: a coupling on a compliant robot, one with stops, or both.
 
-Its parts are data: a tool behind a spring and damper, with stops or without, or behind a mechanism, on a rigid robot or on one with a table of
-parameters; or a tool that is one mass with such a robot. It is integrated in flight as in contact. Forces are computed
-in SI units and scaled at the border. Further places of its state: the impulse of what pulls the tool, the momentum of
-the mass that has joined it, the offset of the flange from the imposed motion and its rate.
+Its parts are data: a tool behind a spring and damper, with or without stops, or behind a mechanism, on a rigid robot or
+on a robot with a table of parameters; or a tool that is one mass with such a robot. Flights are integrated like contacts.
+Forces are computed in SI units, then scaled. Further places of the state: the impulse of the coupling on the tool, the
+momentum of the mass that has joined it, the offset of the flange from the imposed motion and its rate.
 """
 
 
@@ -20,7 +20,7 @@ cdef struct Swing:  # the chain seen from the imposed motion, SI units
 cdef struct Accelerations:  # scaled accelerations, and the forces behind them
     double tool, flange  # of tool and flange from the imposed motion
     double gap  # of the tool from the object
-    double pull  # N, on the tool of what holds it
+    double pull  # N, of the coupling on the tool
     double joined  # N, momentum per second of the mass that joins the moving part
 
 
@@ -47,7 +47,7 @@ cdef inline double coupling_pull(const Piece *now, double stretch, double stretc
 
 
 cdef inline Accelerations motion(const Piece *now, const Swing *at, double push) noexcept nogil:
-    """What happens under a contact force `push` (N; paper, eq. 8, 16 and 17)."""
+    """Accelerations under a contact force `push` (N; paper, eq. 8, 16 and 17)."""
     cdef Accelerations move
     cdef const RobotNow *robot = &at.robot
     cdef double flange_rate
@@ -96,7 +96,7 @@ cdef struct Gradient:  # derivatives of one entry of `Accelerations`
 
 
 cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept nogil:
-    """Derivatives of what pulls the tool."""
+    """Derivatives of the coupling's force on the tool."""
     cdef double k, c
     cdef RobotSlopes slopes
     if not now.law.coupled:
