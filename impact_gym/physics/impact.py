@@ -1,4 +1,4 @@
-"""Instantaneous impact in closed form, the limit of a stiff contact (paper, eq. 1-4 and 22); the object's slide to rest.
+"""Instantaneous impact in closed form, the limit of stiff contact (paper, eq. 1-4 and 22); the object's slide to rest.
 
 All arguments broadcast against each other as NumPy arrays; a restitution of 0 is allowed here.
 """
