@@ -53,7 +53,7 @@ sources["write"]()
 kernels = Extension(
     "impact_gym.kernels",
     ["impact_gym/kernels.pyx"],
-    depends=["impact_gym/solver/taylor.h"],
+    depends=["impact_gym/solver/taylor.h", *sources["INPUTS"]],
     extra_compile_args=FLAGS,
     define_macros=[("COMPILED_FROM", f'"{sources["digest"]()}"')],
 )

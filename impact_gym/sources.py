@@ -14,6 +14,8 @@ REMEDY = "compile it with `make setup`, or `python setup.py build_ext --inplace`
 TABLEAU, NUMBERS = "solver/dop853.pxi", "task/numbers.pxi"
 GENERATORS = {TABLEAU: HERE / "solver" / "tableau.py", NUMBERS: HERE / "task" / "numbers.py"}
 """Sources written by setup.py, each with the module whose `text()` it is."""
+INPUTS = [f"impact_gym/{name}" for name in ("solver/tableau.py", "task/numbers.py", "quantities.py")]
+"""What they are written from, in the project's folder: a change of it compiles anew."""
 
 
 def generated(name: str) -> str:
