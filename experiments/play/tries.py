@@ -12,7 +12,7 @@ import impact_gym as ig
 from agents.policies import Controller
 from agents.provenance import circumstances, revision
 from experiments.play.assistance import PERIOD, PERSON, assistance, environment_of, playable
-from impact_gym.envs.batch import Batch, Bodies
+from impact_gym.envs.batch import Batch, Bodies, EpisodeState
 from impact_gym.outcome import Outcome, Trace
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task
@@ -48,8 +48,8 @@ def advance(batch: Batch, action: ArrayLike) -> None:
     batch.step(action, _ALL, (len(batch.action_spec),))
 
 
-def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task]:
-    """Play a try again in the environment; return its trace to the end of the settling, its info and its task.
+def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
+    """Play a try again; return its trace to the end of the settling, its info, its task, and when alarm and end came.
 
     Raises:
         RuntimeError: the replayed episode does not end with the last action: the environment has changed.
@@ -62,7 +62,7 @@ def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task]:
         advance(batch, action)
     if not batch.ended[0]:
         raise RuntimeError("the try does not end as it did: it was made with another version of the environment")
-    return batch.trace(0), batch.info(0), batch.tasks[0].at(this.record)
+    return batch.trace(0), batch.info(0), batch.tasks[0].at(this.record), batch.episode_state(0)
 
 
 def corners(trace: Trace) -> ig.Motion:
@@ -173,7 +173,7 @@ class Live:
         while not self.ended:
             self.step()
         done = self.kept
-        trace, info, _ = replayed(done)
+        trace, info, *_ = replayed(done)
         motion = corners(trace)
         done.motion.update(times=list(motion.times), velocities=list(motion.velocities))
         outcome = simulated(done)

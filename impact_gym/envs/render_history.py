@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from impact_gym.envs.batch import EpisodeState
 from impact_gym.outcome import Trace
 from impact_gym.scene import Rigid
 from impact_gym.task.task import Task
@@ -50,13 +51,15 @@ class State(NamedTuple):
 class History:
     """An episode up to now, from the simulator's own trace: nothing here is simulated again."""
 
-    def __init__(self, trace: Trace, info: dict[str, Any], task: Task, ended: bool) -> None:
-        """Take the trace, which begins with the first step, and `info` as `episode_info()` gives it.
+    def __init__(self, trace: Trace, info: dict[str, Any], task: Task, events: EpisodeState, ended: bool) -> None:
+        """Take the trace, which begins with the first step, `info` and the times of alarm and end.
 
-        `task` becomes that of this episode, with what it drew.
+        These are what `episode_info()` and `episode_state()` of an environment return. `task` becomes that of this
+        episode, with what it drew.
         """
         self.info = info
         self.ended = ended
+        self.events = events
         self.task = task = task.at(info["record"])
         at_rest = {name: 0.0 for name in State._fields} | {"object_position": info["scenario"]["distance"]}
         rows = np.vstack([list(at_rest.values()), np.column_stack([getattr(trace, name) for name in at_rest])])
@@ -73,10 +76,6 @@ class History:
         partings = self.time[np.flatnonzero(edges < 0)]
         self.partings = np.append(partings, math.inf)[: len(self.touches)]
         self.threshold = task.alarm_threshold
-        over = np.flatnonzero(self.columns["contact_force"] >= self.threshold * (1.0 - 1e-9))
-        self.detection = float(self.time[over[0]]) if len(over) else math.inf
-        self.alarm = self.detection + info["record"]["reaction_delay"]
-        self.end_of_control = task.horizon if math.isinf(self.alarm) else self.alarm + task.after_alarm
 
     def at(self, time: float) -> State:
         """Return the chain at `time` (s), linear between points of the trace."""
@@ -109,8 +108,8 @@ class History:
         begun = int(np.searchsorted(self.touches, time, side="right"))
         touching = begun > 0 and time < self.partings[begun - 1]
         interval = 1.0 / (FRAME_RATE * (CONTACT_FACTOR if touching else FLIGHT_FACTOR))
-        if self.ended and time >= self.end_of_control:
-            interval = max(interval, (self.now - self.end_of_control) / SETTLING_FRAMES)
+        if self.ended and time >= self.events.end:
+            interval = max(interval, (self.now - self.events.end) / SETTLING_FRAMES)
         away, speed = math.inf, 1.0
         if begun:
             touch = self.at(float(self.touches[begun - 1]))

@@ -43,11 +43,12 @@ class Strip:
             for touch, parting in zip(history.touches, history.partings, strict=True):
                 if touch < now and parting > self.start:
                     self._span(touch, min(parting, now), LIGHT_CONTACT, self.height)
-            if history.detection <= now and history.alarm > self.start:
-                self._span(history.detection, min(history.alarm, now), LIGHT_DELAY, DELAY_BAND)
+            events = history.events
+            if events.detection <= min(now, events.alarm) and events.alarm > self.start:
+                self._span(events.detection, min(events.alarm, now), LIGHT_DELAY, DELAY_BAND)
             for time in ticks(self.start):
                 self._instant(time, look.GRID, 0.5)
-            for instant, colour in ((history.detection, look.WARNING), (history.alarm, look.ALARM)):
+            for instant, colour in ((events.detection, look.WARNING), (events.alarm, look.ALARM)):
                 if self.start < instant <= now:
                     self._instant(instant, colour, 1.5)
             self._instant(now, look.FAINT, 1.0)

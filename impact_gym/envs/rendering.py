@@ -46,7 +46,8 @@ class Renderer:
 
     def render(self, batch: Batch, row: int) -> Frame | list[Frame] | None:
         """Return what `render` of the environment returns, of the episode of `row` of `batch`."""
-        history = History(batch.trace(row), batch.info(row), self._task, batch.episodes["terminated"][row] == 1)
+        ended, events = bool(batch.episodes["terminated"][row]), batch.episode_state(row)
+        history = History(batch.trace(row), batch.info(row), self._task, events, ended)
         if self._mode == "rgb_array":
             return self._single(history).copy()
         if self._mode == "rgb_array_list":
@@ -148,14 +149,17 @@ LAMP = (look.WIDTH - 22.0, 19.0)
 
 
 def alarm(history: History, state: State) -> tuple[str, str]:
-    """Return what is to be said of the alarm, and the colour of its lamp."""
-    if state.time < history.detection:
-        return "no alarm", look.GRID
-    if state.time < history.alarm:
-        left = 1e3 * (history.alarm - state.time)
+    """Return the words for the alarm, and the colour of its lamp."""
+    events, time = history.events, state.time
+    if events.alarm <= time < events.alarm_over:
+        words = f"ALARM at {events.alarm:.4f} s"
+        if history.task.alarm == "reading":
+            return f"{words}, by a reading above {history.threshold:g} N", look.ALARM
+        return f"{words}, {1e3 * (events.alarm - events.detection):.1f} ms after {history.threshold:g} N", look.ALARM
+    if events.detection <= time < events.alarm and history.task.alarm == "force":
+        left = 1e3 * (events.alarm - time)
         return f"over {history.threshold:g} N; controller knows in {left:.1f} ms", look.WARNING
-    late = 1e3 * (history.alarm - history.detection)
-    return f"ALARM at {history.alarm:.4f} s, {late:.1f} ms after {history.threshold:g} N", look.ALARM
+    return "no alarm", look.GRID
 
 
 def pace(factor: float) -> str:
@@ -180,7 +184,7 @@ def _foot(canvas: Canvas, history: History, state: State) -> None:
     words += f"{scenario['contact_stiffness']:.3g} N/m^1.5, restitution {scenario['restitution']:.2f}   |   "
     words += f"{coupling_words(history.task)}   |   time weight {info['time_weight']:.3g} m/s per s"
     canvas.text(words, (14.0, 520.0), 17, look.FAINT)
-    if history.ended and state.time >= history.end_of_control:
+    if history.ended and state.time >= history.events.end:
         canvas.text("settling", (look.WIDTH - 14.0, 520.0), 17, look.FAINT, "midright")
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from impact_gym.envs import docstring
 from impact_gym.envs.arguments import with_task_arguments
-from impact_gym.envs.batch import Batch
+from impact_gym.envs.batch import Batch, EpisodeState
 from impact_gym.outcome import Trace
 from impact_gym.task.action import ActionSpec
 from impact_gym.task.episodes import reset_options, skip_episodes
@@ -189,6 +189,10 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def episode_info(self) -> dict[str, Any]:
         """Return the entries of the final `info` as they stand now."""
         return self._batch.info(0)
+
+    def episode_state(self) -> EpisodeState:
+        """Return when the force was detected, the alarm came and the episode ended, s; inf for what has not come."""
+        return self._batch.episode_state(0)
 
     def command(self, velocity: float) -> None:
         """Let the operator, a `Person`, command `velocity` (m/s) from the next tick on.

@@ -28,7 +28,7 @@ def test_tool_flange_and_spring_are_drawn_where_the_trace_has_them(options):
     first, springs = history.touches[0], []
     deflection = history.columns["tool_position"] - history.columns["flange_position"]
     shortest = float(history.time[np.argmin(deflection)])
-    for time in (0.5 * first, 0.99 * first, first, shortest, history.alarm + 0.02, history.now):
+    for time in (0.5 * first, 0.99 * first, first, shortest, history.events.alarm + 0.02, history.now):
         state, picture = history.at(time), drawn(env, time)
         view = render_chain.camera(task, state)
         row = round(view.axis + 0.4 * render_chain.TOOL_HEIGHT * view.scale)  # where nothing else is drawn
@@ -57,16 +57,41 @@ def test_lamp_is_lit_by_the_force_and_turns_red_when_the_controller_knows():
         0.75 * (float(result[0][2]) + 1.0) for result in results if result[0][3] == 1.0
     )  # s, of the observation
     history, (x, y) = history_of(env), map(round, rendering.LAMP)
-    assert history.alarm == pytest.approx(told, abs=2e-7)
-    assert np.interp(history.detection, history.time, history.columns["contact_force"]) == pytest.approx(1.0, rel=1e-6)
+    assert history.events.alarm == pytest.approx(told, abs=2e-7)
+    assert np.interp(history.events.detection, history.time, history.columns["contact_force"]) == pytest.approx(
+        1.0, rel=1e-6
+    )
     colours = render_canvas.GRID, render_canvas.WARNING, render_canvas.WARNING, render_canvas.ALARM
-    times = [begins + side for begins in (history.detection, history.alarm) for side in (-1e-4, 1e-4)]
+    times = [begins + side for begins in (history.events.detection, history.events.alarm) for side in (-1e-4, 1e-4)]
     for time, name in zip((*times, history.now), (*colours, render_canvas.ALARM), strict=True):
         assert is_colour(drawn(env, time)[y, x], name)
     left, top, width, height = map(round, render_strips.FORCE)
-    strip = drawn(env, history.alarm + 0.01)[top : top + height, left : left + width]
+    strip = drawn(env, history.events.alarm + 0.01)[top : top + height, left : left + width]
     for name in (render_canvas.WARNING, render_canvas.ALARM, render_canvas.FORCE):
         assert is_colour(strip, name).any()
+
+
+def test_lamp_is_red_while_an_alarm_by_a_reading_is_on_and_grey_once_it_has_cleared():
+    env = gym.make(ID, record_trace=True, alarm="reading", after_alarm=0.05, reaction_delay=0.03)
+    _, results = play(env, scenario=HARD_AND_HEAVY)
+    seen = [(0.75 * (float(result[0][2]) + 1.0), bool(result[0][3])) for result in results]  # time (s), alarm
+    raised = [time for (_, before), (time, now) in itertools.pairwise(seen) if now and not before]
+    events, (x, y) = history_of(env).events, map(round, rendering.LAMP)
+    assert events.alarm == pytest.approx(raised[-1], abs=2e-7)
+    times = (events.alarm - 1e-4, events.alarm + 1e-4, events.alarm_over - 1e-4, events.alarm_over + 1e-4)
+    grey, red = render_canvas.GRID, render_canvas.ALARM
+    for time, name in zip(times, (grey, red, red, grey), strict=True):
+        assert is_colour(drawn(env, time)[y, x], name)
+
+
+def test_episode_with_an_operator_ends_in_the_pictures_when_it_is_done():
+    options = {"operator": {"type": "Reach", "place_error": 0.0, "creep": 0.1}, "friction": 0.3, "horizon": 8.0}
+    env = gym.make("ImpactTeleop-v0", record_trace=True, **options).unwrapped
+    env.reset(seed=2)
+    ended, info = False, {}
+    while not ended:
+        *_, ended, _, info = env.step(np.float32([1.0, 0.0, -1.0]))
+    assert env.episode_state().end == info["done_time"] < 8.0
 
 
 @pytest.mark.parametrize(("scenario", "options"), [

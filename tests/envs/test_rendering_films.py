@@ -80,7 +80,7 @@ def test_modes_show_a_picture_of_each_instant_of_one_go_and_change_no_result(mod
     assert (np.diff(instants[:, 0]) > 0.0).all()
     inside = (instants[:, 0] > contact.touches[0]) & (instants[:, 0] < contact.partings[0])
     assert inside.sum() >= FRAMES_PER_IMPACT - 2
-    assert instants[-1, 0] == contact.now > contact.end_of_control
+    assert instants[-1, 0] == contact.now > contact.events.end
     last = renderer.picture(contact, *instants[-1])
     env = gym.make(ID, render_mode=mode, **SHORT)
     pictures, results = play(env)

@@ -27,7 +27,8 @@ def play(env, seed=1, scenario=None, stop=10**6, look=None):
 
 
 def history_of(env, ended=True):
-    return History(env.unwrapped.trace(), env.unwrapped.episode_info(), task_of(env), ended)
+    own = env.unwrapped
+    return History(own.trace(), own.episode_info(), task_of(env), own.episode_state(), ended)
 
 
 def drawn(env, time):

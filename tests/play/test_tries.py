@@ -23,7 +23,7 @@ def test_try_is_played_again_by_environment_and_simulate(setup, assist, tmp_path
         asked = {"assist": assist, "seed": seed, "setup": setup}
         done = pushed(lambda _, rng=rng: float(rng.uniform(0.1, 0.5)), 4 + 9 * seed, **asked)
         this = try_files.read(try_files.write(tmp_path / "try.json", done))
-        _, info, _ = tries.replayed(this)
+        _, info, *_ = tries.replayed(this)
         assert {name: info["record"][name] for name in this.record} == this.record
         assert {name: info[name] for name in ("touch_time", "done_time", "taken")}.items() <= this.result.items()
         outcome = tries.simulated(this)
@@ -45,7 +45,7 @@ def test_live_try_ends_as_its_replay_and_looking_ahead_changes_nothing():
             assert np.array_equal([*first.batch.bodies()], [*ahead])  # a command of this step arrives later
     this = first.finished()
     assert this.result == second.finished().result
-    _, info, _ = tries.replayed(this)
+    _, info, *_ = tries.replayed(this)
     for name, value in first.batch.info(0).items():
         assert info[name] == value, name
 

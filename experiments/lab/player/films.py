@@ -201,7 +201,7 @@ def play(
         start, ended = np.zeros(1, np.bool_), terminated or truncated
     if info["status"] != "ok":
         raise RuntimeError(f"scenario {number}: {info['status']}")
-    return Run(History(env.trace(), info, Task(**options), ended=True), info)
+    return Run(History(env.trace(), info, Task(**options), env.episode_state(), ended=True), info)
 
 
 def scene_of(runs: Mapping[str, Run]) -> dict[str, Any]:
@@ -236,7 +236,7 @@ def radius_of(mass: float) -> float:
 
 
 def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float]) -> dict[str, Any]:
-    alarm, digits = float(run.history.alarm), DECIMALS["time"]
+    alarm, digits = float(run.history.events.alarm), DECIMALS["time"]
     operated = {}
     if run.history.task.operator:  # delay of the operator's view, s
         delay = run.info["record"].get("downlink.delay", run.history.task.downlink.delay)
