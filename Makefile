@@ -13,7 +13,8 @@ PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n au
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
 
-SOLVER := pyproject.toml constraints.txt setup.py $(wildcard impact_gym/*.pyx impact_gym/*/*.pxi impact_gym/*/*.h)
+SOLVER := pyproject.toml constraints.txt setup.py $(wildcard impact_gym/*.pyx impact_gym/*/*.pxi impact_gym/*/*.h) \
+	impact_gym/quantities.py impact_gym/solver/tableau.py impact_gym/task/numbers.py
 
 PIP = $(BIN)/pip install --quiet --no-compile --disable-pip-version-check -c constraints.txt
 WANTED := import sys, tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
@@ -25,7 +26,7 @@ define install
 	|| { echo "Python 3.11 or newer is needed; name one with make PYTHON=..."; exit 1; }
 @$(PYTHON) -m venv $(VENV)
 @echo "1 of 2: installing what compiles the solver into $(VENV)"
-@$(PIP) cython setuptools
+@$(PIP) cython setuptools numpy scipy
 @echo "2 of 2: compiling the solver (about 15 s) and, beside it, installing $(2)"
 @$(PIP) --no-build-isolation --no-deps -e . & $(BIN)/python -c '$(WANTED)' $(1) > $(VENV)/wanted.txt \
 	&& $(PIP) -r $(VENV)/wanted.txt && wait $$!

@@ -48,13 +48,14 @@ class Build(build_py):
         return out, copied
 
 
-digest = runpy.run_path("impact_gym/sources.py")["digest"]()
+sources = runpy.run_path("impact_gym/sources.py")
+sources["write"]()
 kernels = Extension(
     "impact_gym.kernels",
     ["impact_gym/kernels.pyx"],
-    depends=["impact_gym/solver/taylor.h"],
+    depends=["impact_gym/solver/taylor.h", *sources["INPUTS"]],
     extra_compile_args=FLAGS,
-    define_macros=[("COMPILED_FROM", f'"{digest}"')],
+    define_macros=[("COMPILED_FROM", f'"{sources["digest"]()}"')],
 )
 packages = find_packages(include=["impact_gym*", "agents*", "experiments*"])
 if "editable_wheel" in sys.argv:

@@ -120,7 +120,7 @@ def lines(setup: Setup) -> Iterator[str]:
                f"{soon:.1f} to {last:.1f} times that in nine of ten scenarios, {usual:.1f} in the middle, at the least "
                f"{least:.1f}")  # fmt: skip
     if isinstance(task.coupling, Bistable):
-        force = float(task.coupling.force(task.coupling.rest))
+        force = task.coupling.holding_force
         yield f"  the front stop holds the tool with {force:.3g} N: to what presses less hard it is as good as rigid"
     yield from (f"  warning: {sentence}" for sentence in warnings(task))
     yield "\ntrained by"

@@ -1,8 +1,8 @@
 """From a set-up to a controller: `impact-gym controller my.toml --out DIR`.
 
-Tunes the baselines, trains the seeds, writes the report and exports the median policy, each as the command does that it
-prints. What a stage leaves in DIR is kept: the same command continues where it was stopped. `--quick` does all of it
-with a fraction of the work, which the report says.
+Tunes the baselines, trains the seeds, writes the report and exports the median policy; each stage is the command that
+is printed. Results of a stage are kept in DIR: the same command resumes where it was stopped. `--quick` does all of it
+with a fraction of the work, as the report states.
 """
 
 from collections.abc import Callable
@@ -32,10 +32,10 @@ class ControllerOptions:
     setup: tyro.conf.Positional[str]
     """A name or a file."""
     out: Path
-    """Folder for all of it; an earlier run there for this set-up is resumed."""
+    """Folder for all results; an earlier run there for this set-up is resumed."""
     quick: bool = False
-    """A first look in a few minutes: less tuning, three seeds of a million steps, 200 scenarios. Use another folder
-    than for the whole."""
+    """A first look in a few minutes: less tuning, three seeds of a million steps, 200 scenarios. Use a folder
+    other than for the full run."""
     processes: int = 2
     """Tunings and trainings at a time on this machine; each uses one core."""
     cluster: str | None = None
@@ -43,13 +43,12 @@ class ControllerOptions:
 
 
 def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
-    """Return the copy of the set-up's file in `out`, by which every stage goes.
+    """Return the copy of the set-up's file in `out`, which all stages read.
 
-    Words, rivals, the bound and what is varied may change from one run to the next, but nothing that the results in
-    the folder were made for.
+    Texts, rivals, the bound and the variations may change between runs; the settings in MADE_FOR may not.
 
     Raises:
-        ValueError: the folder holds something else.
+        ValueError: the folder holds other files or results of other settings.
     """
     copy, sign = out / f"{setup.path.stem}.toml", out / "quick"
     if out.exists() and not out.is_dir():
@@ -61,7 +60,7 @@ def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
         if MADE_FOR(load_setup(copy)) != MADE_FOR(setup):
             raise ValueError(f"{out} holds results of {copy.name} as it was: it has changed since, name another folder")
         if sign.exists() != quick:
-            kind = "a quick look" if sign.exists() else "the whole"
+            kind = "a quick look" if sign.exists() else "a full run"
             raise ValueError(f"{out} holds {kind}: name another folder with --out")
     write_file(copy, setup.path.read_bytes())
     if quick:
@@ -70,7 +69,7 @@ def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
 
 
 def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[Any], object], Any]]:
-    """Return what each stage does, by the name of its command, and the options of that."""
+    """Return the function and the options of each stage, by the name of its command."""
     out, setup, copies = options.out, load_setup(copy), (str(copy),)
     where: dict[str, Any] = {"processes": options.processes, "cluster": options.cluster}
     tuning = tune.Tune(copies, bound=setup.bound == copy.stem, out=out / "tuned", jobs=out / "searches", **where)

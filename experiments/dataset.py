@@ -1,4 +1,4 @@
-"""`impact-gym dataset`: episodes of rule, profile, policy or persons, for Minari; they play again to the bit."""
+"""`impact-gym dataset`: episodes of rule, profile, policy or persons, for Minari, with bit-exact replay."""
 
 import json
 import os
@@ -38,10 +38,10 @@ from impact_gym.validation import distinct, shown, whole
 
 PLAYERS = {
     "rule": "the paper's rule",
-    "profile": "the baseline that was tuned for the set-up and comes first in its `against`",
+    "profile": "the first baseline in the set-up's `against`",
     "policy": "its learned policy",
 }
-SEED = 70_000_000  # of the first episode: neither trained, nor tuned, nor judged with
+SEED = 70_000_000  # of the first episode; not used in training, tuning or evaluation
 ROOT = "MINARI_DATASETS_PATH"
 Players = Callable[[float], Controller]  # by the time weight of an episode, m/s per s
 
@@ -50,8 +50,8 @@ Players = Callable[[float], Controller]  # by the time weight of an episode, m/s
 class DatasetOptions:
     """Record episodes as datasets of Minari, NAMESPACE/SETUP/PLAYER-vVERSION.
 
-    Of a set-up, each of --who plays a dataset. A folder of tries, which impact-gym play left, becomes a dataset of
-    persons, or with --operator an operator to train with.
+    From a set-up: a dataset for each of --who. From a folder of tries written by impact-gym play: a dataset of persons,
+    or with --operator an operator for training.
     """
 
     source: Annotated[Positional[str], arg(metavar="SETUP|FOLDER|DATASET")]
@@ -63,9 +63,9 @@ class DatasetOptions:
     seed: Annotated[int, arg(metavar="N")] = SEED
     """Seed of the first episode; the others follow."""
     operator: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: make a dataset)")] = None
-    """Write the tries as an operator that draws one of them for each episode: TOML for a set-up's [environment]."""
+    """Write the tries as an operator that replays a random one in each episode: TOML for a set-up's [environment]."""
     include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
-    """Take the tries that are marked as interrupted or late as well."""
+    """Include tries that are marked as interrupted or late."""
     namespace: Annotated[str, arg(metavar="NAME")] = "impact"
     """First part of the dataset's id."""
     version: Annotated[int, arg(metavar="N")] = 0
@@ -73,11 +73,11 @@ class DatasetOptions:
     author: Annotated[str, arg(metavar="NAME")] = metadata("impact-gym")["Author"] or ""
     """Written into the dataset."""
     email: Annotated[str, arg(metavar="ADDRESS", help_behavior_hint="(default: none)")] = ""
-    """Or another way to reach the author."""
+    """Or another contact of the author."""
     link: Annotated[str, arg(metavar="URL", help_behavior_hint="(default: version and commit)")] = ""
     """Public place of the code."""
     check: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
-    """Play a dataset again and compare observations, rewards and ends to the bit."""
+    """Replay a dataset and compare observations, rewards and ends bit by bit."""
 
     def __post_init__(self) -> None:
         whole("episodes", self.episodes, at_least=1)
@@ -87,10 +87,10 @@ class DatasetOptions:
 
 
 def players(name: str, setup: Setup) -> Players:
-    """Return the player of a set-up that has a name as in `DatasetOptions.who`.
+    """Return the player of a set-up by a name as in `DatasetOptions.who`.
 
     Raises:
-        ValueError: there is none, or it was not tuned or trained.
+        ValueError: the name is unknown, or the player was not tuned or trained.
     """
     tuned = setup.against[0] if name == "profile" and setup.against else name
     if name == "policy":
@@ -110,9 +110,9 @@ def players(name: str, setup: Setup) -> Players:
 
 
 def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], play: Players) -> EpisodeBuffer:
-    """Play an episode and return it: in its options the whole record, so that a reset with them begins it again.
+    """Play an episode and return it; its options hold the full record, so that a reset with them repeats it.
 
-    The infos of each step are what `sensors` returns, in SI units, and the numbers of the final info as they stand.
+    The infos of each step are those of `sensors`, in SI units, and the current numbers of the final info.
     """
     bare: Any = env.unwrapped
 
@@ -140,14 +140,14 @@ def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], pla
 def write(
     name: str, env: gym.Env[Any, Any], episodes: Iterator[EpisodeBuffer], options: DatasetOptions, who: str, about: str
 ) -> Any:
-    """Write a dataset, whole or not at all, and return it: `who` plays, and what it is about.
+    """Write a dataset atomically and return it; `who` is the player, `about` the description.
 
     Raises:
-        ValueError: there is such a dataset already, or its name is none.
+        ValueError: the dataset exists already, or its name is invalid.
     """
     final, (namespace, _, _) = get_dataset_path(name), parse_dataset_id(name)
     if final.exists():
-        raise ValueError(f"there is a dataset {name} already, {final}: delete it, or take another --version")
+        raise ValueError(f"there is a dataset {name} already, {final}: delete it, or use another --version")
     code = options.link or f"impact_gym {version('impact-gym')}, commit {revision()['commit'] or 'unknown'}"
     packages = [f"{package}=={version(package)}" for package in ("impact-gym", "gymnasium", "numpy")]
     with tempfile.TemporaryDirectory(prefix=".making-", dir=get_dataset_path()) as hidden:
@@ -164,7 +164,7 @@ def write(
 
 
 def of_setup(options: DatasetOptions) -> Iterator[Any]:
-    """Make and yield a dataset of each player of a set-up."""
+    """Write and yield a dataset of each player of a set-up."""
     setup = load_setup(options.source)
     env = setup.make(time_weight=setup.training.time_weight)
     for who, play in {who: players(who, setup) for who in options.who}.items():
@@ -175,7 +175,7 @@ def of_setup(options: DatasetOptions) -> Iterator[Any]:
 
 
 def of_tries(options: DatasetOptions) -> Any:
-    """Make and return a dataset of the tries of persons in a folder."""
+    """Write and return a dataset of the tries of persons in a folder."""
     found = try_files.of_persons(Path(options.source), options.include_marked)
     env = gym.make("impact_gym:ImpactTeleop-v0", **found[0].environment, operator=try_files.operator_of(found))
     name = f"{options.namespace}/{found[0].setup}/person-v{options.version}"
@@ -193,22 +193,22 @@ def of_tries(options: DatasetOptions) -> Any:
 
 
 class Given:
-    """Plays the actions that it was given, whatever the weight, then nought."""
+    """Plays given actions at any time weight, then zeros."""
 
     def __init__(self, actions: Sequence[Sequence[float]], _weight: float) -> None:
         given = np.array(actions, np.float32)
         self.ahead = chain(given, repeat(0.0 * given[0]))
 
     def predict(self, *_: Any, **__: Any) -> tuple[Any, Any]:
-        """Return the next one."""
+        """Return the next action."""
         return next(self.ahead)[None], None
 
 
 def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
-    """Make the environment of a dataset's metadata, which may come from anywhere: nothing that they name is imported.
+    """Make the environment of a dataset's metadata, which is not trusted: nothing named there is imported.
 
     Raises:
-        ValueError: it is none of ours, or names other code, a wrapper or a file.
+        ValueError: it is not an environment of this package, or names other code, a wrapper or a file.
     """
     spec = json.loads(about["env_spec"])
     if spec["id"] not in IDS:
@@ -222,10 +222,10 @@ def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
 
 
 def check(name: str) -> int:
-    """Play a dataset of Minari again; return how many episodes it has.
+    """Replay a dataset of Minari; return the number of its episodes.
 
     Raises:
-        ValueError: there is none of this name, or it was made with another version: says where it differs.
+        ValueError: the dataset is missing, or its replay differs, with the place of the difference.
     """
     if not get_dataset_path(name).is_dir():
         known = ", ".join(minari.list_local_datasets()) or "none"
@@ -237,21 +237,23 @@ def check(name: str) -> int:
         env = environment_of(about)  # before Minari reads the dataset, which may make an environment, too
         dataset = minari.load_dataset(name)
     except (AssertionError, AttributeError, LookupError, TypeError, ValueError, gym.error.Error) as problem:
-        raise ValueError(f"{name} has an environment that is none here, {reason(problem)}: {other}") from problem
+        raise ValueError(
+            f"{name} has an environment that is not of this package, {reason(problem)}: {other}"
+        ) from problem
     abouts = dataset.storage.get_episode_metadata(range(dataset.total_episodes))
     for episode, begun in zip(tqdm(dataset, name, unit="episodes"), abouts, strict=True):
         record = begun.get("options", {}).get("record", {})
         done = recorded(env, begun["seed"], record, partial(Given, episode.actions))
         for what in ("observations", "rewards", "terminations", "truncations"):
             if not np.array_equal(getattr(done, what), getattr(episode, what)):
-                raise ValueError(f"{name}: {what} of episode {episode.id} are others when played again: {other}")
+                raise ValueError(f"{name}: {what} of episode {episode.id} differ when replayed: {other}")
     return int(dataset.total_episodes)
 
 
 def work(options: DatasetOptions) -> None:
-    """Do what the options ask for, and say what came of it."""
+    """Run the command and print its result."""
     if options.check:
-        print(f"{options.source}: {check(options.source)} episodes play again to the bit")
+        print(f"{options.source}: {check(options.source)} episodes replay to the bit")
     elif options.operator is not None:
         found = try_files.of_persons(Path(options.source), options.include_marked)
         content = [f"{key} = {json.dumps(value)}\n" for key, value in try_files.operator_of(found).items()]  # TOML, too

@@ -12,7 +12,7 @@ from agents.setups import load_setup, shipped
 
 
 def card(name: str) -> Iterator[str]:
-    """Yield what a policy is for, where it fails, how it came about, and what its seeds do on the validation set."""
+    """Yield the lines of a card: purpose, failures, command, and the seeds' results on the validation set."""
     setup = load_setup(name)
     path = setup.folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
@@ -28,7 +28,7 @@ def card(name: str) -> Iterator[str]:
         means = [f"{_mean([validation[key][place] for validation in validations])} {unit}"
                  for key, unit in (("approach_time", "s"), ("object_velocity", "m/s"))]  # fmt: skip
         yield f"  w = {weight:g} m/s per s: T {means[0]}, V_p {means[1]}"
-    yield f"  {seeds} seeds, seed {ensemble.chosen} is the median and stands for all; in brackets 95 % for their mean"
+    yield f"  {seeds} seeds, seed {ensemble.chosen} is the median; in brackets the 95 % interval of the mean"
     when = f"{chosen['settings']['steps']:,} steps, {chosen['date'][:10]}, commit {(chosen.get('commit') or '-')[:7]}"
     yield f"  made by: {chosen['command']} ({when})"
 

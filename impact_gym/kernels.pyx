@@ -29,7 +29,7 @@ include "physics/mechanism.pxi"
 include "physics/robot.pxi"
 include "task/numbers.pxi"
 include "solver/state.pxi"
-include "solver/lowering.pxi"
+include "solver/to_kernel.pxi"
 include "solver/piece.pxi"
 include "solver/rigid.pxi"
 include "solver/spring_damper.pxi"
@@ -132,7 +132,7 @@ def approach_rows(
     run.recorder = recorder_of(recorder)
     with nogil:
         for i in range(first, last):
-            lower(&plan[i].mount, &law)
+            law_to_kernel(&plan[i].mount, &law)
             run.law, run.contact = &law, plan[i].contact
             run.object_mass, run.threshold = plan[i].object_mass, plan[i].threshold
             run.ground = STANDARD_GRAVITY * plan[i].friction
@@ -146,7 +146,7 @@ def laws_of(mounts):
     cdef const Mount *mount = <const Mount *> memory_of(mounts)
     cdef Law *law = <Law *> memory_of(laws)
     for i in range(len(mounts)):
-        lower(&mount[i], &law[i])
+        law_to_kernel(&mount[i], &law[i])
     return laws
 
 
@@ -251,7 +251,7 @@ cdef class Rows:
                 if row.task.mount_drawn:
                     mount = row.task.mount
                     mount.tool_mass, mount.coupling, mount.robot = drawn.tool_mass, drawn.coupling, drawn.robot
-                    lower(&mount, &self.laws[places[k] * self.each_law])
+                    law_to_kernel(&mount, &self.laws[places[k] * self.each_law])
                 begin_episode(&row, &self.laws[places[k] * self.each_law], drawn)
 
     def step(self, actions, skip, int64_t first, int64_t last):

@@ -1,7 +1,7 @@
 """Imposed motion of the flange: pieces of constant acceleration.
 
-Every motion here is a sequence of commands 'go to this velocity with this acceleration, then hold it'. A trapezoid
-is one command at t = 0 and, if it brakes, a second one when the contact alarm reaches the controller.
+Every motion is a sequence of commands: go to this velocity with this acceleration, then hold it. A trapezoid is one
+command at t = 0 and, if it brakes, a second one when the contact alarm reaches the controller.
 """
 
 from dataclasses import dataclass
@@ -10,13 +10,13 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.record import SI, Record
+from impact_gym.parameters import SI, Parameters
 from impact_gym.validation import one_of, rising
 
 
 @dataclass(frozen=True, slots=True)
-class Brake(Record, path="motion.brake"):
-    """Stop once the contact is felt: `delay` after the contact force first exceeds `threshold`.
+class Brake(Parameters, path="motion.brake"):
+    """Brake to a stop, `delay` after the contact force first exceeds `threshold`.
 
     The delay is the paper's 16 ms; the deceleration of the paper is not printed (8 m/s^2 identified, see
     docs/provenance.md).
@@ -28,15 +28,15 @@ class Brake(Record, path="motion.brake"):
 
 
 @dataclass(frozen=True, slots=True)
-class Trapezoid(Record, path="motion"):
-    """From rest to `speed` at `acceleration`, then constant; never ends by itself (paper, Fig. 11)."""
+class Trapezoid(Parameters, path="motion"):
+    """From rest to `speed` at `acceleration`, then constant without end (paper, Fig. 11)."""
 
     speed: float  # m/s
     acceleration: float  # m/s^2
     brake: Brake | None = None
 
     def __post_init__(self) -> None:
-        Record.__post_init__(self)
+        Parameters.__post_init__(self)
         one_of("Trapezoid.brake", self.brake, Brake, type(None))
 
     @property
@@ -48,14 +48,14 @@ class Trapezoid(Record, path="motion"):
 
 
 @dataclass(frozen=True, slots=True)
-class Motion(Record, path="motion"):
+class Motion(Parameters, path="motion"):
     """Any commanded motion, from rest: pieces of constant acceleration between velocities, the last one held."""
 
     times: Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e12)]  # rising, from 0
     velocities: Annotated[tuple[float, ...], SI("m/s", at_least=-1e9, at_most=1e9)]  # at each, the first 0
 
     def __post_init__(self) -> None:
-        Record.__post_init__(self)
+        Parameters.__post_init__(self)
         rising("Motion", self.times, {"velocity": self.velocities})
         if self.velocities[0] != 0.0:
             raise ValueError(f"Motion.velocities must begin at 0 m/s, got {self.velocities[0]!r} m/s")

@@ -1,7 +1,7 @@
 """Every number of a scene and of the task, once: identifier, words, unit, limits, how it is drawn, how it is observed.
 
-All else follows from these rows: what is refused, what an episode draws, the dotted paths of a scene, the records of
-the compiled program (written by `impact_gym.task.numbers`), the observation, the tables of the documentation, the keys
+Everything else follows from these rows: what input is refused, what an episode draws, the dotted paths of a scene, the
+records of the compiled program (`impact_gym.task.numbers`), the observation, the tables of the documentation, the keys
 of a set-up's file, and what may be swept, identified or designed. Users find them as `impact_gym.task.QUANTITIES`.
 """
 
@@ -18,7 +18,7 @@ LARGEST_WEIGHT = 1e6  # m/s per s and m/s per N; keeps rewards finite
 
 
 class Limits(NamedTuple):
-    """What a number may be, beside finite."""
+    """Limits of a finite number."""
 
     above: float = -math.inf
     at_least: float = -math.inf
@@ -28,9 +28,9 @@ class Limits(NamedTuple):
 class Draw(NamedTuple):
     """How an episode draws a number: uniformly from a range, by ratio where that begins above 0, or normally.
 
-    It takes its uniform number in [0, 1) from the environment's generator, the `place`-th of an episode (a normal one
-    takes two), or where it has a stream of its own, seeded by the noise seed, from the `place`-th stream. Places are
-    for ever: a number that is drawn, or a row that is added, changes nothing else.
+    The uniform number in [0, 1) is the `place`-th that an episode takes from the environment's generator (a normal draw
+    takes two), or comes from the `place`-th separate stream, seeded by the noise seed. Places never change, so that
+    drawing one more number or adding a row changes no other draw.
     """
 
     place: int
@@ -40,18 +40,18 @@ class Draw(NamedTuple):
 
     @property
     def source(self) -> int:
-        """What the compiled program reads: the place, or minus one minus the place where that is of a stream."""
+        """Index for the compiled program: >= 0 into the episode's uniform numbers; < 0: of stream -1 - source."""
         return -1 - self.place if self.own_stream else self.place
 
 
 class Scale(NamedTuple):
-    """How a number is observed: a curve of it, mapped so that `low` becomes `scaled_low` and `high` 1, and clipped."""
+    """How a number is observed: `curve` of it, mapped linearly from `low`, `high` to `scaled_low`, 1 and clipped."""
 
     low: float
     high: float
     scaled_low: float = -1.0
     curve: Literal["linear", "log", "log1p"] = "linear"
-    ends: str = ""  # argument of the environment that they follow from instead, see `Task.ends`
+    ends: str = ""  # argument of the environment from which low and high follow instead, see `Task.ends`
 
 
 NEVER_OBSERVED = Scale(math.nan, math.nan)
@@ -66,15 +66,15 @@ class Quantity:
     unit: str  # "-" where there is none
     limits: Limits = Limits()
     draw: Draw | None = None
-    observed: str = ""  # "always", or the argument of the environment that adds it; "": where it is drawn, for a critic
+    observed: str = ""  # "always", or the argument of the environment that adds it; "": only for a critic, if drawn
     scale: Scale = NEVER_OBSERVED
     path: str = ""  # in a `Scene` with its motion, if not the id
-    from_flange: bool = False  # as observed it is counted from the flange
+    from_flange: bool = False  # observed relative to the flange
     shaped_by: tuple[str, ...] = ()  # arguments of the environment that change what is observed
 
     def check(self, value: Any, name: str = "") -> float:
         """Return `value` as a float, or raise as `validation.number`; `name` is what the message calls it."""
-        above, at_least, at_most = self.limits  # by hand: every approach comes through here
+        above, at_least, at_most = self.limits  # without _asdict, which is slow: called for every approach
         return number(name or self.id, value, self.unit, above=above, at_least=at_least, at_most=at_most)
 
     def interval(self, value: Any, name: str = "") -> Range:
@@ -86,18 +86,18 @@ class Quantity:
         return self.draw is not None and self.draw.by_ratio and low > 0.0
 
     def middle(self, low: float, high: float) -> float:
-        """Return the middle of a range, as it is drawn."""
+        """Return the median of a draw from a range: geometric mean of the ends if drawn by ratio, else arithmetic."""
         if low == high:
             return low
         return math.sqrt(low) * math.sqrt(high) if self.by_ratio(low) else 0.5 * (low + high)
 
 
 def own(place: int, by_ratio: bool = False) -> Draw:
-    """Return how a number of the set-up is drawn."""
+    """Return the draw of a number of the set-up, from its own stream."""
     return Draw(place, by_ratio, own_stream=True)
 
 
-# Wide, but not as wide as floats: near the ends a run is right or its status says why it is not
+# Wide, but not as wide as floats: near the ends a run is either correct or its status says why not
 MASS, STIFFNESS = Limits(at_least=1e-12, at_most=1e12), Limits(at_least=1e-9, at_most=1e18)
 HERTZ, STOP = Limits(at_least=1e-12, at_most=1e20), Limits(at_least=1e-9, at_most=1e16)
 AWAY, POSITIVE = Limits(at_least=1e-24, at_most=1e9), Limits(above=0.0, at_most=1e3)
@@ -140,7 +140,7 @@ SENSORS = (
     Quantity("force", "contact force as sensed a delay ago", "N", observed="always", scale=FORCE, shaped_by=SENSED),
     Quantity("force_peak", "largest sensed force so far", "N", observed="always", scale=FORCE, shaped_by=SENSED),
 )  # fmt: skip
-"""What sensors say at each step."""
+"""Readings of the sensors at each step."""
 
 SCENARIO = (
     Quantity("object_mass", "object mass", "kg", MASS, Draw(0, by_ratio=True), "privileged",
@@ -150,7 +150,7 @@ SCENARIO = (
     Quantity("restitution", "restitution", "-", RESTITUTION, Draw(2), "privileged", SHARE, path="contact.restitution"),
     Quantity("distance", "distance", "m", AWAY, Draw(3), "privileged", GAP, path="object.distance", from_flange=True),
 )  # fmt: skip
-"""What makes a scenario: keys of `options["scenario"]` and of the final `info["scenario"]`."""
+"""The quantities of a scenario: keys of `options["scenario"]` and of the final `info["scenario"]`."""
 
 EPISODE = (
     Quantity("time_weight", "time weight", "m/s per s", Limits(above=0.0, at_most=LARGEST_WEIGHT),
@@ -162,7 +162,7 @@ EPISODE = (
     Quantity("force_error", "error of all force readings of the episode", "N", PLACE, Draw(8, normal=True)),
     Quantity("noise_seed", "seed of the force noise", "-", Limits(at_least=0.0, at_most=2.0**53), Draw(10)),
 )  # fmt: skip
-"""What an episode draws beside: with the scenario the keys of the final `info["record"]`."""
+"""What else an episode draws; with the scenario the keys of the final `info["record"]`."""
 
 SET_UP = (
     Quantity("tool_mass", "tool mass", "kg", MASS, own(0, True), scale=Scale(0.01, 10.0, curve="log"),
@@ -250,7 +250,7 @@ COMMANDS = (
              scale=Scale(0.0, 0.2, 0.0)),
     Quantity("executed", "velocity that the flange was last sent to", "m/s", observed="operator", scale=SPEEDS),
 )  # fmt: skip
-"""What is known of the operator's commands at the arm."""
+"""What the arm knows of the operator's commands."""
 MORE_SENSORS = (
     DEFLECTION,
     *PAST,
@@ -260,7 +260,7 @@ MORE_SENSORS = (
     Quantity("time_since_touch", "time since a switch would have raised the alarm", "s", observed="privileged",
              scale=SINCE_ALARM),
 )  # fmt: skip
-"""What sensors say where an argument of the environment asks for it."""
+"""Further readings, which arguments of the environment add."""
 
 RESULTS = (
     Quantity("object_velocity", "V_p, the velocity that the object keeps", "m/s"),
@@ -269,14 +269,14 @@ RESULTS = (
     Quantity("contact_count", "number of contacts", "-"),
     Quantity("missed", "whether the object was not touched", "-"),
 )
-"""What is known of an episode at its end."""
+"""Results of an episode."""
 
 STEERED = (
     Quantity("done_time", "time until the end, when the object rests and the operator or the tool is done", "s"),
     Quantity("late", "time from a touch until the operator's stop reaches the arm, on average", "s"),
     Quantity("taken", "share of the operator's motion before the touch that was withheld", "-"),
 )
-"""What is known beside where an operator commands."""
+"""Further results with an operator."""
 
 OTHERS = (
     Quantity("contact.stiffness_exponent", "exponent of the contact stiffness", "-", Limits(at_least=1, at_most=10)),
@@ -298,7 +298,7 @@ OTHERS = (
     Quantity("velocity_range", "what the first action is mapped to", "m/s", Limits(at_least=-1e3, at_most=1e3)),
     Quantity("acceleration_range", "what the second action is mapped to", "m/s^2", Limits(at_least=1e-9, at_most=1e6)),
 )
-"""What belongs to a scene, its motion or its run alone, and arguments of the environment that are never drawn."""
+"""Numbers of a scene, its motion or its run alone, and arguments of the environment that are never drawn."""
 
 QUANTITIES: dict[str, Quantity] = {
     row.id: row for row in (*SENSORS, *SCENARIO, *EPISODE, *SET_UP, *MORE_SENSORS, *RESULTS, *STEERED, *OTHERS)

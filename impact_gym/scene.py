@@ -1,7 +1,7 @@
-"""What a user describes: a tool, its coupling to the flange, the robot behind it, an object, and their contact.
+"""The description of a scene: a tool, its coupling to the flange, the robot behind it, an object, and their contact.
 
-One axis, +x from the robot to the object. All records are frozen, hold floats in SI units and check themselves when
-they are made, so that everything behind them may rely on them. What is allowed stands in `impact_gym.quantities`.
+One axis, +x from the robot to the object. All classes are frozen, hold floats in SI units and check them when they are
+made, so that no later code has to. The limits stand in `impact_gym.quantities`.
 """
 
 import math
@@ -16,33 +16,34 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from impact_gym.kernels import bistable_energy, bistable_force, rest_of
+from impact_gym.parameters import Parameters
 from impact_gym.quantities import BY_PATH
-from impact_gym.record import Record
 from impact_gym.validation import number, one_of
 
 Dissipation = Literal[
     "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores", "fixed"
 ]
-"""How the damping follows from the restitution; what each delivers is `physics.dissipation.effective_restitution`."""
+"""How the damping follows from the restitution; `physics.dissipation.effective_restitution` says what each delivers."""
 
 
 STOP_STIFFNESS, STOP_DAMPING_RATIO = 1e5, 1.0
-"""Of stops, in N/m and without a unit, where nothing else is said."""
+"""Defaults of stops, N/m and -."""
 
 
 @dataclass(frozen=True, slots=True)
-class Tool(Record, path="tool"):
+class Tool(Parameters, path="tool"):
     """The body that strikes."""
 
     mass: float  # kg
 
 
 @dataclass(frozen=True, slots=True)
-class Object(Record, path="object"):
+class Object(Parameters, path="object"):
     """The body that is struck; at rest until then.
 
     With `friction` it sticks to the ground until the contact force exceeds mu m_p g, slides, in a contact and after it,
-    and sticks again once it has come to rest; g = 9.80665 m/s^2. The paper has none and calls it small and beneficial.
+    and sticks again once it has come to rest; g = 9.80665 m/s^2. The paper neglects friction and calls it small and
+    beneficial.
     """
 
     mass: float  # kg
@@ -51,7 +52,7 @@ class Object(Record, path="object"):
 
 
 @dataclass(frozen=True, slots=True)
-class Contact(Record, path="contact"):
+class Contact(Parameters, path="contact"):
     """Contact of a plane tool with an object, F = k_c delta^m + chi delta^n delta_dot, never negative (paper, eq. 5).
 
     m = n = 3/2, the default, is a sphere with hysteresis damping; m = 1, n = 0 a linear spring and damper.
@@ -59,8 +60,8 @@ class Contact(Record, path="contact"):
     less than it is given (0.4877 for 0.5, 0.0741 for 0.1; see docs/provenance.md), "exact" delivers it, the others
     are in `physics.dissipation` with their sources. They set the damping in the contact's own scales,
     chi = d k_c delta0^(m - n) / v_in, with v_in the approach velocity of this contact. So its restitution is the same
-    at every velocity. With "fixed" chi is: it delivers the restitution to a contact that begins at
-    `reference_velocity`, less to a faster one and more to a slower one, as measured.
+    at every velocity. With "fixed" chi itself is the same: a contact that begins at `reference_velocity` shows the
+    restitution, a faster one less and a slower one more, as measured.
     """
 
     checked_by_itself: ClassVar = ("stiffness",)  # its unit depends on the exponent
@@ -69,10 +70,10 @@ class Contact(Record, path="contact"):
     dissipation: Dissipation = "hu-guo"
     stiffness_exponent: float = 1.5  # -, m
     damping_exponent: float = 1.5  # -, n, 0 or at least 1
-    reference_velocity: float | None = None  # m/s, of "fixed", which has 1 if nothing is said
+    reference_velocity: float | None = None  # m/s, of "fixed" only; None: 1 m/s
 
     def __post_init__(self) -> None:
-        Record.__post_init__(self)
+        Parameters.__post_init__(self)
         if self.dissipation == "fixed" and self.reference_velocity is None:
             object.__setattr__(self, "reference_velocity", 1.0)
         elif self.dissipation != "fixed" and self.reference_velocity is not None:
@@ -97,10 +98,10 @@ class Rigid:
 
 
 @dataclass(frozen=True, slots=True)
-class SpringDamper(Record, path="coupling"):
+class SpringDamper(Parameters, path="coupling"):
     """Tool behind a linear spring and damper (paper, eq. 17-18); c_t = 2 zeta sqrt(k_t m_t).
 
-    With a `stroke` its way ends there, on stops like those that `Bistable` has by default.
+    With a `stroke` the tool hits stops there, which are like the default stops of `Bistable`.
     """
 
     stiffness: float  # N/m
@@ -109,7 +110,7 @@ class SpringDamper(Record, path="coupling"):
 
 
 @dataclass(frozen=True, slots=True)
-class Bistable(Record, path="coupling"):
+class Bistable(Parameters, path="coupling"):
     """Tool on a bistable mechanism with two stops (paper, eq. 23-24, Fig. 21-22).
 
     Positions are those of the slider from the vertical alignment of the spring. Each stop is a one-sided linear
@@ -128,7 +129,7 @@ class Bistable(Record, path="coupling"):
     stop_damping_ratio: float = STOP_DAMPING_RATIO  # -, zeta_s
 
     def __post_init__(self) -> None:
-        Record.__post_init__(self)
+        Parameters.__post_init__(self)
         if not self.height < self.free_length:
             raise ValueError(
                 f"Bistable.height must be below Bistable.free_length = {self.free_length!r} m, got {self.height!r} m: "
@@ -153,13 +154,18 @@ class Bistable(Record, path="coupling"):
 
     @property
     def equilibria(self) -> tuple[float, float, float]:
-        """Where the mechanism without stops is at rest, m: stable, unstable, stable."""
+        """Equilibria of the mechanism without stops, m: stable, unstable, stable."""
         return -self.stroke, 0.0, self.stroke
 
     @property
     def rest(self) -> float:
-        """Where the front stop bears the mechanism's own force, m: the slider's place at t = 0."""
+        """Position of the slider at t = 0, where the front stop bears the mechanism's own force, m."""
         return float(rest_of(self.stiffness, self.free_length, self.height, self.front_stop, self.stop_stiffness))
+
+    @property
+    def holding_force(self) -> float:
+        """Force of the front stop on the tool at rest, N."""
+        return float(self.force(self.rest))
 
     @property
     def barrier(self) -> float:
@@ -168,7 +174,7 @@ class Bistable(Record, path="coupling"):
 
     @property
     def peak_position(self) -> float:
-        """Where the force is largest, m: L^3 = L0 H^2."""
+        """Position of the largest force, m: L^3 = L0 H^2."""
         return math.sqrt((self.free_length * self.height**2) ** (2 / 3) - self.height**2)
 
     @property
@@ -194,11 +200,11 @@ Coupling = Rigid | SpringDamper | Bistable
 
 
 @dataclass(frozen=True, slots=True)
-class Robot(Record, path="robot"):
+class Robot(Parameters, path="robot"):
     """Lumped compliance of a robot along the approach (paper, eq. 8-9, Fig. 8), at rest and relaxed at t = 0.
 
     The imposed motion x_r drives the mass through spring and damper. With a `Rigid` coupling robot and tool are one
-    mass; with another the flange is a mass of its own between the two.
+    mass; with any other coupling the flange is a separate mass between the two.
     """
 
     mass: float  # kg, m_r
@@ -207,10 +213,10 @@ class Robot(Record, path="robot"):
 
 
 @dataclass(frozen=True, slots=True)
-class RobotTable(Record, path="robot"):
+class RobotTable(Parameters, path="robot"):
     """A compliant robot whose parameters vary along its imposed motion (paper, eq. 16, Fig. 12).
 
-    Between the positions each parameter is a cubic spline (not-a-knot), beyond them it keeps its last value.
+    Between the positions each parameter is a cubic spline (not-a-knot), beyond them it is constant.
     """
 
     position: tuple[float, ...]  # m, of the imposed motion from its start; rising, at least 4
@@ -219,7 +225,7 @@ class RobotTable(Record, path="robot"):
     damping: tuple[float, ...]  # N s/m
 
     def __post_init__(self) -> None:
-        Record.__post_init__(self)
+        Parameters.__post_init__(self)
         if len(self.position) < 4 or not np.all(np.diff(self.position) > 0):
             raise ValueError(f"RobotTable.position must be at least 4 rising numbers in m, got {self.position!r}")
         for name in ("mass", "stiffness", "damping"):
@@ -242,7 +248,7 @@ class RobotTable(Record, path="robot"):
         return _splines(self.position, self.mass, self.stiffness, self.damping)
 
     def at(self, position: float) -> Robot:
-        """Return the robot frozen at `position` (m)."""
+        """Return the robot with its parameters at `position` (m)."""
         x = number("position", position, "m")
         return Robot(*map(float, self.splines(min(max(x, self.position[0]), self.position[-1]))))
 
@@ -254,7 +260,7 @@ def _splines(position: tuple[float, ...], *columns: tuple[float, ...]) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Everything that stands or moves, at rest at t = 0."""
+    """Tool, object and what connects them to the robot, at rest at t = 0."""
 
     tool: Tool
     object: Object
@@ -271,7 +277,7 @@ class Scene:
 
 
 def warn_of_stroke(coupling: Coupling, tool_mass: float, acceleration: float) -> None:
-    """Warn where a tool lies on its stop whenever the arm accelerates."""
+    """Warn if the arm's acceleration presses the tool against its stop."""
     if isinstance(coupling, SpringDamper) and coupling.stroke:
         rest = acceleration * tool_mass / coupling.stiffness
         if rest > coupling.stroke:
@@ -280,8 +286,3 @@ def warn_of_stroke(coupling: Coupling, tool_mass: float, acceleration: float) ->
                 f"rest is {rest:.3g} m away: it lies on its stop whenever the arm accelerates",
                 stacklevel=4,
             )
-
-
-def flange_moves_with_tool(coupling: Coupling, robot: Robot | RobotTable | None) -> bool:
-    """Whether flange and tool are one mass, whose motion is not imposed: behind a compliant robot, coupled rigidly."""
-    return robot is not None and isinstance(coupling, Rigid)

@@ -1,84 +1,37 @@
-"""simulate(scene, motion) -> Outcome: one approach, from rest to `duration`."""
+"""Approaches from rest: `simulate` runs one, `sweep` many on all cores, `advise` compares simpler models of a scene."""
 
 import math
 from collections import namedtuple
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import product
+from time import perf_counter
+from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from impact_gym.kernels import CHAIN, CONTACT, STUCK, TRACE, approach_rows
-from impact_gym.lowering import LOCAL_SHARE, STATUS_MESSAGES, approach_plan, packed
+from impact_gym.kernels import APPROACH, CHAIN, CONTACT, TRACE, approach_rows
 from impact_gym.motion import Motion, Trapezoid
+from impact_gym.outcome import Advice, Advised, Array, ContactRecord, Model, Outcome, Outcomes, Trace
 from impact_gym.quantities import QUANTITIES
-from impact_gym.scene import Scene, flange_moves_with_tool, warn_of_stroke
-from impact_gym.validation import one_of
+from impact_gym.robot import Approach, Arm
+from impact_gym.robot.approach import Mass
+from impact_gym.scene import Bistable, Rigid, Robot, RobotTable, Scene, SpringDamper, warn_of_stroke
+from impact_gym.task.nested import flatten, parts, replaced
+from impact_gym.threads import cores, over_rows
+from impact_gym.to_kernel import LOCAL_SHARE, STATUS_MESSAGES, approach_to_kernel, to_bytes
+from impact_gym.validation import WrongTypeError, array, number, one_of, shown, whole
 
 MAX_STEPS = 1_000_000
-"""Integration steps after which `simulate` gives up; an ordinary approach takes about fifty."""
+"""Integration steps after which a run is given up; an ordinary approach takes about fifty."""
 
-_CONTACT_ROWS, _SNAP_ROWS, _TRACE_ROWS = 4096, 64, 4096  # what does not fit costs a second run
+APPROACHES_PER_THREAD = 16  # at least, in a sweep
+_CONTACT_ROWS, _SNAP_ROWS, _TRACE_ROWS = 4096, 64, 4096  # a run that needs more is repeated with larger arrays
 _NO_TRACE, _NO_SNAPS = np.empty(0, TRACE), np.empty(0)
 NOTHING_RECORDED = np.empty(0, CONTACT), _NO_TRACE, _NO_SNAPS, 1.0
-"""What the kernels are given where nobody asks for contacts, a trace or passages of a slider."""
-
-
-class ContactRecord(NamedTuple):
-    """One contact of tool and object."""
-
-    start: float  # s
-    end: float | None  # s, None if unfinished
-    approach_velocity: float  # m/s, penetration rate at the start: v_in of the paper's eq. 7
-    separation_velocity: float  # m/s, at which the surfaces part; at `duration` if unfinished
-    peak_force: float  # N
-    impulse: float  # N s, on the object
-    object_velocity: float  # m/s, at the end
-    coupling_impulse: float  # N s, on the tool of what holds it (paper, eq. 21)
-    momentum_error: float  # -, residual of the paper's eq. 20 over the impulse
-
-
-class Trace(NamedTuple):
-    """Time histories, (n,) each; points lie closer together inside contacts."""
-
-    time: NDArray[np.float64]  # s
-    flange_position: NDArray[np.float64]  # m, with a compliant robot and a rigid coupling that of the tool
-    flange_velocity: NDArray[np.float64]  # m/s
-    tool_position: NDArray[np.float64]  # m
-    tool_velocity: NDArray[np.float64]  # m/s
-    object_position: NDArray[np.float64]  # m, its face; the tool's face is at 0 when t = 0
-    object_velocity: NDArray[np.float64]  # m/s
-    contact_force: NDArray[np.float64]  # N, on the object
-    coupling_force: NDArray[np.float64]  # N, on the tool
-    command_position: NDArray[np.float64]  # m, of the imposed motion; the flange's if the robot is rigid
-    command_velocity: NDArray[np.float64]  # m/s, likewise
-
-    @classmethod
-    def of(cls, points: NDArray[Any], with_the_tool: bool) -> "Trace":
-        """Return a copy of what was recorded (n, TRACE); `with_the_tool`: the flange moves so."""
-        columns = {name: points[name].copy() for name in TRACE.names or ()}
-        if with_the_tool:
-            columns |= {f"flange_{of}": columns[f"tool_{of}"].copy() for of in ("position", "velocity")}
-        return cls(**columns)
-
-
-class Outcome(NamedTuple):
-    """Result of one approach; velocities at `duration`."""
-
-    object_velocity: float  # m/s
-    tool_velocity: float  # m/s
-    flange_velocity: float  # m/s; with a compliant robot and a rigid coupling the flange moves with the tool
-    peak_force: float  # N, largest contact force
-    detection_time: float | None  # s, contact force first exceeds the threshold; None if never or without a brake
-    contacts: tuple[ContactRecord, ...]
-    coupling_impulse: float  # N s, of the coupling on the tool over the contacts (paper, eq. 21)
-    momentum_error: float  # -, largest residual of the paper's eq. 20 over the momentum exchanged
-    steps: int  # integration steps in contact, rejected ones included
-    status: str  # "ok"
-    trace: Trace | None
-    snap_through: tuple[float, ...]  # s, when the slider of a mechanism passes its alignment, first backwards
-    peak_object_velocity: float  # m/s, the largest; without friction the object loses none
-    slide: float | None  # m, to where the object rests if nothing touches it after `duration`; None without friction
-    rest_time: float | None  # s, when it rests and the tool stays slower than 1 mm/s; likewise, inf if that never comes
+"""The kernels' recorder that keeps no contacts, no trace and no snap-through times."""
 
 
 def simulate(
@@ -90,13 +43,13 @@ def simulate(
         scene: tool, object, contact, coupling and robot; at rest at t = 0.
         motion: imposed motion of the robot.
         duration: length of the run, s.
-        rtol: relative error aimed at for what comes of the contacts; flight is
-            exact where it has a closed form, integrated to the same tolerance where not (bistable, robot).
-        trace: also return time histories, in flight a point a millisecond (or 1e5 of them, if that is fewer). They
-            are read off the same motion, which they do not change.
+        rtol: relative error allowed in the results of the contacts. Flights are exact where they have a closed form,
+            otherwise (bistable, robot) integrated to the same tolerance.
+        trace: also return time histories; in flight one point every ms, at most 1e5 in all. Recording them does not
+            change the motion.
 
     Raises:
-        TypeError, ValueError: an argument is none of these or out of range; names it.
+        TypeError, ValueError: an argument has a wrong type or is out of range; names it.
         RuntimeError: the run cannot finish; says why.
     """
     one_of("scene", scene, Scene)
@@ -104,8 +57,8 @@ def simulate(
     duration = QUANTITIES["duration"].check(duration)
     rtol = QUANTITIES["rtol"].check(rtol)
     warn_of_stroke(scene.coupling, scene.tool.mass, motion.acceleration)
-    plan, table = approach_plan(scene, motion, duration)
-    plans, chains = packed(plan), np.empty(1, CHAIN)
+    plan, table = approach_to_kernel(scene, motion, duration)
+    plans, chains = to_bytes(plan), np.empty(1, CHAIN)
     contacts, snaps = np.empty(_CONTACT_ROWS, CONTACT), np.empty(_SNAP_ROWS)
     points = np.empty(_TRACE_ROWS, TRACE) if trace else _NO_TRACE
     while True:
@@ -113,41 +66,223 @@ def simulate(
         approach_rows(plans, table, chains, 0, 1, LOCAL_SHARE * rtol, MAX_STEPS, recorder)
         end = _End._make(chains.item())
         if end.logged <= len(contacts) and end.traced <= len(points) and end.snaps <= len(snaps):
-            break
+            break  # else the same run again, which repeats itself to the bit
         contacts, points, snaps = np.empty(end.logged, CONTACT), np.empty(end.traced, TRACE), np.empty(end.snaps)
-    if end.status < 0:  # what did not fit is found again by the same run: it repeats itself to the bit
+    if end.status < 0:
         raise RuntimeError(f"the run stopped at t = {end.time:.6g} s: {STATUS_MESSAGES[end.status]}")
-    with_the_tool = flange_moves_with_tool(scene.coupling, scene.robot)
-    history = Trace.of(points[: end.traced], with_the_tool) if trace else None
-    snap_through = tuple(snaps[: end.snaps].tolist())
-    return _outcome(end, contacts[: end.logged], history, snap_through, with_the_tool, bool(scene.object.friction))
-
-
-_record: Any = namedtuple  # whose fields mypy wants to read here
-_End = _record("_End", CHAIN.names)
-"""A chain at the end of a run, as Python's own numbers: one read instead of one for each field."""
-
-
-def _outcome(
-    end: Any, contacts: NDArray[Any], trace: Trace | None, snap_through: tuple[float, ...], with_the_tool: bool,
-    rough: bool,
-) -> Outcome:  # fmt: skip
-    tool = end.flange_velocity + end.deflection_rate
-    object_velocity = tool - end.penetration_rate if end.contacts and end.footing != STUCK else 0.0
+    rows = contacts[: end.logged].tolist()
     return Outcome(
-        object_velocity,
-        tool,
-        tool if with_the_tool else end.flange_velocity + end.flange_offset_rate,
+        end.final_object_velocity,
+        end.final_tool_velocity,
+        end.final_flange_velocity,
         end.peak_force,
         end.detection if end.detection < math.inf else None,
-        tuple(ContactRecord(start, None if stop != stop else stop, *rest) for start, stop, *rest in contacts.tolist()),
+        tuple(ContactRecord(start, None if stop != stop else stop, *rest) for start, stop, *rest in rows),
         end.coupling_impulse,
         end.momentum_error,
         end.steps,
         "ok",
-        trace,
-        snap_through,
-        end.top_speed if rough else object_velocity,
-        end.slide if rough else None,
-        end.rest_time if rough else None,
+        Trace.of(points[: end.traced]) if trace else None,
+        tuple(snaps[: end.snaps].tolist()),
+        end.peak_object_velocity,
+        *((end.slide, end.rest_time) if scene.object.friction else (None, None)),
     )
+
+
+_namedtuple: Any = namedtuple  # mypy would want its fields as literals
+_End = _namedtuple("_End", CHAIN.names)
+"""A chain at the end of a run as Python's own numbers: one read instead of one for each field."""
+
+
+def sweep(
+    scene: Scene, motion: Trapezoid, varied: Mapping[str, ArrayLike], duration: ArrayLike = 1.5, rtol: float = 1e-8,
+    threads: int | None = None,
+) -> Outcomes:  # fmt: skip
+    """Run many approaches that differ from `scene` and `motion` in the parameters of `varied`.
+
+    Args:
+        scene: what all have in common; its types of coupling and robot are those of all.
+        motion: likewise.
+        varied: values by name, broadcast against each other: "object.mass", "contact.stiffness", "coupling.height",
+            "motion.speed", "motion.brake.delay" and so on; any number of scene and motion except those of a
+            `RobotTable`.
+        duration: length of the runs, s; is broadcast, too.
+        rtol: see `simulate`.
+        threads: how many to use, None for all cores; changes no result.
+
+    Each row equals `simulate` of that row to the bit.
+
+    Raises:
+        TypeError, ValueError: an argument or a value has a wrong type or is out of range; names it, and the row.
+    """
+    one_of("scene", scene, Scene)
+    one_of("motion", motion, Trapezoid)
+    one_of("varied", varied, Mapping)
+    rtol = QUANTITIES["rtol"].check(rtol)
+    threads = cores() if threads is None else whole("threads", threads, at_least=1)
+    template = {**parts(scene), "motion": motion}
+    known = list(flatten(template))
+    for name in varied:
+        if name not in known:
+            raise ValueError(f"varied has no number named {name!r}; there are {', '.join(known)}")
+    columns = {name: array(f"varied[{name!r}]", values) for name, values in varied.items()}
+    columns["duration"] = array("duration", duration)
+    try:
+        shape = np.broadcast_shapes(*(column.shape for column in columns.values()))
+    except ValueError:
+        shapes = {name: column.shape for name, column in columns.items()}
+        raise ValueError(f"varied values must broadcast against each other, got shapes {shapes}") from None
+    approaches = list(_approaches(template, {name: np.broadcast_to(column, shape) for name, column in columns.items()}))
+    chains = np.zeros(len(approaches), CHAIN)
+    if approaches:
+        tables = np.concatenate([table for _, table in approaches])
+        plans = np.array([plan for plan, _ in approaches], APPROACH)
+
+        def run(first: int, last: int) -> None:
+            approach_rows(plans, tables, chains, first, last, LOCAL_SHARE * rtol, MAX_STEPS, NOTHING_RECORDED)
+
+        over_rows(run, len(approaches), threads, APPROACHES_PER_THREAD)
+    chains = chains.reshape(shape)
+    results = {field: chains[name] for field, name in _OUTCOMES.items()}
+    for field, values in results.items():
+        unknown = (chains["status"] < 0) | ~np.isfinite(values)
+        results[field] = np.where(unknown, np.nan, values) if values.dtype == np.float64 else values.copy()
+    sentences = np.vectorize(lambda status: STATUS_MESSAGES.get(status, "ok"), otypes=[object])
+    return Outcomes(**(results | {"status": sentences(chains["status"])}))
+
+
+_FIELDS_OF_CHAIN = {f"{body}_velocity": f"final_{body}_velocity" for body in ("object", "tool", "flange")}
+_FIELDS_OF_CHAIN |= {"contact_count": "contacts", "snap_count": "snaps", "detection_time": "detection"}
+_OUTCOMES = {field: _FIELDS_OF_CHAIN.get(field, field) for field in Outcomes.__dataclass_fields__}
+"""Field of a chain for each field of `Outcomes`."""
+
+
+def _approaches(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Iterator[tuple[Any, Array]]:
+    """Yield the plan of each row and its robot's table, which begins where that of the row before ends."""
+    flat = {name: column.ravel() for name, column in columns.items()}
+    durations, table_at = flat.pop("duration"), 0
+    for row in range(len(durations)):
+        try:
+            duration = QUANTITIES["duration"].check(durations[row])
+            changed = replaced(template, {path: column[row] for path, column in flat.items()})
+        except (TypeError, ValueError) as problem:
+            index = np.unravel_index(row, columns["duration"].shape)
+            raise type(problem)(f"at {tuple(map(int, index))}: {problem}") from None
+        motion = changed.pop("motion")
+        plan, table = approach_to_kernel(Scene(**changed), motion, duration, table_at)
+        table_at += len(table)
+        yield plan, table
+
+
+ROUNDS = 3  # runs of a model; the fastest counts
+
+
+def advise(
+    scenes: Scene | Sequence[Scene], motion: Trapezoid, tolerance: float = 1e-3, quantity: Advised = "object_velocity",
+    duration: float = 1.5, arm: tuple[Arm, Approach] | None = None,
+) -> Advice:  # fmt: skip
+    """Run every simpler model of `scenes` beside the full one; return the fastest that keeps `tolerance` in all.
+
+    Args:
+        scenes: one, or a sample of those that will be run; the advice holds for the sample.
+        motion: imposed motion of the robot.
+        tolerance: relative error allowed.
+        quantity: the object's velocity at the end, the largest contact force, or the impulse of all contacts.
+        duration: of a run, s.
+        arm: an arm and the line it moves along, `(arm, arm.along(...))`, for scenes without a robot. The full model is
+            then `impact_gym.robot.all_joints`. The simpler models replace it by one mass of each kind,
+            varying along the line or frozen where the object stands, or by a rigid robot.
+
+    Raises:
+        TypeError, ValueError: an argument has a wrong type or is out of range; names it.
+        RuntimeError: a full run cannot finish; says why.
+    """
+    sample = [scenes] if isinstance(scenes, Scene) else list(scenes)
+    if not sample:
+        raise ValueError("scenes must be a Scene or a sequence of them, got none")
+    if quantity not in get_args(Advised):
+        raise ValueError(f"quantity must be one of {', '.join(get_args(Advised))}, got {quantity!r}")
+    tolerance = number("tolerance", tolerance, "(no unit)", above=0)
+    if arm is not None and [type(each) for each in (arm if isinstance(arm, tuple) else ())] != [Arm, Approach]:
+        raise WrongTypeError(f"arm must be a pair, an Arm and its Approach, got {shown(arm)}")
+    run = partial(_timed, motion, duration, quantity)
+    exact, seconds = run(sample, arm)
+    tried = [Model("as it is" if arm is None else "all joints", lambda scene: scene, np.zeros(len(sample)), 0.0)]
+    seen = [sample] if arm is None else []
+    for name, simplify in _simpler_models(arm[1] if arm else None):
+        simpler = [simplify(scene) for scene in sample]
+        if simpler in seen:
+            continue
+        seen.append(simpler)
+        try:
+            values, taken = run(simpler)
+        except (RuntimeError, ValueError):  # a simpler model may be impossible where the scene is not
+            tried.append(Model(name, simplify, np.full(len(sample), math.inf), 0.0))
+            continue
+        gap = np.abs(values - exact)
+        errors = np.divide(gap, np.abs(exact), out=np.where(gap > 0, math.inf, 0.0), where=exact != 0)
+        tried.append(Model(name, simplify, errors, 1.0 - taken / seconds))
+    kept = [model for model in tried if model.bound <= tolerance]
+    return Advice(quantity, tolerance, max(kept, key=lambda model: model.time_saved), tuple(tried))
+
+
+def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
+    """Yield name and change of each model: every robot with every tool; an arm's robots have one mass along `line`."""
+    robots: dict[str, Callable[[Scene], Any]] = {"robot rigid": lambda scene: None}
+    if line is None:
+        robots = {
+            "": lambda scene: scene.robot,
+            "robot frozen where the object stands": partial(_frozen, None),
+            **robots,
+        }
+    for mass, table in ((mass, line.robot_table(mass)) for mass in get_args(Mass)) if line else ():
+        robots[f"robot one mass, {mass}"] = partial(_replaced, table)
+        robots[f"robot one mass, {mass}, frozen where the object stands"] = partial(_frozen, table)
+    tools: dict[str, Callable[[Any], Any]] = {
+        "": lambda tool: tool,
+        "tool fixed to the flange": lambda tool: Rigid() if isinstance(tool, SpringDamper) else tool,
+        "stops ten times softer": lambda tool: (
+            replace(tool, stop_stiffness=0.1 * tool.stop_stiffness) if isinstance(tool, Bistable) else tool
+        ),
+    }
+    for (robot, of_robot), (tool, of_tool) in product(robots.items(), tools.items()):
+        if robot or tool:
+            yield ", ".join(filter(None, (robot, tool))), partial(_changed, of_robot, of_tool)
+
+
+def _replaced(table: RobotTable, _scene: Scene) -> RobotTable:
+    return table
+
+
+def _frozen(table: RobotTable | None, scene: Scene) -> Robot | RobotTable | None:
+    robot = table or scene.robot
+    return robot.at(scene.object.distance) if isinstance(robot, RobotTable) else robot
+
+
+def _changed(of_robot: Callable[[Scene], Any], of_tool: Callable[[Any], Any], scene: Scene) -> Scene:
+    return replace(scene, robot=of_robot(scene), coupling=of_tool(scene.coupling))
+
+
+def _timed(
+    motion: Trapezoid, duration: float, quantity: Advised, scenes: Sequence[Scene],
+    arm: tuple[Arm, Approach] | None = None,
+) -> tuple[Array, float]:  # fmt: skip
+    """Return the quantity of each scene and the time for all of them, s; with `arm` on the whole arm."""
+    from impact_gym.robot.all_joints import simulate as simulate_arm  # takes 40 ms to import, seldom needed
+
+    times: list[float] = []
+    for _ in range(1 if arm else ROUNDS):
+        begun = perf_counter()
+        outcomes: list[Any] = [
+            simulate_arm(*arm, scene, motion, duration=duration) if arm else simulate(scene, motion, duration)
+            for scene in scenes
+        ]
+        times.append(perf_counter() - begun)
+    for outcome in outcomes:
+        if outcome.status != "ok":
+            raise RuntimeError(f"the whole arm: {outcome.status}")
+    if quantity == "impulse" and not arm:
+        values = [math.fsum(contact.impulse for contact in outcome.contacts) for outcome in outcomes]
+    else:
+        values = [float(getattr(outcome, quantity)) for outcome in outcomes]
+    return np.array(values), min(times)

@@ -1,4 +1,4 @@
-"""Rows on all cores: compiled loops release the interpreter lock, so plain threads do."""
+"""Rows on all cores, by threads: compiled loops release the interpreter lock."""
 
 import os
 from collections.abc import Callable
@@ -9,12 +9,12 @@ _pools: dict[int, ThreadPoolExecutor] = {}
 
 
 def cores() -> int:
-    """Return how many threads are used unless one says otherwise."""
+    """Return the default number of threads."""
     return os.cpu_count() or 1
 
 
 def _pool() -> ThreadPoolExecutor:
-    """Return this process's threads; a forked child makes its own."""
+    """Return the thread pool of this process; a forked child makes its own."""
     if os.getpid() not in _pools:
         _pools.clear()
         _pools[os.getpid()] = ThreadPoolExecutor(cores(), thread_name_prefix="impact_gym")
@@ -25,7 +25,7 @@ def over_rows(run: Callable[[int, int], object], rows: int, threads: int, smalle
     """Call `run(first, last)` for pieces of `rows`, each of at least `smallest` rows, on up to `threads` threads."""
     pieces = max(1, min(threads, rows // smallest))
     (first, last), *others = pairwise(rows * piece // pieces for piece in range(pieces + 1))
-    under_way = [_pool().submit(run, *other) for other in others]
+    submitted = [_pool().submit(run, *other) for other in others]
     run(first, last)
-    for piece in under_way:
+    for piece in submitted:
         piece.result()

@@ -24,7 +24,7 @@ import impact_gym as ig
 from agents import archive, load_policy, load_setup
 from agents.policies import Ensemble
 from agents.policies.policy import FORMAT
-from experiments.report.scenarios import scenarios_from
+from experiments.report.__main__ import scenarios_from
 from impact_gym.identify import log as logs_of
 from impact_gym.identify.__main__ import parse
 from impact_gym.sb3 import ImpactVecEnv

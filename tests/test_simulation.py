@@ -16,10 +16,9 @@ from scenes import COUPLINGS, MOTION, ROBOTS, scene
 from tasks import STORM
 
 import impact_gym as ig
-from impact_gym.fidelity import advise
-from impact_gym.lowering import STATUS_MESSAGES
 from impact_gym.quantities import BY_PATH
 from impact_gym.task import nested
+from impact_gym.to_kernel import STATUS_MESSAGES
 
 ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 SPRING = ig.SpringDamper(150.0)
@@ -112,7 +111,7 @@ def test_sweep_of_no_rows_has_none():
 
 def test_advise_leaves_out_a_robot_as_good_as_rigid_with_the_error_of_two_runs():
     whole = replace(SCENE, robot=replace(ROBOT, stiffness=1e9))
-    advice = advise(whole, MOTION, 1e-3)
+    advice = ig.advise(whole, MOTION, 1e-3)
     full, simple = (ig.simulate(chain, MOTION).object_velocity for chain in (whole, SCENE))
     assert advice.model.name == "robot rigid"
     assert advice.model.errors.tolist() == [abs(simple - full) / full]
@@ -122,7 +121,7 @@ def test_advise_leaves_out_a_robot_as_good_as_rigid_with_the_error_of_two_runs()
 
 @pytest.mark.parametrize("quantity", ["object_velocity", "peak_force", "impulse"])
 def test_advise_keeps_a_scene_of_which_every_part_matters(quantity):
-    advice = advise(replace(SCENE, robot=ROBOT), MOTION, 1e-12, quantity)
+    advice = ig.advise(replace(SCENE, robot=ROBOT), MOTION, 1e-12, quantity)
     assert advice.model is advice.tried[0]
     assert advice.model.bound == 0.0
     assert all(model.bound > 1e-12 for model in advice.tried[1:])
@@ -131,15 +130,15 @@ def test_advise_keeps_a_scene_of_which_every_part_matters(quantity):
 
 def test_advise_on_a_sample_is_as_good_as_its_worst_scene():
     scenes = [replace(SCENE, robot=replace(ROBOT, stiffness=stiffness)) for stiffness in (1e9, 1e4)]
-    alone = [advise(scene, MOTION, 1e-3).tried[1].bound for scene in scenes]
-    together = advise(scenes, MOTION, 1e-3).tried[1]
+    alone = [ig.advise(scene, MOTION, 1e-3).tried[1].bound for scene in scenes]
+    together = ig.advise(scenes, MOTION, 1e-3).tried[1]
     assert np.array_equal(together.errors, alone)
     assert together.bound == max(alone)
 
 
 def test_advise_leaves_nothing_out_where_there_is_nothing_and_an_object_out_of_reach_has_no_error():
-    assert len(advise(replace(SCENE, coupling=ig.Rigid()), MOTION).tried) == 1
-    far = advise(replace(SCENE, object=ig.Object(0.25, 100.0), robot=ROBOT), MOTION, 1e-9, duration=0.2)
+    assert len(ig.advise(replace(SCENE, coupling=ig.Rigid()), MOTION).tried) == 1
+    far = ig.advise(replace(SCENE, object=ig.Object(0.25, 100.0), robot=ROBOT), MOTION, 1e-9, duration=0.2)
     assert far.model.bound == 0.0
 
 

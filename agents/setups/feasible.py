@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from impact_gym.scene import Bistable
-from impact_gym.task import ObservationSpec, Task
+from impact_gym.task import QUANTITIES, ObservationSpec, Task
 from impact_gym.task.task import MOUNT_IDS
 
 OVERSHOOT = 2.0
@@ -53,12 +53,12 @@ def held(task: Task) -> float:
     """Return the acceleration up to which the front stop of a bistable mechanism keeps its slider, m/s^2; else inf."""
     if not isinstance(task.coupling, Bistable):
         return np.inf
-    return float(task.coupling.force(task.coupling.rest)) / task.tool_mass
+    return task.coupling.holding_force / task.tool_mass
 
 
 def corners(task: Task) -> Iterator[Task]:
     """Yield the task with every end of every range of what holds the tool."""
     names = [name for name in task.drawn if name in MOUNT_IDS]
-    middles = {name: sum(pair) / 2 for name, pair in task.drawn.items()}
+    middles = {name: QUANTITIES[name].middle(*pair) for name, pair in task.drawn.items()}
     for ends in product(*(task.drawn[name] for name in names)):
         yield task.at(middles | dict(zip(names, ends, strict=True)))

@@ -15,7 +15,7 @@ from agents.setups.evaluation import SET_UP_ARGUMENTS, Evaluation
 from agents.setups.keys import known, names, table, text, within
 from agents.setups.training import Training
 from impact_gym.files import named_file, parsed
-from impact_gym.task import ObservationSpec, Task
+from impact_gym.task import QUANTITIES, ObservationSpec, Task
 from impact_gym.teleop.channels import columns_of
 from impact_gym.teleop.checks import WAYS
 from impact_gym.validation import flag, identifier, number, one_of, whole
@@ -261,7 +261,7 @@ def _tuned(name: str, given: Any, task: Task) -> Tuned:
     if not isinstance(entry, dict) or entry.get("rule") not in RULES:
         raise ValueError(f"{name} must be a rule, one of {', '.join(RULES)}, or a table with one, got {given!r}")
     known(f"{name}.", entry, Tuned._fields)
-    rtol = number(f"{name}.rtol", entry.get("rtol", Task.rtol), "(no unit)", at_least=1e-13, at_most=1e-2)
+    rtol = QUANTITIES["rtol"].check(entry.get("rtol", Task.rtol), f"{name}.rtol")
     flag(f"{name}.clean_alarm", clean_alarm := entry.get("clean_alarm", False))
     for kind, argument in {"Ranged": "range_noise", "Detector": "deflection_sensor"}.items():
         if kind in entry["rule"] and getattr(task, argument) in (None, False):

@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions
 from experiments.lab import grid
 from experiments.lab.charts import OBJECT, SERIES, TOOL
-from experiments.lab.comparison import Comparison, Front
 from experiments.lab.parts import Picture, Section, Table, percent
-from experiments.lab.statistics import Estimate, Resamples, quantile_groups
+from experiments.lab.statistics import Comparison, Estimate, Front, Resamples, quantile_groups
 from experiments.lab.study import Findings, Frames
 from impact_gym.quantities import QUANTITIES
 

@@ -1,4 +1,4 @@
-"""The look of every chart: colours a colour-blind reader can tell apart, units on every axis, vector graphics."""
+"""Style of all charts: colours for colour-blind readers, units on every axis, vector graphics."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from matplotlib.text import Text
 
 from experiments.lab.page import mathtext
 from impact_gym.files import whole_file
-from impact_gym.simulation import Trace
+from impact_gym.outcome import Trace
 
 mpl.use("agg")
 mpl.rcParams.update(
@@ -33,11 +33,11 @@ mpl.rcParams.update(
 # Okabe and Ito (2008)
 FLANGE, TOOL, OBJECT, FORCE, COUPLING = "#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 SERIES = (OBJECT, TOOL, FORCE, COUPLING, "#E69F00", "#56B4E9")
-OTHERS = "#8A8A8A"  # for whatever there is no colour left
+OTHERS = "#8A8A8A"  # when no colour is left
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write `figure` as SVG, its symbols with subscripts, without a date, so that the same data give the same file."""
+    """Write `figure` as SVG, with subscripts and without a date, so that equal data give equal files."""
     for text in figure.findobj(Text):
         text.set_text(mathtext(text.get_text()))
     with whole_file(path) as file:

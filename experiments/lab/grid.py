@@ -1,6 +1,6 @@
 """The grid of most studies: set-ups x changes x contestants, every contestant in the same scenarios.
 
-`cells` names who plays where, `play` gives a row for each episode, `sample` turns rows back into arrays for statistics.
+`cells` combines places and contestants, `play` returns a row for each episode, `sample` returns arrays for statistics.
 """
 
 import base64
@@ -14,8 +14,7 @@ import polars as pl
 from agents.evaluate import play as jobs
 from agents.evaluate.scenario_batch import MEASURED
 from agents.policies import load_ensemble
-from experiments.lab.comparison import Front
-from experiments.lab.statistics import Floats, Resamples
+from experiments.lab.statistics import Floats, Front, Resamples
 from experiments.lab.study import Cell
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
@@ -26,7 +25,7 @@ PLAYED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.policies.
 
 
 class Contestant(NamedTuple):
-    """A controller by name; seeds of one recipe of training share it."""
+    """A named controller; the seeds of one training share the name."""
 
     name: str
     controller: Mapping[str, Any]  # plain data, see `agents.evaluate.controllers`
@@ -34,7 +33,7 @@ class Contestant(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A set-up with one change of its environment, such as friction: where contestants meet."""
+    """A set-up with one change of its environment, such as friction."""
 
     setup: str
     change: str  # in words
@@ -44,7 +43,7 @@ class Place(NamedTuple):
 
 
 def seeds_of(setup: str, name: str) -> list[Contestant]:
-    """Return the shipped policies of a set-up, a contestant for each seed, the median first; they travel as bytes."""
+    """Return the shipped policies of a set-up, a contestant for each seed, the median first; policies are base64."""
     ensemble = load_ensemble(setup)
     policies = sorted(ensemble.policies, key=lambda policy: policy.seed != ensemble.chosen)
     return [Contestant(name, {"policy": base64.b64encode(each.to_bytes()).decode()}, each.seed) for each in policies]
@@ -70,7 +69,7 @@ def play(
     controller: Mapping[str, Any], environment: Mapping[str, Any], scenarios: Mapping[str, Any],
     weights: Sequence[float], lenient: bool = False,
 ) -> pl.DataFrame:  # fmt: skip
-    """Return a row for each episode: its weight (m/s per s), number, scenario, and the results that are known of it."""
+    """Return a row for each episode: its weight (m/s per s), number, scenario, and its results."""
     results = jobs.play(controller, scenarios, weights, environment, lenient)
     measured = {name: results[name] for name in MEASURED if name in results}
     shape = next(iter(measured.values())).shape
@@ -80,7 +79,7 @@ def play(
 
 
 def groups(frame: pl.DataFrame, *by: str) -> Iterator[tuple[tuple[Any, ...], pl.DataFrame]]:
-    """Yield the values of columns that occur together, and the rows that have them, in the order of their first row."""
+    """Yield each combination of values of some columns with its rows, in the order of first rows."""
     yield from frame.group_by(by, maintain_order=True)
 
 
@@ -100,10 +99,10 @@ def front(
 
 
 def missed_cost(environment: Mapping[str, Any]) -> float:
-    """Return what an environment charges for a miss, m/s."""
+    """Return the cost of a miss in an environment, m/s."""
     return float(environment.get("missed_cost", MISSED_COST))
 
 
 def cost(weight: float, missed_cost: float) -> pl.Expr:
-    """Return the cost of an episode, m/s: V_p + w T, and what a miss costs."""
+    """Return the cost of an episode, m/s: V_p + w T + the cost of a miss."""
     return pl.col("object_velocity") + weight * pl.col("approach_time") + missed_cost * pl.col("missed")

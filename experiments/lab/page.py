@@ -1,4 +1,4 @@
-"""Pages: one file with its figures inside, from the template of all studies or one that extends it."""
+"""Pages: one file with embedded figures, from the template of all studies or one that extends it."""
 
 import base64
 import re
@@ -23,7 +23,7 @@ def factor(value: float) -> str:
 
 
 def typeset(text: str) -> Markup:
-    """Return a text with its subscripts and powers set as such, V_p, N/m^1.5, and its intervals in one piece."""
+    """Return a text with subscripts and powers (V_p, N/m^1.5) as elements and its intervals unbroken."""
     unbroken = INTERVAL.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), str(escape(text)))
     return Markup(html(unbroken))
 
@@ -31,24 +31,24 @@ def typeset(text: str) -> Markup:
 MACROS: Mapping[type, str] = {
     str: "paragraph", Markup: "markup", Table: "table", HeatMap: "heat_map", Picture: "picture"
 }  # fmt: skip
-"""Macros of lab/parts.html.jinja that show a part of a section."""
+"""Macros of lab/parts.html.jinja, by the type of a section's part."""
 
 
 def write(folder: Path, template: str, macros: Mapping[type, str] | None = None, **content: Any) -> Path:
     """Write `folder`/index.html from a template below experiments/; return its path.
 
     The template has the filter `typeset`; `image(name)`, the content of `folder`/NAME.svg as a URI; and
-    `macro_name(part)`, the macro that shows a part of a section. Of `content`, `runs` are notes of what made the page,
-    as `experiments.lab.results.noted` gives them.
+    `macro_name(part)`, the macro that shows a part of a section. In `content`, `runs` are records as of
+    `experiments.lab.results.recorded_run`.
     """
-    known = {**MACROS, **(macros or {})}
+    macro_names = {**MACROS, **(macros or {})}
 
     def image(figure: str) -> str:
         return "data:image/svg+xml;base64," + base64.b64encode((folder / f"{figure}.svg").read_bytes()).decode()
 
     pages = Environment(loader=FileSystemLoader(EXPERIMENTS), autoescape=True, undefined=StrictUndefined)
     pages.filters["typeset"] = typeset
-    pages.globals |= {"image": image, "macro_name": lambda part: known[type(part)], "player": player}
+    pages.globals |= {"image": image, "macro_name": lambda part: macro_names[type(part)], "player": player}
     text = pages.get_template(template).render(**content)
     return write_file(folder / "index.html", text.encode(errors="replace"))
 
@@ -63,7 +63,7 @@ def html(text: str) -> str:
 
 
 def mathtext(text: str) -> str:
-    """Return text with subscripts and superscripts between dollars; what stands between dollars stays as it is."""
+    """Return text with subscripts and superscripts between dollars; text between dollars is unchanged."""
     pieces = text.split("$")
     pieces[::2] = [POWER.sub(r"$^{\1\2}$", SYMBOL.sub(r"$\1_{\2}$", piece)) for piece in pieces[::2]]
     return "$".join(pieces)

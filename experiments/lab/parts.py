@@ -1,4 +1,4 @@
-"""What pages are made of: sections of paragraphs, tables, heat maps and pictures."""
+"""Parts of pages: sections of paragraphs, tables, heat maps and pictures."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,21 +23,21 @@ class Table:
 
     @classmethod
     def of(cls, caption: str, frame: pl.DataFrame | Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> "Table":
-        """Return the table of a frame, or of rows by name: under each head a format string of a row's columns."""
+        """Return the table of a frame or of mappings; `columns` maps each heading to a format string of a row."""
         rows = frame.to_dicts() if isinstance(frame, pl.DataFrame) else frame
         body = [[form.format(**row) for form in columns.values()] for row in rows]
         return cls(caption, tuple(columns), body)
 
     @property
     def words(self) -> list[bool]:
-        """Whether each column holds words: most of its cells are no number, nor an interval of numbers."""
+        """Whether each column holds words: most of its cells are neither a number nor an interval."""
         columns = zip(*self.rows, strict=False)
         return [2 * sum(bool(re.match(r"([-+\d]|at (least|most) \d).{,40}$", cell)) for cell in column) < len(self.rows)
                 for column in columns]  # fmt: skip
 
     @property
     def long(self) -> list[bool]:
-        """Whether each column has sentences, which are not to be squeezed on a small screen."""
+        """Whether each column has sentences, which stay wide on a small screen."""
         return [max(map(len, column)) > LONG for column in zip(*self.rows, strict=False)]
 
 
@@ -46,16 +46,16 @@ class Heat(NamedTuple):
 
     value: str
     note: str  # under it
-    ratio: float  # to what the heat map compares with; below 1 better
+    ratio: float  # to the reference of the heat map; below 1 is better
 
 
 @dataclass(frozen=True)
 class HeatMap:
-    """Rows of cells, the warmer the worse they compare."""
+    """Rows of cells; the warmer the colour, the worse the ratio."""
 
     caption: str
     head: Sequence[str]
-    rows: Sequence[tuple[str, str, Sequence[Heat]]]  # what is changed, over which values, a cell for each contestant
+    rows: Sequence[tuple[str, str, Sequence[Heat]]]  # what is changed, the values, a cell for each contestant
 
 
 @dataclass(frozen=True)
@@ -64,20 +64,20 @@ class Picture:
 
     name: str
     figure: Figure
-    alternative: str  # what it shows, for a reader who cannot see it
+    alternative: str  # text alternative
     caption: str = ""
     heading: str = ""
-    wide: bool = True  # stands alone in its row
+    wide: bool = True  # alone in its row
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page under a heading; what it holds is a paragraph (str), a table, a heat map or a picture."""
+    """A part of a page under a heading: paragraphs (str), tables, heat maps and pictures."""
 
     heading: str
     parts: Sequence[Any]
     folded: bool = False
-    key: str = ""  # of a link to it
+    key: str = ""  # id for links
 
 
 def percent(share: Estimate, digits: int = 1) -> str:

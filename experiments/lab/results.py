@@ -1,4 +1,4 @@
-"""Where results go, and the record of what produced them."""
+"""Folders of results, and the record of the runs that produced them."""
 
 import json
 import os
@@ -27,19 +27,19 @@ def csv_of(frame: pl.DataFrame) -> str:
 
 
 @contextmanager
-def noted(folder: Path, command: str, packages: Iterable[str]) -> Iterator[list[dict[str, Any]]]:
-    """Note a run of a study in `folder`/results.json; give the notes of all runs, its own complete at the end.
+def recorded_run(folder: Path, command: str, packages: Iterable[str]) -> Iterator[list[dict[str, Any]]]:
+    """Record a run of a study in `folder`/results.json; yield the records of all runs, this one complete at the end.
 
-    A note has the command, the circumstances, the load before and how many seconds it took, None if it was stopped.
-    The notes begin anew where no results are kept.
+    A record has the command, the circumstances, the load before and the seconds it took, None if it was stopped.
+    Records start afresh if no results are kept.
     """
     log = folder / "results.json"
     runs: list[dict[str, Any]] = (
         json.loads(log.read_text())["runs"] if (folder / KEPT).is_dir() and log.is_file() else []
     )
     begun = time.perf_counter()
-    note: dict[str, Any] = {"command": command, "seconds": None, "load_before": os.getloadavg()[0]}
-    runs.append(note | circumstances("impact-gym", "numpy", "scipy", *packages))
+    record: dict[str, Any] = {"command": command, "seconds": None, "load_before": os.getloadavg()[0]}
+    runs.append(record | circumstances("impact-gym", "numpy", "scipy", *packages))
     try:
         yield runs
         runs[-1]["seconds"] = time.perf_counter() - begun

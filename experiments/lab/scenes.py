@@ -8,16 +8,16 @@ OBJECT_MASS = 0.25  # kg
 HEAVY_MASS = 2.5  # kg, the object of Fig. 14
 REDUCED_MASS = TOOL_MASS * OBJECT_MASS / (TOOL_MASS + OBJECT_MASS)  # kg
 DISTANCE = 0.2505  # m, identified: first contact at 0.313 s
-THRESHOLD = 1.0  # N, printed in section 3.2: the robot does not feel a smaller contact force
+THRESHOLD = 1.0  # N, printed in section 3.2: the robot does not sense a smaller contact force
 BRAKE = ig.Brake(threshold=THRESHOLD, delay=0.016, deceleration=8.0)
 MOTION = ig.Trapezoid(speed=1.0, acceleration=8.0, brake=BRAKE)
-STEADY = ig.Trapezoid(MOTION.speed, MOTION.acceleration)  # never brakes
+STEADY = ig.Trapezoid(MOTION.speed, MOTION.acceleration)  # without brake
 DURATION = 1.5  # s
 ROBOT = ig.Robot(mass=5.225, stiffness=1.9e5, damping=50.4)  # mass printed, the others identified
 ROBOT_AND_TOOL = ROBOT.mass + TOOL_MASS  # kg, 5.35 is printed in section 3.2
 MECHANISM = ig.Bistable()  # H, L0 and k printed, front stop identified
-HOLD = TOOL_MASS * MOTION.acceleration  # N, what keeps the tool on its front stop while the robot accelerates
-LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # what Fig. 23 compares it with
+HOLD = TOOL_MASS * MOTION.acceleration  # N, keeps the tool on its front stop while the robot accelerates
+LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # compared with the mechanism in Fig. 23
 
 
 def scene(

@@ -1,21 +1,24 @@
-"""What ten trainings on two thousand scenarios say: a bootstrap over both, seeds and scenarios.
+"""Intervals over training seeds and scenarios by bootstrap, and comparisons of two contestants.
 
-All contestants meet the same scenarios, so these are resampled once for all (common random numbers); the unit of
-replication of a recipe of training is its seed. R. Agarwal et al., Deep Reinforcement Learning at the Edge of the
+All contestants play the same scenarios, which are therefore resampled once for all (common random numbers); the unit of
+replication of a training is its seed. R. Agarwal et al., Deep Reinforcement Learning at the Edge of the
 Statistical Precipice, NeurIPS 2021, for the probability of improvement.
 """
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import nctdtrit, ndtri
 
 Floats = NDArray[np.float64]
+Front = tuple[Floats, Floats]
+"""Mean approach time (s) and V_p (m/s) at each weight, in the sample and in each resample: (1 + n, weights) each."""
 RESAMPLES = 2_000
 CONFIDENCE = 0.95
-CONTENT = 0.95  # of all trainings, what a tolerance bound speaks of
+CONTENT = 0.95  # share of all trainings that a tolerance bound covers
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Estimate:
 
 
 class Resamples:
-    """How often each scenario is in each resample; row 0 is the sample itself."""
+    """Share of each scenario in each resample; row 0 is the sample itself."""
 
     def __init__(self, scenarios: int, resamples: int = RESAMPLES, seed: int = 0) -> None:
         self._seed, self.scenarios, self.count = seed, scenarios, resamples
@@ -40,8 +43,8 @@ class Resamples:
     def means(self, values: Floats) -> Floats:
         """Return the mean of `values` (seeds, ..., scenarios) over seeds and scenarios in each resample: (1 + n, ...).
 
-        Values (scenarios,) are of one seed. Seeds are resampled independently of scenarios and alike in all calls with
-        as many seeds.
+        Values (scenarios,) are of one seed. Seeds are resampled independently of scenarios, and identically in all
+        calls with the same number of seeds.
         """
         values = np.atleast_2d(values).astype(np.float64)
         seeds = len(values)
@@ -56,8 +59,8 @@ class Resamples:
 def _shares(seed: tuple[int, int], units: int, resamples: int) -> Floats:
     """Return the share of each unit in the sample and in each resample (1 + n, units).
 
-    One less than there are is drawn: the variance of a mean is then right for ten seeds as well, where drawing as many
-    makes it a tenth too small (J. N. K. Rao, C. F. J. Wu, J. Am. Stat. Assoc. 83 (1988) 231-241).
+    units - 1 are drawn, which makes the variance of a mean unbiased; with ten seeds, drawing ten makes it a tenth too
+    small (J. N. K. Rao, C. F. J. Wu, J. Am. Stat. Assoc. 83 (1988) 231-241).
     """
     drawn = max(units - 1, 1)
     even = np.full(units, 1.0 / units)
@@ -66,7 +69,7 @@ def _shares(seed: tuple[int, int], units: int, resamples: int) -> Floats:
 
 
 def estimate(resampled: Floats) -> Estimate:
-    """Return the number in row 0 with the percentile interval of the others; resamples without a value are left out."""
+    """Return the value in row 0 with the percentile interval of the others; non-finite ones are left out."""
     finite = resampled[1:][np.isfinite(resampled[1:])]
     tail = 50.0 * (1.0 - CONFIDENCE)
     low, high = np.percentile(finite, [tail, 100.0 - tail]) if finite.size else (np.nan, np.nan)
@@ -74,11 +77,11 @@ def estimate(resampled: Floats) -> Estimate:
 
 
 def tolerated(scores: Floats) -> float:
-    """Return what CONTENT of all trainings reach at least, with CONFIDENCE, by `scores` (n,) of n; more is better.
+    """Return the score that CONTENT of all trainings reach, with CONFIDENCE, from `scores` (n,); more is better.
 
     The one-sided tolerance bound of normal scores, mean - k s with k from the noncentral t distribution (G. J. Hahn,
-    W. Q. Meeker, Statistical Intervals, section 4.4); an interval of the mean says nothing of a single training. Of one
-    score it is nan.
+    W. Q. Meeker, Statistical Intervals, section 4.4); an interval of the mean does not bound a single training. One
+    score gives nan.
     """
     n = len(scores)
     if n < 2:
@@ -88,9 +91,9 @@ def tolerated(scores: Floats) -> float:
 
 
 def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
-    """Return y at x = `at` (n,) on each of n broken lines (n, k), the end's beyond an end.
+    """Return y at x = `at` (n,) on each of n broken lines (n, k), constant beyond the ends.
 
-    Between two weights a line is what one gets by drawing one of the two for each episode.
+    Playing one of two weights at random in each episode gives the straight line between them.
     """
     order = np.argsort(curve_x, axis=1)
     x, y = np.take_along_axis(curve_x, order, 1), np.take_along_axis(curve_y, order, 1)
@@ -100,9 +103,47 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
 def quantile_groups(values: Floats, count: int) -> list[tuple[NDArray[np.bool_], float, float]]:
     """Return the mask (n,), lower and upper edge of `count` equally large groups of `values` (n,), in order.
 
-    Where so many values are equal that edges coincide there are fewer groups.
+    If edges coincide because values repeat, there are fewer groups.
     """
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
     last = max(len(edges) - 2, 0)
     group = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, last)
     return [(group == k, float(edges[k]), float(edges[min(k + 1, len(edges) - 1)])) for k in range(last + 1)]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Bootstrap values (1 + n,) of one measure for two contestants; lower is better; entry 0 is the full sample.
+
+    Both use the same resamples, so common variation cancels.
+    """
+
+    ours: Floats
+    theirs: Floats
+
+    @classmethod
+    def of_means(cls, ours: Floats, theirs: Floats) -> Self:
+        """Compare the means of values (cases,) or (seeds, cases) on the same cases."""
+        resamples = Resamples(ours.shape[-1])
+        return cls(resamples.means(ours), resamples.means(theirs))
+
+    @classmethod
+    def of_fronts(cls, ours: Front, theirs: Front) -> Self:
+        """Compare V_p (m/s) of our front with theirs, a single point, at the mean approach time of that point."""
+        (time,), (velocity,) = theirs[0].T, theirs[1].T
+        return cls(along(*ours, time), velocity)
+
+    @property
+    def less(self) -> Estimate:
+        """Their value minus ours, in their unit."""
+        return estimate(self.theirs - self.ours)
+
+    @property
+    def ratio(self) -> Estimate:
+        """Ours over theirs."""
+        return estimate(self.ours / self.theirs)
+
+    @property
+    def reduction(self) -> Estimate:
+        """Their value minus ours, as a share of theirs."""
+        return estimate(1.0 - self.ours / self.theirs)

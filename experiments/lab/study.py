@@ -1,9 +1,8 @@
-"""A study: a question, what is measured in each of its cells, and what that says. One runner for all of them.
+"""A study: a question, the measurement of each of its cells, and the analysis. One runner for all studies.
 
     cells -> measure -> rows, kept on disk -> a frame for each measurement -> analysis -> page
 
-A study adds cells, a measure and an analysis; where results are kept, progress, options and the page are the same for
-all.
+A study adds cells, a measure and an analysis; storage, progress, options and the page are the same for all.
 """
 
 import shutil
@@ -20,7 +19,7 @@ from agents.jobs import cached, digest_of
 from experiments.lab import page
 from experiments.lab.charts import save
 from experiments.lab.parts import Picture, Section
-from experiments.lab.results import KEPT, REPORTS, csv_of, noted
+from experiments.lab.results import KEPT, REPORTS, csv_of, recorded_run
 from impact_gym.files import whole_file
 from impact_gym.sources import compiled_from
 from impact_gym.validation import whole
@@ -29,12 +28,14 @@ Row = Mapping[str, Any]
 Rows = Sequence[Row] | pl.DataFrame
 Frames = Mapping[str, pl.DataFrame]
 LARGE = 50_000  # rows
-SOLVER = tuple(f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "lowering", "simulation"))
+SOLVER = tuple(
+    f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "to_kernel", "outcome", "simulation")
+)
 """Modules that every simulated row depends on, beside the compiled solver."""
 
 
 class Cell(NamedTuple):
-    """One place of a grid: `labels` become columns of each of its rows, `arguments` go to what measures it."""
+    """One cell of a grid: `labels` become columns of each of its rows, `arguments` are passed to the measure."""
 
     labels: Row
     arguments: Mapping[str, Any]
@@ -45,26 +46,26 @@ class Measurement:
     """A table of a study: its cells, and the function that measures one."""
 
     name: str  # of the table
-    cells: Callable[[bool, Frames], Iterable[Cell]]  # of a quick run or not; the frames are those of the tables before
-    measure: Callable[..., Rows]  # of a module, so that other processes find it
-    depends: tuple[str, ...] = SOLVER  # modules, beside that of `measure`, whose change makes rows outdated
-    failed: Callable[[Row], Row] | None = None  # the row of a cell without a result, from its labels; None: an error
+    cells: Callable[[bool, Frames], Iterable[Cell]]  # arguments: whether the run is quick, and the earlier tables
+    measure: Callable[..., Rows]  # a function of a module, which other processes can import
+    depends: tuple[str, ...] = SOLVER  # modules besides that of `measure` whose change makes rows outdated
+    failed: Callable[[Row], Row] | None = None  # row of a failed cell, from its labels; None: a failure is an error
     seconds: float | None = None  # after which a cell has failed
     processes: int | None = None  # 1: its cells are timed, so they run one after the other; 0: in this process
 
     @property
     def digest(self) -> str:
-        """What kept rows depend on beside their arguments."""
+        """Digest of the sources that kept rows depend on."""
         return _digest(tuple(sorted({self.measure.__module__, *self.depends})))
 
 
 @dataclass(frozen=True)
 class Findings:
-    """What a study says."""
+    """Result of a study."""
 
     answer: str  # in a sentence or two
     sections: Sequence[Section]
-    tables: Frames = field(default_factory=dict)  # made of the measured ones, and written beside them
+    tables: Frames = field(default_factory=dict)  # computed from the measured ones, and also written
 
 
 @dataclass(frozen=True)
@@ -74,22 +75,22 @@ class Study:
     name: str
     question: str
     measurements: Sequence[Measurement]
-    analyse: Callable[[Frames, bool], Findings]  # of the frames that were measured; a quick run or not
-    packages: tuple[str, ...] = ()  # whose versions the page names beside ours, NumPy's and SciPy's
+    analyse: Callable[[Frames, bool], Findings]  # arguments: the measured frames, and whether the run is quick
+    packages: tuple[str, ...] = ()  # whose versions the page lists besides ours, NumPy's and SciPy's
 
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """Measure what is missing of a study, and write a page about it."""
+    """Measure the missing cells of a study, and write its page."""
 
     out: Path | None = None
     """Folder of tables, figures and the page. Default: reports/NAME, or reports/NAME-quick."""
     quick: bool = False
     """A first look within minutes: few cells, short searches."""
     force: bool = False
-    """Measure everything again, instead of what is missing or outdated."""
+    """Measure everything again, not only what is missing or outdated."""
     only: tuple[str, ...] = ()
-    """Only these tables of the study, and those that they or the page need."""
+    """Only these tables of the study, and the tables that these or the page need."""
     processes: int | None = None
     """Cells at the same time on this machine. Default: one a core; 0: none but this process."""
     cluster: str | None = None
@@ -102,46 +103,46 @@ class StudyOptions:
 
 @dataclass
 class Run:
-    """A run of a study: where it goes, and how cells are measured."""
+    """A run of a study."""
 
     study: Study
     options: StudyOptions
     command: str = ""  # that repeats it
-    frames: dict[str, pl.DataFrame] = field(init=False)  # what was measured
+    frames: dict[str, pl.DataFrame] = field(init=False)  # measured so far
 
     def __post_init__(self) -> None:
         self.frames = _Frames(self)
 
     @property
     def folder(self) -> Path:
-        """Where tables, figures and the page go."""
+        """Folder of tables, figures and the page."""
         quick = "-quick" if self.options.quick else ""
         return self.options.out or REPORTS / f"{self.study.name}{quick}"
 
     def frame(self, measurement: Measurement) -> pl.DataFrame:
-        """Return the rows of all cells; what is kept is not measured again."""
+        """Return the rows of all cells; kept rows are not measured again."""
         cells, row_of = list(measurement.cells(self.options.quick, self.frames)), measurement.failed
 
         def failed(arguments: Mapping[str, Any], reason: str) -> Rows:
             labels = next(cell.labels for cell in cells if cell.arguments == arguments)
             return [{**(row_of(labels) if row_of else {}), "failure": reason.replace("\n", " ")}]
 
-        given, asked = measurement.processes, self.options.processes
+        limit, requested = measurement.processes, self.options.processes
         results = cached(
             measurement.measure,
             [cell.arguments for cell in cells],
             self.folder / KEPT,
             depends=measurement.digest,
             title=measurement.name,
-            processes=asked if given is None else given if asked is None else min(given, asked),
-            cluster=self.options.cluster if given is None else None,
+            processes=requested if limit is None else limit if requested is None else min(limit, requested),
+            cluster=self.options.cluster if limit is None else None,
             seconds=measurement.seconds,
             failed=failed if row_of else None,
         )
         return frame_of(zip((cell.labels for cell in cells), results, strict=True))
 
     def measure(self) -> None:
-        """Measure all tables that are asked for."""
+        """Measure the tables in `only`, or all."""
         names = [measurement.name for measurement in self.study.measurements]
         if unknown := set(self.options.only) - {*names}:
             raise ValueError(f"only: no table {min(unknown)!r} in the study {self.study.name}: {', '.join(names)}")
@@ -153,7 +154,7 @@ class Run:
         """Measure what is missing, write tables, figures and the page, and return the path of the page."""
         if self.options.force:
             shutil.rmtree(self.folder / KEPT, ignore_errors=True)
-        with noted(self.folder, self.command, self.study.packages) as runs:
+        with recorded_run(self.folder, self.command, self.study.packages) as runs:
             self.measure()
             findings = self.study.analyse(self.frames, self.options.quick)
         tables = {**self.frames, **findings.tables}
@@ -165,7 +166,7 @@ class Run:
 
 
 class _Frames(dict[str, pl.DataFrame]):
-    """Tables by name; one that was not asked for is measured when another, or the analysis, needs it."""
+    """Tables by name; a table that is not in `only` is measured when another one or the analysis reads it."""
 
     def __init__(self, run: Run) -> None:
         super().__init__()
@@ -178,7 +179,7 @@ class _Frames(dict[str, pl.DataFrame]):
 
 
 def _write_table(path: Path, frame: pl.DataFrame) -> str:
-    """Write a table as CSV, or as Parquet where it is large; return the file's name. One of the other kind goes."""
+    """Write a table as CSV, or as Parquet if it is large; delete the other kind; return the file's name."""
     large = frame.height > LARGE
     file, other = (path.with_suffix(suffix) for suffix in ((".parquet", ".csv") if large else (".csv", ".parquet")))
     with whole_file(file) as stream:
@@ -188,7 +189,7 @@ def _write_table(path: Path, frame: pl.DataFrame) -> str:
 
 
 def frame_of(measured: Iterable[tuple[Row, Rows]]) -> pl.DataFrame:
-    """Return one frame of the rows of all cells, each with its labels as first columns; what a row lacks is null."""
+    """Return one frame of the rows of all cells, with their labels as first columns; missing values are null."""
     frames, rows = list[pl.DataFrame](), list[Row]()
     for labels, found in measured:
         if isinstance(found, pl.DataFrame):

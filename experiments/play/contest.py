@@ -43,7 +43,7 @@ def rivals_of(this: Try) -> dict[str, Try]:
 def film(this: Try, who: str = "you", seconds: float | None = None) -> str:
     """Return the slow-motion player of a try beside rule and policy; `seconds` is the length of the film."""
     again = {name: replayed(each) for name, each in {**rivals_of(this), who: this}.items()}
-    runs = {name: Run(History(*each), each[1]) for name, each in again.items()}
+    runs = {name: Run(History(*each, ended=True), each[1]) for name, each in again.items()}
     scene = {"label": "one scenario for all", "number": 0, **scene_of(runs)}
     if seconds is not None:
         ends = [start for start, _ in scene["clock"][1:]] + [scene["end"]]

@@ -13,7 +13,7 @@ from agents.policies import Controller
 from agents.provenance import circumstances, revision
 from experiments.play.assistance import PERIOD, PERSON, assistance, environment_of, playable
 from impact_gym.envs.batch import Batch, Bodies
-from impact_gym.simulation import Outcome, Trace
+from impact_gym.outcome import Outcome, Trace
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 from impact_gym.task.episodes import EpisodeState
@@ -50,7 +50,7 @@ def advance(batch: Batch, action: ArrayLike) -> None:
 
 
 def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
-    """Play a try again in the environment; return its trace with the settling, info, task, and times of alarm and end.
+    """Play a try again; return its trace to the end of the settling, its info, its task, and when alarm and end came.
 
     Raises:
         RuntimeError: the replayed episode does not end with the last action: the environment has changed.

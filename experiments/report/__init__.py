@@ -1,5 +1,5 @@
-"""The report: who wins, by how much, how sure that is, and where it fails.
+"""The report: which controller is better, by how much, with which confidence, and where it fails.
 
-`matchups` says who meets whom, where; `jobs` plays that and returns what `played` describes; `answer`, `ablation`,
-`differences`, `holds` and `first_screen` make sentences, tables and charts of it; `page` puts them together.
+`matchups` names policies, baselines and scenarios; `jobs` plays them and returns results as in `played`; `answer`,
+`ablation`, `differences`, `holds` and `first_screen` make sentences, tables and charts of these; `page` is the page.
 """

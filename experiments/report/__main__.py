@@ -14,23 +14,25 @@ from typing import Any
 import tyro
 
 from agents.command_line import command_of, run_command
+from agents.evaluate.play import pairs
 from agents.jobs import digest_of
 from agents.provenance import circumstances, revision
 from agents.setups import README, Setup, load_setup
+from agents.setups.evaluation import RESERVED
+from agents.setups.keys import within
 from experiments.lab.results import REPORTS
 from experiments.lab.statistics import RESAMPLES
 from experiments.report.matchups import Matchup, of_policies, of_setup
-from experiments.report.scenarios import scenarios_from
-from impact_gym.files import locked, whole_file, write_file
+from impact_gym.files import locked, parsed, whole_file, write_file
 from impact_gym.sources import compiled_from
-from impact_gym.task import Task
-from impact_gym.validation import whole
+from impact_gym.task import Task, evaluation_sets
+from impact_gym.validation import number, whole
 
 RESULTS = "results.json"
 MARK = ".impact_gym"
-"""File of a folder that a report wrote, into which another may be written; its lock."""
-FOLLOWS_FROM = ("impact_gym", "agents", "experiments.report", "experiments.lab")
-"""Packages that the page follows from."""
+"""Lock file that marks a folder of a report, which another report may overwrite."""
+DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")
+"""Packages that the page depends on."""
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-python", "polars", "jinja2")
 
 
@@ -38,29 +40,29 @@ PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-p
 class ReportOptions:
     """Compare policies and baselines in the same scenarios, on a page.
 
-    Without a set-up and --policy it is about the set-ups of the README, all their seeds.
+    Default: all seeds of the set-ups in the README.
     """
 
     setups: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Set-ups by name or file, whose policies and baselines are where `impact-gym train` and `tune` left them."""
+    """Set-ups by name or file, with the policies and baselines that `impact-gym train` and `tune` wrote."""
 
     folder: Path | None = None
-    """Where `policies` and `tuned` of the set-ups are, if not where these commands leave them."""
+    """Folder with `policies` and `tuned` of the set-ups. Default: where these commands write them."""
     policy: tuple[str, ...] = ()
-    """Your own policies instead: files, run folders or names of shipped ones, each against its baselines."""
+    """Policies instead of set-ups: files, run folders or names of shipped ones, each against its baselines."""
     baseline: tuple[str, ...] = ()
-    """Further baselines: tuned names, or module:object with `predict`; a function or class that returns one will do.
-    Default: those of the set-up of the policy."""
+    """Further baselines: tuned names, or module:object with `predict`, or a function or class that returns one.
+    Default: those of the policy's set-up."""
     scenarios: str | None = None
-    """Scenarios to play, instead of those of the set-ups: a frozen set by name or file (CSV), or a JSON file
-    {"ranges": {...}, "seed": s, "count": n, "environment": {...}} of which all may be left out; the environment holds
-    arguments of gym.make, your tool and coupling."""
+    """Scenarios instead of those of the set-ups: a frozen set by name or file (CSV), or a JSON file
+    {"ranges": {...}, "seed": s, "count": n, "environment": {...}} with some of these keys; the environment holds
+    arguments of gym.make, such as your tool and coupling."""
     count: int | None = None
-    """How many of the scenarios; as many as the set-up says, or all of `scenarios`, unless given."""
+    """Number of scenarios. Default: as in the set-up, or all of `scenarios`."""
     out: Path = REPORTS / "latest"
-    """Folder for the page; results are kept in a hidden one beside it, and the same command continues from there."""
+    """Folder for the page; results are kept in a hidden folder beside it, from which the same command resumes."""
     force: bool = False
-    """Play and write everything again, instead of keeping what the same sources and options have given."""
+    """Play and write everything again, even if kept results are up to date."""
     processes: int | None = None
     """Jobs at the same time on this machine. Default: one a core; 0: none but this process."""
     cluster: str | None = None
@@ -77,11 +79,45 @@ class ReportOptions:
             raise ValueError("baseline needs --policy: the shipped recipes have theirs")
 
 
-def matchups_of(options: ReportOptions) -> list[Matchup]:
-    """Return the matchups that are asked for.
+def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return scenarios as JSON and changes of the environment: from a frozen set's name or file, or from a JSON file.
+
+    `ReportOptions.scenarios` describes the file.
 
     Raises:
-        ValueError: a policy, a baseline or the scenarios are not what they should be; nothing has been played yet.
+        ValueError: no such set or file, or a key or value in it is unknown or out of range.
+    """
+    path = Path(source)
+    if path.suffix == ".json":
+        content = parsed(path, "scenarios, JSON", json.loads)
+        keys = {"ranges", "seed", "count", "environment"}
+        if not isinstance(content, dict) or set(content) - keys:
+            raise ValueError(f"{path} must be a JSON object with some of {sorted(keys)}, got {str(content)[:200]}")
+        environment = content.get("environment", {})
+        with within(f"{path}: ranges"):
+            ranges = pairs(content.get("ranges", "test"))
+        count = whole("count", count or content.get("count", 1000), at_least=2)
+        seed = whole("seed", content.get("seed", 2_000_000), at_least=0)
+        with within(str(path)):
+            Task.of("environment", environment)
+        taken = sorted(set(environment) & {"scenario", *RESERVED})
+        if taken:
+            raise ValueError(f"{path}: environment must leave out {taken}: ranges and the report see to that")
+        return {"ranges": ranges, "seed": seed, "count": count}, environment
+    frozen = evaluation_sets.load(source)
+    count = whole("scenarios", count or frozen.count, at_least=2)
+    number("scenarios", count, "(no unit)", at_most=frozen.count)
+    if (evaluation_sets.SHIPPED / f"{source}.csv").is_file():
+        return {"set": source, "count": count}, {}
+    table = {name: values[:count].tolist() for name, values in frozen.scenario.items()}
+    return {"table": table, "seed": frozen.seed, "count": count}, {}
+
+
+def matchups_of(options: ReportOptions) -> list[Matchup]:
+    """Return the matchups of the options.
+
+    Raises:
+        ValueError: a policy, a baseline or the scenarios are missing or invalid; nothing has been played yet.
     """
     if options.policy:
         scenarios, changes = scenarios_from(options.scenarios or "test", options.count)
@@ -113,11 +149,10 @@ def _trained(setup: Setup, folder: Path) -> bool:
 
 
 def write(options: ReportOptions) -> Path:
-    """Play what is missing, write the folder unless it says the same already, and return the path of its page.
+    """Play what is missing, write the folder unless it is up to date, and return the path of its page.
 
     Raises:
-        ValueError: something asked for is not there or makes no sense, or the folder is a file, below one, or of
-            something else.
+        ValueError: an option is invalid, or `out` is a file, below a file, or a folder with other content.
     """
     there = next(path for path in (options.out, *options.out.absolute().parents) if path.exists())
     if not there.is_dir():
@@ -128,11 +163,14 @@ def write(options: ReportOptions) -> Path:
 
 
 def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
-    """Play what is missing of matchups, write the folder unless it says the same already, and return its page."""
-    made_from, begun = _made_from(matchups, options), time.perf_counter()
+    """Play what is missing of matchups, write the folder unless it is up to date, and return the path of its page."""
+    begun = time.perf_counter()
+    modules = {module for matchup in matchups for module in matchup.modules}
+    inputs = (*map(repr, matchups), bool(options.policy), compiled_from(), digest_of(*DEPENDS, *modules))
+    made_from = hashlib.sha256(repr(inputs).encode()).hexdigest()
     page = options.out / "index.html"
     if options.force or not page.is_file() or _written(options.out).get("made from") != made_from:
-        from experiments.report.jobs import play_matchups  # what plays and draws takes seconds to import
+        from experiments.report.jobs import play_matchups  # takes seconds to import
 
         played = play_matchups(matchups, _kept(options), options.processes, options.cluster)
         print("writing the page", flush=True)
@@ -143,14 +181,14 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
 
 
 def _written(folder: Path) -> dict[str, Any]:
-    """Return what a folder says of itself; nothing where that is missing or damaged."""
+    """Return results.json of a folder; empty if it is missing or damaged."""
     with suppress(OSError, ValueError):
         return dict(json.loads((folder / RESULTS).read_text()))
     return {}
 
 
 def _kept(options: ReportOptions) -> Path:
-    """Return the hidden folder of results beside a page, rid of those of other sources, or of all by force."""
+    """Return the hidden folder of results beside a page; delete results of other sources, or all if `force`."""
     from experiments.report.jobs import sources
 
     parent, current = options.out.with_name(f".{options.out.name}.episodes"), sources()[:16]
@@ -160,17 +198,10 @@ def _kept(options: ReportOptions) -> Path:
     return parent / current
 
 
-def _made_from(matchups: Sequence[Matchup], options: ReportOptions) -> str:
-    """Return SHA-256 of all that the folder follows from: contestants, scenarios, words, sources."""
-    own = {module for matchup in matchups for module in matchup.modules}
-    content = (*map(repr, matchups), bool(options.policy), compiled_from(), digest_of(*FOLLOWS_FROM, *own))
-    return hashlib.sha256(repr(content).encode()).hexdigest()
-
-
 def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, begun: float) -> None:
-    """Write the folder of what was `Played` since `begun`: `results.json` last, which says what it was made from.
+    """Write the folder of `Played` results; last results.json, with the digest of its inputs.
 
-    A user's own files stay; figures of an earlier report that this one does not have go.
+    A user's own files stay; figures of an earlier report that are not in this one are deleted.
     """
     from experiments.report import page
     from experiments.report.played import episodes

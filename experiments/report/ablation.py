@@ -1,10 +1,9 @@
-"""Ablation: gain from limits, from knowing where, from shape, estimate, learning, and from knowing the object.
+"""Ablation: gain from the arm's limits, the range of distances, the profile's shape, the estimate, and learning.
 
-A step has all that the one before has, so what the steps bring adds up to the whole; in another order each could bring
-more or less. Who brakes evenly towards the place where the object must have been met uses that objects stand within a
-range, and no more; a profile has a shape of its own over it. The same rule with the arm's limits is the constant speed
-that is tuned for each weight and braked as hard as pays, on a spring with all of 20 m/s^2. Nothing is left to learn
-there, so it is a baseline of each set-up and no set-up of its own.
+Each step adds one thing to the step before, so the gains add up to the whole; in another order each gain could be
+larger or smaller. Even braking uses only the known range of distances; a profile also chooses its velocity over that
+range. The paper's rule with the arm's limits is a constant speed, tuned for each weight, that brakes at the best
+deceleration: on a spring the full 20 m/s^2.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,21 +13,20 @@ from itertools import pairwise
 import numpy as np
 
 from agents.baselines import PaperTrapezoid
-from experiments.lab.comparison import Comparison, Front
 from experiments.lab.parts import Table, percent
-from experiments.lab.statistics import Estimate, Floats, Resamples, estimate
+from experiments.lab.statistics import Comparison, Estimate, Floats, Front, Resamples, estimate
 from experiments.report.answer import front
 from experiments.report.matchups import BOUND, PAPER, POLICY
 from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
-"""Bound of a gain where the contestant before the step, or its own, is read sooner than the paper's time."""
+"""Kind of bound, by whether the contestant before the step, and that of the step, are sooner than the paper's rule."""
 
 
 @dataclass(frozen=True)
 class Link:
-    """A contestant, and what it has beyond the one before."""
+    """A contestant, and what it adds to the one before."""
 
     added: str
     contestant: str
@@ -37,11 +35,11 @@ class Link:
 
 @dataclass(frozen=True)
 class Gain:
-    """A number of a contestant, less is better, and by how much it is below that of the one before."""
+    """A measure of a contestant (lower is better), and its gain over the contestant before."""
 
     value: Estimate  # m/s
-    less: Estimate | None  # m/s; None for the first, or where nothing can be claimed
-    share: Estimate | None  # of what lies between the paper's rule and the policy; None where that may be nothing
+    less: Estimate | None  # m/s; None for the first, or if nothing can be claimed
+    share: Estimate | None  # of the difference between paper's rule and policy; None if that may be zero
 
 
 @dataclass(frozen=True)
@@ -51,15 +49,15 @@ class Step:
     added: str
     contestant: str
     scenarios: int
-    later: float  # than the paper's mean approach time: the nearest that its front comes to it, s; 0 where it does
-    limit: str  # of what it brings there: "at least" if it is sooner itself, "at most" if the one before is
+    later: float  # than the paper's mean approach time at the nearest end of its front, s; 0 if reached
+    limit: str  # of its gain there: "at least" if it is sooner itself, "at most" if the one before is
     velocity: Gain  # V_p at that time
     weight: float  # w, m/s per s: the typical one
-    loss: Gain  # V_p + w T, and what misses cost
+    loss: Gain  # V_p + w T + cost of misses
 
 
 def links(played: Played) -> list[Link]:
-    """Return the sequence without the clairvoyant: what the matchup has no baseline for joins the next step."""
+    """Return the sequence up to the policy; an addition without a baseline is merged into the next step."""
     tuned = [baseline for baseline in played.matchup.baselines if "tuned" in baseline.controller]
     by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}  # of two the first
     task = Task(**played.matchup.environment)
@@ -78,7 +76,7 @@ def links(played: Played) -> list[Link]:
 
 
 def steps_of(played: Played) -> list[Step]:
-    """Return the steps; the last, the clairvoyant's, on the scenarios that it was searched for."""
+    """Return the steps; the last is the clairvoyant search, on the scenarios that were searched."""
     sequence, weight = links(played), played.matchup.typical
     steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
     if played.bound is None or weight not in played.bound.weights:
@@ -89,7 +87,7 @@ def steps_of(played: Played) -> list[Step]:
 
 
 def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy: int) -> list[Step]:
-    """Return the steps on the first scenarios, as many as are resampled; `policy` is the place of the policy."""
+    """Return the steps on the first scenarios, as many as `resamples` has; `policy` is the policy's index."""
     fronts: list[Front] = [front(resamples, link.runs) for link in sequence]
     time = fronts[0][0][0, 0]  # of the paper's rule
     later = [float(np.clip(time, times[0].min(), times[0].max()) - time) for times, _ in fronts]
@@ -109,7 +107,7 @@ def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy
 def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[Gain]:
     """Return the gain of each step from its resampled values (1 + n,), m/s.
 
-    Unless `claimed` there are no differences: a contestant is read at another time than the one before it.
+    Unless `claimed` there are no differences: the contestants are compared at different times.
     """
     total = Comparison(values[policy], values[0])
     shared = claimed and total.less.low > 0.0
@@ -121,7 +119,7 @@ def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[G
 
 
 def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
-    """Return the ablation of a matchup, whose contestants are called by `labels`."""
+    """Return the table of a matchup's ablation, with labels of its contestants."""
     body = []
     for step in steps:
         subset = "" if step.scenarios == steps[0].scenarios else f", the first {step.scenarios} scenarios"
@@ -132,9 +130,9 @@ def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
         body.append((added, labels.get(step.contestant, step.contestant) + subset, *cells))
     head = ("what is added", "contestant", "V_p at the paper's approach time (m/s)", "less by (m/s)", "share",
             f"V_p + {steps[0].weight:g} T (m/s)", "less by (m/s)", "share")  # fmt: skip
-    caption = ("Each row has all that the row above has and one thing more; by how much that is less, and which share "
-               "of the way from the paper's rule to the policy, 95 % intervals. Who knows the object is compared with "
-               "policy and rule on the same few scenarios.")  # fmt: skip
+    caption = ("Each row adds one thing to the row above. Share: of the difference between the paper's rule and the "
+               "policy, 95 % intervals. The clairvoyant search is compared with policy and rule on the scenarios that "
+               "were searched.")  # fmt: skip
     return Table(caption, head, body)
 
 

@@ -1,4 +1,4 @@
-"""The answer in one line, and the trade-off behind it.
+"""The answer in one sentence, and the trade-off of time and velocity.
 
 The primary measure was fixed before the test set was played: V_p at the mean approach time of the paper's rule.
 """
@@ -10,9 +10,8 @@ import altair as alt
 import numpy as np
 import polars as pl
 
-from experiments.lab.comparison import Comparison, Front
 from experiments.lab.parts import Table, percent
-from experiments.lab.statistics import Estimate, Floats, Resamples, along, estimate, tolerated
+from experiments.lab.statistics import Comparison, Estimate, Floats, Front, Resamples, along, estimate, tolerated
 from experiments.report.figures import Figure, chart_of, looks_of, zoomable
 from experiments.report.matchups import BOUND, POLICY, Matchup
 from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
@@ -22,28 +21,28 @@ FRONT = ("approach_time", "object_velocity")
 
 @dataclass(frozen=True)
 class Answer:
-    """What the policies of one set-up gain over the paper's rule."""
+    """Gain of the policies of one set-up over the paper's rule."""
 
     matchup: str
     reduction: Estimate  # of V_p at the paper's mean approach time, a share
-    each: tuple[float, ...]  # the same, of each seed by itself; none where one does not come to that time
-    reached: bool  # its curve comes to that time; if not, it is the end nearest to it
-    later: float  # than that time at that end, a share of it; below 0 sooner
+    each: tuple[float, ...]  # the same for each seed; empty if one does not reach that time
+    reached: bool  # whether the front reaches that time; if not, `reduction` is at its nearest end
+    later: float  # difference of that end from that time, a share of it; below 0 sooner
     sooner: Estimate  # of the approach time at the paper's mean V_p, a share
-    beyond: str  # "": its curve comes to that V_p; "slower", "faster": it leaves the object so at every weight
+    beyond: str  # "": the front reaches that V_p; "slower", "faster": the object is so at every weight
     velocity: Estimate  # m/s, V_p of the policy at that time
     rival: str  # the best tuned baseline, if there is one
-    rival_reduction: Estimate | None  # the same of that one, unless it is later at every weight
-    improvement: Estimate  # share of scenarios in which it leaves the object slower, and touches it
+    rival_reduction: Estimate | None  # its reduction of V_p; None if it is later at every weight
+    improvement: Estimate  # share of scenarios in which the policy touches the object and V_p is lower
     missed: int  # of all episodes of all seeds at all weights
     episodes: int
 
 
 def answer(played: Played) -> Answer:
-    """Return what a set-up's policies gain, seeds and scenarios resampled."""
+    """Return the gain of a set-up's policies, with seeds and scenarios resampled."""
     resamples = played.resamples
-    everybody = [played.paper], list(played.seeds.values()), [played.rival]
-    paper, policy, rival = (front(resamples, runs) for runs in everybody)
+    contestants = [played.paper], list(played.seeds.values()), [played.rival]
+    paper, policy, rival = (front(resamples, runs) for runs in contestants)
     (times, velocities), time, velocity = policy, paper[0][0, 0], paper[1][0, 0]
     at_time, at_speed = Comparison.of_fronts(policy, paper), Comparison.of_fronts(policy[::-1], paper[::-1])
     tuned = len(played.rival.weights) > 1
@@ -79,9 +78,9 @@ def front(resamples: Resamples, runs: Sequence[Run]) -> Front:
 
 
 def reductions(played: Played) -> Floats:
-    """Return by which share each seed by itself lowers V_p at the paper's mean approach time (seeds,).
+    """Return the reduction of V_p by each seed at the paper's mean approach time, a share (seeds,).
 
-    It is empty where the curve of one does not come to that time: they would be read at different times.
+    It is empty if the front of one seed does not reach that time: they would be compared at different times.
     """
     ((time, velocity),) = played.paper.front
     times, velocities = np.moveaxis(np.array([run.front for run in played.seeds.values()]), 2, 0)
@@ -101,18 +100,18 @@ def table(answer: Answer, played: Played) -> Table:
         (f"V_p lower there, {played.matchup.rival.plain}", rival),
         ("sooner at the paper's V_p", sooner),
         ("V_p at the paper's approach time (m/s)", f"{answer.velocity:.3f}"),
-        ("scenarios in which the object is left slower", percent(answer.improvement)),
+        ("share of scenarios with a lower V_p", percent(answer.improvement)),
         ("objects missed, at all weights", f"{answer.missed} of {answer.episodes:,}"),
     ]
     policies = f"{len(played.seeds)} trainings" if len(played.seeds) > 1 else "one policy"
-    caption = f"{policies} against the paper's rule on {played.count:,} scenarios, 95 % intervals; a miss is no win"
+    caption = f"{policies} against the paper's rule on {played.count:,} scenarios, 95 % intervals; a miss is not lower"
     return Table(caption[0].upper() + caption[1:], ("what", POLICY), body)
 
 
 def at_one_time(played: Played) -> Table:
     """Return mean and 95th percentile of T, V_p and peak force of each, at the weight nearest to the rule's mean time.
 
-    With friction also the time at which object and tool rest. The mean over many approaches hides the worst of them.
+    With friction also the time at which object and tool rest. The mean alone hides the worst approaches.
     """
     goal, labels = played.paper.front[0][0], played.matchup.labels
     contestants = {labels[name]: run for name, run in played.baselines.items()} | {POLICY: played.policy_as_late}
@@ -162,25 +161,25 @@ def trade_off(played: Played) -> Figure:
     ])  # fmt: skip
     layers = faint + curves + marks if len(played.seeds) > 1 else curves + marks
     bound = "" if played.bound is None else (
-        f" {BOUND.capitalize()}, is the best that a search found for each of the first "
-        f"{played.bound['missed'].shape[1]} scenarios by itself: what one could do who knew the object."
+        f" The {BOUND} is the best approach that a search found for each of the first "
+        f"{played.bound['missed'].shape[1]} scenarios with the object known."
     )  # fmt: skip
     caption = (
-        "Down and left is better. A line per contestant over its time weights, the policy's faint lines are the other "
-        "seeds." + bound
+        "Down and left is better. One line per contestant over its time weights; faint lines are the other seeds."
+        + bound
     )
-    subject = f"time until {played.matchup.until} against V_p, everybody and every seed"
+    subject = f"time until {played.matchup.until} against V_p, all contestants and seeds"
     return Figure(played.matchup.name, "trade_off", subject, caption, in_words(played), zoomable(layers), data, 380)
 
 
 def in_words(played: Played) -> str:
-    """Return what a chart of the trade-off shows, for one who does not see it."""
+    """Return the text alternative of a chart of the trade-off."""
     places = [f"{time:.3f} s and {velocity:.3f} m/s" for time, velocity in (*played.paper.front, *played.policy.front)]
     return f"Paper's rule: {places[0]}. The learned policy: from {places[1]} to {places[-1]}."
 
 
 def weights_table(played: Played) -> Table:
-    """Return V_p + w T of policy, rival and bound at each weight, the ratio, and what the next training reaches."""
+    """Return V_p + w T of policy, rival and bound at each weight, their ratios, and the bound for the next training."""
     body = []
     for weight in played.matchup.weights:
         ours, theirs, chosen = played.losses(weight), played.rival.loss(weight), played.policy.loss(weight)
@@ -195,7 +194,7 @@ def weights_table(played: Played) -> Table:
                      next_one, gap))  # fmt: skip
     head = ("time weight (m/s per s)", "median seed (m/s)", f"{played.matchup.rival.label} (m/s)", "ratio, median seed",
             "ratio, all seeds", "95 % of trainings at most, worst seed (m/s)",
-            "above the search that knows: policy, baseline (m/s)")  # fmt: skip
+            "above the clairvoyant search: policy, baseline (m/s)")  # fmt: skip
     return Table("V_p + w T against the best baseline, tuned for each weight; below 1 the policy is better", head, body)
 
 
@@ -214,9 +213,9 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
         text = f"no weight makes its approach as {length} as the paper's; at the nearest, "
         text += f"{100 * abs(answer.later):.1f} % {direction}, the object leaves {change}"
     if answer.beyond == "faster":
-        text += "; it nowhere leaves the object as slow as the paper's rule."
+        text += "; at every weight the object leaves faster than with the paper's rule."
     else:
-        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # its fastest approach leaves the object slower
+        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # at its fastest approach the object is slower
         bound = f"{limit} " if answer.beyond == "slower" else ""
         text += f"; at the paper's V_p the approach is {bound}{_compared(answer.sooner, 'sooner', 'later')}."
     if answer.rival_reduction:

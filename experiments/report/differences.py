@@ -1,4 +1,4 @@
-"""What was learned, and where the policy wins or not: differences on the same scenarios, one by one and in groups."""
+"""The learned approach, and differences between policy and rival on the same scenarios, all and in groups."""
 
 from dataclasses import asdict
 from typing import Any
@@ -7,16 +7,15 @@ import altair as alt
 import numpy as np
 import polars as pl
 
-from experiments.lab.comparison import Comparison
 from experiments.lab.parts import Table
-from experiments.lab.statistics import estimate, quantile_groups
+from experiments.lab.statistics import Comparison, estimate, quantile_groups
 from experiments.report.figures import Figure, chart_of, looks_of, zoomable
 from experiments.report.jobs import watched_at
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Played
 from impact_gym.quantities import QUANTITIES, SCENARIO
 
-GROUPS = 5  # of each field of the scenario, as many scenarios in each; fewer where there would be less than SMALLEST
+GROUPS = 5  # equally large groups of scenarios; fewer if a group would be smaller than SMALLEST
 SMALLEST = 10
 TITLES = {row.id: row.words + (f" ({row.unit})" if row.unit != "-" else "") for row in SCENARIO}
 
@@ -31,7 +30,7 @@ def measures(played: Played) -> Table:
         fixed = {name: run for name, run in played.baselines.items() if len(run.weights) == 1}
         runs |= {matchup.labels[name]: (name, run.at(weight)) for name, run in fixed.items()}
     runs[f"{POLICY}, w = {weight:g}"] = matchup.chosen, played.policy.at(weight)
-    late = f"{POLICY}, as late as the paper's rule (w = {as_late.weights[0]:.3g})"
+    late = f"{POLICY} at the paper's approach time (w = {as_late.weights[0]:.3g})"
     runs[late] = "", as_late.at(as_late.weights[0])
     rows = []
     for label, (name, episodes) in runs.items():
@@ -59,19 +58,19 @@ def measures(played: Played) -> Table:
         "contestant": "{label}", "T (s)": "{T:.4f}",
         "V_p (m/s)": "{V:.3f}", "V_p, mean of the worst 5 %": "{worst:.3f}",
         "peak force (N): mean, 95 %": "{peak:.1f}, {high:.0f}", "impulse (N s)": "{impulse:.4f}",
-        "touched again": "{again:.1f} %", "contacts": "{contacts:.2f}", "missed": "{missed}",
+        "several contacts": "{again:.1f} %", "contacts": "{contacts:.2f}", "missed": "{missed}",
     }  # fmt: skip
-    caption = f"Means over the same {played.count:,} scenarios; the impulse is all that the object was given, m V_p"
+    caption = f"Means over the same {played.count:,} scenarios; impulse: object mass times V_p"
     if played.travelled:
-        columns["spring's way (mm): before the touch 95 %, in all most"] = "{way}"
-        caption += "; the spring's way is how far the tool gets from its place on the flange, in the first of these"
+        columns["deflection (mm): before the touch 95 %, in all most"] = "{way}"
+        caption += "; deflection: of the tool's spring, in the first of these scenarios"
     if matchup.operated:
         columns |= {"slide (m)": "{slide:.3f}", "until the touch (s)": "{touch_time:.3f}", "taken": "{taken:.3f}"}
     return Table.of(caption, rows, columns)
 
 
 def paired(played: Played, field: str) -> Figure:
-    """Return the paired difference to the rival in groups of scenarios that are close in a field."""
+    """Return the chart of paired differences to the rival in groups of scenarios with similar values of a field."""
     weight, rival, values = played.matchup.typical, played.matchup.rival.label, played.paper.scenario[field]
     label, ours, theirs = f"{POLICY} minus {rival}", played.losses(weight), played.rival.loss(weight)
     data = pl.DataFrame([
@@ -122,9 +121,9 @@ def approach(played: Played) -> Figure:
                  alt.Tooltip("velocity:Q", format=".3f")],
     )  # fmt: skip
     caption = (
-        f"Nothing stands in the way here; in the scenarios objects are {ahead.min():.2f} to {ahead.max():.2f} m ahead."
+        f"Without contact; in the scenarios the object is {ahead.min():.2f} to {ahead.max():.2f} m ahead."
         if matchup.environment.get("range_noise") is None
-        else f"The object stands at {watched_at(matchup):.3g} m and the estimate is right."
+        else f"The object is at {watched_at(matchup):.3g} m and the estimate is exact."
     )
     subject = "velocity over position before the contact"
     return Figure(matchup.name, "approach", subject, caption, caption, zoomable(chart), data, 340)

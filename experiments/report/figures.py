@@ -1,7 +1,7 @@
-"""Figures of the page, and the look that all charts share.
+"""Figures of the page, and their common style.
 
-A figure is a Vega-Lite chart: in the page it can be hovered and zoomed, or stands still where a reader must not wait
-for it; on disk it is SVG with its data beside it. Every series has a dash or a shape of its own beside its colour.
+A figure is a Vega-Lite chart: interactive in the page, or an SVG on its first screen, which then needs no script; on
+disk it is an SVG and a CSV of its data. Series differ in dash or shape as well as in colour.
 """
 
 import json
@@ -41,17 +41,17 @@ CONFIG: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Figure:
-    """A chart of a matchup, what it shows, and its data."""
+    """A chart of a matchup with its texts and its data."""
 
     matchup: str
     key: str  # of its files
     subject: str
     caption: str
-    alternative: str  # what it says, for one who does not see it
+    alternative: str  # text alternative
     chart: Any
     data: pl.DataFrame
     height: int = 320  # pixels
-    width: int = 640  # where nothing else says how wide
+    width: int = 640  # of the file
 
     @property
     def name(self) -> str:
@@ -65,15 +65,15 @@ class Figure:
 
     @cached_property
     def spec(self) -> dict[str, Any]:
-        """The chart as Vega-Lite, as wide as what holds it."""
+        """The chart as Vega-Lite, as wide as its container."""
         chart = self.chart.properties(width="container", height=self.height, description=self.alternative)
-        content = chart.configure(**CONFIG).to_dict(validate=False)  # a wrong one would not become the SVG
+        content = chart.configure(**CONFIG).to_dict(validate=False)  # rendering it as SVG validates it
         text = json.dumps(content, ensure_ascii=False)
-        return json.loads(text.replace("V_p", "Vₚ").replace("m^1.5", "m¹·⁵"))  # a chart has no markup
+        return json.loads(text.replace("V_p", "Vₚ").replace("m^1.5", "m¹·⁵"))  # charts take no HTML
 
     @cached_property
     def still(self) -> Markup:
-        """The chart as SVG to stand in a page, as large as what holds it; the page gives it its colours."""
+        """The chart as SVG for the page, as large as its container; colours come from the page."""
         svg = vl_convert.vegalite_to_svg(self.spec | {"width": self.width})
         return Markup(re.sub(r'(<svg [^>]*?) width="[^"]*" height="[^"]*"', r"\1", svg, count=1))
 
@@ -85,18 +85,18 @@ class Figure:
 
 
 def zoomable(chart: Any) -> Any:
-    """Return a chart that is dragged, zoomed with the wheel while Ctrl is held, and put back with a double click."""
+    """Return a chart that is panned by dragging, zoomed with Ctrl and wheel, and reset by a double click."""
     return chart.add_params(alt.selection_interval(bind="scales", zoom="wheel![event.ctrlKey]"))
 
 
 def chart_of(data: pl.DataFrame, digits: int = 5) -> alt.Chart:
-    """Return an empty chart of `data`, floats rounded to so many significant digits: the page must stay small."""
+    """Return an empty chart of `data`, floats rounded to `digits` significant digits to keep the page small."""
     rows = data.with_columns(pl.selectors.float().round_sig_figs(digits)).to_dicts()
     return alt.Chart(alt.Data(values=rows))  # type: ignore[no-untyped-call]  # altair leaves it untyped
 
 
 class Looks(NamedTuple):
-    """Channels that tell the contestants of a chart apart."""
+    """Channels that distinguish the contestants of a chart."""
 
     colour: alt.Color
     dash: alt.StrokeDash
@@ -104,7 +104,7 @@ class Looks(NamedTuple):
 
 
 def looks_of(data: pl.DataFrame, policy: str = POLICY) -> Looks:
-    """Return the looks of the contestants; the paper's rule and the `policy`, by its name here, keep theirs."""
+    """Return colours, dashes and shapes; those of the paper's rule and of the `policy` are the same in all charts."""
     contestants = data["contestant"].unique(maintain_order=True).to_list()
     ordered = list(dict.fromkeys([PAPER, policy, *contestants]))
     place = {name: min(k, len(COLOURS) - 1) for k, name in enumerate(ordered) if name in contestants}

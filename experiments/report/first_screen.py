@@ -1,4 +1,4 @@
-"""The first screen: the answer in plain words, and the trade-off with the paper's point."""
+"""The first screen: the answer without intervals, and the trade-off."""
 
 from typing import Any
 
@@ -13,11 +13,11 @@ from experiments.report.matchups import IMITATES, PAPER, POLICY
 from experiments.report.played import MISSED_TOO_OFTEN, Played
 from impact_gym.task.task import VELOCITY_RANGE
 
-WIDTH, HEIGHT = 400, 270  # pixels: read on a phone as well, where the chart is scaled by no more than 0.85
+WIDTH, HEIGHT = 400, 270  # pixels; on a phone the chart is scaled to 0.85 or more
 
 
 def headline(answer: Answer, played: Played) -> str:
-    """Return the answer in plain words; its intervals are for those who read on."""
+    """Return the answer without intervals."""
     if played.matchup.operated:
         return assisted(played)
     if answer.missed > MISSED_TOO_OFTEN * answer.episodes:
@@ -30,7 +30,9 @@ def headline(answer: Answer, played: Played) -> str:
         text = "No learned policy arrives as soon as the paper's rule; "
         text += f"with one that is {100 * answer.later:.0f} % later the object leaves {slower}."
     else:
-        text = f"Even at its most patient the learned policy arrives {-100 * answer.later:.0f} % sooner than the "
+        text = (
+            f"Even at its smallest time weight the learned policy arrives {-100 * answer.later:.0f} % sooner than the "
+        )
         text += f"paper's rule; the object leaves {slower}."
     if answer.rival_reduction:
         same_sign = (answer.rival_reduction.value >= 0.0) == (answer.reduction.value >= 0.0)
@@ -47,24 +49,25 @@ def _less(share: float) -> str:
 
 
 def assisted(played: Played, intervals: bool = False) -> str:
-    """Return how far the object slides behind an operator, and when all is done, with each assistance."""
+    """Return the slide of the object and the time until all is done, for each assistance of an operator."""
     weight, plain = played.matchup.typical, {each.name: each.plain for each in played.matchup.baselines}
-    everybody = {f"the {POLICY}": list(played.seeds.values())}
-    everybody |= {plain[name]: [run] for name, run in played.baselines.items()}
+    contestants = {f"the {POLICY}": list(played.seeds.values())}
+    contestants |= {plain[name]: [run] for name, run in played.baselines.items()}
     parts = []
-    for name, runs in everybody.items():
+    for name, runs in contestants.items():
         slide, done = (np.array([getattr(run.at(weight), what) for run in runs]) for what in ("slide", "done_time"))
         estimates = (estimate(played.resamples.means(values)) for values in (100.0 * slide, done))  # cm, s
         length, time = (f"{each:.2f}" if intervals else f"{each.value:.1f}" for each in estimates)
         parts.append(f"{length} cm and {time} s with {name}")
-    how_far = f"How far the object slides, and when all is done, where a second costs {weight:g} m/s"
-    return f"{how_far}: {'; '.join(parts)}."
+    return (
+        f"Slide of the object and time until all is done, at a time weight of {weight:g} m/s per s: {'; '.join(parts)}."
+    )
 
 
 def chart(answer: Answer, played: Played) -> Figure:
-    """Return the paper's point, the curves of the best tuned baseline and of the policy, each with its name at it."""
+    """Return the chart of the paper's rule, the best tuned baseline and the policy, each labelled in place."""
     rival = played.matchup.rival.plain
-    runs = {POLICY: played.policy, PAPER: played.paper, rival: played.rival}  # without a rival the rule is its own
+    runs = {POLICY: played.policy, PAPER: played.paper, rival: played.rival}  # without a rival the rule is the rival
     data = pl.DataFrame([
         {"contestant": name, "w": weight, **run.means(weight)} for name, run in runs.items() for weight in run.weights
     ])  # fmt: skip
@@ -88,10 +91,10 @@ def chart(answer: Answer, played: Played) -> Figure:
     learned, tuned = played.policy.front, played.rival.front
     points = [*learned, *tuned, *played.paper.front]
     (earliest, _), (latest, _) = min(points), max(points)
-    left = paper["T"] > 0.5 * (earliest + latest)  # there is more room
+    left = paper["T"] > 0.5 * (earliest + latest)  # where there is more room
     placing = {"align": "right", "dx": -12} if left else {"align": "left", "dx": 12}
     names = [label(PAPER, paper["T"], paper["V"], PAPER, **placing)]
-    low = learned[-1][1] < 0.12 * max(velocity for _, velocity in points)  # the axis is near
+    low = learned[-1][1] < 0.12 * max(velocity for _, velocity in points)  # close to the axis
     names.append(label(POLICY, *learned[-1], POLICY, align="right", dy=-12 if low else 20))
     if rival != PAPER:
         last = tuned[-1][0] > 0.3 * earliest + 0.7 * latest  # no room to the right of it
@@ -104,10 +107,10 @@ def chart(answer: Answer, played: Played) -> Figure:
         middle = 0.5 * (paper["V"] + answer.velocity.value)
         gain.append(label(_less(answer.reduction.value), paper["T"], middle, POLICY, align="left", dx=6))
     fastest = played.matchup.environment.get("velocity_range", VELOCITY_RANGE)[1]
-    tuning = "" if rival == PAPER else f", and for which the {rival} is tuned"
-    caption = ("Down and left is better: gentler and sooner. Each line runs from urgent to patient; a mark is one "
-               f"urgency, which the policy is told{tuning}. The rule of the paper, Tommasino et al. 2020, goes at "
-               f"{min(1.0, fastest):g} m/s and brakes as soon as the alarm of the touch arrives.")  # fmt: skip
-    subject = "speed the object is left with, V_p (m/s)"
+    tuning = "" if rival == PAPER else f" and for which the {rival} is tuned"
+    caption = ("Down and left is better: gentler and sooner. Along each line the time weight falls from left to right; "
+               f"each mark is one time weight, which the policy observes{tuning}. The rule of the paper, Tommasino et "
+               f"al. 2020, moves at {min(1.0, fastest):g} m/s and brakes at the alarm.")  # fmt: skip
+    subject = "final speed of the object, V_p (m/s)"
     layers = alt.layer(*gain, lines, marks, *names)
     return Figure(played.matchup.name, "answer", subject, caption, in_words(played), layers, data, HEIGHT, WIDTH)

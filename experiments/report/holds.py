@@ -1,4 +1,4 @@
-"""Does it hold? One thing is changed at a time; policy and baselines stay as they were trained and tuned."""
+"""Robustness: one thing is changed at a time; policy and baselines stay as they were trained and tuned."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -18,18 +18,18 @@ from impact_gym.task import evaluation_sets
 WORDS = {
     "force_noise": "noise of the force sensor",
     "range_noise": "error of the distance estimate",
-    "robot": "robot that gives",
-    "scenario": "objects beyond the training",
+    "robot": "compliant robot",
+    "scenario": "objects outside the training ranges",
 }
-"""Changed arguments in plain words, where the quantity has none that a layman reads."""
-SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # units and scales, where they are others than given
+"""Plain names of changed arguments, if not those of the quantity."""
+SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # unit and scale in which a quantity is printed
 Row = dict[str, Any]
 
 
 class Failing(NamedTuple):
-    """Where the policy does not hold."""
+    """Changes under which the policy fails."""
 
-    worst: str  # in one line: the change under which it fares worst
+    worst: str  # the worst change, in one line
     details: str  # all changes
 
 
@@ -65,15 +65,15 @@ def setting(change: Change) -> str:
 
 
 def words(change: Change) -> str:
-    """Return a change in words."""
+    """Return the name of a change: the argument and its value."""
     return f"{factor(change.argument)}: {setting(change)}"
 
 
 def outcomes(played: Played) -> pl.DataFrame:
     """Return a row for each contestant under each change, in their order; the median seed is the policy.
 
-    Beside the means of V_p (m/s), T (s) and the loss (m/s) and the number of objects missed `of` so many, it has by how
-    much the policy costs `more` (m/s): 0 unless that is above two standard errors; and how far the value is `off`.
+    Columns: means of V_p (m/s), T (s) and the cost `loss` (m/s); the number of objects `missed`, `of` how many; `more`,
+    the cost of the policy above this contestant's (m/s), 0 within two standard errors; `off`, the size of the change.
     """
     if not played.varied:
         numbers = dict.fromkeys(("value", "off", "missed", "of", "more"), float)
@@ -93,9 +93,9 @@ def outcomes(played: Played) -> pl.DataFrame:
 
 
 def where_it_fails(played: Played) -> Failing:
-    """Return with which changes the policy is worse than the paper's rule and than its rival, or misses objects.
+    """Return the changes under which the policy is worse than the paper's rule or its rival, or misses objects.
 
-    The worst is the one by which it misses most, or else loses most, to the rule before the rival.
+    The worst is the change with most misses, else the one with the largest loss to the rule, else to the rival.
     """
     rows, rival = outcomes(played), played.matchup.rival
     sentences, worse = list[str](), list[tuple[Row, str]]()
@@ -129,13 +129,13 @@ def _at(row: Row) -> str:
 
 
 def heat_map(played: Played) -> HeatMap:
-    """Return what each contestant costs at worst where one thing is off, against the paper's rule with nothing off."""
+    """Return the worst cost of each contestant under each kind of change, relative to the unchanged paper's rule."""
     weight, frame, rival = played.matchup.typical, outcomes(played), played.matchup.rival
     contestants = {PAPER: PAPER, rival.name: rival.label, POLICY: POLICY}
     usual = {row["contestant"]: row for row in frame.filter("same").unique("contestant", keep="first").to_dicts()}
     for name, run in {PAPER: played.paper, rival.name: played.rival, POLICY: played.policy}.items():
         means = {**run.means(weight), "loss": float(run.loss(weight).mean()), "of": played.count}
-        usual.setdefault(name, means)  # where no change is none
+        usual.setdefault(name, means)  # if no change is the unchanged value
     measure = usual[PAPER]["loss"]
 
     def cell(mean: Row, note: str) -> Heat:
@@ -151,10 +151,10 @@ def heat_map(played: Played) -> HeatMap:
         heats = [cell(row, "unchanged" if row["same"] else row["setting"] if len(tried) > 1 else "") for row in worst]
         rows.append((place, f"{len(tried)} tried: {tried[0]} to {tried[-1]}" if len(tried) > 1 else tried[0], heats))
     caption = (
-        f"Mean V_p + {weight:g} T (m/s), less is better, where one thing is off: the worst of the settings tried, and "
-        f"which that is. Blue is below, orange above what the paper's rule costs with nothing off, {measure:.2f} m/s."
+        f"Mean V_p + {weight:g} T (m/s), lower is better, with one thing changed: the worst of the values tried, and "
+        f"which value that is. Blue is below, orange above the paper's rule without changes, {measure:.2f} m/s."
     )
-    return HeatMap(caption, ("what is off", *contestants.values()), rows)
+    return HeatMap(caption, ("what is changed", *contestants.values()), rows)
 
 
 def table(played: Played) -> Table:
@@ -166,9 +166,9 @@ def table(played: Played) -> Table:
         "V_p (m/s)": "{V:.4f}", "T (s)": "{T:.4f}", "missed": "{missed} of {of}",
     }  # fmt: skip
     caption = (
-        "One thing is changed at a time; policy and baselines stay as they were trained and tuned. The alarm is a "
-        "switch that noise of the force does not reach, so a baseline that looks at nothing else is the same at any "
-        "noise. A stiffer coupling keeps its damping ratio. Hard scenarios lie beyond the training ranges: lighter, "
-        "stiffer, less elastic, nearer"
+        "One thing is changed at a time; policy and baselines stay as they were trained and tuned. Noise of the "
+        "force does not change the alarm, so a baseline that reads only the alarm is the same at any noise. A stiffer "
+        "coupling keeps its damping ratio. Hard scenarios are outside the training ranges: lighter, stiffer, less "
+        "elastic, nearer"
     )
     return Table.of(caption, outcomes(played).with_columns(labels), columns)

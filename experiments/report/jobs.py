@@ -1,4 +1,4 @@
-"""From matchups to results: the jobs behind the page, functions of plain data, and what came of them."""
+"""Jobs of a report: functions of plain data, and their results by matchup."""
 
 import hashlib
 import math
@@ -26,32 +26,32 @@ from impact_gym.task import Task
 JSON = Mapping[str, Any]
 PLAYING = (*grid.PLAYED, __name__, "experiments.lab.player.films", grid.__name__)
 """Sources that results depend on; set-ups, policies and what was tuned are arguments."""
-FAR = 0.36  # m, just beyond the farthest object: where an approach that meets nothing is watched
-NEAR = 0.25  # m, where one is watched that knows the distance
+FAR = 0.36  # m, just beyond the farthest object: the approach figure shows no contact
+NEAR = 0.25  # m, distance of the object in the approach figure of controllers with an estimate
 FEWER = 500  # scenarios where many variants are played
 HALVINGS = 9  # of the range of weights, in its logarithm: to 1 %
 CALIBRATION_SCENARIOS = 500  # to find a weight on, or as many as are then played
 
 
 class ReportJob(NamedTuple):
-    """A call of `measured`, and where its result goes."""
+    """A call of `measured`, and the place of its result in `Played`."""
 
-    where: str  # in `Played`, and what is measured
-    key: Any  # there; None if the matchup has only one such result
+    where: str  # field of `Played`, which also selects the measurement
+    key: Any  # in that field; None if it holds a single result
     arguments: Mapping[str, Any]
 
 
 def sources() -> str:
-    """Return a digest of what plays, the compiled solver included."""
+    """Return a digest of the sources that results depend on, the compiled solver included."""
     return hashlib.sha256(f"{compiled_from()} {digest_of(*PLAYING)}".encode()).hexdigest()
 
 
 def play_matchups(
     matchups: Sequence[Matchup], folder: Path, processes: int | None, cluster: str | None
 ) -> list[Played]:
-    """Play everything that is not in `folder` yet, and return what came of each matchup."""
-    asked = [(number, job) for number, matchup in enumerate(matchups) for job in jobs_of(matchup)]
-    calls = [{"where": job.where, "arguments": dict(job.arguments)} for _, job in asked]
+    """Play what `folder` does not hold yet, and return the results of each matchup."""
+    jobs = [(number, job) for number, matchup in enumerate(matchups) for job in jobs_of(matchup)]
+    calls = [{"where": job.where, "arguments": dict(job.arguments)} for _, job in jobs]
     print(f"results are kept in {folder}", flush=True)
     own = {module for matchup in matchups for module in matchup.modules}
     results = cached(
@@ -64,7 +64,7 @@ def play_matchups(
         cluster=cluster,
     )
     played = [Played(matchup) for matchup in matchups]
-    for (number, job), result in zip(asked, reversed(results), strict=True):
+    for (number, job), result in zip(jobs, reversed(results), strict=True):
         if job.where == "varied":
             played[number].varied.append((job.key, result))
             continue
@@ -78,7 +78,7 @@ def play_matchups(
 
 
 def watched_at(matchup: Matchup) -> float:
-    """Return where the object stands when an approach is watched, m: where it is known, as usual, or just too far."""
+    """Return the object's distance (m) in the approach figure: mid-range if it is estimated, else just beyond reach."""
     estimated = matchup.environment.get("range_noise") is not None
     if "ranges" not in matchup.scenarios:
         return NEAR if estimated else FAR
@@ -99,7 +99,7 @@ def jobs_of(matchup: Matchup) -> Iterator[ReportJob]:
         yield ReportJob("seeds", seed.name, everything)
         yield ReportJob("as_late", seed.name, everything)
     for baseline in matchup.baselines:
-        tuned = len(baseline.weights) > 1  # each weight is played at what was tuned for the nearest
+        tuned = len(baseline.weights) > 1  # each weight is played with the parameters tuned for the nearest
         weights = sorted({*baseline.weights, *matchup.weights, typical}) if tuned else list(baseline.weights)
         yield ReportJob("baselines", baseline.name, of(baseline, scenarios=scenarios, weights=weights))
     if (bound := matchup.bound) is not None:
@@ -118,7 +118,7 @@ def jobs_of(matchup: Matchup) -> Iterator[ReportJob]:
 
 
 def first(scenarios: Mapping[str, Any], count: int) -> dict[str, Any]:
-    """Return the first of some scenarios, or all where there are no more."""
+    """Return the first `count` scenarios, or all if there are fewer."""
     return {**scenarios, "count": min(count, scenarios["count"])}
 
 
@@ -128,7 +128,7 @@ def measured(where: str, arguments: JSON) -> Any:
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return the results (1, scenarios) at the weight whose mean approach takes as long as that of the paper's rule.
+    """Return the results (1, scenarios) at the weight that gives the mean approach time of the paper's rule.
 
     That weight is found by bisection within the ends of `weights`, on `calibration_scenarios`. It is returned as
     `weight` (1,).
@@ -163,9 +163,9 @@ def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
 
 
 def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return how far the tool gets from its place on the flange, m: before the first touch, and in all (1, scenarios).
+    """Return the largest deflection of the coupling, m, before the first touch and in all (1, scenarios).
 
-    It is played at the only one of `weights`.
+    There is one weight.
     """
     (weight,) = weights
     batch = scenario_batch_of(scenarios, weight, environment)
@@ -177,7 +177,7 @@ def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Seq
 def profile(controller: JSON, environment: JSON, weights: Sequence[float], distance: float) -> Arrays:
     """Return the flange's velocity (weights, k) over even positions (k,) up to an object at `distance` (m).
 
-    A distance estimate, where there is one, is right.
+    A distance estimate, if there is one, is exact.
     """
     record = {"object_mass": 0.5, "contact_stiffness": 3e4, "restitution": 0.5, "distance": distance}
     if environment.get("range_noise") is not None:
@@ -198,4 +198,4 @@ MEASURES: Mapping[str, Callable[..., Any]] = {
     "seeds": play, "as_late": play_as_late, "baselines": play, "bound": play, "varied": grid.play, "profiles": profile,
     "travelled": travelled,
 }  # fmt: skip
-"""What is measured for each part of `Played`."""
+"""The measurement of each field of `Played`."""

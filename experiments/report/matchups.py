@@ -25,10 +25,10 @@ from impact_gym.task import ActionSpec, ObservationSpec, Task
 from impact_gym.validation import identifier, nearest
 
 PAPER = "paper's rule"
-RULE = "paper-trapezoid"  # what the package calls it
+RULE = "paper-trapezoid"  # its name among the baselines
 POLICY = "learned policy"
 IMITATES = "its training begins by imitating"
-BOUND = "who knows the object, by search"
+BOUND = "clairvoyant search"
 PLAIN = {
     "BlindProfile": "tuned profile",
     "ConstantDeceleration": "tuned even braking",
@@ -40,7 +40,7 @@ PLAIN = {
     "local-brake": "the local brake",
     "operator-alone": "the operator alone",
 }
-"""Tuned rules, and whoever needs no tuning, in plain words."""
+"""Plain names of baselines: of tuned ones by their class, of others by their name."""
 Environment = Mapping[str, Any]
 
 
@@ -55,12 +55,12 @@ class Contestant:
 
     @property
     def plain(self) -> str:
-        """The rule in plain words, else its name."""
+        """Plain name, or the name itself if there is none."""
         return PLAIN.get(self.controller.get("tuned", {}).get("rule", self.name), self.name)
 
     @property
     def label(self) -> str:
-        """The plain words, and the name behind."""
+        """Plain name with the name in brackets."""
         return self.name if self.plain == self.name else f"{self.plain} ({self.name})"
 
 
@@ -75,10 +75,10 @@ class Matchup:
     baselines: tuple[Contestant, ...]  # the paper's rule is the first, the rival the second if there is one
     scenarios: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
     provenance: Mapping[str, Any]  # of the median seed
-    note: str  # what a reader has to know of it
+    note: str  # remarks for the reader
     evaluation: Evaluation = field(default_factory=Evaluation)
-    bound: Contestant | None = None  # what a search found for each of the first scenarios by itself
-    title: str = ""  # in plain words
+    bound: Contestant | None = None  # best approaches found by search with the object known
+    title: str = ""
 
     @property
     def operated(self) -> bool:
@@ -87,7 +87,7 @@ class Matchup:
 
     @property
     def until(self) -> str:
-        """What T lasts until, in plain words."""
+        """Plain name of the event that ends T."""
         return "all is done" if self.operated else "the touch"
 
     @property
@@ -107,7 +107,7 @@ class Matchup:
 
     @property
     def rivals(self) -> list[Contestant]:
-        """The paper's rule, the rival if there is one, and the median seed: those who are looked at closely."""
+        """The paper's rule, the rival if there is one, and the median seed: those shown in detail."""
         return list({each.name: each for each in (self.baselines[0], self.rival, self.policy)}.values())
 
     @property
@@ -118,7 +118,7 @@ class Matchup:
 
     @property
     def typical(self) -> float:
-        """The weight (m/s per s) that stands for all, or the nearest that the policy is played at."""
+        """The typical time weight of the set-up (m/s per s), or the nearest at which the policy is played."""
         return min(self.policy.weights, key=lambda weight: abs(weight - self.evaluation.typical))
 
     @property
@@ -134,7 +134,7 @@ class Matchup:
 
 
 def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = None) -> Matchup:
-    """Return the matchup of a set-up, whose policies and tuned baselines are below `folder`, or where they are made.
+    """Return the matchup of a set-up, with policies and tuned baselines from `folder`, by default its own.
 
     Raises:
         ValueError: there are no policies yet, or a baseline was not tuned.
@@ -192,11 +192,11 @@ def of_policies(
 ) -> list[Matchup]:
     """Return a matchup for each policy, by name or file, against the paper's rule and `names`.
 
-    Without `names` it meets the baselines of the set-up that it was trained for, if that is shipped. `changes` are
+    Without `names`, the baselines are those of the shipped set-up it was trained for, if any. `changes` are
     arguments of the environment that differ from the policy's own.
 
     Raises:
-        ValueError: a policy sees other things than this environment shows, or is asked for twice.
+        ValueError: a policy takes other observations than this environment has, or two policies have one name.
     """
     matchups: dict[str, Matchup] = {}
     for path in map(Path, paths):
@@ -222,7 +222,7 @@ def of_policies(
 
 
 def policy_contestant(name: str, policy: Policy, evaluation: Evaluation) -> Contestant:
-    """Return a policy as a contestant; it travels with its jobs, so that another machine needs no file."""
+    """Return a policy as a contestant; jobs contain the policy itself, so other machines need no file."""
     trained = policy.environment.get("time_weight", evaluation.typical)
     low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
     compared = sorted({*evaluation.curve, *evaluation.weights, evaluation.typical})
@@ -240,7 +240,7 @@ def baselines(
     Tuned ones are those that are shipped, or, of a `setup`, those in `folder`.
 
     Raises:
-        ValueError: there is no such baseline, it is named twice, or it cannot be asked in this environment.
+        ValueError: there is no such baseline, it is named twice, or it does not fit this environment.
     """
     typical = (setup.evaluation if setup else Evaluation()).typical
     contestants = [Contestant(PAPER, {"baseline": RULE}, (typical,), "")]

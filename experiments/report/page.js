@@ -1,9 +1,9 @@
-// Tabs, links into what is folded, and charts that are drawn once they are seen.
+// Tabs, links into folded parts, and charts that are drawn when they become visible.
 (() => {
   const tabs = [...document.querySelectorAll("[role=tab]")];
   const panelOf = (tab) => document.getElementById(tab.getAttribute("aria-controls"));
 
-  // The program that draws is large: it runs when the first chart is asked for, after the page is painted.
+  // Vega is large: it is loaded for the first chart, after the page is painted.
   const drawing = () => {
     if (window.vegaEmbed) return;
     const program = document.createElement("script");
@@ -19,7 +19,7 @@
   };
   const seen = (element) => !element.closest("details:not([open]), [hidden]");
   window.drawAll = async () => {
-    document.documentElement.classList.remove("fresh");  // a chart is as wide as what holds it
+    document.documentElement.classList.remove("fresh");  // charts are as wide as their container
     await Promise.all([...document.querySelectorAll(".chart:not([data-drawn])")].filter(seen).map(draw));
   };
   const soon = window.requestIdleCallback || ((work) => setTimeout(work, 50));
@@ -50,7 +50,7 @@
     });
   }
 
-  // A link leads to what it names, in whichever tab and fold that is.
+  // A link opens the tab and the folds around its target.
   const follow = () => {
     const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
     if (!target) return;
@@ -62,7 +62,7 @@
   addEventListener("hashchange", follow);
   document.addEventListener("toggle", later, true);
 
-  // What is folded is printed as well, of the set-up that is chosen.
+  // Folded parts of the selected set-up are printed as well.
   let opened = [];
   addEventListener("beforeprint", () => {
     opened = [...document.querySelectorAll(".fold:not([open]), .fails:not([open]), figcaption details:not([open])")]

@@ -1,4 +1,4 @@
-"""The page: a tab for each set-up, with the answer on one screen, then parts for the engineer and the statistician."""
+"""The page: a tab for each set-up with the answer on one screen, details for the engineer and for the statistician."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ CHOSEN_ON = {
     "table": "these scenarios themselves", "set": "the first half of the validation set",
     "ranges": "other scenarios from the same ranges",
 }  # fmt: skip
-"""Where the weight was found that makes a policy as late as the paper's rule, by the kind of scenarios."""
+"""Scenarios on which the weight for the paper's approach time was chosen, by the kind of scenarios played."""
 
 
 @dataclass(frozen=True)
@@ -52,23 +52,23 @@ def tab(played: Played) -> Tab:
         summary = f"{matchup.name} ({matchup.note}): {first_screen.assisted(played, intervals=True)}"
     engineer = [
         Section("What it learned", [differences.approach(played)], key="learned"),
-        Section("Forces, and what the objects get", [differences.measures(played)], key="forces"),
-        Section("Does it hold?", [holds.heat_map(played)], key="robustness"),
-        Section("The numbers of each change", [holds.table(played)], folded=True),
+        Section("Times, velocities and forces", [differences.measures(played)], key="forces"),
+        Section("Robustness", [holds.heat_map(played)], key="robustness"),
+        Section("Robustness: every change", [holds.table(played)], folded=True),
     ]
-    if not matchup.operated:  # an operator's command is none of the steps
-        heading = "Ablation: gain from limits, knowing where, shape, estimate, learning"
+    if not matchup.operated:  # the ablation has no step for an operator
+        heading = "Ablation: where the gain comes from"
         engineer.insert(0, Section(heading, [ablation.table(steps, matchup.labels)]))
         engineer.insert(0, Section("At about the paper's approach time: mean and tail", [answer.at_one_time(played)]))
     chosen_on = next(words for kind, words in CHOSEN_ON.items() if kind in matchup.scenarios)
-    note = (f"The weight that makes a policy as late as the paper's rule was found on {chosen_on}, so the two are "
-            "equally late only nearly here.")  # fmt: skip
+    note = (f"The weight for the paper's approach time was chosen on {chosen_on}, so the mean times of policy and "
+            "rule differ slightly here.")  # fmt: skip
     trade_off = [answer.trade_off(played), answer.weights_table(played)]
     wins = [note, *(differences.paired(played, field) for field in FIELDS)]
     statistician = [
         Section("The answer", [summary if matchup.operated else answer.table(result, played)], key="answer"),
-        Section("The trade-off of every seed and every baseline", trade_off, folded=True, key="trade-off"),
-        Section("Where the policy wins, and where not", wins, folded=True, key="differences"),
+        Section("Trade-off of all seeds and baselines", trade_off, folded=True, key="trade-off"),
+        Section("Differences by scenario", wins, folded=True, key="differences"),
     ]
     return Tab(
         matchup, result, steps, first_screen.headline(result, played), holds.where_it_fails(played),
@@ -85,12 +85,19 @@ def policies_table(all_played: Sequence[Played]) -> Table:
         name = f"{matchup.title} ({matchup.name})" if matchup.title else matchup.name
         trained_by, checksum = matchup.provenance.get("command", "-"), matchup.policy.checksum[:16]
         body.append((name, matchup.chosen, str(len(matchup.seeds)), trained_by, f"{weight:.4g}", checksum))
-    head = ("set-up", "median seed", "seeds", "trained by", "weight as late as the rule (m/s per s)", "checksum")
+    head = (
+        "set-up",
+        "median seed",
+        "seeds",
+        "trained by",
+        "weight at the paper's approach time (m/s per s)",
+        "checksum",
+    )
     return Table("The policies; checksums of all contestants are in results.json", head, body)
 
 
 def watch(played: Played) -> dict[str, Any]:
-    """Return the films of a dozen scenarios of a matchup: the rule and the policy, as late."""
+    """Return the films of a dozen scenarios: the rule, and the policy at the paper's mean approach time."""
     matchup, as_late = played.matchup, played.policy_as_late
     (weight,) = as_late.weights
     runs = {PAPER: played.paper.at(weight), POLICY: as_late.at(weight)}
@@ -116,7 +123,7 @@ def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_playe
         parts = [tab.chart, *(part for section in (*tab.engineer, *tab.statistician) for part in section.parts)]
         for figure in (part for part in parts if isinstance(part, Figure)):
             saved += figure.save(folder / "figures")
-    bundle = vl_convert.javascript_bundle()  # type: ignore[call-arg]  # its stub asks for what it does not need
+    bundle = vl_convert.javascript_bundle()  # type: ignore[call-arg]  # the stub requires an optional argument
     page.write(
         folder,
         "report/page.html.jinja",
@@ -124,7 +131,7 @@ def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_playe
         runs=[about],
         about={**about, "policies": policies_table(all_played), "seeds": max(len(each.seeds) for each in all_played)},
         tabs=tabs,
-        vega=Markup(bundle.replace("</script", "<\\/script")),  # what draws the charts
+        vega=Markup(bundle.replace("</script", "<\\/script")),
         embedded=partial(htmlsafe_json_dumps, separators=(",", ":"), allow_nan=False),
     )
     return saved

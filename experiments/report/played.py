@@ -1,4 +1,4 @@
-"""Results of a matchup: arrays, and what is read from them."""
+"""Results of a matchup: arrays, and quantities computed from them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
 
 Arrays = Mapping[str, NDArray[Any]]
-MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
+MISSED_TOO_OFTEN = 0.01  # share of missed objects, which have no V_p, above which nothing is claimed
 
 
 @dataclass
@@ -30,7 +30,7 @@ class Run:
         return self.arrays[name]
 
     def at(self, weight: float) -> Episodes:
-        """Return the results at a weight (m/s per s), or at the only one."""
+        """Return the results at a weight (m/s per s); a contestant with a single weight has the same at any."""
         if len(self.weights) > 1 and weight not in self.weights:
             raise ValueError(f"it was not played at a weight of {weight:g}, only at {self.weights}")
         place = self.weights.index(weight) if weight in self.weights else 0
@@ -38,7 +38,7 @@ class Run:
         return Episodes(**results, scenario=self.scenario, missed_cost=self.missed_cost)
 
     def loss(self, weight: float) -> Floats:
-        """V_p + weight * approach time and what misses cost (scenarios,), m/s."""
+        """Cost of each scenario: V_p + weight * approach time + cost of a miss (scenarios,), m/s."""
         return self.at(weight).loss(weight)
 
     def means(self, weight: float) -> dict[str, Any]:
@@ -64,7 +64,7 @@ class Played:
 
     matchup: Matchup
     seeds: dict[str, Run] = field(default_factory=dict)
-    as_late: dict[str, Run] = field(default_factory=dict)  # each seed at the weight that makes it as late as the paper
+    as_late: dict[str, Run] = field(default_factory=dict)  # each seed at the paper's mean approach time
     baselines: dict[str, Run] = field(default_factory=dict)
     bound: Run | None = None
     varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # of each cell of `holds.cells`
@@ -88,12 +88,12 @@ class Played:
 
     @property
     def policy_as_late(self) -> Run:
-        """The median seed at the weight that makes it as late as the paper's rule."""
+        """The median seed at the weight that gives the paper's mean approach time."""
         return self.as_late[self.matchup.chosen]
 
     @property
     def count(self) -> int:
-        """How many scenarios each contestant met."""
+        """Number of scenarios."""
         return self.paper["missed"].shape[1]
 
     @property
@@ -102,7 +102,7 @@ class Played:
         return Resamples(self.count)
 
     def losses(self, weight: float) -> Floats:
-        """Return the loss of all seeds at a weight (seeds, scenarios), m/s."""
+        """Return the cost of all seeds at a weight (seeds, scenarios), m/s."""
         return np.array([run.loss(weight) for run in self.seeds.values()])
 
 
@@ -111,7 +111,7 @@ def episodes(all_played: Sequence[Played]) -> pl.DataFrame:
     frames = []
     for played in all_played:
         runs = {**played.seeds, **played.baselines, **({BOUND: played.bound} if played.bound else {})}
-        runs |= {f"{name}, as late as the paper's rule": run for name, run in played.as_late.items()}
+        runs |= {f"{name} at the paper's approach time": run for name, run in played.as_late.items()}
         for name, run in runs.items():
             for place, weight in enumerate(run.weights):
                 results = {field: run[field][place] for field in MEASURED if field in run.arrays}

@@ -22,10 +22,9 @@ from agents.evaluate import TEST_SEED, TUNING_SEED, ScenarioBatch
 from agents.setups import load_setup
 from experiments.lab import grid
 from experiments.lab.charts import FLANGE, OBJECT, TOOL
-from experiments.lab.comparison import Comparison
 from experiments.lab.grid import Contestant, Place
 from experiments.lab.parts import Picture, Section, Table, percent
-from experiments.lab.statistics import Estimate, Resamples, estimate
+from experiments.lab.statistics import Comparison, Estimate, Resamples, estimate
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Study
 from impact_gym.task.task import VELOCITY_RANGE
 

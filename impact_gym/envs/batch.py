@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from impact_gym import kernels
 from impact_gym.envs.infos import Infos
 from impact_gym.envs.state import check, taken
-from impact_gym.scene import flange_moves_with_tool
-from impact_gym.simulation import MAX_STEPS, Trace
+from impact_gym.outcome import Trace
+from impact_gym.simulation import MAX_STEPS
 from impact_gym.task.action import ActionSpec
 from impact_gym.task.episodes import EpisodeState, first_uniforms, records_with
 from impact_gym.task.observation import ObservationSpec
@@ -110,7 +110,6 @@ class Batch:
         self.traces = np.empty((size, trace_points), kernels.TRACE)
         self._to_kernel(tasks)
         self._infos = Infos(tasks)
-        self._with_tool = [flange_moves_with_tool(each.coupling, each.robot) for each in tasks]
         self._make_rows()
 
     def _to_kernel(self, tasks: Sequence[Task]) -> None:
@@ -278,8 +277,7 @@ class Batch:
 
     def trace(self, row: int) -> Trace:
         """Return the time histories of the episode of `row` so far, up to the number of points that are kept."""
-        points = self.traces[row, : int(self.chains["traced"][row])]
-        return Trace.of(points, self._with_tool[row % len(self._with_tool)])
+        return Trace.of(self.traces[row, : int(self.chains["traced"][row])])
 
     @property
     def ended(self) -> NDArray[np.bool_]:
@@ -298,7 +296,7 @@ class Batch:
 
     def bodies(self) -> Bodies:
         """Return where everything is now; with a compliant robot and a rigid coupling the flange is with the tool."""
-        chains, with_tool = self.chains, np.resize(self._with_tool, self.size)
+        chains, with_tool = self.chains, np.resize(self.laws["with_tool"], self.size)
         tool = chains["flange_position"] + chains["deflection"]
         flange = np.where(with_tool, tool, chains["flange_position"] + chains["flange_offset"])
         deflection = chains["deflection"] - chains["flange_offset"]
@@ -310,7 +308,5 @@ class Batch:
         """Return the episode of `row` so far as `impact_gym.render` draws it; needs trace points."""
         from impact_gym.render.film import History
 
-        state = self.episode_state(row)
-        if not self.episodes["terminated"][row]:  # a truncated episode is not settled and could go on
-            state = state._replace(end=np.inf)
-        return History(self.trace(row), self.info(row), self.tasks[row % len(self.tasks)], state)
+        task, ended = self.tasks[row % len(self.tasks)], bool(self.episodes["terminated"][row])
+        return History(self.trace(row), self.info(row), task, self.episode_state(row), ended)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from impact_gym.envs import docstring
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
-from impact_gym.simulation import Trace
+from impact_gym.outcome import Trace
 from impact_gym.task.action import ActionSpec
-from impact_gym.task.episodes import reset_options, skip_episodes
+from impact_gym.task.episodes import EpisodeState, reset_options, skip_episodes
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
@@ -21,7 +21,6 @@ from impact_gym.validation import choice, flag, whole
 
 if TYPE_CHECKING:
     from impact_gym.render import Renderer
-    from impact_gym.render.film import History
 
 TRACE_POINTS = 1 << 15
 _ROW = np.zeros(1, np.int64)
@@ -191,6 +190,10 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Return the entries of the final `info` as they stand now."""
         return self._batch.info(0)
 
+    def episode_state(self) -> EpisodeState:
+        """Return when the force was detected, the alarm came and the episode ended, s; inf for what has not come."""
+        return self._batch.episode_state(0)
+
     def command(self, velocity: float) -> None:
         """Let the operator, a `Person`, command `velocity` (m/s) from the next tick on.
 
@@ -221,15 +224,6 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if points > kept:
             raise RuntimeError(f"the episode has {points} trace points, more than the {kept} that are kept")
         return self._batch.trace(0)
-
-    def history(self) -> "History":
-        """Return the trace with the times of touches, alarm and end, as pictures are drawn from it.
-
-        Raises:
-            RuntimeError: as by `trace`.
-        """
-        self.trace()
-        return self._batch.history(0)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym import kernels
-from impact_gym.lowering import STATUS_MESSAGES
 from impact_gym.quantities import QUANTITIES
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import PLACES
+from impact_gym.to_kernel import STATUS_MESSAGES
 from impact_gym.validation import shown
 
 LARGEST = 2**53  # of whole numbers
@@ -18,7 +18,7 @@ LONGEST = 1e4  # s, of an episode with its settling
 WHOLE = {
     "chains.pressed": (-1, 1), "chains.side": (-1, 1), "episodes.status": (min(STATUS_MESSAGES), max(STATUS_MESSAGES)),
     **dict.fromkeys(("chains.status", "chains.memory.method"), (-2, 5)),
-    **dict.fromkeys(("chains.footing", "chains.touching", "chains.holding", "episodes.terminated"), (0, 1)),
+    **dict.fromkeys(("chains.object_state", "chains.touching", "chains.holding", "episodes.terminated"), (0, 1)),
     **dict.fromkeys(("episodes.truncated", "links.expired", "links.stopped"), (0, 1)),
     **dict.fromkeys(("links.uplink_lost", "links.downlink_lost"), (0, 1)),
 }  # fmt: skip

@@ -14,9 +14,10 @@ import numpy as np
 from impact_gym.identify.log import Log
 from impact_gym.identify.sensor import Array, Sensor, bursts, noise_of
 from impact_gym.motion import Trapezoid
+from impact_gym.outcome import Trace
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.scene import Rigid, RobotTable, Scene, SpringDamper
-from impact_gym.simulation import Trace, simulate
+from impact_gym.simulation import simulate
 from impact_gym.task.nested import flatten, get, parts, replaced
 from impact_gym.validation import WrongTypeError, number, shown
 

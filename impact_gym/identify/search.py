@@ -14,8 +14,8 @@ from scipy.optimize import least_squares
 from impact_gym.identify.log import Log, tool_mass
 from impact_gym.identify.model import MASS, RESTITUTION, STIFFNESS, Model
 from impact_gym.identify.sensor import Array, level
+from impact_gym.outcome import Trace
 from impact_gym.scene import Scene
-from impact_gym.simulation import Trace
 
 SCATTERED = 40  # points of the Latin hypercube
 SEED = 0

@@ -41,7 +41,7 @@ cdef struct Units:
 
 
 cpdef Contact contact_of(double stiffness, double damping, double m, double n, double reference) noexcept nogil:
-    """A contact whose surfaces hold."""
+    """A contact law whose surfaces are in contact."""
     cdef Contact law = Contact(stiffness, damping, m, n, -1, -1, damping, reference, 1.0)
     if 2.0 * m == floor(2.0 * m):
         law.twice_m = <int64_t> (2.0 * m)
@@ -126,7 +126,7 @@ cdef inline (double, double) force_along(const Contact *law, double z, double w,
 
 
 cdef inline (double, double) contact_grip(const Contact *law, double z, double w, double w_slope) noexcept nogil:
-    """The force without the lower of its two powers of u, which has its sign, and d/ds of that, w' = `w_slope`."""
+    """The force over the lower of its two powers of u, which has the same sign, and its d/ds, w' = `w_slope`."""
     cdef double p, u_p, growth
     if law.m == law.n:
         return 1.0 + law.damping * w, law.damping * w_slope

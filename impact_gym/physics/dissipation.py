@@ -1,4 +1,4 @@
-"""From the nominal restitution to the damping factor d = (chi / k_c) v_in, and on to the restitution it delivers.
+"""The damping factor d = (chi / k_c) v_in of a nominal restitution, and the restitution that it delivers.
 
 Everything about an isolated contact with m = n depends on d alone, whatever the exponent, the masses, the stiffness and
 the velocity: multiply u'' = -u^n (1 + d u') by u' / (1 + d u') and integrate from onset to separation:
@@ -32,7 +32,7 @@ def delivered_by(damping: float, stiffness_exponent: float, damping_exponent: fl
 
 
 class Law(NamedTuple):
-    """A published law: damping factor d of a nominal restitution e, the same as a formula, and where it is from."""
+    """A published law: damping factor d as a function of the nominal restitution e, its formula and its source."""
 
     factor: Callable[[float], float]
     formula: str
@@ -67,8 +67,8 @@ def damping_factor(
 ) -> float:
     """Damping factor d that `law` gives a contact of nominal `restitution`.
 
-    The published laws say what d is and do not ask for the exponents; "exact" delivers the restitution whatever they
-    are, and so does "fixed" at its reference velocity.
+    The published laws do not depend on the exponents. "exact" delivers the nominal restitution for any exponents, so
+    does "fixed" at its reference velocity.
     """
     m, n = stiffness_exponent, damping_exponent
     if law not in ("exact", "fixed"):
@@ -90,7 +90,7 @@ def damping_factor(
 
 
 def effective_restitution(law: str, restitution: ArrayLike) -> NDArray[np.float64] | float:
-    """Restitution that an isolated contact with m = n really has under `law`, of the shape of `restitution`.
+    """Restitution of an isolated contact with m = n under `law`; an array of the shape of `restitution`.
 
     Raises:
         ValueError: `law` is not known, or a restitution is outside (0, 1].

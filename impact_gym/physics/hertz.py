@@ -1,6 +1,6 @@
 """Contact stiffness of two bodies from their materials, and a small table of materials of pads and surfaces.
 
-Literature values scatter, so the table has ranges, and each source says what of it was read. Restitution belongs to a
+Literature values scatter, so the table has ranges; each source says whether it was read. Restitution belongs to a
 pair of bodies, their shapes and their speed; there is one only where like bodies of a material were measured, or a soft
 one against something hard, which loses the same share. For any other pair measure a blow and `impact_gym.identify` it.
 """
@@ -43,7 +43,7 @@ def hertz(
 
 @dataclass(frozen=True)
 class Material:
-    """What is published of a material, as the least and the most."""
+    """Published values of a material, each from the least to the largest."""
 
     young: Range  # Pa
     poisson: Range
@@ -104,11 +104,11 @@ MATERIALS = {
     "aluminium": Material((70e9, 79e9), (0.33, 0.345), f"{GERE}; {DOWLING}"),
     "steel": Material((190e9, 210e9), (0.27, 0.30), GERE),
 }
-"""By name. None was measured by us. Moduli of rubber and foam are for slow loading, a blow finds them stiffer."""
+"""Materials by name, none measured by us. Moduli of rubber and foam are for slow loading; impacts show stiffer ones."""
 
 
 def material_ranges(radius: Range, tool: str | Material, target: str | Material) -> dict[str, list[float]]:
-    """Return what two materials say of a set-up's `[environment.scenario]`: contact_stiffness, maybe restitution.
+    """Return ranges for a set-up's `[environment.scenario]`: contact_stiffness and, if known, restitution.
 
     Args:
         radius: least and largest radius of the curved body, m.

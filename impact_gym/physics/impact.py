@@ -1,6 +1,4 @@
-"""Instantaneous impact in closed form: the limit of a contact much stiffer than all else (paper, eq. 1-4 and 22).
-
-And what follows it, the object's slide to rest.
+"""Instantaneous impact in closed form, the limit of stiff contact (paper, eq. 1-4 and 22); the object's slide to rest.
 
 All arguments broadcast against each other as NumPy arrays; a restitution of 0 is allowed here.
 """
@@ -31,7 +29,7 @@ def free_tool(
 ) -> tuple[Velocities, Velocities]:  # fmt: skip
     """Final velocities of tool and object, m/s (paper, eq. 3-4).
 
-    `impulse` (N s) is what a coupling gives the tool meanwhile (paper, eq. 21-22); it moves both alike.
+    `impulse` (N s) is that of a coupling on the tool during the impact (paper, eq. 21-22); both gain the same velocity.
 
     Raises:
         ValueError: a mass (kg) is not positive, a restitution outside [0, 1], anything not finite.

@@ -64,8 +64,8 @@ cdef inline (double, double, double) stop_switch(
 ) noexcept nogil:
     """Positive once `stop` begins to push, or, if it is `pressed`, once its force would become a pull, N.
 
-    It begins when the slider reaches it, may let go before the slider has left it, and then push again. Then a smooth
-    quantity that is the same wherever it is largest, N, and the derivative of that by time.
+    A stop begins to push when the slider reaches it, may cease before the slider has left it, and push again. Also
+    returned: a smooth quantity equal to the value near its maximum, N, and its derivative by time.
     """
     cdef double k = law.stop_stiffness, c = law.stop_damping
     cdef double push = stop * k * (law.rest + stretch - stop_place(law, stop)), moving = stop * rate
@@ -115,8 +115,8 @@ cdef inline double mechanism_reach(const Mechanism *law, double stretch, double 
     """Largest stretch (m) that the energy of mechanism and stops and `kinetic` (J) allow.
 
     Behind the alignment with less energy than the barrier the slider stays there; else the front stop, which holds
-    no more energy than there is, ends its way. Of the energy at rest nothing is free, and in front of that place it
-    grows at least as that of a spring as much softer than the stop as the mechanism may be stiff.
+    no more than the energy available, ends its motion. The energy at rest cannot become kinetic. In front of the place of rest the
+    energy grows at least as that of a spring whose stiffness is the stop's less the mechanism's largest.
     """
     cdef double energy = kinetic + mechanism_energy(law, stretch), free = energy - mechanism_energy(law, 0.0)
     cdef double reach = law.front_stop - law.rest + sqrt(2.0 * energy / law.stop_stiffness)

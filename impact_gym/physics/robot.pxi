@@ -1,7 +1,7 @@
 """The compliance of a robot along its approach (paper, eq. 8 and 16): a table over the imposed position.
 
 Between its breaks mass, stiffness and damping are cubic polynomials, beyond the ends they are constant. A robot whose
-parameters do not change is a table of one interval, wider than any way.
+parameters do not change is a table of one interval, wider than any motion.
 """
 
 
@@ -22,9 +22,9 @@ cdef struct RobotSlopes:  # further derivatives by the imposed position
 
 
 cdef inline int robot_place(const RobotTable *table, double position, double direction) noexcept nogil:
-    """Interval that begins or goes on at `position` (m) in `direction`: -1 before the first break, n behind all.
+    """Interval at `position` (m), seen in `direction`: -1 before the first break, n beyond the last.
 
-    A break that only rounding keeps `position` from counts as passed.
+    A break within rounding of `position` counts as passed.
     """
     cdef int place = -1
     cdef double near = 1e-9 * (table.breaks[table.intervals] - table.breaks[0])
@@ -43,7 +43,7 @@ cdef inline (double, double) robot_bounds(const RobotTable *table, int place) no
 
 
 cdef inline double table_offset(const RobotTable *table, int place, double position, int *interval) noexcept nogil:
-    """What the polynomials of an interval are to be taken at, m, and which interval; beyond the ends nothing changes."""
+    """Argument of the polynomials, m, and their interval; beyond the ends that of the nearest end."""
     cdef int i = min(max(place, 0), <int> table.intervals - 1)
     interval[0] = i
     if place == i:

@@ -150,13 +150,16 @@ def _head(canvas: Canvas, history: History, state: State, factor: float) -> None
 
 def alarm(history: History, time: float) -> tuple[str, str]:
     """Return what the picture says of the alarm at `time` (s), and the colour of its lamp."""
-    if history.alarm <= time < history.alarm_over:
-        late = f", {1e3 * (history.alarm - history.detection):.1f} ms after {history.threshold:g} N"
-        return f"ALARM at {history.alarm:.4f} s" + late * history.by_switch, ALARM
-    if time < history.detection or time >= history.alarm_over:
-        return "no alarm", GRID
-    left = f"; controller knows in {1e3 * (history.alarm - time):.1f} ms"
-    return f"over {history.threshold:g} N" + left * (history.by_switch and history.alarm < np.inf), WARNING
+    events = history.events
+    if events.alarm <= time < events.alarm_over:
+        words = f"ALARM at {events.alarm:.4f} s"
+        if history.task.alarm == "reading":
+            return f"{words}, by a reading above {history.threshold:g} N", ALARM
+        return f"{words}, {1e3 * (events.alarm - events.detection):.1f} ms after {history.threshold:g} N", ALARM
+    if events.detection <= time < events.alarm < np.inf and history.task.alarm == "force":
+        left = 1e3 * (events.alarm - time)
+        return f"over {history.threshold:g} N; controller knows in {left:.1f} ms", WARNING
+    return "no alarm", GRID
 
 
 def _foot(canvas: Canvas, history: History, state: State) -> None:
@@ -179,5 +182,5 @@ def _foot(canvas: Canvas, history: History, state: State) -> None:
     words += f"{scenario['contact_stiffness']:.3g} N/m^1.5, restitution {scenario['restitution']:.2f}   |   "
     words += mount + ("" if task.robot is None else ", compliant robot")
     canvas.text(f"{words}   |   time weight {info['time_weight']:.3g} m/s per s", (14.0, 520.0), 17, FAINT)
-    if state.time >= history.end:
+    if history.ended and state.time >= history.events.end:
         canvas.text("settling", (WIDTH - 14.0, 520.0), 17, FAINT, "midright")

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.wrappers import RecordVideo
 
+from impact_gym.outcome import Trace
 from impact_gym.scene import Rigid
-from impact_gym.simulation import Trace
 from impact_gym.task.episodes import EpisodeState
 from impact_gym.task.task import Task
 
@@ -52,16 +52,19 @@ class State(NamedTuple):
 class History:
     """An episode up to now, from the simulator's own trace: nothing here is simulated again."""
 
-    def __init__(self, trace: Trace, info: dict[str, Any], task: Task, state: EpisodeState) -> None:
+    def __init__(self, trace: Trace, info: dict[str, Any], task: Task, events: EpisodeState, ended: bool) -> None:
         """Read an episode.
 
         Args:
             trace: from the first step on.
-            info: as `episode_info()` returns it.
+            info: as `episode_info()` of an environment returns it.
             task: of the environment; `self.task` has the numbers that this episode drew.
-            state: times of the alarm, the last one where readings raise it, and of the end; inf if it goes on.
+            events: as `episode_state()` of an environment returns them.
+            ended: whether the episode has terminated, so that the trace has the settling.
         """
-        self.info, self.ended, self.end = info, math.isfinite(state.end), state.end
+        self.info, self.events, self.ended = info, events, ended
+        if ended and events.alarm > events.end:  # of a contact in the settling: no control step is left to use it
+            self.events = events._replace(alarm=math.inf)
         self.task = task = task.at(info["record"])
         at_rest = {name: 0.0 for name in State._fields} | {"object_position": info["scenario"]["distance"]}
         rows = np.vstack([list(at_rest.values()), np.column_stack([getattr(trace, name) for name in at_rest])])
@@ -77,10 +80,7 @@ class History:
         self.touches = self.time[np.maximum(np.flatnonzero(edges > 0) - 1, 0)]
         partings = self.time[np.flatnonzero(edges < 0)]
         self.partings = np.append(partings, math.inf)[: len(self.touches)]
-        self.threshold, self.by_switch = task.alarm_threshold, task.alarm == "force"
-        self.detection, self.alarm, self.alarm_over = state.detection, state.alarm, state.alarm_over
-        if self.alarm > self.end:  # raised by a contact of the settling: there is no control step left to use it
-            self.alarm = math.inf
+        self.threshold = task.alarm_threshold
 
     def at(self, time: float) -> State:
         """Return the chain at `time` (s), linear between points of the trace."""
@@ -113,8 +113,8 @@ class History:
         begun = int(np.searchsorted(self.touches, time, side="right"))
         touching = begun > 0 and time < self.partings[begun - 1]
         interval = 1.0 / (FRAME_RATE * (CONTACT_FACTOR if touching else FLIGHT_FACTOR))
-        if time >= self.end:
-            interval = max(interval, (self.now - self.end) / SETTLING_FRAMES)
+        if self.ended and time >= self.events.end:
+            interval = max(interval, (self.now - self.events.end) / SETTLING_FRAMES)
         away, speed = math.inf, 1.0
         if begun:
             touch = self.at(float(self.touches[begun - 1]))

@@ -30,16 +30,17 @@ class Strip:
         self.low, self.high, now = low, high, state.time
         self.start = max(now + AHEAD - WINDOW, 0.0)  # s
         self.times = [k / 20.0 for k in range(math.ceil(self.start * 20.0), math.floor((self.start + WINDOW) * 20) + 1)]
+        events, by_switch = history.events, history.task.alarm == "force" and history.events.alarm < math.inf
         canvas.rectangle(box, PAPER)
         with canvas.clipped(box):
             for touch, parting in zip(history.touches, history.partings, strict=True):
                 if touch < now and parting > self.start:
                     self._span(touch, min(parting, now), LIGHT_CONTACT, self.height)
-            if history.by_switch and history.detection <= now and history.alarm > self.start:
-                self._span(history.detection, min(history.alarm, now), LIGHT_DELAY, DELAY_BAND)
+            if by_switch and events.detection <= now and events.alarm > self.start:
+                self._span(events.detection, min(events.alarm, now), LIGHT_DELAY, DELAY_BAND)
             for time in self.times:
                 self._instant(time, GRID, 0.5)
-            for instant, colour in ((history.detection, WARNING), (history.alarm, ALARM)):
+            for instant, colour in ((events.detection, WARNING), (events.alarm, ALARM)):
                 if self.start < instant <= now:
                     self._instant(instant, colour, 1.5)
             self._instant(now, FAINT, 1.0)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.files import parsed, write_file
-from impact_gym.record import SI, Record
+from impact_gym.parameters import SI, Parameters
 from impact_gym.scene import Robot, RobotTable
 from impact_gym.validation import WrongTypeError, choice, numbers
 
@@ -30,7 +30,7 @@ NEAREST = "from the start on, from place to place, the least change of the joint
 
 
 @dataclass(frozen=True, eq=False)
-class Approach(Record):
+class Approach(Parameters):
     """The flange on a straight line at constant orientation; arrays with a row per place.
 
     The masses are those of the bare robot; the mass of a tool is added (paper: 'simply adds').
@@ -51,7 +51,7 @@ class Approach(Record):
     rule: str = NEAREST  # by which joint angles are chosen among several solutions
 
     def __post_init__(self) -> None:
-        Record.__post_init__(self)
+        Parameters.__post_init__(self)
         choice("Approach.chosen", self.chosen, get_args(Mass))
         for name in (*COLUMNS, "start", "direction"):
             self._store(name, getattr(self, name))

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from impact_gym.motion import Motion, Trapezoid
-from impact_gym.record import SI, Record
+from impact_gym.parameters import SI, Parameters
 from impact_gym.robot.approach import Array
 
 
@@ -52,7 +52,7 @@ class Path:
 
 
 @dataclass(frozen=True, slots=True)
-class Servo(Record):
+class Servo(Parameters):
     """Motors that follow the line by a sampled PD control of their own positions, the joints' torque fed forward."""
 
     frequency: Annotated[float, SI("rad/s", above=0)] = 300.0  # of the controlled rotor alone
@@ -61,7 +61,7 @@ class Servo(Record):
     delay: Annotated[float, SI("s", at_least=0, at_most=0.1)] = 1e-3  # from a sample until its torque acts
 
     def __post_init__(self) -> None:
-        Record.__post_init__(self)
+        Parameters.__post_init__(self)
         if not self.delay <= 20.0 * self.period:
             raise ValueError(f"Servo.delay must be at most 20 periods, {20 * self.period:g} s, got {self.delay:g} s")
 

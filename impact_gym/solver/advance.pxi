@@ -1,39 +1,39 @@
-"""The loop that hands over: a command to the flange becomes a ramp and a hold, each a run of flights and contacts."""
+"""The outer loop: a command to the flange becomes a ramp and a hold, each a sequence of flights and contacts."""
 
 cdef double GRAZE = 1e-12  # m/s, approach velocity of a touch at rest: from exactly zero the scaled equations never start
-cdef double LOST = 1e11  # ways to the object: where a spring would rest so far away, rounding takes 1e-5 of the way
-cdef double SHORT = 1e-6  # m, added to the way
+cdef double LOST = 1e11  # distances to the object: of a spring deflected farther, rounding exceeds 1e-5 of the distance
+cdef double SHORT = 1e-6  # m, added to that distance
 
 
-cdef void forget(Memory *memory, double step) noexcept nogil:
+cdef void reset_memory(Memory *memory, double step) noexcept nogil:
     """Begin a contact or a flight with a first trial `step`."""
     memset(memory, 0, sizeof(Memory))
     memory.step, memory.method, memory.patience = step, EXPLICIT, UNCHECKED
 
 
-cdef double REST_SPEED = 1e-3  # m/s, a tool that stays slower has come to rest
-cdef double REST_STEP = 1e-3  # s, between two looks at whether it has
+cdef double REST_SPEED = 1e-3  # m/s, a tool that stays slower counts as at rest
+cdef double REST_STEP = 1e-3  # s, between two checks of that
 
 
 cdef void reset_chain(Chain *chain, const Law *law, double distance, double friction) noexcept nogil:
-    """Put `chain` at rest at t = 0, the object `distance` (m) ahead, nothing having happened yet."""
+    """Put `chain` at rest at t = 0 with the object `distance` (m) ahead."""
     memset(chain, 0, sizeof(Chain))
     chain.penetration = -distance
-    chain.footing = STUCK if friction > 0.0 else SLIDING
-    chain.calm = INFINITY
+    chain.object_state = STUCK if friction > 0.0 else SLIDING
+    chain.tool_rest_time = INFINITY
     chain.pressed = FRONT if law.bistable else FREE
     chain.side = 1
     chain.first_contact = chain.detection = INFINITY
-    forget(&chain.memory, FIRST_FLIGHT)
+    reset_memory(&chain.memory, FIRST_FLIGHT)
 
 
 cdef void begin_contact(const Run *run, Chain *chain) noexcept nogil:
-    """Open a contact at the state of `chain`: fresh approach velocity, empty budget."""
+    """Open a contact at the state of `chain`: a new approach velocity, impulses of 0."""
     cdef double mass = run.object_mass
     chain.touching = chain.holding = 1
     chain.penetration = 0.0
     chain.penetration_rate = max(chain.penetration_rate, GRAZE)
-    if run.law.kind != RIGID:  # else the flange is imposed, as if infinitely heavy
+    if run.law.kind != RIGID:  # with RIGID the tool's motion is imposed, as if it were infinitely heavy
         mass = parallel(moving_mass(run, chain.flange_position), mass)
     chain.units = natural_units(&run.contact, mass, chain.penetration_rate)
     chain.start = chain.time
@@ -45,7 +45,7 @@ cdef void begin_contact(const Run *run, Chain *chain) noexcept nogil:
     chain.damping = damping_at(&run.contact, chain.units.velocity)
     chain.impulse = chain.ground_impulse = chain.deflection_integral = chain.pull_impulse = chain.joined = 0.0
     chain.contact_peak_force = 0.0
-    forget(&chain.memory, FIRST_STEP)
+    reset_memory(&chain.memory, FIRST_STEP)
     chain.contacts += 1
     chain.first_contact = min(chain.first_contact, chain.time)
 
@@ -71,8 +71,8 @@ cdef double take_peak(const Run *run, Chain *chain) noexcept nogil:
 cdef int command(Run *run, Chain *chain, double target, double acceleration, double until) noexcept nogil:
     """Take the flange to velocity `target` (m/s) at `acceleration` (m/s^2) and hold it, until time `until` (s).
 
-    Comes back earlier with DETECTED when the contact force first exceeds the threshold, and with TOUCHED at the first
-    touch if the run is to tell it.
+    Returns earlier: DETECTED when the contact force first exceeds the threshold, TOUCHED at the first touch if
+    `run.tell_touch` is set.
     """
     cdef double change, ramp, end
     cdef bint ramp_ends
@@ -110,35 +110,35 @@ cdef int advance(Run *run, Chain *chain, double acceleration, double until) noex
         elif status == PARTED:
             close_contact(run, chain, chain.time)
             chain.touching = 0
-            forget(&chain.memory, FIRST_FLIGHT)
+            reset_memory(&chain.memory, FIRST_FLIGHT)
         elif status != ARRIVED and status != SWITCHED:
             return status
     return ARRIVED
 
 
 cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
-    """Fly to the first touch (TOUCHED), to where the object comes to rest or to time `until` (s, both ARRIVED).
+    """Fly to the first touch (TOUCHED), until the object comes to rest or to time `until` (s, both ARRIVED).
 
-    Exactly, or integrated without a closed form.
+    In closed form where there is one, otherwise integrated.
     """
-    cdef double halt = INFINITY
+    cdef double rest = INFINITY
     cdef int status
     if ground_now(run, chain) > 0.0:
-        halt = chain.time + max(object_velocity(chain), 0.0) / run.ground
-    status = fly_on(run, chain, acceleration, min(halt, until))
-    if status == ARRIVED and chain.time >= halt:
+        rest = chain.time + max(object_velocity(chain), 0.0) / run.ground
+    status = fly_on(run, chain, acceleration, min(rest, until))
+    if status == ARRIVED and chain.time >= rest:
         come_to_rest(chain)
     return status
 
 
 cdef int fly_on(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
-    """Fly to the first touch or to time `until` (s), while nothing changes for the object."""
-    cdef double way, touch, left = until - chain.time
+    """Fly to the first touch or to time `until` (s), with the object in one state."""
+    cdef double distance, touch, left = until - chain.time
     if run.law.kind == INTEGRATED:
         return integrate(run, chain, acceleration, until, True)
     if run.law.kind != RIGID:
-        way = fabs(chain.flange_position + chain.deflection - chain.penetration) + SHORT
-        if fabs(acceleration) > LOST * way * run.law.frequency * run.law.frequency:
+        distance = fabs(tool_position(chain) - chain.penetration) + SHORT
+        if fabs(acceleration) > LOST * distance * run.law.frequency * run.law.frequency:
             return NOT_FINITE
     touch = touch_time(run, chain, acceleration, left)
     if isnan(touch):
@@ -154,65 +154,65 @@ cdef int fly_on(Run *run, Chain *chain, double acceleration, double until) noexc
     return ARRIVED
 
 
-cdef double calm_reach(const Run *run, const Chain *chain) noexcept nogil:
-    """How far the tool still moves, m, if it is calm, else inf.
+cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
+    """Largest displacement of the tool still to come, m, if the tool counts as at rest, else inf.
 
-    It is once the imposed motion rests and the tool, with what it hangs on, is never faster again than REST_SPEED. Seen
-    from its next place of rest a swing is as fast as hypot(v, a / omega), or slower, with any omega below its own.
+    It does once the imposed motion has stopped and neither tool nor flange will be faster than REST_SPEED again. The
+    speed of a swing about its next equilibrium is at most hypot(v, a / omega), for any omega below its own.
     """
     cdef const Law *law = run.law
     cdef RobotTable table
     cdef RobotNow robot
-    cdef Motion move
+    cdef Accelerations now
     cdef double k, mass = law.tool_mass, push = sensed_force(run, chain)
-    if chain.flange_velocity != 0.0 or (chain.touching and chain.footing != STUCK):
+    if chain.flange_velocity != 0.0 or (chain.touching and chain.object_state != STUCK):
         return INFINITY
     if law.kind == RIGID:
         return 0.0
     if law.kind == SPRING:
         k = relative_force(law.frequency, law.damping_ratio, chain.deflection, chain.deflection_rate) - push / mass
         return slow_swing(chain.deflection_rate, k, law.frequency)
-    move, k = motion_now(run, chain, 0.0, push), law.stiffness
+    now, k = motion_now(run, chain, 0.0, push), law.stiffness
     if law.intervals:
         table = robot_table(run)
         robot = robot_at(&table, chain.flange_position)
         if not law.coupled:
             k, mass = robot.stiffness, mass + robot.mass
-        elif hypot(chain.flange_offset_rate, move.flange * sqrt(robot.mass / robot.stiffness)) > REST_SPEED:
+        elif hypot(chain.flange_offset_rate, now.flange * sqrt(robot.mass / robot.stiffness)) > REST_SPEED:
             return INFINITY
     if law.stops:
         k = fabs(spring_slope(&law.mechanism, law.mechanism.rest + chain.deflection - chain.flange_offset))
         k += law.mechanism.stop_stiffness if chain.pressed != FREE else 0.0
-    return slow_swing(chain.deflection_rate, move.tool, sqrt(k / mass))
+    return slow_swing(chain.deflection_rate, now.tool, sqrt(k / mass))
 
 
 cdef inline double slow_swing(double velocity, double acceleration, double frequency) noexcept nogil:
-    """How far a swing of this angular frequency (rad/s) gets, m; inf if it is faster than REST_SPEED."""
+    """Twice the amplitude of a swing of this angular frequency (rad/s), m; inf if it is faster than REST_SPEED."""
     cdef double fastest = hypot(velocity, acceleration / frequency)
     return 2.0 * fastest / frequency if fastest <= REST_SPEED else INFINITY
 
 
-cdef void watch(const Run *run, Chain *chain) noexcept nogil:
-    """Note since when the tool has been calm, if there is friction."""
+cdef void note_tool_rest(const Run *run, Chain *chain) noexcept nogil:
+    """With friction, keep the time from which on the tool counts as at rest."""
     if run.ground > 0.0:
-        chain.calm = min(chain.calm, chain.time) if calm_reach(run, chain) < INFINITY else INFINITY
+        chain.tool_rest_time = min(chain.tool_rest_time, chain.time) if reach_at_rest(run, chain) < INFINITY else INFINITY
 
 
-cdef void take_stock(const Run *run, Chain *chain, double distance) noexcept nogil:
-    """Enter how far an object with friction, at first at `distance` (m), slides and when all is at rest.
+cdef void record_rest(const Run *run, Chain *chain, double distance) noexcept nogil:
+    """With friction, write how far the object slides from `distance` (m), and when object and tool are at rest.
 
-    One that still slides does so to its end, if nothing touches it any more.
+    An object still in motion is taken to slide to its end without another contact.
     """
     cdef double speed = max(object_velocity(chain), 0.0)
     if run.ground == 0.0:
         return
-    if chain.top_speed > 0.0:
-        chain.slide = chain.flange_position + chain.deflection - chain.penetration - distance
+    if chain.peak_object_velocity > 0.0:
+        chain.slide = tool_position(chain) - chain.penetration - distance
         chain.slide += 0.5 * speed * speed / run.ground
-    chain.rest_time = max(chain.calm, chain.halt if chain.footing == STUCK else chain.time + speed / run.ground)
+    chain.rest_time = max(chain.tool_rest_time, chain.object_rest_time if chain.object_state == STUCK else chain.time + speed / run.ground)
 
 
-cdef struct Approach:  # the paper's rule, and what it meets
+cdef struct Approach:  # scene and motion of one run
     Mount mount
     Contact contact
     double object_mass  # kg
@@ -223,15 +223,15 @@ cdef struct Approach:  # the paper's rule, and what it meets
     double threshold  # N, inf without a brake
     double delay  # s
     double deceleration  # m/s^2
-    int64_t motion, points  # where times and as many velocities of any other motion begin; 0 points: the rule's
+    int64_t motion, points  # where the times of a `Motion` begin, then as many velocities; 0 points: a trapezoid
     double duration  # s
-    double frame  # m/s, of the room: flange, tool and object have this velocity from the start
+    double frame  # m/s, velocity of the frame of reference: flange, tool and object start with it
 
 
 cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
     """Run `chain` from rest: trapezoid, contact alarm, brake, or a motion by points.
 
-    A contact unfinished then is entered with an end of nan.
+    A contact unfinished at the end is recorded with an end of nan.
     """
     cdef const double *times = run.tables + plan.motion
     cdef const double *velocities = times + plan.points
@@ -248,7 +248,7 @@ cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
         if k < plan.points:
             speed, acceleration = velocities[k], fabs(velocities[k] - velocities[k - 1]) / (times[k] - times[k - 1])
             until = min(until, times[k])
-        if run.ground > 0.0 and speed == 0.0 and isinf(chain.calm):
+        if run.ground > 0.0 and speed == 0.0 and isinf(chain.tool_rest_time):
             until = min(until, chain.time + REST_STEP)
         status = command(run, chain, plan.frame + speed, acceleration, until)
         if status == DETECTED:
@@ -258,11 +258,15 @@ cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
         if chain.time >= brake_at:
             speed, acceleration, brake_at = 0.0, plan.deceleration, INFINITY
         status = ARRIVED
-        watch(run, chain)
-    take_stock(run, chain, plan.distance)
+        note_tool_rest(run, chain)
+    record_rest(run, chain, plan.distance)
     if chain.touching:
         close_contact(run, chain, NAN)
     chain.status = status
+    chain.final_object_velocity, chain.final_tool_velocity = object_velocity(chain), tool_velocity(chain)
+    chain.final_flange_velocity = flange_velocity(run.law, chain)
+    if run.ground == 0.0:
+        chain.peak_object_velocity, chain.slide, chain.rest_time = chain.final_object_velocity, NAN, NAN
 
 
 cpdef double separation_velocity(double damping, double stiffness_exponent, double damping_exponent) noexcept:

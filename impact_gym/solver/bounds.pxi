@@ -1,4 +1,4 @@
-"""What an INTEGRATED chain can still do and has done: frequencies, energy, reach, momentum."""
+"""Bounds on the motion of an INTEGRATED chain: frequencies, energy, reach."""
 
 
 cdef inline double coupling_energy(const Law *law, double stretch) noexcept nogil:
@@ -59,7 +59,7 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
 
     From the imposed motion, the tool is at most as fast as the energy E of the swing allows, of which the acceleration
     a feeds it at most |a| sqrt(2 E m) per second: sqrt(E) grows by at most |a| sqrt(m / 2) t. `shortest` is returned
-    where nothing is known.
+    if no longer step is safe.
     """
     cdef const Law *law = now.law
     cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])

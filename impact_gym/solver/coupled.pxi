@@ -1,10 +1,10 @@
-"""What a chain can do, whatever holds the tool: each function is one for all three kinds."""
+"""Functions of a chain for all three kinds."""
 
 
 cdef void begin_piece(
     const Run *run, const Chain *chain, double acceleration, double until, bint flying, Piece *now
 ) noexcept nogil:
-    """Set what the equations of motion read from the state of `chain` on, up to time `until` (s) at the latest."""
+    """Set the constants of the piece that starts at the state of `chain` and ends at time `until` (s) at the latest."""
     cdef const Law *law = run.law
     now.law, now.flying, now.acceleration = law, flying, acceleration
     now.units = flight_units(run, chain, acceleration) if flying else chain.units
@@ -17,20 +17,20 @@ cdef void begin_piece(
     now.horizon = (until - chain.time) / now.units.time
     now.push = acceleration * now.units.time / now.units.velocity
     now.position, now.velocity = chain.flange_position, chain.flange_velocity
-    now.rough, now.footing, now.share = run.ground > 0.0, <int> chain.footing, 1.0
-    now.ground = (run.ground if chain.footing != STUCK else 0.0) * now.units.time / now.units.velocity
+    now.rough, now.object_state, now.share = run.ground > 0.0, <int> chain.object_state, 1.0
+    now.ground = (run.ground if chain.object_state != STUCK else 0.0) * now.units.time / now.units.velocity
     now.friction = run.object_mass * run.ground / now.units.force
     now.standstill = STANDSTILL * (1.0 + fabs(chain.flange_velocity) / now.units.velocity)
     if law.kind == RIGID:
         now.width = IMPULSE + 1
-        if chain.footing == STUCK:
+        if chain.object_state == STUCK:
             now.share = 0.0
     elif law.kind == SPRING:
         now.width = DEFLECTION_INTEGRAL + 1
         now.pull_y = -law.frequency * law.frequency * now.units.time * now.units.time
         now.pull_y_dot = -2.0 * law.damping_ratio * law.frequency * now.units.time
         now.tool_share = run.object_mass / (law.tool_mass + run.object_mass)
-        if chain.footing == STUCK:
+        if chain.object_state == STUCK:
             now.share = now.tool_share
     else:
         now.width = OFFSET_RATE + 1
@@ -38,7 +38,7 @@ cdef void begin_piece(
 
 
 cdef void begin_integrated(const Run *run, const Chain *chain, Piece *now) noexcept nogil:
-    """Set what only the INTEGRATED chain reads."""
+    """Set the constants of an INTEGRATED chain."""
     cdef double direction = chain.flange_velocity if chain.flange_velocity != 0.0 else now.acceleration
     now.robot = robot_table(run)
     if now.robot.intervals:
@@ -47,7 +47,7 @@ cdef void begin_integrated(const Run *run, const Chain *chain, Piece *now) noexc
     now.per_acceleration = now.units.time / now.units.velocity
     now.per_force = 1.0 / now.units.force
     now.tool_rate = now.per_acceleration / run.law.tool_mass
-    now.object_rate = now.per_acceleration / run.object_mass if chain.footing != STUCK else 0.0
+    now.object_rate = now.per_acceleration / run.object_mass if chain.object_state != STUCK else 0.0
     now.pressed, now.side = <int> chain.pressed, <int> chain.side
 
 
@@ -131,7 +131,7 @@ cdef void dense_output(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nogil:
-    """How far the rates of the last two stages of an explicit step differ, over their states; of a series see there."""
+    """How far the rates of the last two stages of an explicit step differ, over their states; of a series by `fastest`."""
     if work.method == SERIES:
         return fastest(now, work.trial, work.trial_rate)
     if now.law.kind == SPRING:
@@ -143,7 +143,7 @@ cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nog
 
 cdef inline double ground_now(const Run *run, const Chain *chain) noexcept nogil:
     """Deceleration of the object by its friction where nothing pushes it, m/s^2."""
-    return run.ground if chain.footing != STUCK else 0.0
+    return run.ground if chain.object_state != STUCK else 0.0
 
 
 cdef inline void drift(const Run *run, Chain *chain, double acceleration, double time) noexcept nogil:
@@ -179,7 +179,7 @@ cdef double smooth_until(const Run *run, const Chain *chain, double acceleration
 
 
 cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
-    """True if, with the imposed motion at rest for good, tool and object can never touch again.
+    """True if tool and object can never touch again, given that the imposed motion stays at rest.
 
     The object does not come back, and the energy of the chain bounds how far the tool can swing out.
     """
@@ -196,7 +196,7 @@ cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef void round_off(const Law *law, Chain *chain, double target) noexcept nogil:
-    """Give the imposed motion the velocity (m/s) that a ramp ends with but for rounding; nothing else must feel it."""
+    """Give the imposed motion the velocity (m/s) with which a ramp ends but for rounding; tool and object keep theirs."""
     cdef double shift = target - chain.flange_velocity
     if law.kind == RIGID:
         chain.penetration_rate += shift
@@ -205,12 +205,12 @@ cdef void round_off(const Law *law, Chain *chain, double target) noexcept nogil:
     if law.coupled and law.intervals:
         chain.flange_offset_rate -= shift
     chain.flange_velocity = target
-    if chain.footing == STUCK:
+    if chain.object_state == STUCK:
         chain.penetration_rate = tool_velocity(chain)
 
 
 cdef double coupling_impulse(const Law *law, const Chain *chain) noexcept nogil:
-    """Impulse on the tool of what holds it, over the contact under way, N s (paper, eq. 21)."""
+    """Impulse of the coupling on the tool over the current contact, N s (paper, eq. 21)."""
     cdef double w = law.frequency, stretched = chain.deflection - chain.start_deflection
     if law.kind == RIGID:
         return law.tool_mass * (chain.flange_velocity - chain.start_tool_velocity) + chain.impulse
@@ -220,7 +220,7 @@ cdef double coupling_impulse(const Law *law, const Chain *chain) noexcept nogil:
 
 
 cdef double coupling_force(const Run *run, const Chain *chain, double acceleration, double push) noexcept nogil:
-    """Force on the tool of what holds it, N, under a contact force `push` (N)."""
+    """Force of the coupling on the tool, N, under a contact force `push` (N)."""
     cdef const Law *law = run.law
     if law.kind == RIGID:
         return law.tool_mass * acceleration + push
@@ -229,8 +229,8 @@ cdef double coupling_force(const Run *run, const Chain *chain, double accelerati
     return motion_now(run, chain, acceleration, push).pull
 
 
-cdef Motion motion_now(const Run *run, const Chain *chain, double acceleration, double push) noexcept nogil:
-    """What happens to an INTEGRATED chain under a contact force `push` (N), SI units."""
+cdef Accelerations motion_now(const Run *run, const Chain *chain, double acceleration, double push) noexcept nogil:
+    """Accelerations of an INTEGRATED chain under a contact force `push` (N), SI units."""
     cdef Piece now
     cdef Swing at
     now.law, now.acceleration, now.units = run.law, acceleration, Units(1.0, 1.0, 1.0, 1.0)
@@ -242,6 +242,6 @@ cdef Motion motion_now(const Run *run, const Chain *chain, double acceleration, 
 
 
 cdef double tool_momentum(const Run *run, const Chain *chain) noexcept nogil:
-    """Momentum that the tool has gained in the contact, less what mass that joined it brought along, N s."""
+    """Momentum gained by the tool in the contact, without that of mass that joined it, N s."""
     cdef double before = moving_mass(run, chain.start_flange_position) * chain.start_tool_velocity
     return moving_mass(run, chain.flange_position) * tool_velocity(chain) - before - chain.joined

@@ -1,84 +1,84 @@
-"""What can happen within a smooth piece. Each event is a row: a value, negative until it happens, and its slope.
+"""Events within a smooth piece. Each event is a row: a value, negative until the event occurs, and its slope.
 
-A step is searched once it is good: what has happened at its end, and what has come and gone within it, shows by the
-rows at both ends. Where in the step is found on the integrator's polynomial; then one step is taken that ends there.
+An accepted step is searched for events: the rows at its two ends show which have occurred at its end and which have
+come and gone within it. The event is located on the integrator's polynomial; then one step is taken that ends there.
 """
 
 cdef enum:
     CLOCK  # the time is up
-    SEPARATION  # the root z passes zero; it does not come back, dt = z ds runs backwards there
-    CLAMP  # the force would become a pull, or no longer would
-    FORCE  # it exceeds the threshold; where it is largest is recorded
-    SLIP  # it exceeds the friction under an object that sticks
-    HALT  # an object that slides comes to rest
-    TOP  # where its speed is largest is recorded; nothing happens
-    FRONT_STOP  # a stop begins to push, or lets go
+    SEPARATION  # the root z passes zero, for good: beyond it dt = z ds runs backwards
+    CLAMP  # the force becomes a pull, or a push again
+    FORCE  # the force exceeds the threshold; its largest value is recorded
+    SLIP  # the force exceeds the friction of an object that sticks
+    REST  # a sliding object comes to rest
+    TOP  # largest speed of a sliding object, recorded only: no event
+    FRONT_STOP  # a stop begins or ceases to push
     REAR_STOP
     ALIGNMENT  # the slider passes it
     TOUCH  # a flight ends
     ROWS
     NOTHING = -1
-    SHORTER = -2  # nothing to land on yet: try a shorter step
+    SHORTER = -2  # an event cannot be located yet: try a shorter step
 
 cdef double SHORTEST_STEP = 1e-10
-# Of a step that starts on an event and ends beyond it; below this it is taken to happen at once.
+# A step that starts on an event and ends beyond it is shortened down to this; then the event is at its start.
 
 
-cdef struct Sight:
+cdef struct Events:
     double[ROWS] value
-    double[ROWS] height, slope  # what is smooth and the same wherever the row is largest, and d/ds, in flight d/dt
+    double[ROWS] height, slope  # a smooth quantity equal to the value near its maximum, and its d/ds, in flight d/dt
 
 
-cdef void look(const Piece *now, const double *x, const double *rate, Sight *sight) noexcept nogil:
-    """Fill the rows that this piece has."""
+cdef void evaluate_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
+    """Fill the rows of this piece."""
     cdef double z = x[ROOT], w = x[RATE]
     if now.law.stops:
-        look_at_slider(now, x, rate, sight)
+        evaluate_slider_events(now, x, rate, events)
     if now.flying:
-        sight.value[TOUCH] = sight.height[TOUCH] = z
-        sight.slope[TOUCH] = rate[ROOT]
+        events.value[TOUCH] = events.height[TOUCH] = z
+        events.slope[TOUCH] = rate[ROOT]
         return
-    sight.value[CLOCK], sight.slope[CLOCK] = x[TIME] - now.horizon, rate[TIME]
-    sight.value[SEPARATION], sight.slope[SEPARATION] = -z, -rate[ROOT]
-    sight.value[CLAMP], sight.slope[CLAMP] = contact_grip(now.grip, z, w, rate[RATE])
-    sight.height[FORCE] = sight.slope[FORCE] = 0.0
+    events.value[CLOCK], events.slope[CLOCK] = x[TIME] - now.horizon, rate[TIME]
+    events.value[SEPARATION], events.slope[SEPARATION] = -z, -rate[ROOT]
+    events.value[CLAMP], events.slope[CLAMP] = contact_grip(now.grip, z, w, rate[RATE])
+    events.height[FORCE] = events.slope[FORCE] = 0.0
     if now.contact.held != 0.0:
-        sight.value[CLAMP], sight.slope[CLAMP] = -sight.value[CLAMP], -sight.slope[CLAMP]
-        sight.height[FORCE], sight.slope[FORCE] = force_along(&now.contact, z, w, rate[RATE])
-        if z == 0.0:  # where the slope may vanish, and the force still rise
-            sight.slope[FORCE] = 1e-300
-    sight.height[CLAMP] = sight.value[CLAMP]
-    sight.value[FORCE] = sight.height[FORCE] - now.threshold
+        events.value[CLAMP], events.slope[CLAMP] = -events.value[CLAMP], -events.slope[CLAMP]
+        events.height[FORCE], events.slope[FORCE] = force_along(&now.contact, z, w, rate[RATE])
+        if z == 0.0:  # where the slope may vanish although the force rises
+            events.slope[FORCE] = 1e-300
+    events.height[CLAMP] = events.value[CLAMP]
+    events.value[FORCE] = events.height[FORCE] - now.threshold
     if now.rough:
-        look_at_object(now, x, rate, sight)
+        evaluate_object_events(now, x, rate, events)
 
 
-cdef void look_at_object(const Piece *now, const double *x, const double *rate, Sight *sight) noexcept nogil:
-    """Fill the rows of an object with friction, those of the force being known."""
+cdef void evaluate_object_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
+    """Fill the rows of an object with friction; those of the force are filled already."""
     cdef double speed = -x[RATE], gain = now.push * rate[TIME] - rate[RATE]
-    sight.value[SLIP] = sight.height[SLIP] = sight.height[FORCE] - now.friction
-    sight.slope[SLIP] = sight.slope[FORCE]
+    events.value[SLIP] = events.height[SLIP] = events.height[FORCE] - now.friction
+    events.slope[SLIP] = events.slope[FORCE]
     speed += (now.velocity + now.acceleration * x[TIME] * now.units.time) / now.units.velocity
     if now.law.kind != RIGID:
         speed, gain = speed + x[DEFLECTION_RATE], gain + rate[DEFLECTION_RATE]
-    sight.value[HALT] = sight.height[HALT] = -speed - now.standstill
-    sight.slope[HALT] = -gain
-    sight.value[TOP], sight.height[TOP], sight.slope[TOP] = -1.0, speed, gain
+    events.value[REST] = events.height[REST] = -speed - now.standstill
+    events.slope[REST] = -gain
+    events.value[TOP], events.height[TOP], events.slope[TOP] = -1.0, speed, gain
     if x[ROOT] <= 0.0:  # at a separation, or beyond it, where time runs backwards
-        sight.slope[TOP] = copysign(1e-300, sight.value[SLIP])
+        events.slope[TOP] = copysign(1e-300, events.value[SLIP])
 
 
 cdef inline bint acts(const Piece *now, int row) noexcept nogil:
     """Whether this piece has a row."""
     if SLIP <= row <= TOP:
-        return now.rough and (row == SLIP) == (now.footing == STUCK)
+        return now.rough and (row == SLIP) == (now.object_state == STUCK)
     if row == ALIGNMENT:
         return now.law.bistable
     return now.law.stops or not FRONT_STOP <= row <= REAR_STOP
 
 
-cdef void look_at_slider(const Piece *now, const double *x, const double *rate, Sight *sight) noexcept nogil:
-    """Fill the rows of a mechanism."""
+cdef void evaluate_slider_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
+    """Fill the rows of a coupling with stops."""
     cdef const Mechanism *law = &now.law.mechanism
     cdef double pace = rate[TIME], per_s = pace * now.units.time
     cdef double stretch = (x[DEFLECTION] - x[OFFSET]) * now.units.length
@@ -86,35 +86,35 @@ cdef void look_at_slider(const Piece *now, const double *x, const double *rate, 
     cdef double acceleration = 0.0
     if pace > 0.0:
         acceleration = (rate[DEFLECTION_RATE] - rate[OFFSET_RATE]) * now.units.velocity / per_s
-    sight.value[FRONT_STOP], sight.height[FRONT_STOP], sight.slope[FRONT_STOP] = stop_switch(
+    events.value[FRONT_STOP], events.height[FRONT_STOP], events.slope[FRONT_STOP] = stop_switch(
         law, FRONT, now.pressed, stretch, speed, acceleration
     )
-    sight.value[REAR_STOP], sight.height[REAR_STOP], sight.slope[REAR_STOP] = stop_switch(
+    events.value[REAR_STOP], events.height[REAR_STOP], events.slope[REAR_STOP] = stop_switch(
         law, REAR, now.pressed, stretch, speed, acceleration
     )
-    sight.value[ALIGNMENT], sight.slope[ALIGNMENT] = -now.side * (law.rest + stretch), -now.side * speed
-    sight.height[ALIGNMENT] = sight.value[ALIGNMENT]
-    sight.slope[FRONT_STOP] *= per_s
-    sight.slope[REAR_STOP] *= per_s
-    sight.slope[ALIGNMENT] *= per_s
+    events.value[ALIGNMENT], events.slope[ALIGNMENT] = -now.side * (law.rest + stretch), -now.side * speed
+    events.height[ALIGNMENT] = events.value[ALIGNMENT]
+    events.slope[FRONT_STOP] *= per_s
+    events.slope[REAR_STOP] *= per_s
+    events.slope[ALIGNMENT] *= per_s
 
 
 cdef struct Finding:
     int event  # the first, or NOTHING, or SHORTER
-    double share  # of the step: where it is, or how much shorter
-    double within  # share at which it has surely happened
+    double share  # of the step, at the event; for SHORTER the factor on the step
+    double within  # share of the step by which the event has occurred
     double peak, top  # largest force, and speed of an object with friction, inside the step, over F0 and the velocity
-    double peak_at, top_at  # and where, from the start of the step
+    double peak_at, top_at  # their places, from the start of the step
 
 
 cdef Finding search(
-    const Piece *now, Work *work, double h, const Sight *start, const Sight *end, bint unfelt
+    const Piece *now, Work *work, double h, const Events *start, const Events *end, bint undetected
 ) noexcept nogil:
-    """Return what happens first in the step of `h` just tried, from `start` to `end`."""
+    """Return the first event in the step of `h` just tried, from `start` to `end`."""
     cdef Finding found = Finding(NOTHING, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
     cdef int row
     cdef double high, share, reached
-    cdef Sight summit
+    cdef Events summit
     for row in range(FRONT_STOP if now.flying else CLOCK, ROWS if now.flying else TOUCH):
         if not acts(now, row):
             continue
@@ -130,7 +130,7 @@ cdef Finding search(
                 found.top, found.top_at = summit.height[TOP], share * h
             if reached <= 0.0:
                 high, reached = share, summit.value[row]
-        if not reached > 0.0 or (row == FORCE and not unfelt):
+        if not reached > 0.0 or (row == FORCE and not undetected):
             continue
         if starts_on(row, h, start, reached):
             return Finding(SHORTER, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0)
@@ -148,30 +148,30 @@ cdef Finding search(
 
 
 cdef bint rises_at_onset(const Piece *now, Work *work, double h) noexcept nogil:
-    """Whether a force that a contact begins with, n = 0, grows from there, which df/ds, zero at z = 0, does not show."""
-    cdef Sight soon
+    """Whether the force grows at the onset of a contact with n = 0, where df/ds is zero whether it grows or not."""
+    cdef Events soon
     probe_exactly(now, work, h, 1e-3)  # a millionth of the step's time
-    look(now, work.probe, work.probe_rate, &soon)
+    evaluate_events(now, work.probe, work.probe_rate, &soon)
     return soon.slope[FORCE] > 0.0
 
 
-cdef bint starts_on(int row, double h, const Sight *start, double reached) noexcept nogil:
-    """Whether a step of `h` starts on an event that it ends beyond: only shorter steps show which zero that is."""
+cdef bint starts_on(int row, double h, const Events *start, double reached) noexcept nogil:
+    """Whether a step of `h` starts on an event and ends beyond it: only a shorter step can tell the zeros apart."""
     if row < CLAMP or h <= SHORTEST_STEP or start.value[row] <= -1e-9 * reached:
         return False
     return FRONT_STOP <= row <= ALIGNMENT or start.slope[row] <= 0.0
 
 
-cdef int before_landing(const Piece *now, const Sight *end, int landed, bint unfelt) noexcept nogil:
-    """Return what else has happened in a step that ends on an event, or NOTHING.
+cdef int before_landing(const Piece *now, const Events *end, int landed, bint undetected) noexcept nogil:
+    """Return another event that has occurred in a step that ends on event `landed`, or NOTHING.
 
-    Behind a separation time runs backwards, and what happened shortly before it may look as if it had not.
+    Beyond a separation time runs backwards, which can hide an event shortly before it.
     """
     cdef int row
     for row in range(FRONT_STOP if now.flying else CLOCK, ROWS if now.flying else TOUCH):
         if not acts(now, row):
             continue
-        if row != landed and end.value[row] > 0.0 and (unfelt or row != FORCE):
+        if row != landed and end.value[row] > 0.0 and (undetected or row != FORCE):
             return row
     return NOTHING
 
@@ -192,26 +192,26 @@ cdef double on_cubic(double t, double start, double start_slope, double end, dou
     )
 
 
-cdef bint comes_back(int row, double h, const Sight *start, const Sight *end) noexcept nogil:
-    """Whether a row rises and falls within a step, and not clearly below zero all the while."""
+cdef bint comes_back(int row, double h, const Events *start, const Events *end) noexcept nogil:
+    """Whether a row rises and falls within a step, unless it clearly stays below zero."""
     cdef double v0 = start.height[row], v1 = end.height[row], s0 = h * start.slope[row], s1 = h * end.slope[row], top
-    if row == TOP and s1 < 0.0 < start.slope[SLIP]:  # at a slip it begins to gain: its own slope is rounding there
+    if row == TOP and s1 < 0.0 < start.slope[SLIP]:  # at a slip the speed begins to grow, but its slope there is rounding
         return True
     if not s0 > 0.0 > s1:
         return False
     if row == FORCE or row == SLIP or row == TOP:
         return True
     top = on_cubic(extremum(v0, s0, v1, s1), v0, s0, v1, s1)
-    return top + 0.1 * (top - max(v0, v1)) > 0.0  # the cubic is not that far off
+    return top + 0.1 * (top - max(v0, v1)) > 0.0  # with a margin for the error of the cubic
 
 
 cdef double climb(
-    const Piece *now, Work *work, double h, int row, const Sight *start, const Sight *end, Sight *summit
+    const Piece *now, Work *work, double h, int row, const Events *start, const Events *end, Events *summit
 ) noexcept nogil:
-    """Find where in the step a row that rises and falls is largest, and what is to be seen there.
+    """Find the share of the step at which a row that rises and falls is largest, and all rows there.
 
-    Secants through the slope, held inside the bracket (Illinois): on the polynomial to a millionth of the step, which
-    its height hardly feels; then by steps, of which the first nearly always shows that there is no more to gain.
+    Secants through the slope, kept inside the bracket (Illinois): on the polynomial to a millionth of the step, which
+    is accurate enough for the height; then by exact steps, of which the first nearly always confirms the maximum.
     """
     cdef double low = 0.0, high = 1.0, low_slope = start.slope[row], high_slope = end.slope[row], before, gain
     cdef double share = extremum(start.height[row], h * low_slope, end.height[row], h * high_slope)
@@ -222,7 +222,7 @@ cdef double climb(
             probe_exactly(now, work, h, share)
         else:
             probe(now, work, h, share)
-        look(now, work.probe, work.probe_rate, summit)
+        evaluate_events(now, work.probe, work.probe_rate, summit)
         before = share
         if summit.slope[row] < 0.0:
             high, high_slope = share, summit.slope[row]
@@ -258,14 +258,14 @@ cdef double cubic_zero(double start, double start_slope, double end, double end_
 
 
 cdef double crossing_share(
-    const Piece *now, Work *work, double h, int row, const Sight *start, const Sight *end, double high
+    const Piece *now, Work *work, double h, int row, const Events *start, const Events *end, double high
 ) noexcept nogil:
-    """Find where a row, negative at the start and positive at `high`, passes zero, to a share of 1e-9.
+    """Find the zero of a row that is negative at the start and positive at `high`, to a share of 1e-9.
 
     Newton's method on the polynomial through the step, held inside the bracket by bisection.
     """
     cdef double low = 0.0, share = 0.5 * high, value, move
-    cdef Sight sight
+    cdef Events events
     if start.value[row] >= 0.0:  # by rounding
         return 0.0
     if high == 1.0:
@@ -274,9 +274,9 @@ cdef double crossing_share(
         if not low < share < high:
             share = 0.5 * (low + high)
         probe(now, work, h, share)
-        look(now, work.probe, work.probe_rate, &sight)
-        value = sight.value[row]
-        move = -value / (h * sight.slope[row])
+        evaluate_events(now, work.probe, work.probe_rate, &events)
+        value = events.value[row]
+        move = -value / (h * events.slope[row])
         if fabs(move) <= 1e-9:
             return min(max(share + move, 0.0), high)
         if value > 0.0:
@@ -290,14 +290,14 @@ cdef double crossing_share(
 
 
 cdef double clock_share(const Piece *now, const Work *work, double h) noexcept nogil:
-    """Guess where the time is up: on the polynomial of order 7 that has time, its rate z and the next two at both ends.
+    """Estimate the share at which the time is up, by the polynomial of order 7 through t, z, w and dw/ds at both ends.
 
-    The step that ends there shows how good it is; it mostly is to 1e-9.
+    The step that ends there is corrected by `land`; the estimate is mostly good to 1e-9.
     """
     cdef double v0 = h * work.x[ROOT], a0 = 0.25 * h * h * work.x[RATE], j0 = h * h * h / 12.0 * work.rate[RATE]
     cdef double v1 = h * work.trial[ROOT], a1 = 0.25 * h * h * work.trial[RATE], j1 = h * h * h / 12.0 * work.trial_rate[RATE]
     cdef double way = work.trial[TIME] - work.x[TIME], left = now.horizon - work.x[TIME]
-    # what the cubic Taylor polynomial at the start leaves of value, slope and the next two at the end
+    # residuals of the start's cubic Taylor polynomial at the end, in value, slope and the next two
     cdef double p = way - v0 - a0 - j0, q = v1 - v0 - 2.0 * a0 - 3.0 * j0
     cdef double r = a1 - a0 - 3.0 * j0, t = j1 - j0
     cdef double c4 = 35.0 * p - 15.0 * q + 5.0 * r - t, c5 = -84.0 * p + 39.0 * q - 14.0 * r + 3.0 * t
@@ -316,9 +316,9 @@ cdef double clock_share(const Piece *now, const Work *work, double h) noexcept n
 
 
 cdef double bend_share(const Work *work, double h) noexcept nogil:
-    """A share of a step of flight, the gap opening at both ends, at which it may be closing; 1 if there is none.
+    """Share of a step of flight at which the gap may close although it opens at both ends; 1 if there is none.
 
-    A step that ends there shows it. Between its ends the gap bends once at the most, see `LARGEST_STEP`.
+    A step that ends there decides. Between the ends the gap has at most one inflection, see `LARGEST_STEP`.
     """
     cdef double w0 = work.x[RATE], w1 = work.trial[RATE], bend0 = h * work.rate[RATE], bend1 = h * work.trial_rate[RATE]
     cdef double share
@@ -331,12 +331,12 @@ cdef double bend_share(const Work *work, double h) noexcept nogil:
 cdef double land(const Piece *now, Work *work, const Finding *found, double tried, double *error) noexcept nogil:
     """Take a step that ends on an event found in the one of `tried` length; return its length, and its error.
 
-    Newton's method on the step length itself, every iterate a full step of the integrator: what is found is a zero of
-    the computed motion, not of a polynomial. From a ten-millionth of the step on, a straight line does the rest.
+    Newton's method on the step length, every iterate a full step of the integrator: the result is a zero of the
+    computed motion, not of a polynomial. The last ten-millionth of the step is linear extrapolation.
     """
     cdef double h = found.share * tried, low = 0.0, high = found.within * tried, off
     cdef int row = found.event
-    cdef Sight sight
+    cdef Events events
     cdef int i
     error[0] = 0.0
     if h == 0.0:
@@ -345,13 +345,13 @@ cdef double land(const Piece *now, Work *work, const Finding *found, double trie
         return 0.0
     for _ in range(60):
         error[0] = attempt(now, work, h)
-        look(now, work.trial, work.trial_rate, &sight)
-        off = -sight.value[row] / sight.slope[row]
+        evaluate_events(now, work.trial, work.trial_rate, &events)
+        off = -events.value[row] / events.slope[row]
         if fabs(off) <= 1e-7 * h:
             for i in range(now.width):
                 work.trial[i] += off * work.trial_rate[i]
             return h + off
-        if sight.value[row] > 0.0:
+        if events.value[row] > 0.0:
             high = h
         else:
             low = h

@@ -6,39 +6,39 @@ cdef double LARGEST_STEP = 1.0
 # Likewise, stops apart. Within it the gap's third derivative hardly changes sign twice, which the search for a touch
 # relies on; a step in which the tool cannot get there need not be searched and may be larger (`longest_blind_step`).
 cdef double OVERSHOOT = 1e3
-# Against an object with friction, which may stay in contact, a step aims at most so many times beyond the time that is
-# left: where a tool rests there, or pushes it on, every step is good, and one that grew without end would be too long to
-# find the end of the piece in it.
+# In a contact with friction, which may last, a step is at most so many times the time that is left. Where the tool rests
+# against the object or pushes it steadily, every step is accepted, and a step that grew without bound would be too long
+# to locate the end of the piece in it.
 
 cdef enum:
     TRACE_POINTS = 8  # in a step of a contact
-    EVENTS_IN_TURN = 20  # landed on in one step
+    EVENTS_IN_TURN = 20  # landings tried in one step
 
 
 cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bint flying) noexcept nogil:
-    """Advance `chain` through one smooth piece: to time `until` (s) or to the first event; return what came of it."""
+    """Advance `chain` through one smooth piece: to time `until` (s) or to the first event; return the status."""
     cdef Work *work = run.work
     cdef Piece now
-    cdef Sight[2] sights
-    cdef Sight *start = &sights[0]
-    cdef Sight *end = &sights[1]
+    cdef Events[2] both
+    cdef Events *start = &both[0]
+    cdef Events *end = &both[1]
     cdef Finding found
-    cdef bint unfelt = not flying and isinf(chain.detection)
+    cdef bint undetected = not flying and isinf(chain.detection)
     cdef double taken, peak = 0.0, top = 0.0, h = FIRST_FLIGHT if flying else chain.memory.step
     run.contact.damping = chain.damping
     begin_piece(run, chain, acceleration, until, flying, &now)
     load(&now, chain, work.x)
     rates(&now, work.x, work.rate)
-    look(&now, work.x, work.rate, start)
-    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:  # soon back: first to where it turns
+    evaluate_events(&now, work.x, work.rate, start)
+    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:  # it turns soon: step to where it does
         h = min(h, -work.x[RATE] / work.rate[RATE])
     if not flying:
         peak = start.height[FORCE]  # a linear contact begins with one
-        if unfelt and start.value[FORCE] >= 0.0:  # a threshold of 0 is passed by the touch
+        if undetected and start.value[FORCE] >= 0.0:  # a threshold of 0 is passed by the touch
             chain.detection = chain.time
             return DETECTED
-        if now.rough and now.footing == STUCK and work.x[ROOT] == 0.0 and start.value[SLIP] > 0.0:
-            return conclude(run, chain, SLIP, until)  # likewise the friction, by that force
+        if now.rough and now.object_state == STUCK and work.x[ROOT] == 0.0 and start.value[SLIP] > 0.0:
+            return conclude(run, chain, SLIP, until)  # likewise the friction is exceeded by the first force
     work.memory, work.expanded = chain.memory, False
     while True:
         chain.steps += 1
@@ -47,13 +47,13 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
             work.x[RATE] = NAN
         if h < 1e-300 or chain.steps > run.max_steps:
             break
-        if not good_step(&now, work, start, end, unfelt, &h, &taken, &found):
+        if not good_step(&now, work, start, end, undetected, &h, &taken, &found):
             continue
         if run.recorder.trace_rows > 0 and taken > 0.0:
             trace_step(run, &now, chain, taken)
         if not flying:
             peak = max(max(peak, end.height[FORCE]), found.peak if found.peak_at <= taken else 0.0)
-            if now.rough and now.footing == SLIDING:
+            if now.rough and now.object_state == SLIDING:
                 top = max(max(top, end.height[TOP]), found.top if found.top_at <= taken else 0.0)
         memcpy(work.x, work.trial, sizeof(work.x))
         memcpy(work.rate, work.trial_rate, sizeof(work.x))
@@ -62,7 +62,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
         if found.event != NOTHING:
             break
     if now.rough and not flying:
-        push_back(&now, run, chain, work.x)
+        add_ground_impulse(&now, run, chain, work.x)
     store(&now, chain, work.x, chain)
     chain.memory = work.memory
     chain.memory.step = h
@@ -70,28 +70,28 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
         chain.contact_peak_force = max(chain.contact_peak_force, peak * now.units.force)
         chain.peak_force = max(chain.peak_force, chain.contact_peak_force)
         chain.unread_force = max(chain.unread_force, peak * now.units.force)
-        chain.top_speed = max(chain.top_speed, top * now.units.velocity)
+        chain.peak_object_velocity = max(chain.peak_object_velocity, top * now.units.velocity)
     if not isfinite(chain.penetration_rate + chain.deflection_rate):
         return NOT_FINITE
     return conclude(run, chain, found.event, until)
 
 
-cdef void push_back(const Piece *now, const Run *run, Chain *chain, const double *x) noexcept nogil:
-    """Enter the impulse of the ground over a piece: what it takes to hold the object, or mu m_p g for so long."""
-    if now.footing == STUCK:
+cdef void add_ground_impulse(const Piece *now, const Run *run, Chain *chain, const double *x) noexcept nogil:
+    """Add the impulse of the ground over a piece: that of the contact if the object sticks, else mu m_p g times time."""
+    if now.object_state == STUCK:
         chain.ground_impulse += x[IMPULSE] * now.units.force * now.units.time
     else:
         chain.ground_impulse += run.object_mass * run.ground * x[TIME] * now.units.time
 
 
 cdef void come_to_rest(Chain *chain) noexcept nogil:
-    """Let the object stick."""
-    chain.footing, chain.halt = STUCK, chain.time
+    """Make the object stick."""
+    chain.object_state, chain.object_rest_time = STUCK, chain.time
     chain.penetration_rate = tool_velocity(chain)
 
 
 cdef bint good_step(
-    const Piece *now, Work *work, const Sight *start, Sight *end, bint unfelt, double *h, double *taken, Finding *found
+    const Piece *now, Work *work, const Events *start, Events *end, bint undetected, double *h, double *taken, Finding *found
 ) noexcept nogil:
     """Try a step of `h`, or up to the first event in it; return whether it is good, and in `h` what to try next."""
     cdef double error, factor, tried, left = INFINITY, most = INFINITY
@@ -108,17 +108,17 @@ cdef bint good_step(
     if error > 1.0:
         h[0] = factor * tried
         return False
-    look(now, work.trial, work.trial_rate, end)
-    found[0] = search(now, work, tried, start, end, unfelt)
+    evaluate_events(now, work.trial, work.trial_rate, end)
+    found[0] = search(now, work, tried, start, end, undetected)
     if found.event == SHORTER:
         h[0] = found.share * tried
         return False
     if found.event != NOTHING:
-        taken[0] = land_on_first(now, work, tried, start, end, unfelt, found, &error)
+        taken[0] = land_on_first(now, work, tried, start, end, undetected, found, &error)
         if found.event == SHORTER:
             h[0] = found.share * taken[0]
             return False
-        if error > 1.0:  # shorter, but not as good as it looked
+        if error > 1.0:  # a shorter step can have a larger error
             h[0] = taken[0] * step_factor(work, error)
             return False
     elif tried >= left:
@@ -128,18 +128,18 @@ cdef bint good_step(
 
 
 cdef double land_on_first(
-    const Piece *now, Work *work, double tried, const Sight *start, Sight *end, bint unfelt, Finding *found, double *error
+    const Piece *now, Work *work, double tried, const Events *start, Events *end, bint undetected, Finding *found, double *error
 ) noexcept nogil:
-    """Land on the event found in a step, or on what turns out to come before it; return the length of that step.
+    """Land on the event found in a step, or on an earlier one found meanwhile; return the length of that step.
 
-    What is found may turn out to need a shorter one.
+    `found.event` becomes SHORTER if a shorter step is needed first.
     """
     cdef int other
     cdef double taken = tried
     for _ in range(EVENTS_IN_TURN):
         taken = land(now, work, found, taken, error)
-        look(now, work.trial, work.trial_rate, end)
-        other = before_landing(now, end, found.event, unfelt)
+        evaluate_events(now, work.trial, work.trial_rate, end)
+        other = before_landing(now, end, found.event, undetected)
         if other == NOTHING:
             return taken
         if starts_on(other, taken, start, end.value[other]):
@@ -147,12 +147,12 @@ cdef double land_on_first(
             return taken
         found.event, found.within = other, 1.0
         found.share = crossing_share(now, work, taken, other, start, end, 1.0)
-    found.event, found.share = SHORTER, 0.5  # two that seem to come before each other: they are closer than its error
+    found.event, found.share = SHORTER, 0.5  # each of two events seems to come first: they are closer than the error
     return taken
 
 
 cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogil:
-    """Let an event have its effect on `chain`; return what the caller is to know of it."""
+    """Apply the effect of an event to `chain`; return the status."""
     if event == NOTHING:
         return STEP_LIMIT
     if event == CLOCK:
@@ -167,8 +167,8 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
     if event == CLAMP:
         chain.holding = 1 - chain.holding
     elif event == SLIP:
-        chain.footing = SLIDING
-    elif event == HALT:
+        chain.object_state = SLIDING
+    elif event == REST:
         come_to_rest(chain)
     elif event == ALIGNMENT:
         chain.side = -chain.side
@@ -181,9 +181,9 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
 
 
 cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noexcept nogil:
-    """Trace points along the step just found good, each by a step of its own: its polynomial is not as exact."""
+    """Trace points along the step just found good, each by a step of its own, which is more exact than the polynomial."""
     cdef Chain ghost = chain[0]
-    cdef Sight sight
+    cdef Events events
     cdef int64_t point, points = TRACE_POINTS
     if run.work.method == SERIES:  # such a step is longer
         points = 3 * TRACE_POINTS // 2
@@ -196,7 +196,7 @@ cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noe
             memcpy(run.work.probe, run.work.trial, sizeof(run.work.probe))
             memcpy(run.work.probe_rate, run.work.trial_rate, sizeof(run.work.probe))
         store(now, chain, run.work.probe, &ghost)
-        sight.height[FORCE] = 0.0
+        events.height[FORCE] = 0.0
         if not now.flying:
-            look(now, run.work.probe, run.work.probe_rate, &sight)
-        trace(run, chain, &ghost, now.acceleration, max(sight.height[FORCE], 0.0) * now.units.force)
+            evaluate_events(now, run.work.probe, run.work.probe_rate, &events)
+        trace(run, chain, &ghost, now.acceleration, max(events.height[FORCE], 0.0) * now.units.force)

@@ -1,9 +1,9 @@
 """Equations of motion of the chain without a closed form: a coupling on a compliant robot, one with stops, or both.
 
-Its parts are data: a tool behind a spring and damper, with stops or without, or behind a mechanism, on a rigid robot or on one with a table of
-parameters; or a tool that is one mass with such a robot. It is integrated in flight as in contact. Forces are computed
-in SI units and scaled at the border. Further places of its state: the impulse of what pulls the tool, the momentum of
-the mass that has joined it, the offset of the flange from the imposed motion and its rate.
+Its parts are data: a tool behind a spring and damper, with or without stops, or behind a mechanism, on a rigid robot or
+on a robot with a table of parameters; or a tool that is one mass with such a robot. Flights are integrated like contacts.
+Forces are computed in SI units, then scaled. Further places of the state: the impulse of the coupling on the tool, the
+momentum of the mass that has joined it, the offset of the flange from the imposed motion and its rate.
 """
 
 
@@ -17,10 +17,10 @@ cdef struct Swing:  # the chain seen from the imposed motion, SI units
     RobotNow robot
 
 
-cdef struct Motion:  # scaled accelerations, and the forces behind them
+cdef struct Accelerations:  # scaled accelerations, and the forces behind them
     double tool, flange  # of tool and flange from the imposed motion
     double gap  # of the tool from the object
-    double pull  # N, on the tool of what holds it
+    double pull  # N, of the coupling on the tool
     double joined  # N, momentum per second of the mass that joins the moving part
 
 
@@ -46,9 +46,9 @@ cdef inline double coupling_pull(const Piece *now, double stretch, double stretc
     return -now.law.stiffness * stretch - now.law.damping * stretch_rate
 
 
-cdef inline Motion motion(const Piece *now, const Swing *at, double push) noexcept nogil:
-    """What happens under a contact force `push` (N; paper, eq. 8, 16 and 17)."""
-    cdef Motion move
+cdef inline Accelerations motion(const Piece *now, const Swing *at, double push) noexcept nogil:
+    """Accelerations under a contact force `push` (N; paper, eq. 8, 16 and 17)."""
+    cdef Accelerations move
     cdef const RobotNow *robot = &at.robot
     cdef double flange_rate
     move.flange = move.joined = 0.0
@@ -75,7 +75,7 @@ cdef inline IntegratedRates integrated_rates(
     cdef Swing at = swing(now, t, y, v, q, r)
     cdef double pace = 1.0 if now.flying else z
     cdef double force = 0.0 if now.flying else contact_force(&now.contact, z, w)
-    cdef Motion move = motion(now, &at, force * now.units.force)
+    cdef Accelerations move = motion(now, &at, force * now.units.force)
     rates.z = w if now.flying else 0.5 * w
     rates.w = pace * move.gap
     rates.t = pace
@@ -89,14 +89,14 @@ cdef inline IntegratedRates integrated_rates(
     return rates
 
 
-cdef struct Gradient:  # derivatives of one entry of `Motion`
+cdef struct Gradient:  # derivatives of one entry of `Accelerations`
     double y, y_dot  # by the deflection, per m, and its rate, s/m
     double q, q_dot  # by the flange offset and its rate
     double time  # per s
 
 
 cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept nogil:
-    """Derivatives of what pulls the tool."""
+    """Derivatives of the coupling's force on the tool."""
     cdef double k, c
     cdef RobotSlopes slopes
     if not now.law.coupled:
@@ -139,7 +139,7 @@ cdef void integrated_jacobian(const Piece *now, const double *x, double[WIDTH] *
     """Write d(rates)/d(state), all else being zero."""
     cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
     cdef double z = x[ROOT], pace = 1.0 if now.flying else z, push = 0.0, tool_rate = now.tool_rate, f_z, f_w
-    cdef Motion move
+    cdef Accelerations move
     cdef Gradient pull = pull_gradient(now, &at), tool = pull, flange, joined
     cdef const RobotNow *robot = &at.robot
     if not now.flying:

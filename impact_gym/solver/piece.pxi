@@ -1,11 +1,11 @@
-"""What the equations of motion read during one smooth piece of a contact or of a flight, and what every chain shares."""
+"""Constants of the equations of motion in one smooth piece of a contact or a flight, and functions of every chain."""
 
 cdef enum:
     DEFLECTION = 4, DEFLECTION_RATE = 5  # places of the scaled state behind z, w, t and the impulse: y and y'
     DEFLECTION_INTEGRAL = 6  # of a SPRING chain
     PULL_IMPULSE = 6, JOINED = 7, OFFSET = 8, OFFSET_RATE = 9  # of an INTEGRATED chain, see its module
 
-cdef double STANDSTILL = 1e-13  # of the velocities at hand: an object that slips begins with the rounding of a difference
+cdef double STANDSTILL = 1e-13  # share of the largest velocity: a slip starts from a difference of velocities, known to rounding
 
 
 cdef struct Piece:
@@ -14,10 +14,10 @@ cdef struct Piece:
     Units units
     bint analytic  # polynomial in z, w, y and v: then its steps are those of its Taylor series
     bint flying  # then the first place is the penetration over the unit of length, and s is time
-    const Contact *grip  # the law of the contact as it is
-    Contact contact  # and as it acts: no force where the surfaces do not hold
+    const Contact *grip  # the contact law
+    Contact contact  # the same, without force while the surfaces part faster than they recover
     bint rough  # there is friction under the object
-    int footing  # of the object
+    int object_state
     double friction  # mu m_p g over F0
     double ground  # scaled deceleration of the object by its friction as it slides
     double standstill  # scaled speed backwards at which an object that slid has come to rest
@@ -35,7 +35,7 @@ cdef struct Piece:
     # of an INTEGRATED chain
     RobotTable robot
     int place  # interval of that table
-    RobotNow lumped  # what it says everywhere, if it has but one
+    RobotNow lumped  # its parameters, if it has one interval
     double per_acceleration  # scaled acceleration for 1 m/s^2
     double tool_rate, object_rate  # likewise of tool and object for 1 N
     double per_force  # 1 / N
@@ -57,10 +57,10 @@ cdef void store_common(const Piece *now, const Chain *base, const double *x, Cha
 
 
 cdef inline double object_velocity(const Chain *chain) noexcept nogil:
-    """Velocity of the object, m/s; it rests until it is touched, and where it sticks, whatever rounding says."""
-    if chain.contacts == 0 or chain.footing == STUCK:
+    """Velocity of the object, m/s; exactly 0 until the first contact and while it sticks."""
+    if chain.contacts == 0 or chain.object_state == STUCK:
         return 0.0
-    return chain.flange_velocity + chain.deflection_rate - chain.penetration_rate
+    return tool_velocity(chain) - chain.penetration_rate
 
 
 cdef inline double tool_velocity(const Chain *chain) noexcept nogil:
@@ -68,6 +68,21 @@ cdef inline double tool_velocity(const Chain *chain) noexcept nogil:
     return chain.flange_velocity + chain.deflection_rate
 
 
+cdef inline double tool_position(const Chain *chain) noexcept nogil:
+    """Position of the tool, m."""
+    return chain.flange_position + chain.deflection
+
+
+cdef inline double flange_velocity(const Law *law, const Chain *chain) noexcept nogil:
+    """Velocity of the flange, m/s; `chain.flange_velocity` is that of the imposed motion."""
+    return tool_velocity(chain) if law.with_tool else chain.flange_velocity + chain.flange_offset_rate
+
+
+cdef inline double flange_position(const Law *law, const Chain *chain) noexcept nogil:
+    """Position of the flange, m."""
+    return tool_position(chain) if law.with_tool else chain.flange_position + chain.flange_offset
+
+
 cdef inline double parallel(double first, double second) noexcept nogil:
-    """Mass of the relative motion of two, kg."""
+    """Reduced mass of two bodies, kg."""
     return first * second / (first + second)

@@ -1,11 +1,11 @@
-"""Writing down what happens: finished contacts and the trace. Rows that do not fit are counted, not written."""
+"""Finished contacts and trace points are written to the recorder. Rows that do not fit are counted, not written."""
 
 
 cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil:
-    """Enter the contact under way into the totals of `chain` and the contact log; `end` (s) is nan if unfinished."""
+    """Add the current contact to the totals of `chain` and the contact log; `end` (s) is nan if unfinished."""
     cdef double impulse = coupling_impulse(run.law, chain)
     cdef double given = run.object_mass * (object_velocity(chain) - chain.start_object_velocity)
-    cdef double residual = tool_momentum(run, chain) + given - impulse  # what the paper's eq. 20 leaves over
+    cdef double residual = tool_momentum(run, chain) + given - impulse  # residual of the paper's eq. 20
     if run.ground > 0.0:
         residual += chain.ground_impulse
     cdef double error = fabs(residual) / chain.impulse if chain.impulse > 0.0 else 0.0
@@ -27,16 +27,16 @@ cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil
 
 
 cdef void trace(const Run *run, Chain *counter, const Chain *chain, double acceleration, double push) noexcept nogil:
-    """Append the state of `chain` under a contact force `push` (N) to the trace; `counter` knows how long it is."""
+    """Append the state of `chain` under a contact force `push` (N) to the trace; `counter` holds its length."""
     cdef TraceRow *row
     if run.recorder.trace_rows == 0:
         return
     if counter.traced < run.recorder.trace_rows:
         row = &run.recorder.trace[counter.traced]
         row.time = chain.time
-        row.flange_position = chain.flange_position + chain.flange_offset
-        row.flange_velocity = chain.flange_velocity + chain.flange_offset_rate
-        row.tool_position = chain.flange_position + chain.deflection
+        row.flange_position = flange_position(run.law, chain)
+        row.flange_velocity = flange_velocity(run.law, chain)
+        row.tool_position = tool_position(chain)
         row.tool_velocity = tool_velocity(chain)
         row.object_position = row.tool_position - chain.penetration
         row.object_velocity = object_velocity(chain)
@@ -48,7 +48,7 @@ cdef void trace(const Run *run, Chain *counter, const Chain *chain, double accel
 
 
 cdef void trace_flight(const Run *run, Chain *chain, double acceleration, double duration) noexcept nogil:
-    """Trace the `duration` (s) of closed-form flight ahead of `chain`, a point every `interval` at least."""
+    """Trace the `duration` (s) of closed-form flight ahead of `chain`, with at most `interval` between two points."""
     cdef Chain ghost
     cdef int64_t point, points
     if run.recorder.trace_rows == 0:

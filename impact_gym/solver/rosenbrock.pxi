@@ -1,4 +1,4 @@
-"""The L-stable 5(4) pair Rodas5P, for what is stiff: a slow contact under a push, an overdamped spring, a hard stop.
+"""The L-stable 5(4) pair Rodas5P, for stiff pieces: a slow contact under a push, an overdamped spring, a hard stop.
 
 A Rosenbrock method: linearly implicit, one factorisation of 1 / (gamma h) - J in a step and no iteration, with the
 exact Jacobian J. Coefficients: Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks
@@ -25,7 +25,7 @@ STIFF_A[6][:6] = [
 ]
 STIFF_A[7][:7] = [
     -7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946, 1.0, 1.0
-]  # and the last stage is all that is missing to the end of the step
+]  # plus the last stage gives the end of the step
 
 cdef double[STIFF_STAGES][STIFF_STAGES] STIFF_C  # weights over h of the earlier stages on the right side of each
 STIFF_C[1][:1] = [-14.155112264123755]
@@ -46,7 +46,7 @@ STIFF_C[7][:7] = [
 cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
     """Try a step of `h` from `work.x`, whose rate is known, into `work.trial`; return its estimated error.
 
-    The error, of the pair's order 4, is measured as that of the explicit pair: over what is allowed.
+    The error, of the pair's order 4, is measured like that of the explicit pair, over the error allowed.
     """
     cdef int stage, earlier, i, n = now.width
     cdef double total = 0.0, a, c, size

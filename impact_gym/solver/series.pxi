@@ -1,20 +1,20 @@
-"""Steps by the Taylor series of a piece that is polynomial: `taylor.h` expands it, here is what comes of that."""
+"""Steps by the Taylor series of a piece that is polynomial: `taylor.h` expands it, this file chooses and takes the step."""
 
 cdef enum:
     LAST_ORDERS = 3  # tell how a series converges: from z = 0, without damping, two in a row of every five vanish
 
-cdef double LEFT_OUT = 0.05  # of the local error allowed: what is left out adds up over a contact,
+cdef double LEFT_OUT = 0.05  # truncation error over the local error allowed: it adds up over a contact,
 cdef double MOST_LEFT_OUT = 2e-8  # and over several: more digits cost little
-cdef double TOO_STEEP = 1e30  # of a mean square of coefficients: the explicit pair goes on from where they are larger
+cdef double TOO_STEEP = 1e30  # mean square of coefficients above which the explicit pair takes over
 
 
 cdef void expand(const Piece *now, Work *work) noexcept nogil:
-    """Find the series of the state from `work.x` on, and the longest step by it, 0 where that cannot be told."""
+    """Find the series of the state from `work.x` on, and the longest step by it, 0 if unknown."""
     cdef Polynomial law = Polynomial(
         now.contact.held, now.contact.damping, now.share, now.ground,
         now.tool_share, now.push, now.pull_y, now.pull_y_dot,
     )
-    if now.law.kind == RIGID:  # as if a spring did nothing, in places that it has not
+    if now.law.kind == RIGID:  # a spring without effect, so that one series serves both
         law.ground += now.push
         law.tool_share = law.push = law.pull_y = law.pull_y_dot = 0.0
         work.x[DEFLECTION] = work.x[DEFLECTION_RATE] = work.x[DEFLECTION_INTEGRAL] = 0.0
@@ -23,7 +23,7 @@ cdef void expand(const Piece *now, Work *work) noexcept nogil:
 
 
 cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil:
-    """The step that leaves out as much as is allowed: coefficients of order k shrink as the k-th power of a radius."""
+    """The step with the truncation error allowed, if coefficients of order k shrink as the k-th power of a radius."""
     cdef float inverse_radius = -7.0  # its log; no less, as last orders may vanish by chance or in a float
     cdef double[PLACES] weight
     cdef double squares, left_out = min(LEFT_OUT * now.tolerance, MOST_LEFT_OUT)

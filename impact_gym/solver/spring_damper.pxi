@@ -84,7 +84,7 @@ cdef Gap gap_at(const Glide *glide, double time) noexcept nogil:
 cdef double monotone_zero(const Glide *glide, int order, bint rising, double low, double high) noexcept nogil:
     """Zero of derivative `order` between `low` and `high`, where it only rises, or only falls, to rounding.
 
-    Newton's method, held inside the bracket by bisection.
+    Newton's method, kept inside the bracket by bisection.
     """
     cdef Gap gap
     cdef double following, time = 0.5 * (low + high)
@@ -117,7 +117,7 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
     if slope == 0.0:
         return INFINITY
     ratio = -p / slope
-    if ratio * w <= 1e-9:  # behind, or the zero that `after` stands on: there is no other
+    if ratio * w <= 1e-9:  # past, or the zero at `after` itself: there is no other
         return INFINITY
     if square == 0.0:
         return after + ratio
@@ -128,8 +128,8 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
 cdef double within_reach(const Glide *glide, double now) noexcept nogil:
     """First time from `now` on at which a bound allows a touch, inf if it never does.
 
-    The free part loses energy, so it stays below r / omega with r^2 = z'^2 + omega^2 z^2: the gap cannot close before
-    a tool that swings out so far at once would close it.
+    The free decay loses energy, so it stays below r / omega with r^2 = z'^2 + omega^2 z^2: the gap closes no sooner than
+    with a tool deflected so far from now on.
     """
     cdef double gap, swing, closed, z = glide.position, z_dot = glide.velocity
     if now > 0.0:
@@ -184,7 +184,7 @@ cdef double touch_in_bend(
 ) noexcept nogil:
     """First touch between `begin` and `end`, where the gap is known and bends one way only; inf if there is none.
 
-    While it opens there is none: what looks like one after a contact has just ended is rounding.
+    While the gap opens there is none; an apparent one right after a contact is rounding.
     """
     cdef bint closing = first.order[1] > 0.0, still = last.order[1] > 0.0
     cdef double turn

@@ -23,7 +23,7 @@ cpdef enum:
 
 
 cpdef enum:
-    SLIDING, STUCK  # an object
+    SLIDING, STUCK  # the object
 
 
 cdef struct Mount:  # what holds the tool, as a user describes it
@@ -40,12 +40,13 @@ cdef struct Interval:  # a robot's table of one interval
     double[4] mass, stiffness, damping  # coefficients
 
 
-cdef struct Law:  # the simplest chain that is what holds the tool
+cdef struct Law:  # the simplest chain equivalent to the mount
     int64_t kind  # of chain
     double tool_mass  # kg; of a RIGID or SPRING chain all that moves with the tool
     double frequency  # rad/s, omega of a SPRING chain
     double damping_ratio  # -, zeta of a SPRING chain
     int64_t coupled  # of an INTEGRATED chain: 1 if a coupling is between tool and flange, 0 if they are one mass
+    int64_t with_tool  # 1 if the flange moves with the tool: a compliant robot with a DIRECT coupling
     int64_t bistable  # 1 if that coupling is a mechanism, 0 if a spring and damper, or if there is none
     int64_t stops  # 1 if it has stops: `mechanism` then has the spring, whichever it is
     double stiffness  # N/m, of the spring and damper
@@ -57,16 +58,16 @@ cdef struct Law:  # the simplest chain that is what holds the tool
     double stiffest  # 1/s^2, largest k_r / m_r at the breaks: a scale, not a bound
 
 
-cdef struct Memory:  # what the integrator knows of a contact, or of a flight, from the steps before
+cdef struct Memory:  # step control of a contact or a flight, kept between steps
     double step  # next trial step
     int64_t method  # of the next step: EXPLICIT or STIFF
     int64_t seen  # attempts by this method; by the explicit one those near the border of its stability count once more
-    int64_t patience  # attempts of the explicit pair that are not looked at
+    int64_t patience  # attempts of the explicit pair without a check of stiffness
     int64_t rejected  # 1 if the last attempt was
     double log_before  # of the error of the last good one
 
 
-cdef struct Chain:  # a row: where everything is, and what has happened
+cdef struct Chain:  # a row: the state of motion, and results so far
     double time  # s
     double flange_position  # m, of the imposed motion: where the flange is if the robot is rigid
     double flange_velocity  # m/s, likewise
@@ -78,7 +79,7 @@ cdef struct Chain:  # a row: where everything is, and what has happened
     double flange_offset_rate  # m/s
     int64_t pressed  # which stop pushes: 1 front, -1 rear, 0 none
     int64_t side  # of the alignment the slider of a mechanism is on, 1 in front
-    int64_t footing  # of the object: SLIDING, where there is no friction for ever
+    int64_t object_state  # SLIDING or STUCK; without friction always SLIDING
 
     # the contact under way
     int64_t touching  # 0 or 1
@@ -99,15 +100,15 @@ cdef struct Chain:  # a row: where everything is, and what has happened
     double contact_peak_force  # N
     Memory memory
 
-    # what has happened so far
+    # results so far
     int64_t contacts
     double first_contact  # s, inf if none yet
     double detection  # s, inf if none yet
     double peak_force  # N
-    double top_speed  # m/s, of the object, with friction; without the one that it has is the largest so far
-    double halt  # s, when the object came to rest
-    double calm  # s, since when the tool has been slower than REST_SPEED for good, with friction; inf if it is not
-    double slide  # m, how far the object has come once it rests, with friction
+    double peak_object_velocity  # m/s; with friction only, without friction the object never loses velocity
+    double object_rest_time  # s, when the object last came to rest
+    double tool_rest_time  # s, from when on the tool stays slower than REST_SPEED; inf if it does not, or without friction
+    double slide  # m, from the object's first position to where it rests, with friction
     double rest_time  # s, when object and tool are at rest, with friction; inf if the tool is not
     double unread_force  # N, largest since `take_peak`
     double coupling_impulse  # N s, over the finished contacts (paper, eq. 21)
@@ -116,7 +117,8 @@ cdef struct Chain:  # a row: where everything is, and what has happened
     int64_t logged  # rows of the contact log, those that did not fit included
     int64_t traced  # rows of the trace, likewise
     int64_t snaps  # passages of the slider through the alignment, likewise
-    int64_t status  # how a whole approach ended
+    int64_t status  # how an approach ended
+    double final_object_velocity, final_tool_velocity, final_flange_velocity  # m/s, at the end of an approach
 
 
 cdef struct ContactRow:
@@ -141,7 +143,7 @@ cdef struct TraceRow:
 cdef struct Recorder:  # where contacts and trace are written; no rows record nothing
     ContactRow *contacts
     TraceRow *trace
-    double *snaps  # s, times at which a slider passes its alignment
+    double *snaps  # s, when a slider passes its alignment
     int64_t contact_rows, trace_rows, snap_rows
     double interval  # s, between two points of a trace in flight
 
@@ -177,7 +179,7 @@ cdef struct Work:  # scratch of the integrator
     Memory memory
 
 
-cdef struct Run:  # what stays as it is while a chain moves
+cdef struct Run:  # constants of a run
     const Law *law
     const double *tables  # numbers of all robots' tables
     Contact contact

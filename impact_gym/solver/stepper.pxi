@@ -1,20 +1,20 @@
 """One step of the integrator: by a Taylor series, by the explicit pair DOP853, or by an L-stable one.
 
 Where the equations are polynomial, a step follows their series (`series.pxi`), which says how far it goes and is known
-all along; elsewhere it is one of the explicit pair. That a piece is stiff, the pair knows by the estimate of Hairer's
-code: the rates of its last two stages, which stand at the same time, differ by about lambda times their states; of a
-series the eigenvalues are known. Near the border of stability, h lambda about 6, the error estimate keeps either there
-however smooth the motion is. Attempts near it that repeat, good or not, hand over to the L-stable pair. From time to time
-that lets the explicit one try its step: if it can, it goes on. Whoever hands over in vain, as swings that only look stiff
-make it, is more patient the next time.
+throughout it; elsewhere it is a step of the explicit pair. Stiffness is detected by the estimate of Hairer's code: the
+rates of the last two stages, which are at the same time, differ by about lambda times the difference of their states; of
+a series the eigenvalues are known. Near the border of stability, h lambda about 6, the error estimate limits the step
+however smooth the motion is. After repeated attempts near the border, accepted or not, the L-stable pair takes over. From
+time to time the explicit pair tries a step, and continues if that succeeds. If the L-stable pair was not needed, as with
+swings that only look stiff, the next change to it takes more attempts.
 """
 
 cdef enum:
     EXPLICIT, STIFF, SERIES
-    UNCHECKED = 25  # attempts that are not looked at: most smooth pieces have no more
-    REPEATED = 10  # attempts near the border that hand over
+    UNCHECKED = 25  # attempts without a check of stiffness: most smooth pieces have no more
+    REPEATED = 10  # attempts near the border before the L-stable pair takes over
     TRY = 10  # stiff steps after which the explicit pair tries the next
-    IN_VAIN = 2  # tries within which a return shows that it was for nothing
+    IN_VAIN = 2  # a return within so many tries shows that the change was not needed
     MOST = 16 * UNCHECKED
 
 cdef double NEAR = 3.5  # of h lambda; kept at the border of 6, good attempts and bad ones alternate between 4 and 7
@@ -38,7 +38,7 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
     """
     cdef Memory *memory = &work.memory
     memory.seen += 1
-    if work.method != STIFF and memory.method == STIFF:  # it tries: one step may look good however unstable it is
+    if work.method != STIFF and memory.method == STIFF:  # a trial: a single step can have a small error although it is unstable
         if error[0] > 1.0 or h * apparent_eigenvalue(now, work) > NEAR:
             memory.seen, error[0] = 0, 2.0
             return 1.0
@@ -53,7 +53,7 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
 
 
 cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
-    """Choose how to step: in a stiff piece now and then as if it were not. A new series says how far it goes."""
+    """Choose the method: in a stiff piece now and then an explicit one. A new series sets the step."""
     cdef const Memory *memory = &work.memory
     cdef bint stiff = memory.method == STIFF, known = work.expanded
     work.method = STIFF if stiff and (memory.seen == 0 or memory.seen % TRY != 0) else EXPLICIT
@@ -71,9 +71,9 @@ cdef double step_factor(Work *work, double error) noexcept nogil:
     """Factor on the step by the order of the method.
 
     Of the explicit pair with Hairer's stabilisation: the error before this one counts too, and a step that follows a
-    rejected one does not grow. That leaves one attempt in eight rejected, where without it is one in four.
+    rejected one does not grow. One attempt in eight is rejected; without the stabilisation one in four.
     """
-    cdef float factor, log_error  # a step needs no more digits
+    cdef float factor, log_error  # single precision suffices for a step
     cdef Memory *memory = &work.memory
     if work.method == SERIES:
         return 1.0
@@ -98,7 +98,7 @@ cdef void probe(const Piece *now, Work *work, double h, double share) noexcept n
     if work.method != EXPLICIT:
         probe_exactly(now, work, h, share)
         return
-    lay_polynomial(now, work, h)
+    fit_polynomial(now, work, h)
     for i in range(now.width):
         work.probe[i] = on_polynomial(work, i, share)[0]
     rates(now, work.probe, work.probe_rate)
@@ -118,8 +118,8 @@ cdef void probe_exactly(const Piece *now, Work *work, double h, double share) no
     memcpy(work.probe_rate, other.trial_rate, sizeof(other.x))
 
 
-cdef void lay_polynomial(const Piece *now, Work *work, double h) noexcept nogil:
-    """Lay the explicit pair's polynomial through the step just tried, unless it lies there."""
+cdef void fit_polynomial(const Piece *now, Work *work, double h) noexcept nogil:
+    """Fit the explicit pair's polynomial to the step just tried, unless that is done."""
     cdef double change
     cdef int i
     if work.dense_known:

@@ -1,16 +1,14 @@
 """The 8(5,3) pair of Dormand and Prince, DOP853 in Hairer and Wanner's code, and its steps written out for each chain.
 
 Order 8, 12 stages, first same as last. Coefficients, error estimates and dense output of order 7: Hairer, Norsett,
-Wanner, Solving Ordinary Differential Equations I (1993), II.10, in double precision as SciPy has them.
+Wanner, Solving Ordinary Differential Equations I (1993), II.10, in double precision from SciPy.
 
 The kernels take a step as straight-line code on local variables, which a compiler keeps in registers: half the time of
-loops over a table in memory. Nobody writes that by hand: `python -m impact_gym.solver.tableau` writes
-`dop853.pxi` from these numbers, and a test says whether it still does.
+loops over a table in memory. setup.py writes that code, `dop853.pxi`, from these numbers.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 
 from scipy.integrate import DOP853
 
@@ -27,8 +25,7 @@ ERROR = by_stage([DOP853.E5, DOP853.E3])
 DENSE = by_stage(DOP853.D)
 """Weights of the stages in the upper four coefficients of the polynomial through a step."""
 
-OUT = Path(__file__).with_name("dop853.pxi")
-NOTICE = '''"""The steps of `solver/tableau.py` written out by `python -m impact_gym.solver.tableau`: edit that."""'''
+NOTICE = '"""The steps of `solver/tableau.py` written out by setup.py: edit that."""'
 LAST = 12  # the stage at the end of the step
 KEPT = range(5, LAST)  # stages that dense output needs beside the first and the last
 
@@ -39,7 +36,7 @@ class Layout:
 
     name: str  # of its functions
     places: str  # a letter each, in order
-    felt: str  # those that the rates depend on; the others are integrals alone
+    used: str  # those on which the rates depend; the others are pure integrals
 
 
 LAYOUTS = (
@@ -55,7 +52,7 @@ def weighed(weights: dict[int, float], place: str) -> str:
 
 
 def moved(stage: int, place: str, newest: bool) -> str:
-    """Return the assignment of a place at a stage; the newest rate is added last, so that little waits for it."""
+    """Return the assignment of a place at a stage; the newest rate last: it is known last."""
     *earlier, last = A[stage].items()
     if not newest:
         return f"{place}{stage} = {place}0 + h * ({weighed(A[stage], place)})"
@@ -64,21 +61,21 @@ def moved(stage: int, place: str, newest: bool) -> str:
 
 
 def stage_lines(layout: Layout, stage: int) -> list[str]:
-    """Return the lines that find the state at a stage and the rates there."""
+    """Return the lines that compute the state at a stage and its rates."""
     lines = [f"h{stage} = h * {list(A[stage].values())[-1]!r}"]
-    lines += [moved(stage, place, newest=True) for place in layout.felt]
-    arguments = ", ".join(f"{place}{stage}" for place in layout.felt)
+    lines += [moved(stage, place, newest=True) for place in layout.used]
+    arguments = ", ".join(f"{place}{stage}" for place in layout.used)
     return [*lines, f"k{stage} = {layout.name}_rates(now, {arguments})"]
 
 
 def header(layout: Layout, name: str, stages: range, given: dict[int, str]) -> list[str]:
-    """Return the head of a function that starts at `work.x`, with the rates that are `given` somewhere."""
+    """Return the head of a function that starts at `work.x`; rates of stages in `given` are copied from there."""
     kind = f"{layout.name.title()}Rates"
     return [
         f"cdef {name} noexcept nogil:",
         f"    cdef {kind} {', '.join(f'k{stage}' for stage in (*given, *stages))}",
         f"    cdef double {', '.join(f'{place}0 = work.x[{i}]' for i, place in enumerate(layout.places))}",
-        f"    cdef double {', '.join(f'{place}{stage}' for stage in stages for place in layout.felt)}",
+        f"    cdef double {', '.join(f'{place}{stage}' for stage in stages for place in layout.used)}",
         f"    cdef double {', '.join(f'h{stage}' for stage in stages)}",
         *(f"    memcpy(&k{stage}, {where}, sizeof({kind}))" for stage, where in given.items()),
     ]
@@ -86,7 +83,7 @@ def header(layout: Layout, name: str, stages: range, given: dict[int, str]) -> l
 
 def step(layout: Layout) -> list[str]:
     """Return a step from `work.x` into `work.trial`, and the estimate of its error."""
-    integrals = [place for place in layout.places if place not in layout.felt]
+    integrals = [place for place in layout.places if place not in layout.used]
     lines = header(
         layout, f"double {layout.name}_step(const Piece *now, Work *work, double h)",
         range(1, LAST + 1), {0: "work.rate"},
@@ -103,7 +100,7 @@ def step(layout: Layout) -> list[str]:
         body.append("fifth += (e5 * size) * (e5 * size)")
         body.append("third += (e3 * size) * (e3 * size)")
     body += [f"work.trial[{i}] = {place}{LAST}" for i, place in enumerate(layout.places)]
-    body += [f"work.late[{layout.places.index(place)}] = {place}{LAST - 1}" for place in layout.felt]
+    body += [f"work.late[{layout.places.index(place)}] = {place}{LAST - 1}" for place in layout.used]
     body += [f"memcpy(work.stage[{i}], &k{stage}, sizeof(k{stage}))" for i, stage in enumerate(KEPT)]
     body += [f"memcpy(work.trial_rate, &k{LAST}, sizeof(k{LAST}))", "if not isfinite(fifth + third):"]
     body += ["    return INFINITY", "if fifth == 0.0:", "    return 0.0"]
@@ -112,7 +109,7 @@ def step(layout: Layout) -> list[str]:
 
 
 def dense(layout: Layout) -> list[str]:
-    """Return what finds the upper coefficients of the polynomial through the last step."""
+    """Return the function that computes the upper coefficients of the polynomial through the last step."""
     given = {0: "work.rate", **{stage: f"work.stage[{i}]" for i, stage in enumerate(KEPT)}, LAST: "work.trial_rate"}
     stages = range(LAST + 1, len(A))
     lines = header(layout, f"void {layout.name}_dense(const Piece *now, Work *work, double h)", stages, given)
@@ -123,10 +120,10 @@ def dense(layout: Layout) -> list[str]:
 
 
 def eigenvalue(layout: Layout) -> list[str]:
-    """Return what compares the last two stages, see `solver/stepper.pxi`."""
+    """Return the function that compares the last two stages, see `solver/stepper.pxi`."""
     lines = [f"cdef double {layout.name}_eigenvalue(const Work *work) noexcept nogil:"]
     body = ["cdef double apart, rates = 0.0, states = 0.0"]
-    for place in layout.felt:
+    for place in layout.used:
         i = layout.places.index(place)
         body += [f"apart = work.trial_rate[{i}] - work.stage[{len(KEPT) - 1}][{i}]", "rates += apart * apart"]
         body += [f"apart = work.trial[{i}] - work.late[{i}]", "states += apart * apart"]
@@ -134,11 +131,7 @@ def eigenvalue(layout: Layout) -> list[str]:
     return lines + ["    " + line for line in body]
 
 
-def written() -> str:
+def text() -> str:
     """Return the text of `dop853.pxi`."""
     parts = [NOTICE, *("\n".join(write(layout)) for layout in LAYOUTS for write in (step, dense, eigenvalue))]
     return "\n\n\n".join(parts) + "\n"
-
-
-if __name__ == "__main__":
-    OUT.write_text(written(), encoding="utf-8")

@@ -1,26 +1,18 @@
-"""The records of the compiled program that hold one number for each row of the table: writes `numbers.pxi`.
-
-Run `python -m impact_gym.task.numbers` after a change of the table; a test fails until then.
-"""
+"""The records of the compiled program that hold one number for each row of the table; setup.py writes `numbers.pxi`."""
 
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 
-from impact_gym.files import write_file
 from impact_gym.quantities import EPISODE, MORE_SENSORS, QUANTITIES, SCENARIO, SENSORS, SET_UP, Quantity
 
-OUT = Path(__file__).with_name("numbers.pxi")
 STRUCTS = {part: f"{part.capitalize()}Numbers" for part in ("coupling", "robot", "operator")}
 STRUCTS["range_sensor"] = "RangeSensorNumbers"
 STRUCTS |= dict.fromkeys(("uplink", "downlink"), "ChannelNumbers")
 """Parts of a set-up, and the records of their numbers."""
-NOTICE = (
-    '''"""Written by `python -m impact_gym.task.numbers` from the table in `impact_gym/quantities.py`: edit that."""'''
-)
+NOTICE = '"""Written by setup.py from the table in `impact_gym/quantities.py`: edit that."""'
 
 
 def text() -> str:
-    """Return the file."""
+    """Return the text of `numbers.pxi`."""
     inner = {part: [row for row in SET_UP if row.id.startswith(f"{part}.")] for part in STRUCTS}
     drawn = [*SCENARIO, *EPISODE, *(row for row in SET_UP if "." not in row.id)]
     sensed = [*SENSORS, *(row for row in QUANTITIES.values() if row.from_flange), *MORE_SENSORS]
@@ -42,7 +34,3 @@ def _fields(rows: Iterable[Quantity], from_flange: str = "") -> Iterator[str]:
     for row in rows:
         where = from_flange if row.from_flange else ""
         yield f"    double {row.id.rpartition('.')[2]}  # {row.unit}, {row.words}{where}"
-
-
-if __name__ == "__main__":
-    write_file(OUT, text())

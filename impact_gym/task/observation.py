@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym.kernels import ENTRY, EPISODE, LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE
-from impact_gym.lowering import places
 from impact_gym.quantities import QUANTITIES, Quantity, Scale
 from impact_gym.task.task import Task
+from impact_gym.to_kernel import places
 
 Floats = NDArray[np.float64]
 

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from impact_gym.record import Record
+from impact_gym.parameters import Parameters
 
 
 @dataclass(frozen=True, slots=True)
-class RangeSensor(Record, path="range_sensor"):
+class RangeSensor(Parameters, path="range_sensor"):
     """A proximity sensor on the tool, which looks ahead.
 
     At every control step it reads the gap between the faces of tool and object, normally distributed about gap + `bias`

@@ -3,7 +3,7 @@
 
 cdef inline double v_p(const Run *run, const Chain *chain) noexcept nogil:
     """V_p so far, m/s: the object's velocity; with friction its largest one."""
-    return chain.top_speed if run.ground > 0.0 else object_velocity(chain)
+    return chain.peak_object_velocity if run.ground > 0.0 else object_velocity(chain)
 
 
 cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
@@ -18,7 +18,7 @@ cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
         episode.object_velocity = step.speed = v_p(run, row.chain)
         step.force = row.chain.peak_force
     if run.ground > 0.0:
-        take_stock(run, row.chain, episode.drawn.distance)
+        record_rest(run, row.chain, episode.drawn.distance)
         episode.slide, episode.rest_time = row.chain.slide, row.chain.rest_time
 
 
@@ -44,13 +44,13 @@ cdef int settle(Run *run, Row *row) noexcept nogil:
         status = command(run, chain, 0.0, deceleration, min(limit, max(brake_end, chain.time + pause)))
         if status < 0:
             return status
-        watch(run, chain)
+        note_tool_rest(run, chain)
     return ARRIVED
 
 
 cdef inline bint has_stuck(const Chain *chain, double since) noexcept nogil:
     """Whether the object has rested since a time (s) or longer, on ground that holds it, with the flange at rest now."""
-    return chain.footing == STUCK and chain.halt <= since and chain.flange_velocity == 0.0
+    return chain.object_state == STUCK and chain.object_rest_time <= since and chain.flange_velocity == 0.0
 
 
 cdef bint is_over(const Run *run, const Chain *chain) noexcept nogil:
@@ -62,8 +62,8 @@ cdef bint is_over(const Run *run, const Chain *chain) noexcept nogil:
         return False
     if run.ground == 0.0:
         return not chain.touching and cannot_touch(run, chain)
-    if isinf(chain.calm):
+    if isinf(chain.tool_rest_time):
         return False
-    if chain.touching or chain.top_speed > 2.0 * REST_SPEED:
+    if chain.touching or chain.peak_object_velocity > 2.0 * REST_SPEED:
         return True
-    return calm_reach(run, chain) < -chain.penetration or cannot_touch(run, chain)
+    return reach_at_rest(run, chain) < -chain.penetration or cannot_touch(run, chain)

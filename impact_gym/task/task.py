@@ -9,7 +9,6 @@ from typing import Any, Self, get_args
 import numpy as np
 
 from impact_gym.kernels import RECORD, TASK
-from impact_gym.lowering import LOCAL_SHARE, ROBOT_NUMBERS, mount, places
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Contact, Coupling, Rigid, Robot, SpringDamper, warn_of_stroke
 from impact_gym.task.action import ActionSpec
@@ -19,6 +18,7 @@ from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.teleop import checks
 from impact_gym.teleop.channels import Channel
 from impact_gym.teleop.operators import Operator
+from impact_gym.to_kernel import LOCAL_SHARE, ROBOT_NUMBERS, mount_to_kernel, places
 from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, of the first number of an action, by default
@@ -262,7 +262,7 @@ class Task:
         Returns:
             its record (1,), TASK; the fields of DRAW of each number that episodes draw; and its tables (n,).
         """
-        held, no_table = mount(self.tool_mass, self.coupling, self.robot)
+        held, no_table = mount_to_kernel(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)
         record["mount"] = held
         numbers = record["numbers"]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from impact_gym.csv_files import Column, read_columns
 from impact_gym.kernels import LONGEST_JITTER
-from impact_gym.record import Record
+from impact_gym.parameters import Parameters
 from impact_gym.validation import numbers, rising, shown
 
 CUT = float(LONGEST_JITTER)  # means of a random delay, which takes no longer
@@ -22,7 +22,7 @@ TRACE_COLUMNS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Channel(Record, path="uplink"):
+class Channel(Parameters, path="uplink"):
     """One way between operator and arm: a packet each control period; the newest wins, later ones are dropped.
 
     A packet takes `delay` and an exponential time beside, of mean `jitter`, or of mean `tail` for a share of them; what
@@ -41,7 +41,7 @@ class Channel(Record, path="uplink"):
     tail_share: float = 0.0  # -
 
     def __post_init__(self) -> None:
-        Record.__post_init__(self)
+        Parameters.__post_init__(self)
         if self.trace is not None:
             columns = {name: numbers(f"Channel.trace: {name}", values, "s", at_least=0.0, at_most=1e6)
                        for name, values in zip(("time", "delay"), columns_of(self.trace), strict=True)}  # fmt: skip

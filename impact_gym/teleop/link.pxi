@@ -300,6 +300,6 @@ cdef bint task_done(Row *row) noexcept nogil:
     cdef bint idle = chain.time >= row.link.idle_since + IDLE - ROUNDING
     if chain.contacts == 0:
         return idle
-    if chain.footing != STUCK:
+    if chain.object_state != STUCK:
         return False
     return idle or (fabs(chain.penetration) <= BESIDE and fabs(chain.flange_velocity) <= STANDING)

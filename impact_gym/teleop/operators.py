@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.kernels import PERSON, REACH, REPLAY, SECOND_ORDER_LAG, STEADY, TRACKER
-from impact_gym.record import SI, Record
+from impact_gym.parameters import SI, Parameters
 from impact_gym.validation import rising
 
 SIMPLE_REACTION = 0.213  # s, mean of 1,469 persons (Woods et al., Front. Hum. Neurosci. 9, 2015, 131)
@@ -21,7 +21,7 @@ NOTHING: NDArray[np.float64] = np.empty(0)
 Instants = Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e6)]
 
 
-class Commander(Record, path="operator"):
+class Commander(Parameters, path="operator"):
     """Base of all operators."""
 
     __slots__ = ()
@@ -51,7 +51,7 @@ class Replay(Commander):
     length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = 0.0  # at least the horizon; 0: there is one
 
     def __post_init__(self) -> None:
-        Record.__post_init__(self)
+        Parameters.__post_init__(self)
         rising("Replay", self.time, {"velocity": self.velocity})
         count = np.ceil(self.time[-1] / self.length) if self.length else 0.0
         if self.recording > count:

@@ -139,3 +139,17 @@ def test_revision_names_the_commit_of_sources_that_git_knows_and_none_of_others(
     assert revision() == {"commit": git("rev-parse", "HEAD"), "changed since": ""}
     file.write_text(file.read_text() + "\n")
     assert revision()["changed since"].split() == ["M", "provenance.py"]
+
+
+def test_play_takes_sets_tables_and_ranges_alike():
+    frozen = evaluation_sets.load("test")
+    table = {name: values[:20].tolist() for name, values in frozen.scenario.items()}
+    ranges = {"object_mass": [0.1, 2.5], "contact_stiffness": [1e3, 1e6], "restitution": [0.1, 1.0],
+              "distance": [0.15, 0.35]}  # fmt: skip
+    same = [{"set": "test"}, {"table": table, "seed": frozen.seed}, {"ranges": ranges, "seed": frozen.seed}]
+    noisy = {"range_noise": 0.01}
+    first, *rest = (
+        jobs.play({"baseline": "paper-trapezoid"}, {**each, "count": 20}, environment=noisy) for each in same
+    )
+    for results in rest:
+        assert_identical(first, results)

@@ -13,6 +13,7 @@ from tasks import EVERYTHING_DRAWN
 
 import impact_gym as ig
 from impact_gym.envs.vector import ImpactApproachVectorEnv
+from impact_gym.render.film import History
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import ObservationSpec, Task, evaluation_sets
 from impact_gym.task.episodes import RECORD_IDS as RECORD
@@ -70,7 +71,9 @@ def test_ranges_of_no_width_are_numbers():
 def test_history_of_pictures_shows_what_the_episode_drew():
     env = gym.make(ID, record_trace=True, **EVERYTHING_DRAWN["spring"])
     info = play(env, seed=1).info
-    history = env.unwrapped.history()
+    history = History(
+        env.unwrapped.trace(), info, Task(**EVERYTHING_DRAWN["spring"]), env.unwrapped.episode_state(), ended=True
+    )
     assert history.threshold == info["record"]["alarm_threshold"]
     assert history.task.coupling.stiffness == info["record"]["coupling.stiffness"]
     reduced = 1.0 / (1.0 / info["record"]["tool_mass"] + 1.0 / info["record"]["object_mass"])

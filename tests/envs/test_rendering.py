@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from episodes import ID, ROBOT, encode, task_of
-from rendered import HARD_AND_HEAVY, SHAPE, drawn, is_colour, play
+from rendered import HARD_AND_HEAVY, SHAPE, drawn, history_of, is_colour, play
 from steered import ARM, OWN
 from steered import ID as TELEOP
 
@@ -27,12 +27,12 @@ pytestmark = pytest.mark.usefixtures("no_display")
 def test_tool_flange_and_spring_are_drawn_where_the_trace_has_them(options):
     env = gym.make(ID, record_trace=True, **options)
     play(env, seed=4, scenario=HARD_AND_HEAVY)
-    history, task = env.unwrapped.history(), task_of(env)
+    history, task = history_of(env), task_of(env)
     first, springs = history.touches[0], []
     deflection = history.columns["tool_position"] - history.columns["flange_position"]
     shortest = float(history.time[np.argmin(deflection)])
-    for time in (0.5 * first, 0.99 * first, first, shortest, history.alarm + 0.02, history.now):
-        state, picture = history.at(time), drawn(history, time)
+    for time in (0.5 * first, 0.99 * first, first, shortest, history.events.alarm + 0.02, history.now):
+        state, picture = history.at(time), drawn(env, time)
         view = chain.camera(task, state)
         row = round(view.axis + 0.4 * chain.TOOL_HEIGHT * view.scale)  # where nothing else is drawn
         tool = np.flatnonzero(is_colour(picture[row], TOOL))
@@ -56,16 +56,20 @@ def test_tool_flange_and_spring_are_drawn_where_the_trace_has_them(options):
 def test_lamp_is_lit_by_the_force_and_turns_red_when_the_controller_knows():
     env = gym.make(ID, record_trace=True, reaction_delay=0.03)
     _, results = play(env, scenario=HARD_AND_HEAVY)
-    observed = next(result[0] for result in results if result[0][3] == 1.0)
-    history, (x, y) = env.unwrapped.history(), map(round, LAMP)
-    assert history.alarm == pytest.approx(0.75 * (float(observed[2]) + 1.0), abs=2e-7)
-    assert np.interp(history.detection, history.time, history.columns["contact_force"]) == pytest.approx(1.0, rel=1e-6)
+    told = next(
+        0.75 * (float(result[0][2]) + 1.0) for result in results if result[0][3] == 1.0
+    )  # s, of the observation
+    history, (x, y) = history_of(env), map(round, LAMP)
+    assert history.events.alarm == pytest.approx(told, abs=2e-7)
+    assert np.interp(history.events.detection, history.time, history.columns["contact_force"]) == pytest.approx(
+        1.0, rel=1e-6
+    )
     colours = GRID, WARNING, WARNING, ALARM
-    times = [begins + side for begins in (history.detection, history.alarm) for side in (-1e-4, 1e-4)]
+    times = [begins + side for begins in (history.events.detection, history.events.alarm) for side in (-1e-4, 1e-4)]
     for time, name in zip((*times, history.now), (*colours, ALARM), strict=True):
-        assert is_colour(drawn(history, time)[y, x], name)
+        assert is_colour(drawn(env, time)[y, x], name)
     left, top, width, height = map(round, strips.FORCE)
-    strip = drawn(history, history.alarm + 0.01)[top : top + height, left : left + width]
+    strip = drawn(env, history.events.alarm + 0.01)[top : top + height, left : left + width]
     for name in (WARNING, ALARM, FORCE):
         assert is_colour(strip, name).any()
 
@@ -82,15 +86,15 @@ def test_lamp_is_red_while_the_controller_has_an_alarm_and_settling_begins_at_th
     while not ended:
         _, _, ended, _, _ = env.step(np.array(action, np.float32))
         sensors = env.unwrapped.sensors()
-        history = env.unwrapped.history()
-        assert history.end == (sensors["time"] if ended else np.inf)
+        events = env.unwrapped.episode_state()
+        assert events.end == (sensors["time"] if ended else np.inf)
         if not ended:  # later pictures are of the settling
             assert is_colour(env.render()[y, x], ALARM) == sensors["alarm"]
             alarms.append(sensors["alarm"])
     assert set(alarms) == {0.0, 1.0}
     assert (np.diff(alarms).min() < 0.0) == ("alarm" in options)  # only an alarm by readings is cleared
-    assert history.now > history.end + 2e-3
-    settling = [is_colour(drawn(history, history.end + side)[510:530, -60:], FAINT).any() for side in (-1e-3, 1e-3)]
+    assert history_of(env).now > events.end + 2e-3
+    settling = [is_colour(drawn(env, events.end + side)[510:530, -60:], FAINT).any() for side in (-1e-3, 1e-3)]
     assert settling == [False, True]
 
 
@@ -105,10 +109,10 @@ def test_lamp_is_red_while_the_controller_has_an_alarm_and_settling_begins_at_th
 def test_scenes_of_any_scale_are_drawn(scenario, options):
     env = gym.make(ID, record_trace=True, **options)
     play(env, scenario=scenario)
-    history = env.unwrapped.history()
+    history = history_of(env)
     assert 10 < sum(1 for _ in itertools.islice(history.film(0.0), 5000)) < 5000
     for time in np.linspace(0.0, history.now, 5):
-        assert is_colour(drawn(history, time), INK).any()
+        assert is_colour(drawn(env, time), INK).any()
 
 
 def test_episode_too_long_for_its_trace_is_drawn_as_far_as_that_goes():

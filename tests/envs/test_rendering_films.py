@@ -13,7 +13,7 @@ from episodes import ID, action_table, assert_identical, begin, encode, task_of
 from episodes import IDS as APPROACHES
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers.vector import RecordVideo
-from rendered import HARD_AND_HEAVY, SHAPE, play
+from rendered import HARD_AND_HEAVY, SHAPE, history_of, play
 from stable_baselines3.common.vec_env import VecVideoRecorder
 from tasks import EVERYTHING_DRAWN
 
@@ -49,7 +49,7 @@ def test_contact_fills_many_pictures_as_far_apart_as_the_factor_says_and_the_cam
     env = gym.make(name, record_trace=True)
     for seed in range(5):
         _, results = play(env, seed=seed)
-        played, task = env.unwrapped.history(), task_of(env)
+        played, task = history_of(env), task_of(env)
         times, factors = np.array(list(played.film(0.0))).T
         assert np.diff(times, prepend=0.0)[:-1] == pytest.approx(1.0 / (FRAME_RATE * factors[:-1]), rel=1e-6)
         assert times[-1] == played.now
@@ -73,14 +73,14 @@ def test_modes_show_a_picture_of_each_instant_of_one_go_and_change_no_result(mod
 
     env = gym.make(ID, record_trace=True, **SHORT)
     renderer = Renderer("rgb_array")
-    shown, expected = play(env, look=lambda: [*renderer.instants(env.unwrapped.history())])
-    contact, instants = env.unwrapped.history(), np.concatenate(shown)
+    shown, expected = play(env, look=lambda ended: [*renderer.instants(history_of(env, ended))])
+    contact, instants = history_of(env), np.concatenate(shown)
     assert min(map(len, shown)) > 0
     assert instants[0, 0] == 0.0
     assert (np.diff(instants[:, 0]) > 0.0).all()
     inside = (instants[:, 0] > contact.touches[0]) & (instants[:, 0] < contact.partings[0])
     assert inside.sum() >= FRAMES_PER_IMPACT - 2
-    assert instants[-1, 0] == contact.now > contact.end
+    assert instants[-1, 0] == contact.now > contact.events.end
     last = renderer.picture(contact, *instants[-1])
     env = gym.make(ID, render_mode=mode, **SHORT)
     pictures, results = play(env)

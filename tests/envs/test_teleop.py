@@ -111,7 +111,7 @@ def test_tool_that_rests_against_an_object_for_seconds_presses_with_what_holds_i
         assert batch.chains["time"][0] == pytest.approx(0.016 * (step + 1), abs=0.02)
     chain, drawn, mechanism = batch.chains[0], batch.episodes["drawn"][0], ig.Bistable()
     assert chain["touching"]
-    assert chain["footing"] == 1
+    assert chain["object_state"] == 1
     slider = mechanism.rest + chain["deflection"]
     held = mechanism.force(slider) + mechanism.stop_stiffness * (mechanism.rear_stop - slider)
     assert drawn["contact_stiffness"] * chain["penetration"] ** 1.5 == pytest.approx(held, rel=1e-5)
@@ -235,7 +235,7 @@ def test_episode_ends_where_it_says_and_rewards_add_up(gain):
     info = batch.info()
     assert total == pytest.approx(sum(info["reward_terms"].values()), rel=1e-12)
     assert info["taken"] == pytest.approx(1.0 - gain, abs=1e-6)
-    assert (info["missed"] | (batch.chains["footing"] == 1) | (np.abs(info["done_time"] - 8.0) < 1e-6)).all()
+    assert (info["missed"] | (batch.chains["object_state"] == 1) | (np.abs(info["done_time"] - 8.0) < 1e-6)).all()
     assert {row.id for row in STEERED} <= info.keys()
 
 

@@ -1,8 +1,12 @@
 """The command `impact-gym`: one table of names, one way to write a command; and from a set-up to its controller."""
 
 import json
+import re
 import shlex
+import shutil
+import subprocess
 import sys
+import tomllib
 import warnings
 from importlib.metadata import version
 from pathlib import Path
@@ -16,7 +20,8 @@ from scipy.stats import ttest_1samp
 from agents.command_line import command_line, command_of, read_command
 from agents.export.__main__ import Export
 from agents.policies import load_ensemble
-from agents.setups import Training, load_setup, shipped
+from agents.policies.policy import SHIPPED
+from agents.setups import TUNED, Training, load_setup, shipped
 from agents.train.__main__ import TrainOptions
 from agents.tune import Tune
 from experiments import command, policies
@@ -26,6 +31,8 @@ from experiments.design.search import SearchBudget
 from experiments.lab.study import StudyOptions
 from experiments.report import matchups
 from experiments.report.__main__ import ReportOptions, matchups_of
+
+ROOT = Path(matchups.__file__).parents[2]
 
 
 @pytest.fixture
@@ -125,7 +132,7 @@ def test_copy_setup_keeps_a_folder_for_its_set_up(mine, tmp_path):
     assert copy_setup(load_setup(mine), out) == copy
     change(mine, "A slow arm", "A slower arm")
     assert "slower" in copy_setup(load_setup(mine), out).read_text()
-    with pytest.raises(ValueError, match="holds the whole: name another folder"):
+    with pytest.raises(ValueError, match="holds a full run: name another folder"):
         copy_setup(load_setup(mine), out, quick=True)
     change(mine, "0.7", "0.8")
     with pytest.raises(ValueError, match=r"mine\.toml as it was.*name another folder"):
@@ -184,3 +191,33 @@ def test_matchups_of_plays_the_set_of_the_set_up_unless_another_is_named(options
     (matchup,) = matchups_of(ReportOptions(setups=("rigid-blind",), **options))
     assert dict(matchup.scenarios) == scenarios
     assert matchup.evaluation == load_setup("rigid-blind").evaluation
+
+
+def test_report_leaves_out_set_ups_without_policies_and_says_so(tmp_path, capsys):
+    archive = tmp_path / "policies" / "linear-blind.npz"
+    archive.parent.mkdir()
+    shutil.copy(SHIPPED / archive.name, archive)
+    shutil.copytree(TUNED, tmp_path / "tuned")
+    (matchup,) = matchups_of(ReportOptions(folder=tmp_path))
+    assert matchup.name == "linear-blind"
+    assert "paper-limits is left out, it has no policies yet: impact-gym train" in capsys.readouterr().out
+    with pytest.raises(ValueError, match="there are no policies"):
+        matchups_of(ReportOptions(setups=("paper-limits",), folder=tmp_path))
+    archive.unlink()
+    with pytest.raises(ValueError, match="no set-up has policies yet"):
+        matchups_of(ReportOptions(folder=tmp_path))
+
+
+def test_report_needs_no_more_than_its_extra():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    names = {
+        extra: {re.split("[><=]", requirement)[0].replace("-", "_") for requirement in requirements}
+        for extra, requirements in extras.items()
+    }
+    absent = set().union(*names.values()) - names["report"] - {"packaging"}  # which altair brings
+    assert {"torch", "cma", "mujoco", "ray"} <= absent
+    program = (
+        f"import sys; sys.modules.update(dict.fromkeys({sorted(absent)})); import experiments.report.page; "
+        "from experiments.report.__main__ import ReportOptions, matchups_of; matchups_of(ReportOptions())"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, cwd=ROOT)

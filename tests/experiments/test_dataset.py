@@ -1,4 +1,4 @@
-"""Datasets of Minari: as its contract says, whole or not there, and played again to the bit; an operator of tries."""
+"""Datasets of Minari: its contract, atomic writing, bit-exact replay; an operator made of tries."""
 
 import json
 import re
@@ -57,7 +57,7 @@ def rule_of(setup="linear-blind", **options):
     make(setup, who=("rule",), **options)
 
 
-def test_of_a_set_up_each_player_has_one_that_plays_again(capsys):
+def test_each_player_of_a_set_up_has_a_dataset_that_replays(capsys):
     make()
     names = [f"impact/linear-blind/{who}-v0" for who in dataset.PLAYERS]
     assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()] == names
@@ -83,7 +83,7 @@ def test_of_a_set_up_each_player_has_one_that_plays_again(capsys):
     assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "begins as recorded: True\n"
 
 
-def test_the_rule_is_what_the_batch_plays():
+def test_dataset_of_the_rule_equals_the_batch():
     rule_of()
     loaded, setup = minari.load_dataset("impact/linear-blind/rule-v0"), load_setup("linear-blind")
     weights = [at["options"]["record"]["time_weight"] for at in loaded.storage.get_episode_metadata(range(COUNT))]
@@ -93,7 +93,7 @@ def test_the_rule_is_what_the_batch_plays():
     assert_identical(played, batch.play(PaperTrapezoid()).object_velocity)
 
 
-def test_nothing_is_left_of_one_that_failed_and_nothing_is_overwritten(root):
+def test_failed_write_leaves_nothing_and_nothing_is_overwritten(root):
     setup = load_setup("linear-blind")
 
     def stopped():
@@ -112,18 +112,18 @@ def test_nothing_is_left_of_one_that_failed_and_nothing_is_overwritten(root):
     assert {*minari.list_local_datasets()} == {f"impact/linear-blind/rule-v{version}" for version in (0, 1)}
 
 
-def test_one_of_another_version_is_refused_in_a_line(tmp_path):
+def test_dataset_of_another_version_is_refused(tmp_path):
     with refused("there is no dataset 'impact/no-v0'", "which has: none"):
         dataset.check("impact/no-v0")
     rule_of()
     file = next(tmp_path.rglob("main_data.hdf5"))
     with h5py.File(file, "a") as content:
         content["episode_3/rewards"][5] += 1e-16 + abs(content["episode_3/rewards"][5]) * 1e-15
-    with refused("rewards of episode 3 are others when played again", "it was made with impact-gym=="):
+    with refused("rewards of episode 3 differ when replayed", "it was made with impact-gym=="):
         dataset.check("impact/linear-blind/rule-v0")
     about = next(tmp_path.rglob("metadata.json"))
     about.write_text(about.read_text().replace("time_weight", "weight_of_time"))  # an argument that is none here
-    with refused("has an environment that is none here", "weight_of_time"):
+    with refused("has an environment that is not of this package", "weight_of_time"):
         dataset.check("impact/linear-blind/rule-v0")
 
 
@@ -150,7 +150,7 @@ def test_check_imports_nothing_that_a_dataset_names(root, tmp_path, monkeypatch,
     if not spaces:
         del about["observation_space"]
     file.write_text(json.dumps(about))
-    with refused("has an environment that is none here", field):
+    with refused("has an environment that is not of this package", field):
         dataset.check("impact/linear-blind/rule-v0")
     assert not Path("evil").exists()
 

@@ -12,10 +12,9 @@ from scipy.stats import norm
 from agents.evaluate.play import play
 from experiments.lab import grid
 from experiments.lab.charts import save
-from experiments.lab.comparison import Comparison
 from experiments.lab.page import mathtext, typeset
 from experiments.lab.parts import Table, percent
-from experiments.lab.statistics import Estimate, Resamples, along, estimate, quantile_groups, tolerated
+from experiments.lab.statistics import Comparison, Estimate, Resamples, along, estimate, quantile_groups, tolerated
 from experiments.lab.study import frame_of
 
 

@@ -95,7 +95,7 @@ def test_thin_keeps_within_its_tolerances():
 def test_films_refuse_a_replay_that_differs():
     batch = ScenarioBatch.of("test", 3, time_weight=[2.0])
     played = {"paper": batch.play(PaperTrapezoid())}
-    with pytest.raises(RuntimeError, match=r"scenario 1: the replay of 'paper' leaves the object at .* judged by"):
+    with pytest.raises(RuntimeError, match=r"scenario 1: the replay of 'paper' leaves the object at .* result was"):
         films({"paper": load_policy("linear-blind")}, {"first": 1}, played, frozen=TEST_SET)
     played["paper"].object_velocity[1] += 1e-9
     with pytest.raises(RuntimeError, match="scenario 1"):

@@ -1,9 +1,8 @@
-"""The report says what the episodes say, serves a user's own, and its page stands on its own."""
+"""The report agrees with its episodes, plays a user's own baselines and scenarios, and its page works offline."""
 
 import hashlib
 import json
 import re
-import shutil
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -17,10 +16,9 @@ from agents.baselines import ConstantSpeed
 from agents.baselines.tuned import load_baseline
 from agents.evaluate import RESULTS
 from agents.evaluate.scenario_batch import ScenarioBatch
-from agents.policies.policy import SHIPPED
 from agents.setups import TUNED, load_setup
 from experiments.report import matchups
-from experiments.report.__main__ import ReportOptions, matchups_of, publish, write
+from experiments.report.__main__ import ReportOptions, publish, write
 from experiments.report.matchups import PAPER
 from impact_gym.files import UNFINISHED
 from impact_gym.task import evaluation_sets
@@ -36,7 +34,7 @@ TWIN = replace(MATCHUP, name="twin", title="A twin, in plain words", bound=None)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A report of two matchups, whose episodes are the same."""
+    """A report of two matchups with the same episodes."""
     out = tmp_path_factory.mktemp("report") / "latest"
     assert publish([MATCHUP, TWIN], ReportOptions(out=out, processes=0)) == out / "index.html"
     return out
@@ -182,9 +180,7 @@ def test_page_is_used_by_keyboard_and_chooses_a_set_up_by_link(browser, folder):
         page.keyboard.press("Tab")
     assert page.evaluate("[...window.wanted].map(control => control.outerHTML.slice(0, 80))") == []
     chosen = "document.querySelector('[aria-selected=true]').id"
-    visible = (
-        "[...document.querySelectorAll('[role=tabpanel]')].filter(tab => tab.checkVisibility()).map(tab => tab.id)"
-    )
+    visible = "[...document.querySelectorAll('[role=tabpanel]')].filter(tab => tab.checkVisibility()).map(t => t.id)"
     assert (page.evaluate(chosen), page.evaluate(visible)) == ("tab-linear-blind", ["linear-blind"])
     assert page.inner_text("#tab-twin").split("\n") == ["A twin, in plain words", "twin"]
     page.focus("#tab-linear-blind")
@@ -301,18 +297,3 @@ def test_report_refuses_before_playing(wanted, message, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=message):
         write(ReportOptions(**{**wanted, "out": tmp_path / wanted.get("out", "out")}))
     assert not (tmp_path / "out").exists()
-
-
-def test_report_leaves_out_set_ups_without_policies_and_says_so(tmp_path, capsys):
-    archive = tmp_path / "policies" / "linear-blind.npz"
-    archive.parent.mkdir()
-    shutil.copy(SHIPPED / archive.name, archive)
-    shutil.copytree(TUNED, tmp_path / "tuned")
-    (matchup,) = matchups_of(ReportOptions(folder=tmp_path))
-    assert matchup.name == "linear-blind"
-    assert "paper-limits is left out, it has no policies yet: impact-gym train" in capsys.readouterr().out
-    with pytest.raises(ValueError, match="there are no policies"):
-        matchups_of(ReportOptions(setups=("paper-limits",), folder=tmp_path))
-    archive.unlink()
-    with pytest.raises(ValueError, match="no set-up has policies yet"):
-        matchups_of(ReportOptions(folder=tmp_path))

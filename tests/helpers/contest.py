@@ -1,4 +1,4 @@
-"""A matchup by hand: contestants whose times and velocities are known, so that what the report says of them is too."""
+"""A synthetic matchup: contestants with given times and velocities, for which the report's numbers follow by hand."""
 
 import numpy as np
 

@@ -59,7 +59,7 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     cdef const Approach *given = <const Approach *> memory_of(plan)
     cdef double error
     cdef int i, j
-    lower(&given.mount, &law)
+    law_to_kernel(&given.mount, &law)
     run.law, run.tables, run.contact = &law, <const double *> memory_of(table), given.contact
     run.object_mass, run.threshold, run.tolerance = given.object_mass, given.threshold, tolerance
     run.ground = STANDARD_GRAVITY * given.friction

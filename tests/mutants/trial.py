@@ -70,7 +70,8 @@ def compiled(copy):
     for library in package.glob("kernels*.so"):
         library.unlink()
     digest = subprocess.run(
-        [sys.executable, "-c", "import runpy; print(runpy.run_path('impact_gym/sources.py')['digest']())"],
+        [sys.executable, "-c", "import runpy; sources = runpy.run_path('impact_gym/sources.py'); sources['write'](); "
+         "print(sources['digest']())"],
         cwd=copy, capture_output=True, text=True, check=True,
     ).stdout.strip()  # fmt: skip
     link = f"{sysconfig.get_config_var('LDSHARED')} {FLAGS} -I{shlex.quote(sysconfig.get_path('include'))}"

@@ -13,8 +13,8 @@ from solvers import BOTH, fast, slow
 
 import impact_gym as ig
 from experiments.reference.laws import CLOSURES
-from impact_gym.lowering import contact_law
 from impact_gym.physics import dissipation
+from impact_gym.to_kernel import contact_to_kernel
 
 TOOL_MASS, OBJECT_MASS, STIFFNESS = 0.125, 0.25, 1e5  # kg, kg, N/m^1.5
 RTOL = 1e-12
@@ -147,7 +147,7 @@ def test_object_falls_back_between_bounces_as_fast_as_it_left():
 def test_contact_of_hertz_has_a_fast_branch_that_is_that_of_any_exponents(e):
     exponents = {"stiffness_exponent": 1.5 + 1e-13, "damping_exponent": 1.5 + 1e-13}
     chains = [scene(1e5, e, ig.SpringDamper(150.0), **powers) for powers in ({}, exponents)]
-    laws = [dict(zip(APPROACH["contact"].names, contact_law(chain.contact), strict=True)) for chain in chains]
+    laws = [dict(zip(APPROACH["contact"].names, contact_to_kernel(chain.contact), strict=True)) for chain in chains]
     assert [(law["twice_m"], law["twice_n"]) for law in laws] == [(3, 3), (-1, -1)]
     hertz, power = (ig.simulate(chain, MOTION, 1.0, 1e-11) for chain in chains)
     assert power.object_velocity == pytest.approx(hertz.object_velocity, rel=1e-9)

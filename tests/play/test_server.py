@@ -265,7 +265,7 @@ def test_page_says_that_its_clock_was_killed(tmp_path):
 ], ids=str)  # fmt: skip
 def test_bad_arguments_are_refused_in_one_line(options, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    teleop = (ROOT / "agents" / "setups" / "teleop-rigid.toml").read_text()
+    teleop = (ROOT / "agents" / "setups" / "teleop-spring.toml").read_text()
     (tmp_path / "fast.toml").write_text(teleop.replace("horizon =", "control_period = 0.01\nhorizon ="))
     refused(lambda: command.work(command.Play(**{"open": False, "out": tmp_path / "tries", **options})), message)
 

@@ -15,7 +15,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import impact_gym as ig
-from impact_gym.lowering import mount
+from impact_gym.to_kernel import mount_to_kernel
 
 TOOL_MASS = 0.125  # kg
 FREQUENCY = 35.0  # rad/s
@@ -23,7 +23,7 @@ DAMPING_RATIOS = [0.0, 0.3, 0.9, 1 - 1e-9, 1.0, 1 + 1e-9, 1.1, 3.0, 50.0]
 
 
 def law_of(coupling, robot=None):
-    return kernels().laws_of(np.array([mount(TOOL_MASS, coupling, robot)[0]], kernels().MOUNT))
+    return kernels().laws_of(np.array([mount_to_kernel(TOOL_MASS, coupling, robot)[0]], kernels().MOUNT))
 
 
 def spring(frequency, damping_ratio):

@@ -10,9 +10,9 @@ from impact_gym.kernels import APPROACH, CHAIN, approach_rows
 from scenes import COUPLINGS, MOTION, ROBOTS, random_approach, scene
 
 import impact_gym as ig
-from impact_gym.lowering import LOCAL_SHARE, approach_plan
 from impact_gym.scene import Dissipation
 from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
+from impact_gym.to_kernel import LOCAL_SHARE, approach_to_kernel
 
 SEEDS = range(1060, 1120)
 
@@ -199,7 +199,7 @@ def test_simulate_does_not_depend_on_the_units(coupling, robot):
 
 def velocity_in_frame(approach, boost):
     """V_p as someone at rest in a room of velocity `boost` (m/s) finds it: all have that velocity from the start."""
-    plan, table = approach_plan(*approach)
+    plan, table = approach_to_kernel(*approach)
     plans, chains = np.array([plan], APPROACH), np.empty(1, CHAIN)
     plans["frame"] = boost
     approach_rows(plans, table, chains, 0, 1, LOCAL_SHARE * 1e-8, MAX_STEPS, NOTHING_RECORDED)

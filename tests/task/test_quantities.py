@@ -19,7 +19,7 @@ from agents import load_setup
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.identify.model import free_coordinates
 from impact_gym.quantities import BY_PATH, EPISODE, NEVER_OBSERVED, QUANTITIES, RESULTS, SCENARIO, SENSORS, SET_UP
-from impact_gym.task import ObservationSpec, ScenarioRanges, Task, nested, numbers
+from impact_gym.task import ObservationSpec, ScenarioRanges, Task, nested
 from impact_gym.task.episodes import reset_options
 from impact_gym.task.task import ARGUMENTS, PARTS
 
@@ -258,10 +258,6 @@ def test_set_up_file_takes_every_number_as_a_range(tmp_path, arguments):
     environment = {name: value for name, value in arguments.items() if name != "time_weight"}  # of [evaluation]
     (tmp_path / "mine.toml").write_text(tomli_w.dumps({"title": "all is drawn", "environment": environment}))
     assert Task(**load_setup(tmp_path / "mine.toml").environment) == Task(**environment)
-
-
-def test_records_of_the_compiled_program_are_those_that_the_table_writes():
-    assert numbers.OUT.read_text() == numbers.text()
 
 
 @EVERY_ROW

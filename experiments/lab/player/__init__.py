@@ -1,7 +1,7 @@
 """Watch contestants side by side in the same scenario: films for a page that opens from disk.
 
-`choose` picks the scenarios, `films` plays them and keeps what the eye needs, `fragment` is the part of the page, which
-has `style` and `script` once.
+`choose` selects scenarios, `films` plays them and thins their traces, `fragment` is the HTML of one set of films; a
+page needs `style` and `script` once.
 """
 
 from experiments.lab.player.films import choose, films

@@ -1,4 +1,4 @@
-// The chain to scale: flange, what holds the tool, tool, object. Bodies' own sizes are chosen, positions the trace's.
+// Flange, coupling, tool and object. Positions are to scale; sizes of the bodies are not.
 const TOOL = {length: 0.034, height: 0.03}, FLANGE = {length: 0.016, height: 0.052}, CLEARANCE = 0.004;  // m
 const LOUPE = {width: 166, height: 74};
 const BEHIND = 0.02, AHEAD = 66;  // m, pixels
@@ -11,7 +11,7 @@ function massFits(scene, scale) {
   return 1.7 * scene.radius * scale > 7.5 * massText(scene).length;
 }
 
-// Scales of a scene that all panels share: the picture holds the start and the end of everybody.
+// Common scales of all panels: the picture contains start and end of all runs.
 function viewOf(scene, width) {
   const most = (name) => Math.max(...scene.runs.map((run) => run.chain[name] || 0));
   const behind = TOOL.length + most("rest") + FLANGE.length;
@@ -39,7 +39,7 @@ function coil(x0, y0, x1, y1, half, turns) {
   return path(points.concat([[x1, y1]]));
 }
 
-// Each of these returns a function that moves what it drew: front of the flange, back of the tool, m.
+// Each function draws a coupling and returns a function that moves it: front of the flange, back of the tool, m.
 const COUPLINGS = {
   rigid(group, view) {
     const bar = node("rect", {class: "igw-steel", y: view.axis - 3, height: 6}, group);
@@ -101,7 +101,7 @@ function ruler(svg, view, scene, radius) {
   return ghost;
 }
 
-// An arrow to the right, an outline to fill.
+// Outline of an arrow to the right.
 function arrow(x, y, length, head) {
   const neck = x + Math.max(length - head, 0), half = 0.22 * head, wing = 0.7 * head;
   return `${path([[x, y - half], [neck, y - half], [neck, y - wing], [x + length, y], [neck, y + wing],
@@ -134,7 +134,7 @@ function drawChain(svg, scene, run, view) {
   const loupe = drawLoupe(svg, scene, view);
   return (state, seen) => {
     for (const each of [seenTool, seenBall]) show(each, seen);
-    if (seen) {  // what reaches the eyes of an operator now
+    if (seen) {  // the operator's delayed view
       set(seenTool, {x: view.x(seen.tool_position - TOOL.length)});
       set(seenBall, {cx: view.x(seen.object_position) + radius});
     }

@@ -1,4 +1,4 @@
-"""Scenarios worth watching, played again with their traces, thinned to what the eye needs and put on one clock."""
+"""Notable scenarios, replayed with traces that are thinned and shown on a common clock."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from impact_gym.task.evaluation_sets import EvaluationSet
 
 MOST = 200  # points of a history
 POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005
-"""Errors allowed, as shares: of the way, the highest speed, the highest force, the deepest penetration."""
+"""Allowed errors, as shares of the largest position, speed, force and penetration."""
 
 
 def thin(columns: Mapping[str, NDArray[np.float64]], limits: Mapping[str, float]) -> NDArray[np.int64]:
-    """Return which rows to keep, in order: straight lines between them miss the others by less than is allowed.
+    """Return the rows to keep, in order: linear interpolation between them is within the allowed errors.
 
-    The row that is missed by most comes next, until none is missed or MOST are kept; where a contact begins or ends is
-    always kept.
+    The row with the largest error is added next, until all are within limits or MOST are kept; begins and ends of
+    contacts are always kept.
     """
     depth = limits["depth"]
     penetration = columns["tool_position"] - columns["object_position"]
@@ -48,9 +48,9 @@ def thin(columns: Mapping[str, NDArray[np.float64]], limits: Mapping[str, float]
 
 
 def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
-    """Return the scenarios to show: numbers, all different, each under a phrase that says why.
+    """Return the numbers of the scenarios to show, all different, by a phrase that says why.
 
-    A scenario that stands out in several ways is there once, with all of them in its phrase. Of equals it is the first.
+    A scenario that is extreme in several ways appears once with all of them in its phrase. Ties: the first.
 
     Raises:
         ValueError: the two did not play the same scenarios.
@@ -66,7 +66,7 @@ def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]
 
 
 def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, int]]:
-    """Yield why a scenario is worth watching, and its number."""
+    """Yield the reason to show a scenario, and its number."""
     touched_by_both = ~(baseline.missed | policy.missed)
     touched = np.flatnonzero(touched_by_both) if touched_by_both.any() else np.arange(len(touched_by_both))
     ours, gain = policy.object_velocity, baseline.object_velocity - policy.object_velocity
@@ -85,7 +85,7 @@ def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, in
         yield "the policy's best: its lowest V_p", largest(-ours)
         yield "the policy's worst: its highest V_p", largest(ours)
         if contacts[touched].max() > 1:
-            yield "most contacts: it is hit again and again", largest(contacts)
+            yield "most contacts", largest(contacts)
         yield "the highest contact force", largest(np.maximum(baseline.peak_force, policy.peak_force))
     for field, lowest, highest in (
         ("object_mass", "the lightest object", "the heaviest object"),
@@ -122,27 +122,27 @@ class Run:
 
     @property
     def contacts(self) -> list[tuple[float, float]]:
-        """Start and end of each contact, s; one that goes on ends with the trace."""
+        """Start and end of each contact, s; an unfinished one ends with the trace."""
         ends = np.minimum(self.history.partings, self.history.now)
         return list(zip(self.history.touches.tolist(), ends.tolist(), strict=True))
 
     def until(self, end: float) -> Columns:
-        """Return the time histories up to `end` (s), or to the end of the trace where that is sooner."""
+        """Return the time histories up to `end` (s), or to the end of the trace if that is earlier."""
         end, time = min(end, self.history.now), self.history.time
-        before = (time < end) & np.append(True, np.diff(time) > 0.0)  # a trace has its corners twice
+        before = (time < end) & np.append(True, np.diff(time) > 0.0)  # a trace has two rows at each event
         columns = {name: self.history.columns[name] for name in COLUMNS}
         return {name: np.append(column[before], np.interp(end, time, column)) for name, column in columns.items()}
 
     def farthest(self, end: float) -> float:
-        """Return where the object is at `end` (s), m: past its trace it keeps its velocity."""
+        """Return the object's position (m) at `end` (s); after the trace it keeps its velocity."""
         last = self.history.at(self.history.now)
         return last.object_position + last.object_velocity * max(end - last.time, 0.0)
 
 
 def clock(runs: Sequence[Run], end: float) -> list[list[float]]:
-    """Return [start (s), times slower than life] of each stretch of a film until `end` (s), at the slowest run's pace.
+    """Return [start (s), slow-motion factor] of each stretch of a film until `end` (s): the largest factor of all runs.
 
-    The pace is that of the environment's own films.
+    Factors are those of the environment's own films.
     """
     time, stretches = 0.0, list[list[float]]()
     while time < end:
@@ -158,19 +158,19 @@ def films(
     seed: int = TEST_SEED, frozen: EvaluationSet | None = None, environment: Mapping[str, Any] | None = None,
     time_weight: float = 2.0,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return what `fragment` shows: per scenario the clock and the thinned traces of all contestants, as plain JSON.
+    """Return the content of `fragment`: per scenario the clock and the thinned traces of all contestants, as JSON.
 
     Args:
         contestants: by name, the baseline first.
-        numbers: of scenarios, by what is said of them, as `choose` returns.
-        played: what they were judged by, under the same names: `ScenarioBatch(...).play(...)`.
-        seed: of the set's scenario 0; a frozen set brings its own.
+        numbers: of scenarios, by phrase, as `choose` returns.
+        played: results of `ScenarioBatch(...).play(...)` under the same names.
+        seed: of scenario 0; that of `frozen` takes precedence.
         frozen: the set from which the scenarios were taken, if they were not drawn.
         environment: arguments of the environment but for its time weight.
         time_weight: m/s per s.
 
     Raises:
-        RuntimeError: a replay differs from what was judged.
+        RuntimeError: a replay differs from the played result.
     """
     scenes = []
     options = {"scenario": "test", **(environment or {})}
@@ -183,7 +183,7 @@ def films(
             judged, replayed = float(played[name].object_velocity[number]), runs[name].info["object_velocity"]
             if abs(replayed - judged) > 0.0:
                 raise RuntimeError(f"scenario {number}: the replay of {name!r} leaves the object at {replayed!r} m/s, "
-                                   f"but it was judged by {judged!r} m/s")  # fmt: skip
+                                   f"but its result was {judged!r} m/s")  # fmt: skip
         scenes.append({"label": label, "number": number, **scene_of(runs)})
     return {"contestants": list(contestants), "columns": list(COLUMNS), "scenes": scenes}
 
@@ -191,7 +191,7 @@ def films(
 def play(
     controller: Controller, seed: int, number: int, record: Mapping[str, float], options: Mapping[str, Any]
 ) -> Run:
-    """Play scenario `number` as `ScenarioBatch` does, in a batch of one, with its trace to the end of the settling."""
+    """Play scenario `number` as `ScenarioBatch` does, in a batch of one, with its trace until it has settled."""
     env = ImpactApproachEnv(record_trace=True, **options)
     observation, info = env.reset(seed=seed + number, options={"record": dict(record)})
     state, start, ended = None, np.ones(1, np.bool_), False
@@ -201,11 +201,11 @@ def play(
         start, ended = np.zeros(1, np.bool_), terminated or truncated
     if info["status"] != "ok":
         raise RuntimeError(f"scenario {number}: {info['status']}")
-    return Run(env.history(), info)
+    return Run(History(env.trace(), info, Task(**options), env.episode_state(), ended=True), info)
 
 
 def scene_of(runs: Mapping[str, Run]) -> dict[str, Any]:
-    """Return one scenario: its clock, the scales that all panels share, and the contestants' histories."""
+    """Return one scenario: its clock, the common scales of all panels, and the contestants' histories."""
     ends = [run.contacts[-1][1] + AFTER if run.contacts else run.history.now for run in runs.values()]
     end = round(max(ends), DECIMALS["time"])
     histories = {name: run.until(end) for name, run in runs.items()}
@@ -231,30 +231,26 @@ def scene_of(runs: Mapping[str, Run]) -> dict[str, Any]:
 
 
 def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float]) -> dict[str, Any]:
-    alarm, digits = float(run.history.alarm), DECIMALS["time"]
+    alarm, digits = float(run.history.events.alarm), DECIMALS["time"]
+    operated = {}
+    if run.history.task.operator:  # delay of the operator's view, s
+        delay = run.info["record"].get("downlink.delay", run.history.task.downlink.delay)
+        operated = {"late": delay, **{name: run.info[name] for name in ("slide", "done_time")}}
     rows = thin(columns, limits)
     rows = rows[np.append(True, np.diff(np.round(columns["time"][rows], digits)) > 0.0)]
     return {
         "name": name,
         "chain": chain_of(run.history.task),
         **{field: run.info[field] for field in RESULTS},
-        **_operated(run),
+        **operated,
         "contacts": [[round(instant, digits) for instant in contact] for contact in run.contacts],
         "alarm": round(alarm, digits) if np.isfinite(alarm) else None,
         "rows": [np.round(columns[key][rows], decimals).tolist() for key, decimals in DECIMALS.items()],
     }
 
 
-def _operated(run: Run) -> dict[str, float]:
-    """Return how late (s) an operator sees what happens, how far the object slides (m) and when all is done (s)."""
-    if not run.history.task.operator:
-        return {}
-    late = run.info["record"].get("downlink.delay", run.history.task.downlink.delay)
-    return {"late": late, "slide": run.info["slide"], "done_time": run.info["done_time"]}
-
-
 def chain_of(task: Task) -> dict[str, Any]:
-    """Return what holds the tool, m."""
+    """Return the kind and the dimensions (m) of the tool's mount."""
     coupling = task.coupling
     kind = {SpringDamper: "spring", Bistable: "bistable", Rigid: "rigid"}[type(coupling)]
     chain = {"coupling": kind, "rest": rest_length(task), "compliant_robot": task.robot is not None}

@@ -1,4 +1,4 @@
-// The faces enlarged, seen from where the object's undeformed face is: a contact is a fraction of a millimetre deep.
+// Enlarged faces relative to the object's undeformed face: a contact is a fraction of a millimetre deep.
 let loupes = 0;
 
 function drawLoupe(svg, scene, view) {

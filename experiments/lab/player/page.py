@@ -1,4 +1,4 @@
-"""The part of a page in which films run: HTML with their data, and the style and the script of all films of a page."""
+"""HTML of films with their data, and the CSS and JavaScript that all films of a page share."""
 
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,9 @@ SCRIPTS = ("svg.js", "chain.js", "loupe.js", "strips.js", "player.js")
 
 
 def fragment(films: dict[str, Any], name: str = "watch") -> str:
-    """Return a section of a page for what `films` returned; `name` is its id, one of its own for each on a page.
+    """Return the HTML section of the result of `films`; `name` is its id, unique on the page.
 
-    The page needs `style` before the first of them and `script` behind the last. Nothing comes from outside.
+    The page needs `style` before the first section and `script` after the last. Nothing is loaded from elsewhere.
     """
     pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
     content = htmlsafe_json_dumps(films, separators=(",", ":"), allow_nan=False)
@@ -28,9 +28,9 @@ def style() -> str:
 
 
 def script(*more: Path) -> str:
-    """Return the program; it defines nothing global but the element <slow-motion>.
+    """Return the JavaScript, which defines only the element <slow-motion> globally.
 
-    Files with `more` of it draw with the same functions.
+    Files in `more` can use its functions.
     """
     parts = "\n".join(part.read_text() for part in (*(HERE / name for name in SCRIPTS), *more))
     return f'(() => {{\n"use strict";\n{parts}\n}})();'

@@ -1,4 +1,4 @@
-// The clock and what one steers it with: a film is made when it is first seen, so that a page is painted before.
+// Clock and controls. A film is built when it is first visible, so that the page is painted first.
 function watch(root, gone) {
   const films = JSON.parse(root.querySelector(".igw-films").textContent);
   films.columns.forEach((name, k) => { COLUMNS[name] = k; });
@@ -19,7 +19,7 @@ function watch(root, gone) {
     return `apart${of ? ` after contact${of}` : ""}, object at ${three(state.object_velocity)} m/s${alarm}`;
   }
 
-  // Milliseconds, with the digits that change at this pace.
+  // Milliseconds, with the digits that change at this speed.
   function clockText(time) {
     return `${(1000 * time).toFixed(clock.slower(time) >= 100 ? 2 : 1)} ms`;
   }
@@ -39,7 +39,7 @@ function watch(root, gone) {
   }
 
   function draw() {
-    if (!panels[0].update) return;  // it stands in a tab that nobody has opened yet
+    if (!panels[0].update) return;  // in a tab that has not been opened yet
     const time = clock.time(film);
     for (const panel of panels) {
       const state = stateAt(panel.run, time);
@@ -87,7 +87,7 @@ function watch(root, gone) {
     waiting = setTimeout(() => say(true), 400);
   }
 
-  // The middle of the first contact of the first contestant that has one: what a still picture shows.
+  // Instant of the still picture: middle of the first contact, of the first contestant with one.
   function poster() {
     const touching = scene.runs.find((run) => run.contacts.length);
     if (!touching) return clock.length;
@@ -214,7 +214,7 @@ customElements.define("slow-motion", class extends HTMLElement {
     this.seen.observe(this);
   }
 
-  // Make the film, seen or not.
+  // Build the film even if it is not visible.
   start() {
     this.seen.disconnect();
     this.gone = new AbortController();

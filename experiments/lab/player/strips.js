@@ -1,7 +1,7 @@
-// Velocities and contact force over the film's clock: the axis is stretched where the film is slow, and says so.
+// Velocities and contact force over the film's clock: the axis is stretched in slow motion, with the factor.
 const STRIP = {left: 34, right: 8, top: 16, velocity: 72, between: 10, force: 40, bottom: 20};
 
-// Instants (s) of a scene and their places in the film (s of film), both ways.
+// Conversion between instants of a scene (s) and of the film (s), both ways.
 function clockOf(scene) {
   const stretches = scene.clock.map(([start, slower], k) => ({
     start, slower, end: k + 1 < scene.clock.length ? scene.clock[k + 1][0] : scene.end,

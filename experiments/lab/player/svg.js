@@ -1,4 +1,4 @@
-// SVG by hand: elements, attributes, numbers as a reader wants them, and time histories read at any instant.
+// SVG elements and attributes, formatted numbers, and interpolated time histories.
 const SVG = "http://www.w3.org/2000/svg";
 const COLUMNS = {};
 
@@ -33,13 +33,13 @@ function clamp(value, low, high) {
   return Math.min(Math.max(value, low), high);
 }
 
-// A number with three digits that count.
+// A number with three significant digits.
 function three(value) {
   const size = Math.abs(value);
   return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3).replace("-", "\u2212");
 }
 
-// A force, which falls to zero: no more digits than one hundredth.
+// A force (N), at most two decimals.
 function newtons(value) {
   return value >= 100 ? value.toFixed(0) : value >= 10 ? value.toFixed(1) : value.toFixed(2);
 }
@@ -50,7 +50,7 @@ function round(most) {
   return [5, 2, 1].map((step) => step * decade).find((step) => step <= most * (1 + 1e-9));
 }
 
-// The state of a run at `time`, linear between its rows, at rest before them; behind them the object goes on.
+// The state of a run at `time`, linear between its rows, at rest before the first; after the last the object keeps its velocity.
 function stateAt(run, time) {
   const times = run.rows[COLUMNS.time];
   let low = 0, high = times.length - 1;

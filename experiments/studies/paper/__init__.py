@@ -18,7 +18,7 @@ from experiments.studies.paper.statements import AGREEING, DATA, Basis, Verdict,
 ABOUT = DATA["figures"]
 MODULES = (section_2, section_3, section_4, section_5, beyond)
 MADE: dict[str, Any] = {name: made for module in MODULES for name, made in vars(module).items()}
-DEPENDS = (*SOLVER, "impact_gym.sweeps", "experiments.lab.scenes", "experiments.studies.paper.runs")
+DEPENDS = (*SOLVER, "experiments.lab.scenes", "experiments.studies.paper.runs")
 
 
 def _words(row: dict[str, Any]) -> tuple[str, str, str, str]:

@@ -159,7 +159,7 @@ def beyond_objects() -> pl.DataFrame:
     """Simulate the tool fixed, the mechanism, and every small change of it that holds the tool."""
     height, stop = MECHANISM.height, MECHANISM.front_stop
     candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
-    holding = [coupling for coupling in candidates if coupling.force(coupling.front_stop) >= scenes.HOLD]
+    holding = [coupling for coupling in candidates if coupling.holding_force >= scenes.HOLD]
     couplings: list[Coupling] = [ig.Rigid(), MECHANISM, *holding]
     frames = []
     for size, stiffness in SIZES.items():

@@ -1,7 +1,7 @@
-"""From what a user says of coupling and robot to the simplest chain that is the same."""
+"""From the mount, as a user describes coupling and robot, to the simplest equivalent chain."""
 
 cdef double STANDARD_GRAVITY = 9.80665  # m/s^2
-cdef double EVERYWHERE = 1e9  # m; a lumped robot is a table of one interval, so much to either side
+cdef double EVERYWHERE = 1e9  # m; a lumped robot is a table of one interval that extends so far to either side
 
 
 cpdef double rest_of(
@@ -22,11 +22,12 @@ cpdef double rest_of(
         depth = lower
 
 
-cdef void lower(const Mount *mount, Law *law) noexcept nogil:
-    """Write the chain that `mount` is."""
+cdef void law_to_kernel(const Mount *mount, Law *law) noexcept nogil:
+    """Write the simplest chain equivalent to `mount`."""
     cdef const RobotNumbers *robot = &mount.robot
     memset(law, 0, sizeof(Law))
     law.tool_mass = mount.tool_mass
+    law.with_tool = mount.robot_kind != STIFF_ROBOT and mount.coupling_kind == DIRECT
     if mount.robot_kind == STIFF_ROBOT and mount.coupling_kind == DIRECT:
         law.kind = RIGID
     elif mount.robot_kind == STIFF_ROBOT and mount.coupling_kind == SPRING_DAMPER and mount.coupling.stroke == 0.0:
@@ -38,11 +39,11 @@ cdef void lower(const Mount *mount, Law *law) noexcept nogil:
         law.damping_ratio = 0.5 * robot.damping / sqrt(robot.stiffness * law.tool_mass)
     else:
         law.kind = INTEGRATED
-        lower_coupling(mount, law)
-        lower_robot(mount, law)
+        coupling_to_kernel(mount, law)
+        robot_to_kernel(mount, law)
 
 
-cdef void lower_coupling(const Mount *mount, Law *law) noexcept nogil:
+cdef void coupling_to_kernel(const Mount *mount, Law *law) noexcept nogil:
     """Write the coupling of an INTEGRATED chain."""
     cdef const CouplingNumbers *given = &mount.coupling
     cdef double m = mount.tool_mass, stop_damping = 2.0 * given.stop_damping_ratio * sqrt(given.stop_stiffness * m)
@@ -62,7 +63,7 @@ cdef void lower_coupling(const Mount *mount, Law *law) noexcept nogil:
         )
 
 
-cdef void lower_robot(const Mount *mount, Law *law) noexcept nogil:
+cdef void robot_to_kernel(const Mount *mount, Law *law) noexcept nogil:
     """Write the robot of an INTEGRATED chain."""
     cdef const RobotNumbers *robot = &mount.robot
     if mount.robot_kind == LUMPED:

@@ -1,4 +1,4 @@
-"""From the records a user describes a scene with to the flat ones that the kernels read."""
+"""From the description of a scene to the flat records that the kernels read."""
 
 import math
 import struct
@@ -30,7 +30,7 @@ ROBOT_NUMBERS: tuple[str, ...] = kernels.MOUNT["robot"].names or ()
 
 
 def _codes(record: np.dtype[Any]) -> str:
-    """Return what `struct` calls the fields of a record."""
+    """Return the format of a record's fields in the notation of `struct`."""
     fields = [record[name] for name in record.names or ()]
     return "".join(_codes(field) if field.names else "dq"[field.kind == "i"] for field in fields)
 
@@ -39,7 +39,7 @@ _APPROACH = struct.Struct(_codes(kernels.APPROACH))
 
 
 def places(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
-    """Return where each number of a compiled record stands, counted in numbers, by its dotted name."""
+    """Return the index of each number of a compiled record, by its dotted name."""
     by_name: dict[str, int] = {}
     for name, (inner, offset, *_) in (kind.fields or {}).items():
         at = before + offset // 8
@@ -48,21 +48,21 @@ def places(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
 
 
 LOCAL_SHARE = 0.2
-"""Local error allowed in a step, as a share of the `rtol` a user asks of the whole run."""
+"""Local error allowed in a step, as a share of the `rtol` of the whole run."""
 
 STATUS_MESSAGES = {
-    kernels.UNSETTLED: "not settled: contacts were still to come, V_p is as it stood",
+    kernels.UNSETTLED: "not settled: further contacts were possible at the time limit, V_p is the value then",
     kernels.STEP_LIMIT: "more integration steps than allowed: the motion has too many swings or contacts",
     kernels.NOT_FINITE: "the state overflowed: the scene's scales differ by more than floating point can hold",
 }
-"""What the status of a run or of an episode means where it is not 0, ok."""
+"""Meaning of a status other than 0 of a run or of an episode."""
 
 
-def approach_plan(
+def approach_to_kernel(
     scene: Scene, motion: Trapezoid | Motion, duration: float, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Lower an approach to the fields of the kernels' `Approach`, and its tables, which begin at `table_at`."""
-    held, table = mount(scene.tool.mass, scene.coupling, scene.robot, table_at)
+    """Return an approach as the fields of the kernels' `Approach`, and its tables, which begin at `table_at`."""
+    held, table = mount_to_kernel(scene.tool.mass, scene.coupling, scene.robot, table_at)
     target = scene.object
     profile: tuple[float, ...]
     if isinstance(motion, Motion):
@@ -73,17 +73,17 @@ def approach_plan(
         threshold, delay = (brake.threshold, brake.delay) if brake else (math.inf, math.inf)
         profile = motion.speed, motion.acceleration, threshold, delay, motion.deceleration, 0, 0
     numbers = target.mass, target.distance, target.friction or 0.0
-    return (held, contact_law(scene.contact), *numbers, *profile, duration, 0.0), table
+    return (held, contact_to_kernel(scene.contact), *numbers, *profile, duration, 0.0), table
 
 
-def packed(plan: tuple[Any, ...]) -> bytes:
-    """Return a plan as the bytes of one APPROACH: what an array of one would hold, at a tenth of its cost."""
+def to_bytes(plan: tuple[Any, ...]) -> bytes:
+    """Return a plan as the bytes of one APPROACH, at a tenth of the cost of an array."""
     (coupling_kind, robot_kind, tool_mass, coupling, robot, *table), contact, *rest = plan
     return _APPROACH.pack(coupling_kind, robot_kind, tool_mass, *coupling, *robot, *table, *contact, *rest)
 
 
-def contact_law(contact: Contact) -> tuple[Any, ...]:
-    """Lower a contact to the fields of the kernels' `Contact`."""
+def contact_to_kernel(contact: Contact) -> tuple[Any, ...]:
+    """Return a contact as the fields of the kernels' `Contact`."""
     m, n = contact.stiffness_exponent, contact.damping_exponent
     damping = damping_factor(contact.dissipation, contact.restitution, m, n)
     return tuple(kernels.contact_of(contact.stiffness, damping, m, n, contact.reference_velocity or 0.0).values())
@@ -94,10 +94,10 @@ _NO_ROBOT = (0.0,) * len(ROBOT_NUMBERS)
 _NO_MECHANISM = _NO_COUPLING[2:]
 
 
-def mount(
+def mount_to_kernel(
     tool_mass: float, coupling: Coupling, robot: Robot | RobotTable | None = None, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Lower what holds the tool to the fields of `Mount`, and its robot's table, which begins at `table_at`."""
+    """Return coupling and robot as the fields of `Mount`, and the robot's table, which begins at `table_at`."""
     kind, numbers = kernels.DIRECT, _NO_COUPLING
     if isinstance(coupling, SpringDamper):
         kind, numbers = kernels.SPRING_DAMPER, (coupling.stiffness, coupling.damping_ratio, *_NO_MECHANISM)

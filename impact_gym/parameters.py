@@ -1,4 +1,4 @@
-"""The base of all that users describe: frozen dataclasses that check their numbers."""
+"""The base class of scenes, motions, operators and channels: frozen dataclasses that check their numbers."""
 
 from collections.abc import Callable
 from dataclasses import fields
@@ -10,17 +10,18 @@ from impact_gym.validation import number, numbers
 
 
 class SI:
-    """Unit and limits of a number that is not in the table, in the annotation of its field."""
+    """Annotation of a field with unit and limits, for a number that has no row in `quantities`."""
 
     def __init__(self, unit: str, **limits: float) -> None:
         self.unit, self.limits = unit, limits
 
 
-class Record:
+class Parameters:
     """A frozen dataclass that checks its numbers when it is made, and holds floats.
 
-    Those at a `path` of a scene have rows in the table, others an annotation, `Annotated[float, SI("m", above=0)]`. A
-    field whose default is None may be None; one that holds several numbers is a tuple of floats.
+    Numbers of a scene have a row in `quantities` under the dotted path `path.field`, others an annotation,
+    `Annotated[float, SI("m", above=0)]`. A field whose default is None may be None; a field of several numbers is a
+    tuple of floats.
     """
 
     __slots__ = ()
@@ -41,7 +42,7 @@ class Record:
 
 @cache
 def _checks(kind: Any) -> list[tuple[str, bool, Callable[[Any], Any]]]:
-    """Return name, whether it may be None, and check of each number of a kind of record."""
+    """Return name, whether it may be None, and check of each number of a class."""
     checks: list[tuple[str, bool, Callable[[Any], Any]]] = []
     for field in fields(kind):
         hint: Any = field.type
