@@ -17,6 +17,7 @@ SOLVER := pyproject.toml constraints.txt setup.py $(wildcard impact_gym/*.pyx im
 	impact_gym/quantities.py impact_gym/solver/tableau.py impact_gym/task/numbers.py
 
 PIP = $(BIN)/pip install --quiet --no-compile --disable-pip-version-check -c constraints.txt
+COMPILE := --no-build-isolation --no-deps -e .  # when it fails, again and with what the compiler says
 WANTED := import sys, tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
 	lists = map(project["optional-dependencies"].get, sys.argv[1:]); \
 	print(*project["dependencies"], *sum(lists, []), sep="\n")
@@ -28,7 +29,7 @@ define install
 @echo "1 of 2: installing what compiles the solver into $(VENV)"
 @$(PIP) cython setuptools numpy scipy
 @echo "2 of 2: compiling the solver (about 15 s) and, beside it, installing $(2)"
-@$(PIP) --no-build-isolation --no-deps -e . & $(BIN)/python -c '$(WANTED)' $(1) > $(VENV)/wanted.txt \
+@{ $(PIP) $(COMPILE) || $(BIN)/pip install $(COMPILE); } & $(BIN)/python -c '$(WANTED)' $(1) > $(VENV)/wanted.txt \
 	&& $(PIP) -r $(VENV)/wanted.txt && wait $$!
 @$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true  # on all cores, where pip takes one
 endef
