@@ -163,6 +163,7 @@ def test_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, options):
 @given(st.sampled_from(IDS), rows_of_tasks(count=1), st.sampled_from(MODES))
 def test_environment_is_made_again_from_its_json(id, rows, mode):
     (options,) = rows
+    options = ({"range_noise": None} if "range_sensor" in options else {}) | options  # some ids have an estimate
     actions = action_table(3, 200, task=gym.spec(id).kwargs | options)
     env = gym.make(id, **options)
     again = gym.make(EnvSpec.from_json(env.spec.to_json()))
