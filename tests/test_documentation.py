@@ -35,7 +35,7 @@ UNDER_WAY = {module for name, module in MODULES.items() if name not in ("check",
 """These take minutes; what they do has tests of its own."""
 ELSEWHERE = {"git", "source", "tensorboard", "cleanrl/ppo_continuous_action.py", "rl_zoo3.train"}
 """Not ours, or nothing to run here; rl_zoo3 is run by tests/envs/test_ecosystem.py."""
-NEEDS = {"questions.md": "mujoco", "libraries.md": "stable_baselines3"}
+NEEDS = {"deploy-c.md": "onnxruntime", "questions.md": "mujoco", "libraries.md": "stable_baselines3"}
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
 ALIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 

@@ -17,7 +17,8 @@ from agents.baselines import Rule
 from agents.baselines.tuned import FIXED, interpolated, load_baseline, read_tuned, tuned_table
 from agents.policies import SHIPPED, Policy, load_policy
 from agents.policies.networks import to_arrays
-from agents.setups import TUNED, Setup, load_setup, shipped, shipped_baselines
+from agents.provenance import todays
+from agents.setups import TUNED, Setup, load_setup, owner, shipped, shipped_baselines
 from agents.setups.setup import UNSAID
 from impact_gym.task import ActionSpec, ObservationSpec, Task
 from impact_gym.teleop.checks import FADE
@@ -67,9 +68,10 @@ class Subject:
         self.task = controller.task if isinstance(controller, Rule) else Task(**controller.environment)
         self.spec, self.actions = ObservationSpec(self.task), ActionSpec(self.task).entries
         provenance = controller.provenance if isinstance(controller, Policy) else {}
-        self.command = command or str(provenance.get("command", "by hand"))
+        self.command = command or todays(str(provenance.get("command", "by hand")))
         self.validation = validation or provenance.get("validation")
-        name = provenance.get("settings", {}).get("setup")
+        settings = provenance.get("settings", {})
+        name = settings.get("setup", settings.get("preset"))
         self.fails = load_setup(name).fails if name in shipped() else UNSAID
 
     @property
@@ -119,9 +121,9 @@ class Subject:
         yield "sensors", self.spec.sensors
         for place, entry in enumerate(self.spec.entries):
             row = {"id": entry.id, "words": entry.words, "unit": entry.unit}
-            yield f"input {place}", row | dict(zip(("low", "high", "scaled_low", "curve"), entry.scale[:4], strict=True))
+            yield f"input {place:02}", row | dict(zip(("low", "high", "scaled_low", "curve"), entry.scale[:4], strict=True))
         for place, action in enumerate(self.actions):
-            yield f"output {place}", action._asdict()
+            yield f"output {place:02}", action._asdict()
 
 
 def _plain(value: Any) -> str:
@@ -141,9 +143,10 @@ def of_baseline(name: str, setup: Setup | None = None, folder: Path = TUNED) -> 
         return Subject(rule.for_environment(setup.environment) if setup else rule)
     content = read_tuned(name, folder, setup if setup and name in setup.tuned else None)
     weights, rule = tuned_table(content)
-    found = {weight: content["weights"][weight] for weight in sorted(content["weights"], key=float)}
-    validation = {weight: each.get("validation") for weight, each in found.items()}
-    return Subject(rule, weights, validation, next(iter(found.values())).get("command", "unknown"))
+    validation = {weight: content["weights"][weight].get("validation") for weight in sorted(content["weights"], key=float)}
+    made_for = setup if setup and name in setup.tuned else owner(name)
+    command = f"impact-gym tune {made_for.called} --names {name}" if made_for else "impact-gym tune"
+    return Subject(rule, weights, validation, command)
 
 
 def of_name(name: str, setup: Setup | None = None) -> Subject:
