@@ -134,12 +134,12 @@ def _rule(subject: Subject, name: str) -> dict[str, Any]:
     return content
 
 
-def c_text(template: str, **content: Any) -> str:
-    """Return C code from a template of this folder."""
-    folder = FileSystemLoader(Path(__file__).parent)
+def c_text(template: str, folder: Path = Path(__file__).parent, **content: Any) -> str:
+    """Return C code from a template of a folder, this one unless given."""
     templates = Environment(
-        loader=folder, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
+        loader=FileSystemLoader(folder), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )  # fmt: skip
     templates.filters["rows"] = _rows
     return templates.get_template(template).render(**content)
 
