@@ -1,4 +1,4 @@
-"""What is exported, and its contract: what a user has to know of it, which every exported file says in the same words."""
+"""What is exported, and its contract: what a user has to know, which every exported file says in the same words."""
 
 import copy
 import hashlib
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from agents.baselines import Rule
 from agents.baselines.tuned import FIXED, interpolated, load_baseline, read_tuned, tuned_table
-from agents.policies import SHIPPED, Policy, load_policy
+from agents.policies import Policy, load_policy
 from agents.policies.networks import to_arrays
 from agents.provenance import todays
 from agents.setups import TUNED, Setup, load_setup, owner, shipped, shipped_baselines
@@ -25,7 +25,9 @@ from impact_gym.teleop.checks import FADE
 from impact_gym.validation import nearest
 
 FORMAT = "impact_gym controller 1"
-CALLS = "{} once in each control period, and once more at the moment of the alarm; the command holds until the next call"
+CALLS = (
+    "{} once in each control period, and once more at the moment of the alarm; the command holds until the next call"
+)
 RESETS = (
     "before each approach, with its time weight, cut to the range given, the least where it is missing (NaN or "
     "infinite); sets back the time, all readings, the alarm and all that is remembered, and commands to stay at rest"
@@ -121,7 +123,10 @@ class Subject:
         yield "sensors", self.spec.sensors
         for place, entry in enumerate(self.spec.entries):
             row = {"id": entry.id, "words": entry.words, "unit": entry.unit}
-            yield f"input {place:02}", row | dict(zip(("low", "high", "scaled_low", "curve"), entry.scale[:4], strict=True))
+            yield (
+                f"input {place:02}",
+                row | dict(zip(("low", "high", "scaled_low", "curve"), entry.scale[:4], strict=True)),
+            )
         for place, action in enumerate(self.actions):
             yield f"output {place:02}", action._asdict()
 
@@ -143,7 +148,9 @@ def of_baseline(name: str, setup: Setup | None = None, folder: Path = TUNED) -> 
         return Subject(rule.for_environment(setup.environment) if setup else rule)
     content = read_tuned(name, folder, setup if setup and name in setup.tuned else None)
     weights, rule = tuned_table(content)
-    validation = {weight: content["weights"][weight].get("validation") for weight in sorted(content["weights"], key=float)}
+    validation = {
+        weight: content["weights"][weight].get("validation") for weight in sorted(content["weights"], key=float)
+    }
     made_for = setup if setup and name in setup.tuned else owner(name)
     command = f"impact-gym tune {made_for.called} --names {name}" if made_for else "impact-gym tune"
     return Subject(rule, weights, validation, command)

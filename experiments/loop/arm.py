@@ -1,4 +1,7 @@
-"""The simulated arm: the environment in control steps of 1 ms of the wall clock, with a watchdog on its commands."""
+"""The simulated arm: the environment in control steps of 1 ms of the wall clock, with a watchdog on its commands.
+
+After SILENCE without a good packet the arm stops and says why; the controller in C has the same watchdog.
+"""
 
 import json
 import math
@@ -14,16 +17,19 @@ from typing import Any
 
 import numpy as np
 
-from experiments.loop import EARLY, MAGIC, PERIOD, SILENCE
 from impact_gym.envs.batch import Batch
 from impact_gym.files import write_file
 from impact_gym.task import Task
 
-COMMAND = struct.Struct("8s4d")
+MAGIC = b"IGLOOP01"
+PERIOD, SILENCE = 1e-3, 0.1  # s
+COMMAND = struct.Struct("8s4d")  # MAGIC, sequence, stamp (s), velocity (m/s), acceleration (m/s^2)
+EARLY = 1e-3  # s, by which a stamp may be ahead of the arm's clock
+WAIT = 10.0  # s, for a controller's first packet
 
 
 class Line:
-    """The arm's end of the wire: sends readings, and gives the newest good command and why others were refused."""
+    """The arm's end of the line: sends readings, takes the newest good command, and counts why others are refused."""
 
     def __init__(self, task: Task) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -31,14 +37,13 @@ class Line:
         self.socket.setblocking(False)
         self.task, self.sent, self.last, self.begun = task, 0, -1.0, 0.0
         self.refused: Counter[str] = Counter()
-        self.peer: tuple[str, int] | None = None
+        self.peer: Any = None  # address of the controller: the first that sends a good packet
 
-    def send(self, approach: float, time_weight: float, readings: Mapping[str, Any]) -> None:
-        """Send the readings of an approach, if a controller has said hello."""
-        if self.peer is not None:
-            self.sent += 1
-            numbers = [self.sent, time.monotonic(), approach, time_weight, *(float(np.ravel(each)[0]) for each in readings.values())]
-            self.socket.sendto(MAGIC + struct.pack(f"{len(numbers)}d", *numbers), self.peer)
+    def send(self, approach: int, time_weight: float, readings: Mapping[str, Any]) -> None:
+        """Send readings, arrays (1,), to the controller."""
+        self.sent += 1
+        numbers = [self.sent, time.monotonic(), approach, time_weight, *np.concatenate([*readings.values()])]
+        self.socket.sendto(MAGIC + struct.pack(f"{len(numbers)}d", *numbers), self.peer)
 
     def newest(self) -> tuple[float, float, float] | None:
         """Return stamp (s), velocity (m/s) and acceleration (m/s^2) of the newest good command since the last call."""
@@ -48,95 +53,81 @@ class Line:
                 packet, peer = self.socket.recvfrom(2048)
             except (BlockingIOError, ConnectionRefusedError):
                 return found
-            now = time.monotonic()
-            if reason := self.refusal(packet, peer, now):
+            if reason := self.refusal(packet, peer, time.monotonic()):
                 self.refused[reason] += 1
                 continue
-            _, sequence, *numbers = COMMAND.unpack(packet)
-            self.peer, self.last = peer, sequence
-            if sequence > 0:
-                found = (numbers[0], numbers[1], numbers[2])
+            _, self.last, *command = COMMAND.unpack(packet)
+            self.peer = peer
+            found = (command[0], command[1], command[2]) if self.last > 0.0 else found  # 0 says hello
 
-    def refusal(self, packet: bytes, peer: tuple[str, int], now: float) -> str:
+    def refusal(self, packet: bytes, peer: Any, now: float) -> str:
         """Return why a packet is no good command at `now` (s), "" if it is one."""
         if self.peer not in (None, peer):
             return "from another address"
-        if len(packet) != COMMAND.size or packet[: len(MAGIC)] != MAGIC:
-            return f"wrong size: {len(packet)} bytes, not {COMMAND.size}" if packet[:8] == MAGIC else "of another kind"
+        if len(packet) != COMMAND.size or packet[:8] != MAGIC:
+            return f"of a wrong size or kind: {len(packet)} bytes, not {COMMAND.size}"
         _, sequence, stamp, velocity, acceleration = COMMAND.unpack(packet)
-        (slowest, fastest), (least, most) = self.task.velocity_range, self.task.acceleration_range
+        (slowest, fastest), most = self.task.velocity_range, self.task.acceleration_range[1]
         if not all(map(math.isfinite, (sequence, stamp, velocity, acceleration))):
-            return "NaN or infinite"
-        if sequence == 0.0:
-            return ""
+            return "with NaN or infinity"
         if sequence <= self.last:
             return "out of order"
-        if stamp > now + EARLY:
-            return "stamp in the future"
-        if stamp < max(now - SILENCE, self.begun):
-            return "stale stamp"
-        if not (slowest <= velocity <= fastest and 0.0 <= acceleration <= most):
-            return f"beyond {slowest:g} ... {fastest:g} m/s or {most:g} m/s^2"
-        return ""
+        if sequence > 0.0 and stamp > now + EARLY:
+            return "stamped in the future"
+        if sequence > 0.0 and stamp < max(now - SILENCE, self.begun):
+            return "with a stale stamp"
+        within = slowest <= velocity <= fastest and 0.0 <= acceleration <= most
+        return "" if within else f"beyond {slowest:g} ... {fastest:g} m/s or {most:g} m/s^2"
 
 
 def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) -> dict[str, Any]:
-    """Play an approach by the wall clock, and return its results, ages of commands (s), and how it was stopped.
+    """Play an approach by the wall clock; return its results, ages of commands (s), and how the watchdog stopped it.
 
-    With the watchdog the flange brakes as fast as it can, and what comes later moves it no more.
+    Then the flange brakes as fast as it can, and later commands move it no more.
     """
     batch.begin_seeded(seed + number, {"time_weight": weight})
-    begun = good_at = line.begun = time.monotonic()
-    rest = stamp, velocity, top = begun, 0.0, line.task.acceleration_range[1]
-    acceleration, ages, late, stop = top, [], [], None
+    begun = good_at = stamp = line.begun = time.monotonic()
+    velocity, acceleration = 0.0, line.task.acceleration_range[1]
+    ages, stop = list[float](), dict[str, Any]()
     line.refused.clear()
     while not batch.ended[0]:
-        line.send(number, weight, batch.sensors())
-        wake = begun + float(batch.bodies().time[0]) + PERIOD
-        time.sleep(max(wake - time.monotonic(), 0.0))
-        now = time.monotonic()
-        late.append(now - wake)
-        command = line.newest()
-        if stop is None and command:
+        readings = batch.sensors()
+        line.send(number, weight, readings)
+        time.sleep(max(begun + float(readings["time"][0]) + PERIOD - time.monotonic(), 0.0))
+        now, command = time.monotonic(), line.newest()
+        if command and not stop:
             (stamp, velocity, acceleration), good_at = command, now
-        if stop is None and now - good_at > SILENCE:
-            _, velocity, acceleration = rest
-            why = ", ".join(f"{count} packets {reason}" for reason, count in line.refused.most_common(3)) or "no packet"
-            stop = {"at": now, "why": why, "velocity": float(batch.sensors()["velocity"][0])}
-        if stop is not None and "rest" not in stop and batch.sensors()["velocity"][0] == 0.0:
-            stop["rest"] = now
+        elif not stop and now - good_at > SILENCE:
+            velocity, acceleration = 0.0, line.task.acceleration_range[1]
+            why = ", ".join(f"{count} {reason}" for reason, count in line.refused.most_common(2)) or "none"
+            stop = {"at": now, "velocity": float(readings["velocity"][0]), "packets": why}
+        elif stop and readings["velocity"][0] == 0.0:
+            stop.setdefault("rest", now)
         ages.append(now - stamp)
-        action = batch.action_spec.encode(velocity, acceleration)
-        while not batch.ended[0] and float(batch.bodies().time[0]) + PERIOD <= now - begun + 1e-9:
-            batch.step(action[None], np.zeros(1, np.bool_))
-    info = batch.info(0)
-    return {"object_velocity": info["object_velocity"], "approach_time": info["approach_time"],
-            "missed": info["missed"], "ages": ages, "late": late, "stop": stop}  # fmt: skip
+        action = batch.action_spec.encode(velocity, acceleration)[None]
+        while not batch.ended[0] and float(batch.sensors()["time"][0]) + PERIOD <= now - begun + 1e-9:
+            batch.step(action, np.zeros(1, np.bool_))
+    return {"object_velocity": batch.info(0)["object_velocity"], "ages": ages, "stop": stop}
 
 
-def serve(environment: Mapping[str, Any], weight: float, seed: int, seconds: float, out: Path, started: Any) -> None:
-    """Play approaches for some seconds, or until the watchdog stops one, and write what came of them to `out`, JSON.
+def serve(environment: Mapping[str, Any], weight: float, seed: int, seconds: float, out: Path, port: Any) -> None:
+    """Send the arm's port to the connection `port`, play approaches for some seconds, and write them to `out`, JSON.
 
-    Args:
-        environment: arguments of the environment.
-        weight: time weight, m/s per s.
-        seed: of the first approach's scenario; the next ones count from there.
-        seconds: after which no further approach begins.
-        out: the file.
-        started: a connection that is sent the port.
+    The scenario of each approach has the next seed, all the time `weight` (m/s per s). After a stop none begins.
     """
     task = Task(**{**environment, "control_period": PERIOD, "time_weight": weight})
     line, batch, played = Line(task), Batch(1, task, threads=1), list[dict[str, Any]]()
-    started.send(line.socket.getsockname()[1])
-    with suppress(OSError):  # only some may
+    port.send(line.socket.getsockname()[1])
+    with suppress(OSError):  # not everybody may
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(50))
     begun = time.monotonic()
-    while line.peer is None and time.monotonic() < begun + 10.0:
+    while line.peer is None and time.monotonic() < begun + WAIT:
         line.newest()
         time.sleep(PERIOD)
-    while time.monotonic() < begun + seconds and not (played and played[-1]["stop"]):
+    while line.peer and time.monotonic() < begun + seconds and not (played and played[-1]["stop"]):
         played.append(approach(line, batch, len(played), seed, weight))
-    for stop in (each["stop"] for each in played if each["stop"]):
-        print(f"arm: stopped, no good command for {SILENCE:g} s: {stop['why']}", flush=True)
+        if stop := played[-1]["stop"]:
+            print(f"arm: stopped, no good packet for {SILENCE:g} s: {stop['packets']}", flush=True)
     write_file(out, json.dumps(played))
-    line.send(-1.0, weight, batch.sensors())
+    if line.peer:
+        line.send(-1, weight, batch.sensors())
