@@ -122,7 +122,7 @@ def _rule(subject: Subject, name: str) -> dict[str, Any]:
         sensor, (near, far) = task.range_sensor, task.scenario.distance
         content["memory"] += [
             ("weight", 1, 12.0 / max(far - near, 1e-3) ** 2), ("place", 1, 0.5 * (near + far)), ("count", 1, 0.0),
-            ("newest", 1, -1.0), ("swung", 1, 0.0), ("rate", 1, 0.0), ("times", KEPT, -1e300), 
+            ("newest", 1, -1.0), ("swung", 1, 0.0), ("rate", 1, 0.0), ("times", KEPT, -1e300),
             ("velocities", KEPT, 0.0), ("tools", KEPT, 0.0),
         ]  # fmt: skip
         swing = np.stack(rule.swing(*np.eye(3))) if isinstance(task.coupling, SpringDamper) else np.zeros((0, 3))

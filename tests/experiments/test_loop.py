@@ -7,7 +7,7 @@ import socket
 import struct
 import subprocess
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 
 import pytest
 
@@ -38,25 +38,26 @@ def lines():
 
 
 def steered(folder, lines, spoilt):
-    """An arm, steered at 1 m/s by packets that are `spoilt` from FAULT_AT on: what it has played, and the last good one."""
+    """What an arm has played, steered by packets that are `spoilt` from FAULT_AT on, and when the last good came."""
     written = folder / "arm.json"
     arm, port = start(of_name("linear-blind"), 2.0, 0.3, written)
     for each in lines:
         each.connect(("127.0.0.1", port))
     line, other = lines
     line.send(COMMAND.pack(MAGIC, 0.0, 0.0, 0.0, 20.0))
-    sequence, good_at, waiting = 0, 0.0, []
-    while True:
-        _, _, stamp, approach, _, reading_time, *_ = READING.unpack(line.recv(1000))
-        if approach < 0.0:
-            arm.join()
-            return json.loads(written.read_text()), good_at
-        sequence, faulty = sequence + 1, approach == 0.0 and reading_time >= FAULT_AT
-        good_at = good_at if faulty else time.monotonic()
-        packets = spoilt(sequence, stamp) if faulty else [COMMAND.pack(MAGIC, sequence, stamp, 1.0, 10.0)]
-        waiting += [(time.monotonic() + (0.15 if faulty and spoilt is delayed else 0.0), packet) for packet in packets]
-        while waiting and waiting[0][0] <= time.monotonic():
-            (other if faulty and spoilt is from_elsewhere else line).send(waiting.pop(0)[1])
+    sequence, good_at, approach, waiting = 0, 0.0, 0.0, []
+    with suppress(ConnectionRefusedError):  # the arm has ended
+        while approach >= 0.0:
+            _, _, stamp, approach, _, reading_time, *_ = READING.unpack(line.recv(1000))
+            sequence, faulty = sequence + 1, approach < 0.0 or (approach == 0.0 and reading_time >= FAULT_AT)
+            good_at = good_at if faulty else time.monotonic()
+            packets = spoilt(sequence, stamp) if faulty else good(sequence, stamp)
+            due = time.monotonic() + (0.15 if faulty and spoilt is delayed else 0.0)
+            waiting += [(due, packet) for packet in packets]
+            while waiting and waiting[0][0] <= time.monotonic():
+                (other if faulty and spoilt is from_elsewhere else line).send(waiting.pop(0)[1])
+    arm.join()
+    return json.loads(written.read_text()), good_at
 
 
 def good(sequence, stamp):
@@ -103,7 +104,8 @@ def test_arm_goes_on_where_some_packets_are_lost(tmp_path, lines):
 
 
 READINGS = {
-    "none": lambda packet: [], "short": lambda packet: [packet[:-1]], "another kind": lambda packet: [bytes(8) + packet[8:]],
+    "none": lambda packet: [], "short": lambda packet: [packet[:-1]],
+    "another kind": lambda packet: [bytes(8) + packet[8:]],
     "NaN": lambda packet: [packet[:16] + struct.pack("d", NAN) + packet[24:]],
     "again": lambda packet: [packet[:8] + struct.pack("d", 3.0) + packet[16:]],
 }  # fmt: skip
