@@ -27,7 +27,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w*)(?: title=\"(.+?)\")?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 SHOWN_FILE = re.compile(r"# the file (docs/examples/\w+\.py)\n")
 FILES, SHOWN = ("toml", "json", "c", "python"), ("text", "diff")
-UNDER_WAY = {module for name, module in MODULES.items() if name not in ("check", "policies")}
+UNDER_WAY = {module for name, module in MODULES.items() if name not in ("check", "policies")} | {"experiments.loop"}
 """These take minutes; what they do has tests of its own."""
 ELSEWHERE = {"git", "source", "tensorboard", "cleanrl/ppo_continuous_action.py", "rl_zoo3.train"}
 """Not ours, or nothing to run here; rl_zoo3 is run by tests/envs/test_ecosystem.py."""
