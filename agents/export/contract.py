@@ -20,7 +20,7 @@ from agents.policies.networks import to_arrays
 from agents.provenance import todays
 from agents.setups import TUNED, Setup, load_setup, owner, shipped, shipped_baselines
 from agents.setups.setup import UNSAID
-from impact_gym.task import ActionSpec, ObservationSpec, Task
+from impact_gym.task import QUANTITIES, ActionSpec, ObservationSpec, Task
 from impact_gym.teleop.checks import FADE
 from impact_gym.validation import nearest
 
@@ -105,7 +105,7 @@ class Subject:
         yield "kind", "network" if self.policy else type(self.controller).__name__
         yield "version", f"impact-gym {version('impact-gym')}"
         yield "made_by", self.command
-        yield "calls", CALLS.format("NAME_step")
+        yield "calls", CALLS
         yield "resets", RESETS
         yield "missing", MISSING.format(ALARMS[task.alarm])
         if task.operator:
@@ -117,6 +117,8 @@ class Subject:
             ("velocity_limits", task.velocity_range, "m/s"), ("acceleration_limits", task.acceleration_range, "m/s^2"),
         ):  # fmt: skip
             yield name, {"low": low, "high": high, "unit": unit}
+        yield "objects", {name: {"low": low, "high": high, "unit": QUANTITIES[name].unit}
+                          for name, (low, high) in task.scenario.by_id().items()}  # fmt: skip
         yield "environment", task.arguments()
         yield "fails", self.fails
         yield "validation", self.validation or "not said"

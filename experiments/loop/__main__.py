@@ -54,13 +54,9 @@ def compiled(subject: Subject, name: str, out: Path) -> Path:
     if (compiler := shutil.which("cc") or shutil.which("gcc")) is None:
         raise ValueError("the loop needs a C compiler: there is no cc and no gcc")
     write_header(subject, out / f"{name}.h")
-    told = {
-        "magic": MAGIC.decode(),
-        "silence": SILENCE,
-        "cycle": task.control_period,
-        "top": task.acceleration_range[1],
-    }
-    source = write_file(out / "loop.c", c_text("loop.c.jinja", Path(__file__).parent, name=name, **told))
+    told = {"magic": MAGIC.decode(), "silence": SILENCE, "cycle": task.control_period}
+    told |= {"name": name, "top": task.acceleration_range[1]}
+    source = write_file(out / "loop.c", c_text("loop.c.jinja", Path(__file__).parent, **told))
     flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror"]
     subprocess.run([compiler, *flags, str(source), "-lm", "-o", str(out / "loop")], check=True)
     return out / "loop"
@@ -73,6 +69,7 @@ def start(subject: Subject, weight: float, seconds: float, out: Path) -> tuple[A
     out.unlink(missing_ok=True)
     arm = multiprocessing.get_context("spawn").Process(target=serve, args=given)
     arm.start()
+    port.close()
     return arm, told.recv()
 
 

@@ -1,7 +1,4 @@
-"""The simulated arm: the environment in control steps of 1 ms of the wall clock, with a watchdog on its commands.
-
-After SILENCE without a good packet the arm stops and says why; the controller in C has the same watchdog.
-"""
+"""The simulated arm: the environment in steps of 1 ms of the wall clock, stopped after SILENCE without good packets."""
 
 import json
 import math

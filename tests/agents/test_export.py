@@ -1,5 +1,6 @@
 """Exported policies compute what the policy computes."""
 
+import hashlib
 import importlib.util
 import json
 import math
@@ -16,7 +17,7 @@ from episodes import assert_identical
 from policies import KINDS, made_up_policy
 
 from agents import load_policy, load_setup
-from agents.baselines.tuned import FIXED, RULES
+from agents.baselines.tuned import FIXED, RULES, read_tuned
 from agents.export import __main__ as exporting
 from agents.export.__main__ import AGREEMENT, Export, Form
 from agents.export.c_header import header, identifier, write_header
@@ -118,6 +119,7 @@ def test_header_and_onnx_have_the_same_contract_which_is_the_task(tmp_path, envi
     said, task = {name: json.loads(value) for name, value in subject.contract.items()}, Task(**environment)
     assert Task(**said["environment"]) == task
     assert (said["control_period"], said["made_by"]) == ({"value": 0.016, "unit": "s"}, policy.provenance["command"])
+    assert said["objects"]["object_mass"] == {"low": 0.1, "high": 2.5, "unit": "kg"}
     assert said["acceleration_limits"] == {"low": 1.0, "high": 20.0, "unit": "m/s^2"}
     assert ("operator" in said) == bool(task.operator)
     inputs = [said[f"input {place:02}"] for place in range(policy.inputs)]
@@ -236,6 +238,20 @@ def test_all_controllers_of_a_set_up_are_exported_to_one_folder(tmp_path, capsys
         assert left_out in printed
     run = Export("paper-trapezoid", tmp_path / "rule", setup="paper-limits", episodes=10, calls=100)
     assert '"low": 1.0, "high": 8.0, "unit": "m/s^2"' in exporting.run(run)[0].read_text()
+
+
+@pytest.mark.parametrize(("change", "says"), [
+    (lambda content: content | {"format": "impact_gym tuned baseline 0"}, "was tuned for another format"),
+    (lambda content: content["weights"]["2"]["parameters"].update({"top speed": 9.0}) or content,
+     r"top speed must be .* at most 1.5 m/s, got 9"),
+    (lambda content: content | {"weights": {}}, "'ranged' holds no weight"),
+], ids=["version", "limits", "weights"])  # fmt: skip
+def test_tuned_file_of_another_version_or_beyond_its_limits_is_not_exported(tmp_path, change, says):
+    content = change({name: value for name, value in read_tuned("ranged").items() if name != "sha256"})
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    (tmp_path / "ranged.json").write_text(json.dumps(content | {"sha256": digest}))
+    with pytest.raises(ValueError, match=says):
+        of_name(str(tmp_path / "ranged.json"))
 
 
 def test_run_names_a_missing_package(saved, tmp_path, monkeypatch):
