@@ -24,7 +24,9 @@ from impact_gym.teleop.checks import FADE
 from impact_gym.validation import nearest
 
 FORMAT = "impact_gym controller 1"
-CALLS = "{} once in each control period, and once more at the moment of the alarm; the command holds until the next call"
+CALLS = (
+    "{} once in each control period, and once more at the moment of the alarm; the command holds until the next call"
+)
 RESETS = (
     "before each approach, with its time weight, cut to the range given, the least where it is missing (NaN or "
     "infinite); sets back the time, all readings, the alarm and all that is remembered, and commands to stay at rest"
@@ -119,7 +121,10 @@ class Subject:
         yield "sensors", self.spec.sensors
         for place, entry in enumerate(self.spec.entries):
             row = {"id": entry.id, "words": entry.words, "unit": entry.unit}
-            yield f"input {place}", row | dict(zip(("low", "high", "scaled_low", "curve"), entry.scale[:4], strict=True))
+            yield (
+                f"input {place}",
+                row | dict(zip(("low", "high", "scaled_low", "curve"), entry.scale[:4], strict=True)),
+            )
         for place, action in enumerate(self.actions):
             yield f"output {place}", action._asdict()
 

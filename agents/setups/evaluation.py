@@ -93,8 +93,8 @@ class Evaluation:
 def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return what is varied of an environment unless its file says otherwise: VARIED, and its own numbers.
 
-    A `robot` is tried where the environment has none, a stroke too short for the spring where it has no stops, and the frozen
-    set `hard` where objects come from the usual ranges, outside of which it lies.
+    A `robot` is tried where the environment has none, a stroke too short for the spring where it has no stops, and
+    the frozen set `hard` where objects come from the usual ranges, outside of which it lies.
     """
     with warnings.catch_warnings(action="ignore", category=UserWarning):
         task = Task(**environment)

@@ -174,18 +174,18 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
     inputs = (*map(repr, matchups), bool(options.policy), compiled_from(), digest_of(*DEPENDS, *modules))
     made_from = hashlib.sha256(repr(inputs).encode()).hexdigest()
     page = options.out / "index.html"
-    if options.force or not page.is_file() or _written(options.out).get("made from") != made_from:
+    if options.force or not page.is_file() or results_of(options.out).get("made from") != made_from:
         from experiments.report.jobs import play_matchups  # takes seconds to import
 
         played = play_matchups(matchups, _kept(options), options.processes, options.cluster)
         print("writing the page", flush=True)
         with locked(options.out / MARK):
             write_folder(played, options, made_from, begun)
-    print(*_written(options.out)["sentences"], sep="\n")
+    print(*results_of(options.out)["sentences"], sep="\n")
     return page
 
 
-def _written(folder: Path) -> dict[str, Any]:
+def results_of(folder: Path) -> dict[str, Any]:
     """Return results.json of a folder; empty if it is missing or damaged."""
     with suppress(OSError, ValueError):
         return dict(json.loads((folder / RESULTS).read_text()))
@@ -247,7 +247,7 @@ def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, 
         "resamples": f"{RESAMPLES:,}",
     }
     results["figures"] = page.write(folder, about, tabs, played)
-    for name in {*_written(folder).get("figures", [])} - {*results["figures"]}:
+    for name in {*results_of(folder).get("figures", [])} - {*results["figures"]}:
         (folder / "figures" / Path(name).name).unlink(missing_ok=True)
     write_file(folder / RESULTS, json.dumps(results, indent=2) + "\n")
 

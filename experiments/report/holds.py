@@ -44,8 +44,10 @@ def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
             own = {"set": change.scenarios, "count": min(scenarios["count"], there)}
         nominal = {**matchup.environment, **matchup.evaluation.nominal}
         environment = nominal if change.same else change.environment
-        labels = {"factor": factor(change.argument, environment.get("alarm") == "reading"),
-                  "setting": setting(change), "same": change.same, "value": change.value, "missed_cost": grid.missed_cost(environment)}  # fmt: skip
+        labels = {
+            "factor": factor(change.argument, environment.get("alarm") == "reading"), "setting": setting(change),
+            "same": change.same, "value": change.value, "missed_cost": grid.missed_cost(environment),
+        }  # fmt: skip
         places.append(grid.Place(matchup.name, words(change), environment, labels, own))
     contestants = [grid.Contestant(each.name, each.controller) for each in matchup.rivals]
     return grid.cells(places, contestants, scenarios, [matchup.typical])

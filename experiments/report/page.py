@@ -75,8 +75,8 @@ def tab(played: Played) -> Tab:
     ]
     return Tab(
         matchup, result, chosen, steps, first_screen.headline(chosen, result, played),
-        holds.where_it_fails(played, chosen.controller), first_screen.chart(result, played), summary, engineer, statistician,
-        Markup(fragment(watch(played), f"watch-{matchup.name}")),
+        holds.where_it_fails(played, chosen.controller), first_screen.chart(result, played), summary, engineer,
+        statistician, Markup(fragment(watch(played), f"watch-{matchup.name}")),
     )  # fmt: skip
 
 

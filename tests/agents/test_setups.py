@@ -233,7 +233,9 @@ def test_set_up_extends_another_key_by_key(tmp_path):
     mine, shipped_one = load_setup(tmp_path / "mine.toml"), load_setup("linear-ranged")
     assert mine.environment == {**shipped_one.environment, "tool_mass": 0.2, "range_noise": 0.02}
     assert mine.training == replace(shipped_one.training, steps=5_000_000)
-    assert mine.evaluation == replace(shipped_one.evaluation, typical=1.0)
+    varied = mine.evaluation.varied  # of one's own arm, not of the shipped one's
+    assert mine.evaluation == replace(shipped_one.evaluation, typical=1.0, varied=varied)
+    assert varied == Evaluation.of_table({}, mine.environment).varied
     assert (mine.title, mine.about, [*mine.tuned]) == ("Mine", "Mine", ["mine-profile"])
 
 
