@@ -112,8 +112,10 @@ class Subject:
             yield "operator", OPERATOR.format(task.after_alarm, FADE, task.uplink.timeout)
         yield "control_period", {"value": task.control_period, "unit": "s"}
         weight = task.ranges["time_weight"] if self.policy else (self.weights[0], self.weights[-1])
+        if len(self.weights) == 1 and not self.policy:
+            yield "time_weight_use", "none: one set of parameters for all time weights"
         for name, (low, high), unit in (
-            ("reaction_delay", task.ranges["reaction_delay"], "s"), ("time_weight", weight, "m/s per s"),
+            ("time_weight", weight, "m/s per s"), ("reaction_delay", task.ranges["reaction_delay"], "s"),
             ("velocity_limits", task.velocity_range, "m/s"), ("acceleration_limits", task.acceleration_range, "m/s^2"),
         ):  # fmt: skip
             yield name, {"low": low, "high": high, "unit": unit}
@@ -124,11 +126,8 @@ class Subject:
         yield "validation", self.validation or "not said"
         yield "sensors", self.spec.sensors
         for place, entry in enumerate(self.spec.entries):
-            row = {"id": entry.id, "words": entry.words, "unit": entry.unit}
-            yield (
-                f"input {place:02}",
-                row | dict(zip(("low", "high", "scaled_low", "curve"), entry.scale[:4], strict=True)),
-            )
+            scale = dict(zip(("low", "high", "scaled_low", "curve"), entry.scale[:4], strict=True))
+            yield f"input {place:02}", {"id": entry.id, "words": entry.words, "unit": entry.unit, **scale}
         for place, action in enumerate(self.actions):
             yield f"output {place:02}", action._asdict()
 
@@ -150,9 +149,7 @@ def of_baseline(name: str, setup: Setup | None = None, folder: Path = TUNED) -> 
         return Subject(rule.for_environment(setup.environment) if setup else rule)
     content = read_tuned(name, folder, setup if setup and name in setup.tuned else None)
     weights, rule = tuned_table(content)
-    validation = {
-        weight: content["weights"][weight].get("validation") for weight in sorted(content["weights"], key=float)
-    }
+    validation = {weight: found.get("validation") for weight, found in content["weights"].items()}
     made_for = setup if setup and name in setup.tuned else owner(name)
     command = f"impact-gym tune {made_for.called} --names {name}" if made_for else "impact-gym tune"
     return Subject(rule, weights, validation, command)
