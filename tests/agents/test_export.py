@@ -205,7 +205,7 @@ ROBUST = {name: load_setup("ranged-robust").environment[name] for name in
           ("alarm", "alarm_threshold", "force_noise", "deflection_sensor", "past_readings", "range_noise",
            "observe_range_noise")}  # fmt: skip
 RULES_IN_C = {
-    "filter": ("FilteredProfile", SENSED),
+    "filter, false alarms": ("FilteredProfile", SENSED | {"alarm": "reading", "force_noise": 1.0}),
     "filter, late and lost": ("FilteredProfile", {"range_sensor": {
         "noise": 0.01, "share": 0.05, "bias": 0.01, "dropout": 0.3, "delay": [0.0, 0.08]}} | FAR),
     "filter, rigid": ("FilteredProfile", {"range_sensor": {"noise": 0.01}, "coupling": {"type": "Rigid"}}),
