@@ -82,7 +82,7 @@ def estimate(task: Task, object_mass: float, restitution: float) -> float:
 
 def lines(setup: Setup) -> Iterator[str]:
     """Yield the lines to print about a set-up."""
-    task = Task(**setup.environment)
+    task = setup.task
     most = task.acceleration_range[1]
     yield f"{setup.name}: {setup.title}"
     yield f"  {setup.about}"
@@ -105,8 +105,7 @@ def lines(setup: Setup) -> Iterator[str]:
     ]
     yield (f"  the paper's rule, at {min(PAPERS_SPEED, task.velocity_range[1]):g} m/s, leaves the object "
            f"{_spread(impacts)} m/s by an instantaneous impact (the coupling's push left out)")  # fmt: skip
-    rule = PaperTrapezoid().for_environment(setup.environment)
-    played = ScenarioBatch.of("validation", SAMPLE, **setup.environment).play(rule)
+    played = ScenarioBatch.of("validation", SAMPLE, task).play(PaperTrapezoid().for_task(task))
     yield (
         f"  played through {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f}"
         f" m/s (mean), {'is done' if task.operator else 'arrives'} after {played.approach_time.mean():.3f} s and misses"

@@ -17,7 +17,7 @@ import tyro
 from agents.baselines import Clairvoyant, PaperTrapezoid, bound
 from agents.baselines.cmaes import minimise
 from agents.baselines.random import Jittery
-from agents.baselines.rule import Floats
+from agents.baselines.rule import Floats, Rule
 from agents.baselines.tuned import RULES, read_tuned, write_tuned
 from agents.command_line import command_of, run_command
 from agents.evaluate import TUNING_SEED, ScenarioBatch
@@ -25,6 +25,7 @@ from agents.jobs import cached, digest_of
 from agents.provenance import circumstances
 from agents.setups import Setup, load_setup, shipped
 from impact_gym.files import locked
+from impact_gym.task import Task
 from impact_gym.validation import distinct, nearest, number, whole
 
 SETUPS = shipped()
@@ -181,8 +182,8 @@ def next_weight(times: Mapping[float, float], target: float) -> float | None:
 def tune_at_rule_time(options: Tune) -> None:
     """Tune each baseline at further weights, see `Tune.at_rule_time`; those on the way are kept, too."""
     for name, setup in options.baselines().items():
-        stage = ScenarioBatch.of("validation", threads=1, **setup.environment)
-        target = float(stage.play(PaperTrapezoid().for_environment(setup.environment)).approach_time.mean())
+        batch = ScenarioBatch.of("validation", task=setup.task, threads=1)
+        target = float(batch.play(PaperTrapezoid().for_task(setup.task)).approach_time.mean())
         for _ in range(MOST_TRIED):
             tuned = read_tuned(name, options.folder(setup), setup)["weights"]
             times = {float(weight): found["validation"]["approach_time"] for weight, found in tuned.items()}
@@ -237,29 +238,27 @@ def tune_one(
 
     With `jitter` nothing is found that holds only as long as every command is followed to the last digit.
     """
-    kind = RULES[rule]
-    options = {"scenario": "train", **environment, "rtol": rtol}
-    stage = ScenarioBatch(TUNING_SEED, scenarios, population, [weight] * population, threads=1, lenient=True, **options)
-    rng = np.random.default_rng((seed, 1))
+    kind, task, rng = RULES[rule], Task(**environment), np.random.default_rng((seed, 1))
+    options: Any = {"copies": population, "time_weight": [weight] * population, "threads": 1, "lenient": True}
+    batch = ScenarioBatch(TUNING_SEED, scenarios, task.changed({"rtol": rtol}), **options)
 
     def losses(candidates: Floats) -> Floats:
-        controller = kind.of(np.repeat(candidates[:, 0], scenarios, axis=0)).for_environment(environment)
-        played = stage.play(Jittery(controller, jitter, scenarios, rng) if jitter else controller)
+        controller = kind.of(np.repeat(candidates[:, 0], scenarios, axis=0)).for_task(task)
+        played = batch.play(Jittery(controller, jitter, scenarios, rng) if jitter else controller)
         return played.loss(weight).reshape(population, scenarios).mean(axis=1)[:, None]
 
     best = minimise(losses, kind.PARAMETERS, 1, population, -(-budget // population), seed)
     return {
         "parameters": best.parameters[0].tolist(),
         "train": float(best.loss[0]),
-        "validation": scores(rule, environment, weight, best.parameters[0]),
+        "validation": scores(kind.of(best.parameters[0]).for_task(task), weight),
         "generations": best.generations,
     }
 
 
-def scores(rule: str, environment: Mapping[str, Any], weight: float, parameters: Any) -> dict[str, float]:
+def scores(rule: Rule, weight: float) -> dict[str, float]:
     """Return the means over the validation set, and how many objects were missed."""
-    stage = ScenarioBatch.of("validation", time_weight=[weight], threads=1, **environment)
-    played = stage.play(RULES[rule].of(parameters).for_environment(environment))
+    played = ScenarioBatch.of("validation", task=rule.task, time_weight=[weight], threads=1).play(rule)
     return {
         "loss": float(played.loss(weight).mean()),
         "object_velocity": float(played.object_velocity.mean()),
@@ -299,13 +298,12 @@ def search_bound(
 
     The time weight is in m/s per s; there are so many generations, and candidates in each, for each scenario.
     """
-    options = {"rtol": BOUND_RTOL, **environment, "privileged": True, "threads": 1}
-    weights = [time_weight] * population
-    stage = ScenarioBatch.of(bound.FROZEN, scenarios, copies=population, time_weight=weights, **options)
+    task, weights = Task(**{"rtol": BOUND_RTOL, **environment, "privileged": True}), [time_weight] * population
+    batch = ScenarioBatch.of(bound.FROZEN, scenarios, task, copies=population, time_weight=weights, threads=1)
 
     def losses(candidates: Floats) -> Floats:
-        rule = Clairvoyant(candidates.reshape(population * scenarios, -1)).for_environment(environment)
-        return stage.play(rule).loss(time_weight).reshape(population, scenarios)
+        rule = Clairvoyant(candidates.reshape(population * scenarios, -1)).for_task(task)
+        return batch.play(rule).loss(time_weight).reshape(population, scenarios)
 
     best = minimise(losses, Clairvoyant.PARAMETERS, scenarios, population, generations, BOUND_SEED)
     return np.ascontiguousarray(best.parameters)

@@ -80,7 +80,7 @@ def test_headers_stay_valid_c_whatever_a_policy_says_of_itself():
         arrays, kind = to_arrays(policy.network), policy.network.description()
         arrays |= {f"{text}.{part}": arrays.pop(f"hidden_0.{part}") for part in ("weight", "bias")}
         network = from_arrays(kind | {"layers": [text, "mean", "log_std"]}, arrays)
-        written = header(Policy(network, policy.environment, {"command": text}), identifier(f"{text}_{place}"))
+        written = header(Policy(network, policy.task, {"command": text}), identifier(f"{text}_{place}"))
         assert "evil();" not in written.partition("#ifndef")[2]
         program += written
     flags = [*LANGUAGES["C99"], *WARNINGS, "-Wno-unused-function", "-fsyntax-only", "-"]
@@ -102,7 +102,7 @@ def test_report_shows_hostile_texts_as_texts(tmp_path):
     setup = load_setup(mine)
     about = {"settings": {"seed": 0, "steps": 2000}, "command": title, "versions": {"</script>": "<b>"}}
     made = made_up_policy(environment={**setup.environment, "time_weight": [0.3, 8.0]})
-    Policy(made.network, made.environment, about).save(tmp_path / "policies" / "mine.npz")
+    Policy(made.network, made.task, about).save(tmp_path / "policies" / "mine.npz")
     out = tmp_path / "out"
     page = write(ReportOptions((str(mine),), folder=tmp_path, count=4, out=out, processes=0)).read_text()
     scripts = re.findall(r"<script([^>]*)>(.*?)</script>", page, re.DOTALL)

@@ -11,6 +11,7 @@ from agents.archive import read_archive, write_archive
 from agents.baselines.profile import Clairvoyant
 from agents.baselines.rule import Floats
 from agents.setups import TUNED, Setup
+from impact_gym.task import Task
 
 GENERATIONS = 150  # of the search in each scenario
 FORMAT = "impact_gym clairvoyant 2"
@@ -49,7 +50,7 @@ def read_bound(setup: Setup, folder: Path = TUNED, generations: int = GENERATION
     except ValueError as error:
         raise ValueError(f"the bound of {setup.name} was not searched: {error}; {remedy}") from error
     same = all(content[name] == value for name, value in _search(generations).items())
-    if not same or not setup.describes(content["environment"]):
+    if not same or not setup.describes(Task(**content["environment"])):
         raise ValueError(f"{path} is of a search for another environment or for other parameters: {remedy}")
     return {float(weight): parameters for weight, parameters in arrays.items()}
 

@@ -1,6 +1,5 @@
 """Commands at random: by themselves, for scale, and on top of a rule's, which every arm follows a little off."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,9 +16,9 @@ class RandomActions:
         """Make one; `seed` is that of the draws, and the task that of `ImpactApproach-v0` unless one is given."""
         self._rng, self._size = np.random.default_rng(seed), len(ActionSpec(task or Task()))
 
-    def for_environment(self, environment: Mapping[str, Any]) -> "RandomActions":
-        """Return one for an environment with these arguments, from the first draw on."""
-        return RandomActions(task=Task(**environment))
+    def for_task(self, task: Task) -> "RandomActions":
+        """Return one for another task, from the first draw on."""
+        return RandomActions(task=task)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True

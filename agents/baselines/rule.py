@@ -96,18 +96,15 @@ class Rule:
         """Return the rule with `parameters`, whatever else its constructor takes."""
         return cls(parameters)
 
-    def for_environment(self, environment: Mapping[str, Any]) -> Self:
-        """Return the same rule for an environment with these arguments; positions are `placed` where its objects stand.
-
-        Those that change nothing of the task, `render_mode` and `record_trace`, are left out.
+    def for_task(self, task: Task) -> Self:
+        """Return the same rule for a task; positions are `placed` where its objects stand.
 
         Raises:
-            ValueError: the environment does not show what the rule looks at.
+            ValueError: the task's environment does not show what the rule looks at.
         """
         kind: Any = type(self)
-        twin, truth = copy.copy(self), {name: True for name in self.NEEDS if name == "privileged"}
-        of_task = {name: value for name, value in environment.items() if name not in ("render_mode", "record_trace")}
-        twin.task = Task(**{**of_task, **truth})
+        twin = copy.copy(self)
+        twin.task = task.changed({"privileged": True}) if "privileged" in self.NEEDS else task
         twin.spec = ObservationSpec(twin.task)
         if missing := [name for name in least_task(kind)[1].ids if name not in twin.spec]:
             arguments = ", ".join(f"{name} = {value}" for name, value in self.NEEDS.items())

@@ -14,6 +14,7 @@ from agents.baselines.rule import Rule
 from agents.policies import Controller
 from agents.setups import TUNED, Setup, owner, shipped_baselines
 from impact_gym.files import parsed, write_file
+from impact_gym.task import Task
 from impact_gym.validation import nearest, number
 
 FORMAT = "impact_gym tuned baseline 1"
@@ -45,7 +46,7 @@ def tuned_rule(content: Mapping[str, Any], time_weight: float) -> Rule:
     weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]  # JSON may be reordered
     numbers = [[tuned[weight][name] for weight in weights] for name in names]
     parameters = [np.interp(np.log(time_weight), np.log(weights), values) for values in numbers]
-    return RULES[content["rule"]].of(parameters).for_environment(content["environment"])
+    return RULES[content["rule"]].of(parameters).for_task(Task(**content["environment"]))
 
 
 def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> dict[str, Any]:
@@ -69,7 +70,7 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
             raise ValueError(f"its checksum is {checksum}, not {content['sha256']}: it was altered")
         expected = _description(name, setup.tuned[name].rule if setup else content["rule"])
         other = [field for field, value in expected.items() if content[field] != value]
-        if setup and not setup.describes(content["environment"]):
+        if setup and not setup.describes(Task(**content["environment"])):
             other.append("environment")
     except (LookupError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{path} is no tuned baseline, or is damaged: {error}; {remedy}") from error

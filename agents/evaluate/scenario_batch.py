@@ -65,27 +65,27 @@ class ScenarioBatch:
     """Numbered scenarios that controllers are played through, all at once and as often as one likes."""
 
     def __init__(
-        self, seed: int, count: int, copies: int = 1, time_weight: Sequence[float] | None = None,
-        frozen: evaluation_sets.EvaluationSet | None = None, threads: int | None = None, quiet: bool = False,
-        lenient: bool = False, max_steps: int = MAX_STEPS, **options: Any,
+        self, seed: int, count: int, task: Task | None = None, *, copies: int = 1,
+        time_weight: Sequence[float] | None = None, frozen: evaluation_sets.EvaluationSet | None = None,
+        threads: int | None = None, quiet: bool = False, lenient: bool = False, max_steps: int = MAX_STEPS,
     ) -> None:  # fmt: skip
         """Make a batch of `copies * count` rows: row k holds scenario `k % count` of its copy.
 
         Args:
             seed: of the first scenario; scenario k is what an environment seeded `seed + k` draws first.
             count: how many scenarios.
+            task: of all rows; None: that of the environment without arguments.
             copies: how often each is there.
-            time_weight: one for each copy, m/s per s; None: what the options say.
+            time_weight: one for each copy, m/s per s; None: what the task says.
             frozen: the set that the scenarios are taken from, not drawn; its seed must be `seed`.
             threads: of the simulation; they change no result.
-            quiet: say nothing of policies that were trained for another environment: here they are meant to be.
+            quiet: do not warn of policies that were trained for another environment.
             lenient: a scenario whose status is not ok is missed, and no error: for a search that tries anything.
             max_steps: integration steps after which the solver gives up a scenario.
-            options: of the environment.
         """
         self.seed, self.count, self.quiet, self.lenient = seed, count, quiet, lenient
-        self._batch = Batch(copies * count, Task(**{"scenario": "test", **options}), threads, max_steps=max_steps)
-        self._copies, self._fixed = copies, {}
+        self._task, self._copies, self._fixed = task or Task(), copies, {}
+        self._batch = Batch(copies * count, self._task, threads, max_steps=max_steps)
         if frozen is not None:
             if frozen.seed != seed or frozen.count < count:
                 raise ValueError(f"the set has {frozen.count} scenarios from {frozen.seed} on, not {count} from {seed}")
@@ -94,14 +94,16 @@ class ScenarioBatch:
             self._fixed["time_weight"] = np.repeat(time_weight, count)
 
     @classmethod
-    def of(cls, name: str, count: int | None = None, **arguments: Any) -> "ScenarioBatch":
-        """Return a batch of the frozen set `name`, or of its first `count` scenarios.
+    def of(cls, name: str, count: int | None = None, task: Task | None = None, **options: Any) -> "ScenarioBatch":
+        """Return a batch of the frozen set `name`, or of its first `count` scenarios; `options` as above.
 
-        An environment with a `scenario` of its own draws its own ones instead, from the seeds of the set.
+        A task with a `scenario` of its own draws its own ones instead, from the seeds of the set.
         """
         frozen = evaluation_sets.load(name)
-        taken = None if "scenario" in arguments else frozen
-        return cls(frozen.seed, frozen.count if count is None else count, frozen=taken, **arguments)
+        own = task is not None and "scenario" in task.arguments()
+        return cls(
+            frozen.seed, frozen.count if count is None else count, task, frozen=None if own else frozen, **options
+        )
 
     def play(
         self,
@@ -126,7 +128,7 @@ class ScenarioBatch:
         """
         batch = self._batch
         if isinstance(controller, Policy) and not self.quiet:
-            controller.warn_if_elsewhere(batch.tasks[0])
+            controller.warn_if_elsewhere(self._task)
         batch.begin_seeded(self.seed, {**self._fixed, **(record or {})}, self._copies)
         start, state = np.ones(batch.size, np.bool_), None
         actions = np.zeros((batch.size, len(batch.action_spec)))
@@ -149,7 +151,7 @@ class ScenarioBatch:
         results = {name: np.array(info[name]) for name in MEASURED if name in info}
         results["missed"] |= failed
         results["approach_time"] = results.get("done_time", results["approach_time"])
-        return Episodes(**results, scenario=scenario, missed_cost=batch.tasks[0].missed_cost)
+        return Episodes(**results, scenario=scenario, missed_cost=self._task.missed_cost)
 
 
 class Validation(ScenarioBatch):
@@ -159,19 +161,15 @@ class Validation(ScenarioBatch):
     What does not settle, as half-trained policies leave it, is missed: it ends no training.
     """
 
-    def __init__(
-        self, environment: Mapping[str, Any], weights: Sequence[float], scenarios: int, threads: int | None = None
-    ) -> None:
+    def __init__(self, task: Task, weights: Sequence[float], scenarios: int, **options: Any) -> None:
         """Make one of the first `scenarios`, each played at each of the time `weights` (m/s per s).
 
-        An `environment` with a scenario of its own draws its own ones from the seeds of the set.
+        A `task` with a scenario of its own draws its own ones from the seeds of the set; `options` as above.
         """
-        frozen = evaluation_sets.load("validation")
-        count = min(scenarios, frozen.count)
-        self.weights, options = tuple(weights), {name: v for name, v in environment.items() if name != "time_weight"}
-        taken = None if "scenario" in options else frozen
-        copies = len(self.weights)
-        super().__init__(frozen.seed, count, copies, self.weights, taken, threads, lenient=True, **options)
+        frozen, own = evaluation_sets.load("validation"), "scenario" in task.arguments()
+        self.weights, count = tuple(weights), min(scenarios, frozen.count)
+        options |= {"frozen": None if own else frozen, "copies": len(self.weights), "time_weight": self.weights}
+        super().__init__(frozen.seed, count, task, lenient=True, **options)
 
     def score(self, controller: Controller) -> dict[str, Any]:
         """Return the means over the scenarios at each time weight, and their mean cost, the `score` (m/s)."""
@@ -181,8 +179,3 @@ class Validation(ScenarioBatch):
         means = {name: values.reshape(len(self.weights), -1).mean(axis=1) for name, values in columns.items()}
         table = {name: values.tolist() for name, values in means.items()}
         return {"score": float(means["cost"].mean()), "time_weight": list(self.weights), **table}
-
-
-def evaluate(controller: Controller, seed: int, count: int, **options: Any) -> Episodes:
-    """Play `controller` through scenarios `seed` ... `seed + count - 1`; `options` go to the environment."""
-    return ScenarioBatch(seed, count, **options).play(controller)

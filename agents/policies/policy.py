@@ -18,7 +18,6 @@ from agents import archive
 from agents.policies.networks import Network, from_arrays, to_arrays
 from impact_gym.files import named_file, reason
 from impact_gym.task import ActionSpec, ObservationSpec, Task
-from impact_gym.task.task import ARGUMENTS
 from impact_gym.teleop.checks import without_files
 from impact_gym.validation import array, shown, whole
 
@@ -40,19 +39,18 @@ class Controller(Protocol):
 class Policy:
     """A network with the environment it was trained for, called as a policy of stable-baselines3 is."""
 
-    def __init__(self, network: Network, environment: Mapping[str, Any], provenance: Mapping[str, Any]) -> None:
+    def __init__(self, network: Network, task: Task, provenance: Mapping[str, Any]) -> None:
         """Make a policy.
 
         Args:
             network: from the scaled observation to the action in [-1, 1].
-            environment: arguments of the environment; they say what the observation holds.
+            task: of the environment; it says what the observation holds.
             provenance: how the policy came about: command, seed, versions, anything that JSON holds.
 
         Raises:
             ValueError: the network does not fit the environment.
         """
-        self.network, self.environment, self.provenance = network, dict(environment), dict(provenance)
-        task = Task(**environment)
+        self.network, self.task, self.provenance = network, task, dict(provenance)
         self.spec, self.inputs, self.actions = ObservationSpec(task), network.inputs, len(ActionSpec(task))
         if self.inputs != len(self.spec):
             raise ValueError(f"the network takes {self.inputs} numbers, the environment shows {len(self.spec)}")
@@ -60,6 +58,11 @@ class Policy:
             raise ValueError(f"the network gives {network.mean.outputs} numbers, an action has {self.actions}")
         self._noise = np.random.default_rng()
         self._warned = False
+
+    @property
+    def environment(self) -> dict[str, Any]:
+        """Arguments of the environment that it was trained for."""
+        return self.task.arguments()
 
     @property
     def seed(self) -> int:
@@ -89,11 +92,7 @@ class Policy:
 
     def differs_in(self, task: Task) -> list[str]:
         """Return the arguments in which a task is another than the one that the policy was trained for."""
-        own = Task(**self.environment)
-        names = ARGUMENTS.keys() - {*MAY_DIFFER}
-        other = {name for name in names if getattr(own, name) != getattr(task, name)}
-        ranges = {name for name in {*own.drawn, *task.drawn} if own.drawn.get(name) != task.drawn.get(name)}
-        return sorted(other | {name.partition(".")[0] for name in ranges})
+        return [name for name in self.task.differs_in(task) if name not in MAY_DIFFER]
 
     def warn_if_elsewhere(self, task: Task) -> None:
         """Warn, once, if a task is another than the one that the policy was trained for."""
@@ -125,7 +124,7 @@ class Ensemble:
         seeds = [policy.seed for policy in self.policies]
         if self.chosen not in seeds or len(set(seeds)) < len(seeds):
             raise ValueError(f"policies must have different seeds, {shown(self.chosen)} among them, got {seeds}")
-        kinds = [(policy.environment, policy.network.description()) for policy in self.policies]
+        kinds = [(policy.task, policy.network.description()) for policy in self.policies]
         if any(kind != kinds[0] for kind in kinds):
             raise ValueError("policies of an ensemble must have one environment and one kind of network")
 
@@ -147,8 +146,8 @@ class Ensemble:
         content = {
             "network": chosen.network.description(),
             "environment": chosen.environment,
-            "observation": observation_table(chosen.environment),
-            "action": action_table(chosen.environment),
+            "observation": observation_table(chosen.task),
+            "action": action_table(chosen.task),
             "provenance": {str(policy.seed): policy.provenance for policy in self.policies},
             "chosen": self.chosen,
         }
@@ -162,8 +161,8 @@ class Ensemble:
         Raises:
             ValueError, LookupError, TypeError: it is none, or was made for other scales than this version has.
         """
-        environment = without_files(content["environment"])
-        tables = observation_table(environment), action_table(environment)
+        task = Task(**without_files(content["environment"]))
+        tables = observation_table(task), action_table(task)
         if (content["observation"], content["action"]) != tables:
             raise ValueError("it was made for other scales of observation or action than this version's environment")
         weights: dict[str, dict[str, NDArray[Any]]] = {seed: {} for seed in content["provenance"]}
@@ -171,23 +170,23 @@ class Ensemble:
             seed, _, part = name.partition("/")
             weights[seed][part] = weight
         networks = {seed: from_arrays(content["network"], own) for seed, own in weights.items()}
-        policies = [Policy(networks[seed], environment, how) for seed, how in content["provenance"].items()]
+        policies = [Policy(networks[seed], task, how) for seed, how in content["provenance"].items()]
         return cls(policies, content["chosen"])
 
 
-def observation_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
+def observation_table(task: Task) -> list[dict[str, Any]]:
     """Return id, unit and scale of each number of the observation."""
     scale = ("low", "high", "scaled_low", "curve")
     return [
         {"id": entry.id, "unit": entry.unit, **{name: getattr(entry.scale, name) for name in scale}}
-        for entry in ObservationSpec(Task(**environment)).entries
+        for entry in ObservationSpec(task).entries
     ]
 
 
-def action_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return what the action's numbers in [-1, 1] are mapped to."""
-    fields, entries = ("id", "unit", "low", "high"), ActionSpec(Task(**environment)).entries
-    return [{name: getattr(entry, name) for name in fields} for entry in entries]
+def action_table(task: Task) -> list[dict[str, Any]]:
+    """Return id, unit and range of each number of the action."""
+    fields = ("id", "unit", "low", "high")
+    return [{name: getattr(entry, name) for name in fields} for entry in ActionSpec(task).entries]
 
 
 def load_ensemble(name: str | Path) -> Ensemble:

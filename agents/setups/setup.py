@@ -4,7 +4,7 @@ import tomllib
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -90,6 +90,11 @@ class Setup:
         """Return `num_envs` of them as a native batch."""
         return gym.make_vec("impact_gym:ImpactApproach-v0", num_envs=num_envs, **{**self.environment, **more})
 
+    @cached_property
+    def task(self) -> Task:
+        """The environment's arguments, checked."""
+        return Task(**self.environment)
+
     @property
     def shipped(self) -> bool:
         """Whether it is one of this folder's."""
@@ -105,15 +110,14 @@ class Setup:
         """Where what is made for it goes, unless one says otherwise: `policies`, `tuned`."""
         return SHIPPED.parent if self.shipped else Path("runs") / self.name
 
-    def describes(self, environment: Mapping[str, Any]) -> bool:
-        """Whether an environment with these arguments is this set-up's."""
-        return same_environment(self.environment, environment)
+    def describes(self, task: Task) -> bool:
+        """Whether a task is this set-up's, whatever training and evaluation change of it."""
+        return same_environment(self.task, task)
 
 
-def same_environment(here: Mapping[str, Any], there: Mapping[str, Any]) -> bool:
-    """Whether two mappings of arguments are the same environment, whatever is left to defaults."""
-    first, second = (Task(**{name: each[name] for name in SET_UP_ARGUMENTS if name in each}) for each in (here, there))
-    return first == second
+def same_environment(here: Task, there: Task) -> bool:
+    """Whether two tasks are the same environment, whatever training and evaluation change of it."""
+    return not {*here.differs_in(there)} & {*SET_UP_ARGUMENTS}
 
 
 def shipped() -> tuple[str, ...]:
@@ -187,7 +191,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         for name, given in listed.items()
     }
     title = text(content, "title", path.stem)
-    mixed = _mixed(training.pop("mixed", []), environment)
+    mixed = _mixed(training.pop("mixed", []), task)
     with within("training"):
         seeds = whole("seeds", training.pop("seeds", SEEDS), at_least=1)
         number("seeds", seeds, "-", at_most=MOST_SEEDS)
@@ -225,7 +229,7 @@ def _read_delays(environment: dict[str, Any], folder: Path) -> None:
                 channel["trace"] = [list(row) for row in zip(*columns_of(folder / trace), strict=True)]
 
 
-def _mixed(given: Any, environment: Mapping[str, Any]) -> tuple[tuple[float, Mapping[str, Any]], ...]:
+def _mixed(given: Any, task: Task) -> tuple[tuple[float, Mapping[str, Any]], ...]:
     """Return the shares of a training that play something else, and what."""
     parts = []
     for place, part in enumerate(given):
@@ -234,7 +238,7 @@ def _mixed(given: Any, environment: Mapping[str, Any]) -> tuple[tuple[float, Map
         known(f"{name}.", part, ("share", *SET_UP_ARGUMENTS))
         with within(name):
             share = number("share", part.pop("share", None), "-", above=0, at_most=1)
-            ObservationSpec.of_rows([Task(**environment), Task(**{**environment, **part})])
+            ObservationSpec.of_rows([task, task.changed(part)])
         parts.append((share, part))
     return tuple(parts)
 

@@ -54,7 +54,7 @@ class TrainingCallback(BaseCallback):
         self._folder, self._setup, self._training, self._environments = folder, setup, training, environments
         self._policy, self._on_validation = policy, on_validation
         self.validation = Validation(
-            setup.environment, setup.evaluation.weights, training.validation_scenarios, training.simulation_threads
+            setup.task, setup.evaluation.weights, training.validation_scenarios, threads=training.simulation_threads
         )
         self._start_clock()
         self.kept: dict[str, Any] = {  # all that must survive an interruption

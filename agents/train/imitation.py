@@ -15,7 +15,7 @@ from torch.nn.functional import mse_loss
 
 from agents.baselines.tuned import FIXED, read_tuned, tuned_rule
 from agents.setups import Setup
-from impact_gym.task import ActionSpec, ObservationSpec, Task
+from impact_gym.task import ActionSpec, ObservationSpec
 
 
 class Teacher:
@@ -35,9 +35,9 @@ class Teacher:
             scores = [tuned["validation"] for tuned in content["weights"].values()]
             means = [(score["object_velocity"], score["approach_time"]) for score in scores]
             self.checksum = content["sha256"]
-        self.rules, self.means = [rule.for_environment(setup.environment) for rule in rules], np.array(means)
-        played = [{}, *(changes for _, changes in setup.mixed)]
-        tasks = [Task(**{**setup.environment, **changes, "privileged": True}) for changes in played]
+        self.rules, self.means = [rule.for_task(setup.task) for rule in rules], np.array(means)
+        mixed = [{}, *(changes for _, changes in setup.mixed)]
+        tasks = [setup.task.changed({**changes, "privileged": True}) for changes in mixed]
         self.spec, self.action_size = ObservationSpec.of_rows(tasks), len(ActionSpec(tasks[0]))
 
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -54,16 +55,16 @@ class Run:
     def __post_init__(self) -> None:
         whole("seed", self.seed, at_least=0)
 
-    @property
-    def environment(self) -> dict[str, Any]:
-        """Arguments of the environment that the policy is for."""
-        return {**self.setup.environment, "time_weight": list(self.training.time_weight)}
+    @cached_property
+    def task(self) -> Task:
+        """The task that the policy is for."""
+        return self.setup.task.changed({"time_weight": list(self.training.time_weight)})
 
     @property
-    def training_environment(self) -> dict[str, Any]:
-        """The same with what training adds: another tolerance, and the truth for an informed critic."""
+    def training_task(self) -> Task:
+        """The same with what training adds: another tolerance, and the true scenario for an informed critic."""
         faster = {} if self.training.rtol is None else {"rtol": self.training.rtol}
-        return {**self.environment, **faster, "privileged": self.training.informed_critic}
+        return self.task.changed({**faster, "privileged": self.training.informed_critic})
 
     @property
     def slots(self) -> list[dict[str, Any]]:
@@ -82,7 +83,7 @@ class Run:
         """Return what the result depends on, as JSON gives it back: also what the set-up says beside the settings."""
         evaluation, training = self.setup.evaluation, self.training
         settings = {"setup": self.setup.called, "seed": self.seed, **asdict(training)}
-        made = {"settings": settings, "environment": self.environment, "weights": evaluation.weights}
+        made = {"settings": settings, "environment": self.task.arguments(), "weights": evaluation.weights}
         made |= {"teacher": Teacher(self.setup, training.teacher).checksum} if training.teacher else {}
         made |= {"nominal": evaluation.nominal} if training.nominal else {}
         made |= {"mixed": self.setup.mixed} if self.setup.mixed else {}
@@ -103,7 +104,7 @@ def make_environments(run: Run) -> ScaledRewards:
     """Return the environments a training plays in, see `Run.slots`."""
     training, slots = run.training, run.slots if any(run.slots) else None
     threads = training.simulation_threads
-    envs = ImpactVecEnv(training.envs, threads=threads, per_slot=slots, **run.training_environment)
+    envs = ImpactVecEnv(training.envs, threads=threads, per_slot=slots, **run.training_task.arguments())
     return ScaledRewards(envs, training.weight_power)
 
 
@@ -111,7 +112,7 @@ def make_model(run: Run, environments: ScaledRewards) -> PPO:
     """Return a model that has learned nothing yet; the discount is 1, as an episode ends and its sum is what counts."""
     training = run.training
     network = {
-        "actor_inputs": len(ObservationSpec(Task(**run.environment))),
+        "actor_inputs": len(ObservationSpec(run.task)),
         "net_arch": [training.width] * training.depth,
         "activation_fn": ACTIVATIONS[training.activation],
         "features_extractor_class": Standardised,
@@ -133,8 +134,8 @@ def make_model(run: Run, environments: ScaledRewards) -> PPO:
 
 def policy_from(model: PPO, run: Run, provenance: Mapping[str, Any]) -> Policy:
     """Return a copy of what acts in a model, on NumPy."""
-    network = acting_network(model.policy, Task(**run.environment), run.training.activation)
-    return Policy(network, run.environment, provenance)
+    network = acting_network(model.policy, run.task, run.training.activation)
+    return Policy(network, run.task, provenance)
 
 
 def train(run: Run, out: Path | None = None, on_validation: OnValidation | None = None) -> Path:
@@ -145,7 +146,7 @@ def train(run: Run, out: Path | None = None, on_validation: OnValidation | None 
         CollapsedError: there is nothing left to go on from; the folder keeps the reason.
     """
     with within(run.setup.called):
-        for sentence in warnings(Task(**run.environment)):
+        for sentence in warnings(run.task):
             print(f"warning: {sentence}")
     stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
     folder = out or Path("runs") / f"{stamp}-{run.setup.name}-seed{run.seed}"
@@ -217,7 +218,7 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
             log_interval=None,  # type: ignore[arg-type]  # none: the callback writes the log (stable-baselines3 2.9)
             reset_num_timesteps=not saved.is_file(),
         )
-    rule = callback.validation.score(PaperTrapezoid().for_environment(run.environment))
+    rule = callback.validation.score(PaperTrapezoid().for_task(run.task))
     scores = {name: load_policy(folder / f"{name}.npz").provenance["validation"] for name in ("best", "final")}
     metrics = {
         "validation": {**scores, "paper's rule": rule},

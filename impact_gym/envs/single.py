@@ -176,10 +176,11 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.render_mode = render_mode
         self._renderer: Renderer | None = None
         points = TRACE_POINTS if record_trace or render_mode is not None else 0
-        self._batch = Batch(1, Task(**arguments), threads=1, trace_points=points)
+        self.task = Task(**arguments)
+        self._batch = Batch(1, self.task, threads=1, trace_points=points)
         self.observation_spec, self.action_spec = self._batch.spec, self._batch.action_spec
         self.observation_space = observation_space(self.observation_spec)
-        self.action_space = action_space(self._batch.tasks[0])
+        self.action_space = action_space(self.task)
         self._running = False
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:

@@ -248,6 +248,12 @@ class Task:
             return 0.0, max(1.25 * self.horizon, self.horizon + self.after_alarm)
         return (0.0, self.after_alarm) if argument == "after_alarm" else self.velocity_range
 
+    def differs_in(self, other: "Task") -> list[str]:
+        """Return the arguments in which another task differs, however they are written."""
+        names = {name for name in ARGUMENTS if getattr(self, name) != getattr(other, name)}
+        drawn = {name for name in {*self.drawn, *other.drawn} if self.drawn.get(name) != other.drawn.get(name)}
+        return sorted(names | {name.partition(".")[0] for name in drawn})
+
     def at(self, record: Mapping[str, float]) -> "Task":
         """Return the task of the episode that drew `record`, the final `info["record"]`: nothing in it is drawn."""
         return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
