@@ -1,5 +1,7 @@
-"""What the commands share: each is called `impact-gym NAME`, and one line says what went wrong or how to continue."""
+"""What the commands `impact-gym NAME` share: their arguments, one line for an error or how to continue, progress."""
 
+import io
+import multiprocessing
 import re
 import shlex
 import sys
@@ -7,11 +9,16 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass, replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from impact_gym.files import DiskFullError, writing
 
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
 Options = TypeVar("Options")
+LINE_EVERY = 30.0  # s, between lines about progress in a log
+FORM = "{desc}: {n_fmt} of {total_fmt} after {elapsed}, {remaining} left"
 
 
 def run_command(
@@ -117,3 +124,26 @@ def _words(options: Any, default: Any) -> tuple[list[str], list[str]]:
         elif value != usual:
             named += [f"--{option}", *words]
     return positional, named
+
+
+class _Lines(io.TextIOBase):
+    """Where a bar writes that nobody redraws: each of its states becomes a line on standard error."""
+
+    def write(self, text: str) -> int:
+        if line := text.strip():
+            print(line, file=sys.stderr, flush=True)
+        return len(text)
+
+
+def progress(title: str, total: int, begun: int = 0) -> "tqdm[Any]":
+    """Return the progress of `title`, to be updated and closed: `begun` of `total` steps are done.
+
+    The main process redraws a bar where standard error is a terminal. Anything else gets a line every 30 s, and one at
+    the end of what took as long.
+    """
+    from tqdm import tqdm
+
+    if sys.stderr.isatty() and multiprocessing.parent_process() is None:
+        return tqdm(total=total, initial=begun, desc=title, smoothing=0.02)
+    lines: Any = {"file": _Lines(), "bar_format": FORM, "mininterval": LINE_EVERY, "delay": LINE_EVERY, "miniters": 1}
+    return tqdm(total=total, initial=begun, desc=title, smoothing=0.02, **lines)

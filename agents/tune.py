@@ -21,8 +21,8 @@ from agents.baselines.rule import Floats, Rule
 from agents.baselines.tuned import RULES, read_tuned, write_tuned
 from agents.command_line import command_of, run_command
 from agents.evaluate import TUNING_SEED, ScenarioBatch
-from agents.jobs import cached, digest_of
-from agents.provenance import circumstances
+from agents.jobs import cached
+from agents.provenance import circumstances, digest_of
 from agents.setups import Setup, load_setup, shipped
 from impact_gym.files import locked
 from impact_gym.task import Task

@@ -8,9 +8,9 @@ from agents.evaluate.scenario_batch import (
     VALIDATION_SEED,
     Episodes,
     ScenarioBatch,
+    Travel,
     Validation,
 )
-from agents.evaluate.travel import Travel
 
 __all__ = [
     "MEASURED", "RESULTS", "TEST_SEED", "TUNING_SEED", "VALIDATION_SEED", "Episodes", "ScenarioBatch", "Travel",

@@ -1,4 +1,4 @@
-"""Numbered scenarios, the same for every controller, and what comes of playing one through them."""
+"""Numbered scenarios, the same for every controller, and the results of playing one through them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -179,3 +179,34 @@ class Validation(ScenarioBatch):
         means = {name: values.reshape(len(self.weights), -1).mean(axis=1) for name, values in columns.items()}
         table = {name: values.tolist() for name, values in means.items()}
         return {"score": float(means["cost"].mean()), "time_weight": list(self.weights), **table}
+
+
+WITHIN_STEP = (0.25, 0.5, 0.75, 1.0)
+"""Shares of a control step at which `Travel` evaluates the tool's deflection, on the cubic through both ends."""
+
+
+class Travel:
+    """Largest deflection of the tool of each row, m: before the first touch, and in all, `stroke`."""
+
+    def __init__(self, rows: int) -> None:
+        self.deflection, self.stroke = np.zeros(rows), np.zeros(rows)
+        self._rest = np.zeros(rows)
+        self._before: Bodies | None = None
+
+    def __call__(self, now: Bodies) -> None:
+        """Take the present motion of the tools into account; see `watch` of `ScenarioBatch.play`."""
+        before, self._before = self._before, now
+        if before is None:
+            self._rest = now.deflection
+            return
+        step = now.time - before.time
+        for u in WITHIN_STEP:
+            deflection = (
+                (1.0 + 2.0 * u) * (1.0 - u) ** 2 * before.deflection
+                + u * (1.0 - u) ** 2 * step * before.deflection_rate
+                + u**2 * (3.0 - 2.0 * u) * now.deflection
+                - u**2 * (1.0 - u) * step * now.deflection_rate
+            )
+            away = np.abs(deflection - self._rest)
+            self.stroke = np.maximum(self.stroke, away)
+            self.deflection = np.where(now.touched, self.deflection, np.maximum(self.deflection, away))

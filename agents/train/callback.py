@@ -1,6 +1,8 @@
-"""What happens between two rollouts: the two objectives by name, validation, the best policy, checkpoints."""
+"""Work between two rollouts: validation, the best policy, checkpoints, learning curves as CSV and for TensorBoard."""
 
+import csv
 import math
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -9,14 +11,17 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import CSVOutputFormat, KVWriter, TensorBoardOutputFormat
+from torch.utils.tensorboard.writer import SummaryWriter
 
 from agents.evaluate import Validation
 from agents.policies.policy import Policy
 from agents.setups import Setup, Training
 from agents.train import checkpoint
-from agents.train.logs import STEPS
-from agents.wrappers import ScaledRewards
+from agents.train.rewards import ScaledRewards
+from impact_gym.files import write_file
 
+STEPS = "time/total_timesteps"
 OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
 OnValidation = Callable[[int, dict[str, Any]], None]
 """Called after each validation with the steps made so far and the result."""
@@ -31,7 +36,7 @@ class CollapsedError(RuntimeError):
 
 
 class ProgressCallback(BaseCallback):
-    """Tells a bar, see `agents.progress`, how many steps are done."""
+    """Tells a bar, see `agents.command_line.progress`, how many steps are done."""
 
     def __init__(self, bar: Any) -> None:
         super().__init__()
@@ -165,3 +170,36 @@ class TrainingCallback(BaseCallback):
             self.logger.record("time/steps_per_second", steps / (time.perf_counter() - self._begun))
         self.logger.record(STEPS, self.num_timesteps, exclude="tensorboard")
         self.logger.dump(step=self.num_timesteps)
+
+
+class _Csv(CSVOutputFormat):
+    """Continues a file after its rows up to `steps`; a resumed training logs the later ones again."""
+
+    def __init__(self, path: Path, steps: int) -> None:
+        lines = path.read_text().splitlines(keepends=True) if path.is_file() else []
+        columns = next(csv.reader(lines[:1]), [])
+        kept = [line for line in lines[1:] if line.endswith("\n") and _steps(line, columns) <= steps]
+        write_file(path, "".join(lines[:1] + kept))
+        super().__init__(os.devnull)  # which would empty the file
+        self.file.close()
+        self.file, self.keys = path.open("r+"), columns
+        self.file.seek(0, os.SEEK_END)
+
+
+def _steps(line: str, columns: list[str]) -> float:
+    """Return the steps at which a line was logged; inf for a broken one."""
+    row = dict(zip(columns, next(csv.reader([line])), strict=False))
+    return float(row.get(STEPS) or "inf")
+
+
+class _TensorBoard(TensorBoardOutputFormat):
+    """Makes TensorBoard drop what an interrupted run logged after its checkpoint."""
+
+    def __init__(self, folder: Path, steps: int) -> None:
+        self.writer = SummaryWriter(log_dir=str(folder), purge_step=steps + 1 if steps else None)
+        self._is_closed = False
+
+
+def outputs(folder: Path, steps: int) -> list[KVWriter]:
+    """Return writers into `folder` for a run that has made `steps` steps."""
+    return [_Csv(folder / "progress.csv", steps), _TensorBoard(folder, steps)]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.archive import read_archive, write_archive
-from agents.wrappers import ScaledRewards
+from agents.train.rewards import ScaledRewards
 
 FORMAT = "impact_gym checkpoint 1"
 # stable-baselines3 2.9 has no public way to these; a test trains on from them to the bit.

@@ -20,19 +20,17 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
 
 from agents.baselines import PaperTrapezoid
-from agents.command_line import command_of
+from agents.command_line import command_of, progress
 from agents.policies import Policy, load_policy
-from agents.progress import progress
 from agents.provenance import circumstances, revision
 from agents.setups import Setup, Training, load_setup
 from agents.setups.feasible import warnings
 from agents.setups.keys import within
 from agents.train import checkpoint
-from agents.train.callback import CollapsedError, OnValidation, ProgressCallback, TrainingCallback
+from agents.train.callback import CollapsedError, OnValidation, ProgressCallback, TrainingCallback, outputs
 from agents.train.imitation import PPOWithImitation, Teacher
-from agents.train.logs import outputs
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
-from agents.wrappers import ScaledRewards
+from agents.train.rewards import ScaledRewards
 from impact_gym.files import locked, write_file, writing
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import ObservationSpec, Task

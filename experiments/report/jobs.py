@@ -12,8 +12,9 @@ from agents.baselines import PaperTrapezoid
 from agents.evaluate import Travel
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import play, scenario_batch_of
-from agents.jobs import cached, digest_of
+from agents.jobs import cached
 from agents.policies import Controller
+from agents.provenance import digest_of
 from experiments.lab import grid
 from experiments.lab.player.films import play as replay
 from experiments.report import holds

@@ -17,8 +17,8 @@ from agents.baselines.tuned import FIXED, read_tuned
 from agents.evaluate.controllers import controller_of, try_out
 from agents.evaluate.play import environment_and_scenarios
 from agents.evaluate.scenario_batch import TEST_SEED
-from agents.jobs import digest_of
 from agents.policies import Policy, load_ensemble, load_policy
+from agents.provenance import digest_of
 from agents.setups import TUNED, Setup, load_setup, same_environment, shipped, shipped_baselines
 from agents.setups.evaluation import Change, Evaluation, variants
 from impact_gym.task import ActionSpec, ObservationSpec, Task

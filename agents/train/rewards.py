@@ -1,4 +1,4 @@
-"""Wrappers of the environments that policies train in."""
+"""The rewards of a training, scaled so that episodes with a large time weight do not dominate."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,7 +13,7 @@ from impact_gym.sb3 import ImpactVecEnv
 
 
 class ScaledRewards(VecEnvWrapper):
-    """Divides rewards by (1 + time weight) to a power, so that hurried episodes do not drown the others."""
+    """Divides rewards by (1 + time weight) to a power."""
 
     def __init__(self, envs: ImpactVecEnv, power: float) -> None:
         super().__init__(envs)
@@ -34,11 +34,11 @@ class ScaledRewards(VecEnvWrapper):
         return observations, rewards, ended, infos
 
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of all that goes on."""
+        """Return the state needed to resume."""
         return {"scale": self._scale, "envs": self._envs.get_state()}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what `get_state` returned; ValueError, as of `ImpactVecEnv`: it cannot have."""
+        """Take over a state that `get_state` returned; ValueError: it is not one of these environments."""
         scale = taken(state, "scale", self._scale)
         require("scale", scale, np.isfinite(scale) & (scale > 0.0), "finite and above 0")
         self._envs.set_state(state.get("envs", {}))
