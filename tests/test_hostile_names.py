@@ -120,19 +120,17 @@ def member(shape, content):
 
 
 @pytest.mark.parametrize(("content", "how", "message"), [
-    (member((100_000_000_000,), bytes(8)), zipfile.ZIP_STORED, "claims 800,000,000,000 bytes and has 8"),
-    (member((100_000, 1000, 1000), b""), zipfile.ZIP_STORED, "claims 800,000,000,000 bytes and has 0"),
+    (member((100_000_000_000,), bytes(8)), zipfile.ZIP_STORED, "is damaged"),
+    (member((100_000, 1000, 1000), b""), zipfile.ZIP_STORED, "is damaged"),
     (member((2_000_000,), bytes(16_000_000)), zipfile.ZIP_DEFLATED, "would unpack from"),
     (member((0,), b""), zipfile.ZIP_LZMA, "is compressed"),
-    (member((1,), bytes(16)), zipfile.ZIP_STORED, "claims 8 bytes and has 16"),
+    (member((1,), bytes(16)), zipfile.ZIP_STORED, "checksum"),
 ])  # fmt: skip
 def test_load_policy_refuses_what_is_larger_than_its_file(content, how, message, tmp_path):
     path = made_up_policy().save(tmp_path / "it.npz")
     with zipfile.ZipFile(path, "a", how) as file:
         file.writestr("0/more.weight.npy", content)
     refused(partial(load_policy, path), message)
-    with path.open("rb") as file:
-        refused(partial(archive.load, file, "impact_gym policies 3"), message)
 
 
 @pytest.mark.parametrize("part", ["mean.weight", "mean.bias", "hidden_0.weight", "log_std.bias"])
