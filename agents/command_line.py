@@ -32,18 +32,18 @@ def run_command(
 def read_command(
     name: str, options: type[Options], arguments: Sequence[str] | None = None, default: Options | None = None
 ) -> Options:
-    """Return what a command line asks for: words after `impact-gym NAME`, those of this process unless given.
+    """Return the options on a command line: words after `impact-gym NAME`, those of this process unless given.
 
-    The help says SETUP, NAME, NUMBER and PATH for what stands where, instead of types.
+    The help shows SETUP, NAME, NUMBER and PATH instead of types.
     """
-    import tyro  # whoever only plays has no need of it
+    import tyro  # not needed to play
     from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
     registry, asking = ConstructorRegistry(), list[PrimitiveTypeInfo]()
 
     @registry.primitive_rule
     def readable(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
-        """Read as tyro does, which is asked while this rule looks away, but say plainly what."""
+        """Read as tyro does, with a plainer word for the value in the help; `asking` stops the recursion."""
         if asking:
             return None
         asking.append(info)
@@ -70,10 +70,7 @@ def _plain(metavar: str) -> str:
 
 @contextmanager
 def command_line(name: str, after: str = "the same command continues") -> Iterator[None]:
-    """Run `impact-gym NAME`; an error that a user can mend is one line. `after` says how to go on once it stopped.
-
-    So is a warning, which is printed once.
-    """
+    """Run `impact-gym NAME` with each error of a user, and each warning once, in one line; `after`: how to continue."""
     said = set[str]()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
@@ -97,8 +94,8 @@ def command_line(name: str, after: str = "the same command continues") -> Iterat
 def command_of(name: str, options: Any, default: Any = None, *first: str) -> str:
     """Return the command line `impact-gym NAME ...` that is read into `options`, a dataclass for tyro.
 
-    Options are left out where they are those of `default`, another one, or else their own defaults. What is not among
-    them stands `first`.
+    Options equal to those of `default`, another such dataclass, or to their own defaults are left out. `first` are
+    further words before them.
     """
     positional, named = _words(options, default)
     return shlex.join(["impact-gym", name, *first, *positional, *named])
@@ -127,7 +124,7 @@ def _words(options: Any, default: Any) -> tuple[list[str], list[str]]:
 
 
 class _Lines(io.TextIOBase):
-    """Where a bar writes that nobody redraws: each of its states becomes a line on standard error."""
+    """The file of a progress bar in a log: each of its states becomes a line on standard error."""
 
     def write(self, text: str) -> int:
         if line := text.strip():
@@ -136,10 +133,9 @@ class _Lines(io.TextIOBase):
 
 
 def progress(title: str, total: int, begun: int = 0) -> "tqdm[Any]":
-    """Return the progress of `title`, to be updated and closed: `begun` of `total` steps are done.
+    """Return a progress bar, to be updated and closed, with `begun` of `total` steps done.
 
-    The main process redraws a bar where standard error is a terminal. Anything else gets a line every 30 s, and one at
-    the end of what took as long.
+    On a terminal the main process redraws it; elsewhere it prints a line every 30 s.
     """
     from tqdm import tqdm
 

@@ -162,7 +162,7 @@ class _Store:
 
 
 def _kept(function: str, arguments: str, depends: str, answer: Any) -> Any:
-    """Return the answer to store; there is none where joblib.Memory finds none stored, and asks for it."""
+    """Return the answer to store; joblib.Memory calls this without one if none is stored."""
     if answer is None:
         raise LookupError(function, arguments, depends)
     return answer

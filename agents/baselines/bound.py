@@ -1,6 +1,6 @@
-"""The bound: for every scenario by itself, the best that a controller does that knows it.
+"""The clairvoyant bound: for each scenario, the best cost of a controller that knows it.
 
-It is a bound on the rules of its kind, found by search: a controller with other freedoms could still do better.
+It is found by search among the rules of one kind: a controller with other parameters could do better.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ FROZEN = "test"
 
 
 def _search(generations: int) -> dict[str, Any]:
-    """Return what a file of the bound says of its search."""
+    """Return the settings of the search, as in the file."""
     return {"set": FROZEN, "parameters": Clairvoyant.names(), "generations": generations}
 
 
@@ -31,7 +31,7 @@ def path_of(setup: Setup, folder: Path = TUNED) -> Path:
 def write_bound(
     setup: Setup, by_weight: Mapping[float, Floats], folder: Path = TUNED, generations: int = GENERATIONS
 ) -> Path:
-    """Write the best parameters (scenarios, k) for each time weight, whole or not at all, and return the path."""
+    """Write the best parameters (scenarios, k) for each time weight, atomically, and return the path."""
     path, content = path_of(setup, folder), {"environment": dict(setup.environment), **_search(generations)}
     write_archive(path, FORMAT, content, {f"{weight:g}": by_weight[weight] for weight in sorted(by_weight)})
     return path

@@ -97,7 +97,7 @@ class BlindProfile(ReactingRule):
 
 
 class ConstantDeceleration(ReactingRule):
-    """Brake evenly towards a place where the object must have been met: what a uniform prior asks of a rigid tool."""
+    """Brake evenly towards a place where the object must have been met: best for a rigid tool and a uniform prior."""
 
     PARAMETERS = (
         Parameter("top speed", "m/s", 0.1, VELOCITY_RANGE[1], 1.0),

@@ -1,4 +1,4 @@
-"""Commands at random: by themselves, for scale, and on top of a rule's, which every arm follows a little off."""
+"""Random actions, as a reference, and random errors added to a rule's actions."""
 
 from typing import Any
 
@@ -28,9 +28,9 @@ class RandomActions:
 
 
 class Jittery:
-    """A rule whose every command is a little off, by as much in the same scenario whatever the candidate.
+    """A rule with random errors on its actions, the same ones for all candidates in a scenario.
 
-    What holds only to the last digit does not survive that.
+    Parameters that need exactly followed commands then lose.
     """
 
     def __init__(self, rule: Controller, jitter: float, scenarios: int, rng: np.random.Generator) -> None:

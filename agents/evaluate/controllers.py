@@ -75,16 +75,16 @@ KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
 
 
 def try_out(name: str, controller: Controller, observations: NDArray[np.float32], action_size: int) -> None:
-    """Ask a controller once for a batch of observations (n, n_obs), as evaluation will; an action has so many numbers.
+    """Call a controller once with a batch of observations (n, n_obs), as evaluation does.
 
     Raises:
-        ValueError: it fails, or what it returns are no n actions; names it.
+        ValueError: it fails, or does not return n finite actions of `action_size` numbers; names it.
     """
     start = np.ones(len(observations), np.bool_)
     try:
         actions, _ = controller.predict(observations.copy(), state=None, episode_start=start, deterministic=True)
         actions = np.asarray(actions, np.float64)
     except Exception as error:
-        raise ValueError(f"{name!r} cannot be asked for a batch of observations: {error!r}") from error
+        raise ValueError(f"{name!r} fails on a batch of observations: {error!r}") from error
     if actions.shape != (shape := (len(observations), action_size)) or not np.isfinite(actions).all():
         raise ValueError(f"{name!r} must return actions {shape}, finite; got {actions!r}")

@@ -33,7 +33,7 @@ def play(
     `agents.evaluate.controllers` says how to describe a controller; `environment` is without scenario and time weight;
     `lenient` is that of `ScenarioBatch`.
     """
-    with warnings.catch_warnings(action="ignore", category=UserWarning):  # what is hard about it is meant to be
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # hard scenarios are meant to be hard
         task = Task(**(environment or {}))
         played = [
             scenario_batch_of(scenarios, weight, task, lenient).play(controller_of(controller, weight, task))
@@ -48,8 +48,8 @@ def environment_and_scenarios(
 ) -> tuple[dict[str, Any], Mapping[str, Any]]:
     """Return the arguments of an environment without its scenario, and the scenarios that are played in it.
 
-    One with ranges of its own meets as many from these, drawn from the seeds of the frozen set that is asked for,
-    unless that is `hard`.
+    An environment with ranges of its own plays as many scenarios drawn from these, with the seeds of the requested
+    frozen set, unless that is `hard`.
     """
     arguments = {name: value for name, value in environment.items() if name != "scenario"}
     if "scenario" not in environment or scenarios.get("set", "hard") == "hard":

@@ -25,7 +25,7 @@ third set; agents are trained with seeds above all of these, from `agents.train.
 
 RESULTS = tuple(row.id for row in quantities.RESULTS)
 MEASURED = (*RESULTS, *SLIDE, *LINKED)
-"""What is known of an episode, see `Episodes`: always, and with friction or an operator."""
+"""Measured quantities of an episode, see `Episodes`; the last ones need friction or an operator."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Episodes:
         return self.object_velocity + time_weight * self.approach_time
 
     def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        """The same and what the environment charges for a miss, m/s: minus the return."""
+        """Cost and the environment's charge for a miss, m/s: minus the return."""
         return self.cost(time_weight) + self.missed_cost * self.missed
 
     def first(self, count: int) -> "Episodes":
@@ -62,7 +62,7 @@ class Episodes:
 
 
 class ScenarioBatch:
-    """Numbered scenarios that controllers are played through, all at once and as often as one likes."""
+    """Numbered scenarios that controllers play, all at once."""
 
     def __init__(
         self, seed: int, count: int, task: Task | None = None, *, copies: int = 1,
@@ -114,17 +114,17 @@ class ScenarioBatch:
         """Play every row to its end.
 
         The result of a row depends on its scenario and the controller alone, as long as the controller's action for an
-        observation does not depend on those beside it (`Policy` sees to that; a matrix product of BLAS rounds
-        differently in batches of different size). A policy that was trained for another environment says so once.
+        observation does not depend on the other rows (that of a `Policy` does not; a matrix product of BLAS rounds
+        differently in batches of different size). A policy that was trained for another environment warns once.
 
         Args:
             controller: what is played.
-            record: what rows (copies * count,) have instead of what they would draw, by its name in an episode's
-                record, such as `coupling.stiffness`; of the set-up only what the environment draws from a range.
-            watch: is shown how the tools move on their flanges before each control step.
+            record: numbers (copies * count,) that rows have instead of drawing them, by the name in an episode's
+                record, such as `coupling.stiffness`; of the set-up only those that are drawn from a range.
+            watch: called with the motion of the bodies before each control step.
 
         Raises:
-            RuntimeError: the solver failed in a scenario, or it did not settle, unless that is `lenient`; names it.
+            RuntimeError: the solver failed in a scenario, or it did not settle, unless the batch is `lenient`.
         """
         batch = self._batch
         if isinstance(controller, Policy) and not self.quiet:
@@ -155,10 +155,10 @@ class ScenarioBatch:
 
 
 class Validation(ScenarioBatch):
-    """The frozen validation set at several time weights: the number that training is judged and chosen by.
+    """The frozen validation set at several time weights: its score judges trainings and selects the best policy.
 
     It is never the test set of the report. The score is the cost of the environment, V_p + w T, and the missed cost.
-    What does not settle, as half-trained policies leave it, is missed: it ends no training.
+    Episodes that do not settle, as with half-trained policies, count as missed and end no training.
     """
 
     def __init__(self, task: Task, weights: Sequence[float], scenarios: int, **options: Any) -> None:

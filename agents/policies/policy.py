@@ -1,7 +1,7 @@
-"""Policies as plain arrays: what training leaves behind, and what runs without torch.
+"""Policies as plain arrays, the results of trainings, which run without torch.
 
 A policy file is an archive of arrays and JSON: the weights of a small network, or of one for each seed of a training,
-what they see and command, and how they came about. Reading one runs no code.
+the scales of observation and action, and their provenance. Reading one runs no code.
 """
 
 import io
@@ -24,7 +24,7 @@ from impact_gym.validation import array, shown, whole
 SHIPPED = Path(__file__).parent
 FORMAT = "impact_gym policies 3"
 MAY_DIFFER = ("scenario", "time_weight", "privileged", "rtol", "max_episode_steps")
-"""Arguments of an environment that a policy may meet otherwise than in training."""
+"""Arguments of an environment that may differ from those of the training."""
 
 
 class Controller(Protocol):
@@ -45,7 +45,7 @@ class Policy:
         Args:
             network: from the scaled observation to the action in [-1, 1].
             task: of the environment; it says what the observation holds.
-            provenance: how the policy came about: command, seed, versions, anything that JSON holds.
+            provenance: origin of the policy: command, seed, versions, anything that JSON holds.
 
         Raises:
             ValueError: the network does not fit the environment.
@@ -74,8 +74,8 @@ class Policy:
     ) -> tuple[NDArray[np.float32], Any]:
         """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs), and `state`.
 
-        It remembers nothing, so that `state` and `episode_start` change nothing. Unlike in stable-baselines3,
-        deterministic is the default: it is what the policy was judged by.
+        A policy has no memory: `state` and `episode_start` have no effect. Unlike in stable-baselines3, deterministic
+        is the default, as in its evaluation.
         """
         with np.errstate(over="ignore"):  # what float32 does not hold is not finite
             seen = array("observation", observation).astype(np.float32, copy=False)
@@ -91,11 +91,11 @@ class Policy:
         return np.clip(action, np.float32(-1.0), np.float32(1.0)), state
 
     def differs_in(self, task: Task) -> list[str]:
-        """Return the arguments in which a task is another than the one that the policy was trained for."""
+        """Return the arguments in which a task differs from the one that the policy was trained for."""
         return [name for name in self.task.differs_in(task) if name not in MAY_DIFFER]
 
     def warn_if_elsewhere(self, task: Task) -> None:
-        """Warn, once, if a task is another than the one that the policy was trained for."""
+        """Warn, once, if a task differs from the one that the policy was trained for."""
         other = [] if self._warned else self.differs_in(task)
         if other:
             self._warned = True
@@ -103,7 +103,7 @@ class Policy:
             warnings.warn(f"the policy was trained for another environment, {differs}", stacklevel=3)
 
     def save(self, path: Path | str) -> Path:
-        """Write the policy to `path`, whole or not at all."""
+        """Write the policy to `path` atomically."""
         return Ensemble([self], self.seed).save(path)
 
     def to_bytes(self) -> bytes:
@@ -115,10 +115,10 @@ class Policy:
 
 @dataclass(frozen=True)
 class Ensemble:
-    """The policies that a set-up's seeds came to, all for the same environment; one of them stands for all."""
+    """The policies of a set-up's seeds, all for the same environment; one of them represents the set-up."""
 
     policies: Sequence[Policy]
-    chosen: int  # seed of the one that stands for all
+    chosen: int  # seed of the policy that represents them
 
     def __post_init__(self) -> None:
         seeds = [policy.seed for policy in self.policies]
@@ -136,7 +136,7 @@ class Ensemble:
         return by_seed[wanted]
 
     def save(self, path: Path | str) -> Path:
-        """Write all of them to `path`, whole or not at all."""
+        """Write all policies to `path` atomically."""
         archive.write_archive(Path(path), FORMAT, *self.packed())
         return Path(path)
 
@@ -156,10 +156,10 @@ class Ensemble:
 
     @classmethod
     def unpacked(cls, content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> "Ensemble":
-        """Return what was packed.
+        """Return the ensemble that was packed.
 
         Raises:
-            ValueError, LookupError, TypeError: it is none, or was made for other scales than this version has.
+            ValueError, LookupError, TypeError: it is no ensemble, or was made for other scales than this version has.
         """
         task = Task(**without_files(content["environment"]))
         tables = observation_table(task), action_table(task)
@@ -209,7 +209,7 @@ def load_policy(name: str | Path, seed: int | None = None) -> Policy:
 
     Args:
         name: of what is shipped, or a path.
-        seed: of its training, where there are several; None: the one that stands for all.
+        seed: of its training, if there are several; None: the chosen one.
 
     Raises:
         ValueError: as `load_ensemble`, or there is no such seed.
@@ -218,5 +218,5 @@ def load_policy(name: str | Path, seed: int | None = None) -> Policy:
 
 
 def policy_from_bytes(content: bytes) -> Policy:
-    """Return what `Policy.to_bytes` gave."""
+    """Return the policy in the bytes of `Policy.to_bytes`."""
     return Ensemble.unpacked(*archive.load(io.BytesIO(content), FORMAT))[None]

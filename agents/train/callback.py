@@ -26,17 +26,17 @@ OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
 OnValidation = Callable[[int, dict[str, Any]], None]
 """Called after each validation with the steps made so far and the result."""
 ROWS = 200  # of a learning curve, at the most
-NEARLY_ALL = 0.99  # of the objects missed: such a policy never touches one but by accident
+NEARLY_ALL = 0.99  # share of the objects missed: such a policy touches one by accident only
 COLLAPSED = 3  # validations in a row that miss nearly all
-BEGINNING = 0.1  # share of a training in which a policy need not hit anything yet
+BEGINNING = 0.1  # share of a training in which a policy may miss all objects
 
 
 class CollapsedError(RuntimeError):
-    """A training that has nothing left to go on from: its policy touches no object, or its weights are not finite."""
+    """A training collapsed: its policy touches no object, or its weights are not finite."""
 
 
 class ProgressCallback(BaseCallback):
-    """Tells a bar, see `agents.command_line.progress`, how many steps are done."""
+    """Updates a progress bar, see `agents.command_line.progress`."""
 
     def __init__(self, bar: Any) -> None:
         super().__init__()
@@ -48,13 +48,13 @@ class ProgressCallback(BaseCallback):
 
 
 class TrainingCallback(BaseCallback):
-    """Acts between two rollouts, after the update: what it sees then is all there is to save."""
+    """Validates, logs and saves between two rollouts, after the update."""
 
     def __init__(
         self, folder: Path, setup: Setup, training: Training, environments: ScaledRewards, policy: Callable[[], Policy],
         on_validation: OnValidation | None = None,
     ) -> None:  # fmt: skip
-        """Make one that writes into `folder` what `policy` gives of the model."""
+        """Make one that writes into `folder`; `policy` returns a copy of the model's."""
         super().__init__()
         self._folder, self._setup, self._training, self._environments = folder, setup, training, environments
         self._policy, self._on_validation = policy, on_validation
@@ -68,8 +68,8 @@ class TrainingCallback(BaseCallback):
             "last": {"row": 0, "validation": 0, "checkpoint": 0},
             "best": math.inf,
             "curve": [],  # [steps, score] of each validation
-            "clock": [],  # processor seconds that each came after
-            "collapsed": 0,  # validations in a row that missed nearly all
+            "clock": [],  # processor seconds at each
+            "collapsed": 0,  # validations in a row with nearly all objects missed
             "seconds": 0.0,
             "processor": 0.0,
         }
@@ -120,7 +120,7 @@ class TrainingCallback(BaseCallback):
         """Play the validation set, keep the policy if it is the best so far, and return it.
 
         Raises:
-            CollapsedError: it missed nearly all objects, as in the last validations before.
+            CollapsedError: it missed nearly all objects, as in the validations before.
         """
         steps = self.num_timesteps
         policy = self._policy()
@@ -153,7 +153,7 @@ class TrainingCallback(BaseCallback):
             raise self._collapse(reason)
 
     def _collapse(self, reason: str) -> CollapsedError:
-        """Return what to raise: the reason, the step, and what to try."""
+        """Return the error: reason, step, and what to try."""
         training = self._training
         return CollapsedError(
             f"the training collapsed after {self.num_timesteps:,} of {training.whole_steps:,} steps: {reason}. Try a"
@@ -162,7 +162,7 @@ class TrainingCallback(BaseCallback):
         )
 
     def _write_row(self) -> None:
-        if self.kept["episodes"]:  # else it would say nan
+        if self.kept["episodes"]:  # else it would be nan
             for name in OBJECTIVES:
                 self.logger.record(f"objectives/{name}", self.kept["sums"][name] / self.kept["episodes"])
         self.kept |= {"sums": dict.fromkeys(OBJECTIVES, 0.0), "episodes": 0}

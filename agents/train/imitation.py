@@ -1,8 +1,8 @@
-"""PPO that first imitates a baseline, at the states that it visits itself.
+"""PPO that first imitates a baseline, in the states that it visits itself.
 
 S. Ross, G. Gordon, D. Bagnell, A Reduction of Imitation Learning and Structured Prediction to No-Regret Online
-Learning, AISTATS 2011. PPO explores around what it does; what lies far from that, such as an approach in pulses, it
-does not find, but it improves on it once it is there.
+Learning, AISTATS 2011. PPO does not find behaviour far from its own, such as an approach in pulses, but
+it improves it once it was imitated.
 """
 
 from typing import Any
@@ -19,10 +19,10 @@ from impact_gym.task import ActionSpec, ObservationSpec
 
 
 class Teacher:
-    """A baseline of a set-up; a tuned one in each episode as tuned for the time weight at which it does best there."""
+    """A baseline to imitate; a tuned one with the parameters that score best at the time weight of an episode."""
 
     def __init__(self, setup: Setup, name: str) -> None:
-        """Read a baseline of the set-up itself, or one that is shipped, or take one without anything to tune.
+        """Read a tuned baseline, the set-up's own or a shipped one, or take a fixed one.
 
         Raises:
             ValueError: there is no such baseline, or it does not fit what the set-up shows.
@@ -43,8 +43,8 @@ class Teacher:
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
         """Return its actions (steps, envs, n) at privileged `observations` (steps, envs, n_obs), step by step.
 
-        Where readings raise the alarm, the teacher's alarm is the clean one of a switch: its pupil has to find out.
-        What it remembers of before the first of them is lost.
+        Where readings raise the alarm, the teacher sees that of a switch instead, which the policy does not see. Its
+        memory is empty at the first step.
         """
         spec, time_weight = self.spec, self.spec.decode(observations, "time_weight")
         if "time_since_touch" in spec:

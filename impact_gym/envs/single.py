@@ -8,8 +8,7 @@ import numpy as np
 from gymnasium import Space, spaces
 from numpy.typing import NDArray
 
-from impact_gym.envs import docstring
-from impact_gym.envs.arguments import with_task_arguments
+from impact_gym.envs.arguments import filled, with_task_arguments
 from impact_gym.envs.batch import Batch
 from impact_gym.outcome import Trace
 from impact_gym.task.action import ActionSpec
@@ -282,4 +281,4 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
 
 if ImpactApproachEnv.__doc__:  # there is none under python -OO
-    ImpactApproachEnv.__doc__ = docstring.filled(ImpactApproachEnv.__doc__)
+    ImpactApproachEnv.__doc__ = filled(ImpactApproachEnv.__doc__)

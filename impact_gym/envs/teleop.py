@@ -1,6 +1,6 @@
 """The environment with an operator in the loop: the text that specifies it."""
 
-from impact_gym.envs import docstring
+from impact_gym.envs.arguments import filled
 from impact_gym.envs.single import ImpactApproachEnv
 
 
@@ -79,4 +79,4 @@ class ImpactTeleopEnv(ImpactApproachEnv):
 
 
 if ImpactTeleopEnv.__doc__:  # there is none under python -OO
-    ImpactTeleopEnv.__doc__ = docstring.filled(ImpactTeleopEnv.__doc__)
+    ImpactTeleopEnv.__doc__ = filled(ImpactTeleopEnv.__doc__)

@@ -185,9 +185,7 @@ class Task:
         if self.deflection_sensor and isinstance(self.coupling, Rigid):
             raise ValueError("deflection_sensor must be False with a Rigid coupling, which has no deflection")
         if self.range_noise is None and (self.observe_range_noise or self.range_bias or "range_bias" in self.drawn):
-            raise ValueError(
-                "range_bias and observe_range_noise must be 0 and False without an estimate, range_noise None"
-            )
+            raise ValueError("range_bias and observe_range_noise must be 0 and False with range_noise None")
         if self.range_sensor is not None:
             if self.range_noise is not None:
                 raise ValueError(f"range_noise must be None beside a range_sensor, got {self.range_noise:g} m")
@@ -232,13 +230,8 @@ class Task:
         return self.scenario.by_id() | always | dict(self.drawn)
 
     def longest(self, path: str) -> float:
-        """Return the largest value that a number of the set-up, by its dotted path, has in any episode."""
-        return self.drawn[path][1] if path in self.drawn else float(get(self, path))
-
-    @property
-    def longest_delay(self) -> float:
-        """The longest reaction delay of an episode, s."""
-        return self.ranges["reaction_delay"][1]
+        """Return the largest value in any episode of a number, by its dotted path."""
+        return self.ranges[path][1] if path in self.ranges else float(get(self, path))
 
     def ends(self, argument: str) -> Range:
         """Return the ends of a scale that depend on an argument of the environment."""
