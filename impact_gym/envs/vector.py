@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from gymnasium import logger
 from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Box
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, action_space, observation_space
+from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, observation_space
 from impact_gym.envs.state import require, taken
 from impact_gym.task.episodes import reset_options, skip_episodes
 from impact_gym.task.scenario import ScenarioRanges
@@ -69,7 +70,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self.batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
         self.observation_spec, self.action_spec = self.batch.spec, self.batch.action_spec
         self.single_observation_space = observation_space(self.observation_spec)
-        self.single_action_space = action_space(tasks[0])
+        self.single_action_space = Box(-1.0, 1.0, (len(self.action_spec),), np.float32)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._generators: list[np.random.Generator] = []
