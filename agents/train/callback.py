@@ -18,7 +18,7 @@ from agents.evaluate import Validation
 from agents.policies.policy import Policy
 from agents.setups import Setup, Training
 from agents.train import checkpoint
-from agents.train.rewards import ScaledRewards
+from agents.train.scaling import ScaledRewards
 from impact_gym.files import write_file
 
 STEPS = "time/total_timesteps"

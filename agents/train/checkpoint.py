@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 
 from agents.archive import read_archive, write_archive
-from agents.train.rewards import ScaledRewards
+from agents.train.scaling import ScaledRewards
 
 FORMAT = "impact_gym checkpoint 1"
 # stable-baselines3 2.9 has no public way to these; a test trains on from them to the bit.

@@ -30,7 +30,7 @@ from agents.train import checkpoint
 from agents.train.callback import CollapsedError, OnValidation, ProgressCallback, TrainingCallback, outputs
 from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
-from agents.train.rewards import ScaledRewards
+from agents.train.scaling import ScaledRewards
 from impact_gym.files import locked, write_file, writing
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import ObservationSpec, Task

@@ -1,4 +1,4 @@
-"""Checks of a batch's state from elsewhere, before any of it reaches the compiled program."""
+"""Checks of a batch's state that a caller sets, before it reaches the compiled program."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any

@@ -34,8 +34,8 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     action, starts the next episode and rewards nothing), SAME_STEP (the last observation and info in
     `infos["final_obs"]`, `infos["final_info"]`) or DISABLED (reset by `options={"reset_mask": ...}`); `render_mode`,
     None or, for at most 16 environments, "rgb_array"; `max_episode_steps`, after which an episode is truncated;
-    `threads`, which changes no result; `per_slot`, a mapping for each slot of those arguments that it has otherwise, as
-    long as all slots observe the same.
+    `threads`, which changes no result; `per_slot`, a mapping for each slot with the arguments in which it differs; all
+    slots must have the same observation.
     """
 
     @with_task_arguments()

@@ -1,4 +1,4 @@
-"""All joints of an arm at once: the reference for the table of an `Approach` (paper, eq. 10).
+"""Simulation of an arm with all its joints, the reference for the table of an `Approach` (paper, eq. 10).
 
     M(q) q'' + c(q, q') = D (q_m' - q') + K (q_m - q) - J' F
 

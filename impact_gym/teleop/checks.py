@@ -59,7 +59,7 @@ def checked(task: Any) -> dict[str, Channel]:
 
 
 def without_files(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return arguments of an environment from an untrusted file, which may not name files to read.
+    """Return arguments of an environment from an untrusted file; it may not name files to read.
 
     Raises:
         ValueError: a channel's trace is the name of a file or an URL instead of rows.

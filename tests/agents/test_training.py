@@ -20,7 +20,7 @@ from agents.train.__main__ import TrainOptions, read_options
 from agents.train.imitation import Teacher
 from agents.train.networks import CENTRE_AND_SPREAD, FastTanh, Standardised, standardisation
 from agents.train.ppo import Run, make_environments, policy_from
-from agents.train.rewards import ScaledRewards
+from agents.train.scaling import ScaledRewards
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import Task
 
