@@ -25,8 +25,6 @@ VELOCITY_RANGE = (-0.5, 1.5)  # m/s, of the first number of an action, by defaul
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, of the second, by default; the flange brakes at its end after the episode
 MISSED_COST = 2.0  # m/s
 SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
-DISSIPATIONS = ("hu-guo", "exact", "fixed")
-ALARMS = ("force", "reading")
 MOST_STEPS = 2**53  # control steps until truncation
 PLACES = places(RECORD)
 """Place of each number of an episode in its record, by id."""
@@ -175,8 +173,8 @@ class Task:
         object.__setattr__(self, name, value)
 
     def _check_choices(self) -> None:
-        for name, allowed in {"dissipation": DISSIPATIONS, "alarm": ALARMS}.items():
-            choice(name, getattr(self, name), allowed)
+        choice("dissipation", self.dissipation, ("hu-guo", "exact", "fixed"))
+        choice("alarm", self.alarm, ("force", "reading"))
         law: Any = self.dissipation
         contact = Contact(1.0, 1.0, law, reference_velocity=self.reference_velocity)
         self._put("reference_velocity", contact.reference_velocity)
@@ -277,8 +275,9 @@ class Task:
                 numbers[row.id] = getattr(self, row.id) or 0.0
         draws = []
         for name, (low, high) in self.ranges.items():
-            row = QUANTITIES[name]
-            draws.append((PLACES[name], row.draw.source if row.draw else 0, row.by_ratio(low), low, high))
+            law: Any = QUANTITIES[name].draw
+            source = -1 - law.place if law.own_stream else law.place  # a uniform number; < 0: of stream -1 - source
+            draws.append((PLACES[name], source, QUANTITIES[name].by_ratio(low), low, high))
         action = ActionSpec(self)
         values = {
             "control_period": self.control_period, "horizon": self.horizon, "after_alarm": self.after_alarm,
