@@ -12,17 +12,19 @@ import json
 import pickle
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from agents.command_line import progress
-from agents.workers import Call, Failure, on_cluster, on_this_machine
+from agents.workers import Answers, Call, Failure, on_cluster, on_this_machine
 from impact_gym.files import DiskFullError, writing
 from impact_gym.validation import WrongTypeError, number, whole
 
+Workers = Callable[[Sequence[Call]], Answers]
 SHOWN = 10  # failed calls that an error names one by one
 
 
@@ -73,43 +75,49 @@ def cached(
     seconds = None if seconds is None else number("seconds", seconds, "s", above=0.0)
     if cluster and seconds:
         raise ValueError("seconds: only processes of this machine are ended: give seconds or cluster, not both")
-    given, places, store = list(arguments), dict[Call, list[int]](), _Store(Path(folder))
+    if cluster:
+        workers: Workers = partial(on_cluster, address=cluster)
+    else:
+        workers = partial(on_this_machine, processes=processes, seconds=seconds)
+    given, places = list(arguments), dict[Call, list[int]]()
     for place, each in enumerate(given):
         places.setdefault(_call(function, each, depends), []).append(place)
-    results, missing, failures = dict[int, Any](), list[Call](), dict[Call, Failure]()
-
-    def settle(call: Call, pickled: bytes) -> None:
-        """Put a copy of a result, or what stands for it, in each place of a call."""
-        bar.update(len(places[call]))
-        for place in places[call]:
-            result = pickle.loads(pickled)
-            if isinstance(result, Failure):
-                if failed is None:
-                    failures[call] = result
-                    continue
-                result = failed(given[place], result.reason)
-            results[place] = result
-            if done:
-                done(place, results[place])
-
-    with closing(progress(title, len(given))) as bar:
-        for call in places:
-            pickled = store.read(call)
-            if pickled is None or (not failed and isinstance(pickle.loads(pickled), Failure)):
-                missing.append(call)
-            else:
-                settle(call, pickled)
-        doing = on_cluster(missing, cluster) if cluster else on_this_machine(missing, processes, seconds)
-        with closing(doing) as answers:
-            for call, pickled in answers:
-                if isinstance(answer := pickle.loads(pickled), DiskFullError):
-                    raise answer
-                if failed or not isinstance(answer, Failure):
-                    store.write(call, pickled)
-                settle(call, pickled)
+    results, failures = dict[int, Any](), dict[Call, Failure]()
+    answers = _answers(places, _Store(Path(folder)), failed is not None, workers)
+    with closing(progress(title, len(given))) as bar, closing(answers):
+        for call, pickled in answers:
+            bar.update(len(places[call]))
+            for place in places[call]:
+                result = pickle.loads(pickled)  # a copy for each place
+                if isinstance(result, Failure):
+                    if failed is None:
+                        failures[call] = result
+                        continue
+                    result = failed(given[place], result.reason)
+                results[place] = result
+                if done:
+                    done(place, result)
     if failures:
         raise JobsFailedError(failures, len(given))
     return [results[place] for place in range(len(given))]
+
+
+def _answers(calls: Iterable[Call], store: "_Store", keep_failures: bool, workers: Workers) -> Answers:
+    """Yield each call with its pickled result, stored ones first; new results are stored as they come."""
+    missing = []
+    for call in calls:
+        pickled = store.read(call)
+        if pickled is None or (not keep_failures and isinstance(pickle.loads(pickled), Failure)):
+            missing.append(call)
+        else:
+            yield call, pickled
+    with closing(workers(missing)) as answers:
+        for call, pickled in answers:
+            if isinstance(answer := pickle.loads(pickled), DiskFullError):
+                raise answer
+            if keep_failures or not isinstance(answer, Failure):
+                store.write(call, pickled)
+            yield call, pickled
 
 
 def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: str) -> Call:
