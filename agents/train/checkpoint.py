@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from agents.archive import read_archive, write_archive
 from agents.train.scaling import ScaledRewards
 
-FORMAT = "impact_gym checkpoint 1"
+FORMAT = "impact_gym checkpoint 2"
 # stable-baselines3 2.9 has no public way to these; a test trains on from them to the bit.
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_gym import kernels
 from impact_gym.envs.infos import Infos
-from impact_gym.envs.state import check, taken
+from impact_gym.envs.state import digest, taken
 from impact_gym.outcome import Trace
 from impact_gym.simulation import MAX_STEPS
 from impact_gym.task.action import ActionSpec
@@ -62,8 +62,7 @@ class Batch:
 
         Args:
             size: how many rows.
-            task: of all rows, or one for each: these may differ in everything that does not change the observation,
-                such as tool, coupling, robot, alarm threshold, noise and scenarios.
+            task: of all rows, or one for each: these may differ in everything that does not change the observation.
             threads: how many to use, None for all cores; changes no result.
             trace_points: number of points kept of the time histories of each row.
             max_steps: integration steps after which the solver gives up an episode.
@@ -192,7 +191,7 @@ class Batch:
         over_rows(run, self.size, self.threads, ROWS_PER_THREAD)
 
     def set_operator_velocity(self, velocities: ArrayLike) -> None:
-        """Let the operators, each a `Person`, command `velocities` (m/s), one for all rows or (size,), from now on.
+        """Let the operators, each a `Person`, command `velocities` (m/s) from now on, one for all rows or (size,).
 
         Raises:
             TypeError, ValueError: the operator is another one, or the arm cannot follow these numbers.
@@ -200,25 +199,27 @@ class Batch:
         for task in self.tasks:
             one_of("operator", task.operator, Person)
         lows, highs = zip(*(task.velocity_range for task in self.tasks), strict=True)
-        limits: Any = {"at_least": max(lows), "at_most": min(highs)}
         for velocity in np.atleast_1d(array("command", velocities)):
-            number("command", velocity, "m/s", **limits)
+            number("command", velocity, "m/s", at_least=max(lows), at_most=min(highs))
         self.links["person_command"] = velocities
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of the whole state."""
-        return {name: getattr(self, name).copy() for name in _STATE}
+        arrays = {name: getattr(self, name).copy() for name in _STATE}
+        return arrays | {"sha256": digest((self._tasks, self._tables, *arrays.values()))}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Take over a state that `get_state` of a batch of this size and task returned, to the bit.
 
         Raises:
-            ValueError: this batch cannot reach that state; nothing was changed.
+            ValueError: the state was altered, or is one of another size or task; nothing was changed.
         """
-        here = {name: getattr(self, name) for name in _STATE}
-        check(here, {name: taken(state, name, here[name]) for name in _STATE}, self._tasks, self.max_steps)
+        arrays = {name: taken(state, name, getattr(self, name)) for name in _STATE}
+        found = digest((self._tasks, self._tables, *arrays.values()))
+        if (taken(state, "sha256", found) != found).any():
+            raise ValueError("sha256 of a state must be that of its arrays and tasks: altered, or of another batch")
         for name in _STATE:
-            getattr(self, name)[:] = state[name]
+            getattr(self, name)[:] = arrays[name]
 
     def info(self, rows: int | NDArray[np.int64] | None = None) -> dict[str, Any]:
         """Return the present entries of the final info.
@@ -236,10 +237,9 @@ class Batch:
     def link_columns(self) -> dict[str, NDArray[Any]]:
         """Return the entries of the info of every step with an operator, arrays (size,) and (size, 1); else none.
 
-        `command` and its age are of the newest command that has arrived by the end of the step. The keys of
-        human-in-the-loop code are of the last velocity that the flange was sent to in the step (m/s): `teleop_action`
-        is the operator's, 0 where it was too old, `intervene_action` the executed one. That is there in every step, as
-        arrays of a batch have no gaps: the flag says whether it is an intervention.
+        `command` and its age are of the newest command that has arrived by the end of the step. `teleop_action` is the
+        operator's last command in the step, 0 if too old, and `intervene_action` the executed velocity (m/s), in every
+        step; `is_intervention` says whether they differ.
         """
         if not len(self.links):
             return {}

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, observation_space
-from impact_gym.envs.state import require, taken
+from impact_gym.envs.state import taken
 from impact_gym.task.episodes import reset_options, skip_episodes
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
@@ -187,17 +187,16 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     def get_state(self) -> dict[str, Any]:
         """Return a copy of the whole state, generators included."""
         generators = [generator.bit_generator.state for generator in self._generators]
-        flags = {"ended": self._ended.copy(), "begun": self._begun.copy()}
-        return {"batch": self.batch.get_state(), "generators": generators, **flags}
+        return {"batch": self.batch.get_state(), "generators": generators}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Take over a state that `get_state` of a batch of this size and these arguments returned, to the bit.
 
         Raises:
-            ValueError: this batch cannot reach that state; nothing was changed.
+            ValueError: the state was altered, or is one of another size or task; nothing was changed.
         """
-        ended, begun = (taken(state, name, self._none) for name in ("ended", "begun"))
         given, generators = state.get("generators"), list[np.random.Generator]()
+        begun = taken(state.get("batch"), "episodes", self.batch.episodes)["drawn"]["object_mass"] != 0.0
         if not isinstance(given, list) or len(given) != (self.num_envs if begun.any() or given else 0):
             raise ValueError(f"generators of a state must be a list of {self.num_envs}, got {shown(given)}")
         for slot, there in enumerate(given):
@@ -206,16 +205,8 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
                 generators[-1].bit_generator.state = there
             except (LookupError, TypeError, ValueError, OverflowError) as error:
                 raise ValueError(f"generators[{slot}] of a state must be a PCG64's, got {shown(there)}") from error
-        before = self.batch.get_state()
-        self.batch.set_state(state.get("batch", {}))
-        try:
-            has_begun = ~begun | (self.batch.episodes["drawn"]["object_mass"] != 0.0)
-            for name, flags, good in (("ended", ended, ended == self.batch.ended), ("begun", begun, has_begun)):
-                require(name, flags, good, "as the episodes say")
-        except ValueError:
-            self.batch.set_state(before)
-            raise
-        self._generators, self._ended, self._begun = generators, ended.copy(), begun.copy()
+        self.batch.set_state(state["batch"])
+        self._generators, self._ended, self._begun = generators, self.batch.ended, begun
 
     def _draw_and_begin(self, rows: NDArray[np.int64], fixed: NDArray[Any] | None = None) -> None:
         self.batch.begin(rows, self._generators, fixed)
