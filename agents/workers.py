@@ -121,7 +121,10 @@ def on_cluster(calls: Sequence[Call], address: str) -> Answers:
     sent: dict[str, Any] = {"py_modules": [str(origin_of(name)) for name in sorted(sources)], "env_vars": ONE_THREAD}
     sent["working_dir"] = str(origin_of("agents") / "tuned")  # has no modules; else nodes look where this process does
     try:
-        _listens(address)
+        place = os.environ.get("RAY_ADDRESS", "") if address in ("ray", "auto") else address
+        if place and place not in ("ray", "auto"):  # Ray itself would ask for minutes where nobody listens
+            host, _, port = place.removeprefix("ray://").rpartition(":")
+            socket.create_connection((host.strip("[]"), int(port)), timeout=10.0).close()
         name = "auto" if address == "ray" else address
         ray.init(name, runtime_env=sent, log_to_driver=False, logging_level=logging.WARNING)
     except (OSError, RuntimeError, ValueError) as error:
@@ -144,11 +147,3 @@ def on_cluster(calls: Sequence[Call], address: str) -> Answers:
             yield under_way.pop(ready), pickled
     finally:
         ray.shutdown()  # which ends what is under way
-
-
-def _listens(address: str) -> None:
-    """Raise OSError or ValueError where nobody listens at the address: Ray itself keeps asking for minutes."""
-    place = os.environ.get("RAY_ADDRESS", "") if address in ("ray", "auto") else address
-    if place and place not in ("ray", "auto"):
-        host, _, port = place.removeprefix("ray://").rpartition(":")
-        socket.create_connection((host.strip("[]"), int(port)), timeout=10.0).close()

@@ -98,7 +98,12 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         """
         one_of("options", options, Mapping, type(None))
         rest = dict(options or {})
-        mask = self._mask(rest.pop("reset_mask", None))
+        words = f"{self.num_envs} booleans, at least one of them true,"
+        given = rest.pop("reset_mask", None)
+        everywhere = np.ones(self.num_envs, np.bool_)
+        mask = array("options['reset_mask']", everywhere if given is None else given, everywhere.shape, "b", words)
+        if not mask.any():
+            raise ValueError(f"options['reset_mask'] must hold {words} got none")
         fixed, skipped = reset_options(rest, self.batch.tasks, self.num_envs)
         return self.begin(seed, mask, fixed[mask], skipped), {}
 
@@ -213,15 +218,6 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         if self._renderers:
             for row in rows.tolist():
                 self._renderers[row].begin()
-
-    def _mask(self, mask: Any) -> Flags:
-        if mask is None:
-            return np.ones(self.num_envs, np.bool_)
-        words = f"{self.num_envs} booleans, at least one of them true,"
-        flags = array("options['reset_mask']", mask, (self.num_envs,), "b", words)
-        if not flags.any():
-            raise ValueError(f"options['reset_mask'] must hold {words} got none")
-        return flags
 
     def _seed(self, seed: Any, mask: Flags) -> None:
         """Seed slot i with seed + i, or with the i-th of a list; None leaves a generator as it is."""

@@ -114,7 +114,8 @@ def _run(equations: Equations, duration: float, rtol: float, status: str) -> Blo
                 due = t + servo.period
             while late and t >= late[0][0]:
                 equations.torque = late.popleft()[1]
-            until = min(duration, path.next_change(t), due, late[0][0] if late else math.inf)
+            changes = [piece[0] for piece in path.pieces if piece[0] > t]
+            until = min(duration, *changes, due, late[0][0] if late else math.inf)
             found = equations.piece(t, until, y, touching, undetected and path.threshold < math.inf, rtol)
             if not found.success:
                 raise Unfinished(f"the integration failed: {found.message}")
