@@ -1,4 +1,4 @@
-"""Check a set-up and see what follows from it: `impact-gym check my.toml`, or the name of one that is shipped."""
+"""Check a set-up and print its consequences: `impact-gym check my.toml`, or the name of a shipped one."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -29,7 +29,7 @@ SAMPLE = 500  # scenarios that the paper's rule plays
 
 @dataclass(frozen=True)
 class Check:
-    """Check a set-up and print what follows from it."""
+    """Check a set-up and print its consequences."""
 
     setup: tyro.conf.Positional[str]
     """A name or a file."""
@@ -147,7 +147,7 @@ def draw(setup: Setup, path: Path) -> None:
 
 
 def run(options: Check) -> None:
-    """Print what follows from a set-up, and draw its chain."""
+    """Print the consequences of a set-up, and draw its chain."""
     setup = load_setup(options.setup)
     for line in lines(setup):
         print(line)

@@ -63,7 +63,7 @@ def read_command(
 
 
 def _plain(metavar: str) -> str:
-    """Return a word for what a value is, such as "PATH" for "{None}|PATH" and "NAME ..." for "[STR [STR ...]]"."""
+    """Return a plain word for tyro's: "PATH" for "{None}|PATH", "NAME ..." for "[STR [STR ...]]"."""
     metavar = re.sub(r"\[(\w+) \[\1 \.\.\.\]\]", r"\1 ...", metavar.replace("{None}|", ""))
     return re.sub("INT|FLOAT", "NUMBER", metavar.replace("STR", "NAME"))
 

@@ -49,7 +49,7 @@ def cached(
     seconds: float | None = None, failed: Callable[[Mapping[str, Any], str], Any] | None = None,
     done: Callable[[int, Any], object] | None = None,
 ) -> list[Any]:  # fmt: skip
-    """Return `function(**each)` for each of `arguments`, in their order; what `folder` holds is not computed again.
+    """Return `function(**each)` for each of `arguments`, in their order; results in `folder` are not computed again.
 
     Args:
         function: at the top level of a module that can be imported; its result can be pickled.
@@ -145,12 +145,12 @@ class _Store:
         self._kept.check_call_in_cache("", "", "", None)
 
     def read(self, call: Call) -> bytes | None:
-        """Return what is stored of a call; None: nothing is, or it is damaged."""
+        """Return the stored result of a call; None if there is none, or it is damaged."""
         try:
             found = self._kept.call_and_shelve(*call.key, None)
         except LookupError:
             return None
-        with suppress(Exception):  # whatever reading raises where something else was written
+        with suppress(Exception):  # any error of reading a damaged file
             digest, pickled = found.get()
             if digest == hashlib.sha256(pickled).digest():
                 return pickled

@@ -15,7 +15,7 @@ SOURCES = {".py", ".pyx", ".pxi", ".h", ".csv", ".json", ".toml", ".npz", ".jinj
 
 
 def circumstances(*packages: str) -> dict[str, Any]:
-    """Return what a result depends on beside the code: machine, versions, date."""
+    """Return the circumstances of a result beside the code: machine, versions, date."""
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}",

@@ -50,11 +50,11 @@ class Tune:
     names: tuple[str, ...] = ()
     """Of their baselines only these."""
     weights: tuple[float, ...] = ()
-    """What a second of approach costs, m/s per s; what the set-up says unless given."""
+    """Cost of a second of approach, m/s per s; the set-up's unless given."""
     scenarios: int | None = None
-    """Training scenarios that each candidate is played through; what the set-up says, or 300, unless given."""
+    """Training scenarios that each candidate plays; the set-up's, or 300, unless given."""
     budget: int | None = None
-    """Candidates for each weight; what the set-up says unless given."""
+    """Candidates for each weight; the set-up's unless given."""
     population: int = 16
     """Candidates per generation: they are played together."""
     seed: int = 1
@@ -116,7 +116,7 @@ class Tune:
 
 
 def tune(options: Tune) -> list[Path]:
-    """Tune what is missing, and return the paths of the files."""
+    """Tune the missing weights, and return the paths of the files."""
     setups, missing, arguments = options.baselines(), [], []
     for name, setup in setups.items():
         rule, known = setup.tuned[name]._asdict(), _tuned_before(name, setup, options)
@@ -280,7 +280,7 @@ def search_bound(
 
 
 def run(options: Tune) -> None:
-    """Tune what is missing, and print the scores of each baseline."""
+    """Tune the missing weights, and print the scores of each baseline."""
     paths = tune(options)
     if options.at_rule_time:
         tune_at_rule_time(options)

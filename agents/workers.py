@@ -37,7 +37,7 @@ class Failure(NamedTuple):
 
 @dataclass(frozen=True)
 class Call:
-    """What determines a result: the function "module:name", its arguments as JSON, and what else it depends on."""
+    """A call, which determines its result: function "module:name", arguments as JSON, and other dependencies."""
 
     function: str
     arguments: str  # their keys sorted
@@ -66,7 +66,7 @@ def perform(call: Call, versions: Mapping[str, str]) -> bytes:
 
 
 def on_this_machine(calls: Sequence[Call], processes: int | None, seconds: float | None) -> Answers:
-    """Do calls in so many processes of this machine, each started fresh: a fork would inherit threads and locks."""
+    """Do calls in new processes of this machine; forked ones would inherit threads and locks."""
     if processes == 0 or not calls:
         yield from ((call, perform(call, {})) for call in calls)
         return
@@ -146,4 +146,4 @@ def on_cluster(calls: Sequence[Call], address: str) -> Answers:
                 pickled = pickle.dumps(Failure(f"its process was lost, or could not begin: {error}"))
             yield under_way.pop(ready), pickled
     finally:
-        ray.shutdown()  # which ends what is under way
+        ray.shutdown()  # which ends running calls

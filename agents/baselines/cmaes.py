@@ -29,7 +29,7 @@ def minimise(
     losses: Losses, parameters: tuple[Parameter, ...], problems: int = 1, population: int = 20, generations: int = 150,
     seed: int = 0,
 ) -> Minimum:  # fmt: skip
-    """Search within the limits of `parameters`, from their starts, in each of so many `problems` alone.
+    """Search within the limits of `parameters`, from their starts, in each of the `problems` separately.
 
     `losses` is played once per generation with `population` candidates of each problem; a search that has converged
     waits for the others. The result depends on the arguments alone.

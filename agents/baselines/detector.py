@@ -59,7 +59,7 @@ class DetectorRule(ReactingRule):
     MEMORY = 4  # the sum; of readings while no alarm was on how many, their mean and their squared deviations
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return a view with the rule's own alarm, and what is remembered: when that was raised (s), and `memory`."""
+        """Return a view with the rule's own alarm, and the next state: when that was raised (s), and `memory`."""
         time, start = view["time"], state is None or (episode_start is not None and episode_start)
         raised, *memory = np.zeros((1 + self.MEMORY, *np.shape(time))) if state is None else state
         cleared = start | (time > raised + self.task.after_alarm - CLOCK)

@@ -40,7 +40,7 @@ class Jittery:
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, Any]:
-        """Return the actions (n, k), and what the rule remembers."""
+        """Return the actions (n, k), and the rule's next state."""
         actions, state = self._rule.predict(observation, state, episode_start, deterministic)
         off = self._rng.normal(0.0, self._scale, (self._scenarios, actions.shape[-1]))
         return actions + np.tile(off, (len(actions) // self._scenarios, 1)), state

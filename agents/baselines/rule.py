@@ -56,7 +56,7 @@ class View:
 
 @cache
 def least_task(rule: Any) -> tuple[Task, ObservationSpec]:
-    """Return the task of an environment with no more arguments than a rule needs, and what it shows."""
+    """Return the task with no more arguments than a rule needs, and its observation."""
     task = Task(**rule.NEEDS)
     return task, ObservationSpec(task)
 
@@ -65,7 +65,7 @@ class Rule:
     """A controller of a few numbers, each within its limits."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
-    NEEDS: ClassVar[Mapping[str, Any]] = {}  # arguments of an environment that shows what it looks at
+    NEEDS: ClassVar[Mapping[str, Any]] = {}  # arguments of the environment that add the observations it needs
 
     def __init__(self, parameters: ArrayLike) -> None:
         """Make a controller.
@@ -92,14 +92,14 @@ class Rule:
 
     @classmethod
     def of(cls, parameters: ArrayLike) -> "Rule":
-        """Return the rule with `parameters`, whatever else its constructor takes."""
+        """Return the rule with `parameters`, also where its constructor takes others."""
         return cls(parameters)
 
     def for_task(self, task: Task) -> Self:
         """Return the same rule for a task; positions are `placed` where its objects stand.
 
         Raises:
-            ValueError: the task's environment does not show what the rule looks at.
+            ValueError: the task's observation lacks a number that the rule needs.
         """
         kind: Any = type(self)
         twin = copy.copy(self)

@@ -71,7 +71,7 @@ KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
     "clairvoyant": lambda by_weight, weight: Clairvoyant(by_weight[f"{weight:g}"]),
     "object": lambda name, _: _object(name),
 }
-"""How to make a controller of what a description says and a time weight, m/s per s."""
+"""Constructors of controllers from their plain data and a time weight, m/s per s."""
 
 
 def try_out(name: str, controller: Controller, observations: NDArray[np.float32], action_size: int) -> None:

@@ -19,7 +19,7 @@ from impact_gym.task.task import MISSED_COST
 VALIDATION_SEED = 1_000_000
 TEST_SEED = 2_000_000
 TUNING_SEED = 4_000_000
-"""Scenario k of a set is what an environment seeded with the set's seed + k draws first. Baselines are tuned on the
+"""Scenario k of a set is the first one of an environment seeded with the set's seed + k. Baselines are tuned on the
 third set; agents are trained with seeds above all of these, from `agents.train.ppo.FIRST_SEED` on."""
 
 
@@ -44,7 +44,7 @@ class Episodes:
     done_time: NDArray[np.float64] | None = None  # s, where an operator commands; also the approach time then
     taken: NDArray[np.float64] | None = None  # -, likewise
     touch_time: NDArray[np.float64] | None = None  # s, likewise
-    late: NDArray[np.float64] | None = None  # s, likewise, from a touch until his stop reaches the arm
+    late: NDArray[np.float64] | None = None  # s, likewise, from a touch until the operator's stop reaches the arm
 
     def cost(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
         """V_p + time_weight * approach time, m/s, per scenario."""

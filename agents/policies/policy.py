@@ -77,7 +77,7 @@ class Policy:
         A policy has no memory: `state` and `episode_start` have no effect. Unlike in stable-baselines3, deterministic
         is the default, as in its evaluation.
         """
-        with np.errstate(over="ignore"):  # what float32 does not hold is not finite
+        with np.errstate(over="ignore"):  # beyond float32 is not finite
             seen = array("observation", observation).astype(np.float32, copy=False)
         if seen.ndim == 0 or seen.shape[-1] != self.inputs:
             raise ValueError(f"the policy takes {self.inputs} numbers, the observation has the shape {seen.shape}")

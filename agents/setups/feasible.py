@@ -57,7 +57,7 @@ def held(task: Task) -> float:
 
 
 def corners(task: Task) -> Iterator[Task]:
-    """Yield the task with every end of every range of what holds the tool."""
+    """Yield the task at each corner of the ranges of tool, coupling and robot."""
     names = [name for name in task.drawn if name in MOUNT_IDS]
     middles = {name: QUANTITIES[name].middle(*pair) for name, pair in task.drawn.items()}
     for ends in product(*(task.drawn[name] for name in names)):

@@ -65,7 +65,7 @@ UNSAID = "not said; impact-gym report changes one thing at a time"
 
 @dataclass(frozen=True)
 class Setup:
-    """An arm, what is trained for it, and what that is compared with."""
+    """An arm, its training, and the baselines that its policy is compared with."""
 
     name: str
     title: str
@@ -111,12 +111,12 @@ class Setup:
         return SHIPPED.parent if self.shipped else Path("runs") / self.name
 
     def describes(self, task: Task) -> bool:
-        """Whether a task is this set-up's, whatever training and evaluation change of it."""
+        """Whether a task is this set-up's, except for arguments that training and evaluation set."""
         return same_environment(self.task, task)
 
 
 def same_environment(here: Task, there: Task) -> bool:
-    """Whether two tasks are the same environment, whatever training and evaluation change of it."""
+    """Whether two tasks are the same environment, except for arguments that training and evaluation set."""
     return not {*here.differs_in(there)} & {*SET_UP_ARGUMENTS}
 
 
@@ -126,7 +126,7 @@ def shipped() -> tuple[str, ...]:
 
 
 def shipped_baselines() -> tuple[str, ...]:
-    """Return the names of the baselines that are shipped with what tuning found."""
+    """Return the names of the shipped tuned baselines."""
     return tuple(sorted(path.stem for path in TUNED.glob("*.json")))
 
 

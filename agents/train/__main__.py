@@ -26,7 +26,7 @@ class TrainOptions:
     seed: int = 0
     """Seed of the scenarios, the network and the exploration; scenarios are others than in evaluation."""
     seeds: int | None = None
-    """Train so many seeds, from 0 on, and ship the median by its score on the validation set, with all others in the
+    """Train this many seeds, from 0 on, and ship the median by its score on the validation set, with all others in the
     same file. Finished seeds are kept: the same command continues."""
     out: Path | None = None
     """Run folder, which must not exist; a new one below runs/ unless given. With --seeds the folder of the run folders,

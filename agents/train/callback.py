@@ -25,7 +25,7 @@ STEPS = "time/total_timesteps"
 OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
 OnValidation = Callable[[int, dict[str, Any]], None]
 """Called after each validation with the steps made so far and the result."""
-ROWS = 200  # of a learning curve, at the most
+ROWS = 200  # of a learning curve, at most
 NEARLY_ALL = 0.99  # share of the objects missed: such a policy touches one by accident only
 COLLAPSED = 3  # validations in a row that miss nearly all
 BEGINNING = 0.1  # share of a training in which a policy may miss all objects

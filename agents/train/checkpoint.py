@@ -75,7 +75,7 @@ def _pending(model: Any) -> tuple[dict[str, Any], ...]:
 
 
 def _pack(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
-    """Return `value` as JSON can hold it, tensors and arrays put into `arrays` and named in their place."""
+    """Return `value` for JSON, with tensors and arrays moved into `arrays` and replaced by their names there."""
     match value:
         case torch.Tensor():
             name = f"tensor_{len(arrays)}"
@@ -97,7 +97,7 @@ def _pack(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
 
 
 def _unpack(tree: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
-    """Return what `_pack` was given."""
+    """Return the value that `_pack` turned into `tree`."""
     match tree:
         case {"items": pairs}:
             return {key: _unpack(part, arrays) for key, part in pairs}

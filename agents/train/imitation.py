@@ -67,7 +67,7 @@ class PPOWithImitation(PPO):
     """PPO that imitates a teacher for its first steps; its critic learns from the beginning."""
 
     def __init__(self, *arguments: Any, teacher: Teacher, imitation_steps: int, **options: Any) -> None:
-        """Make one; arguments beside these are those of PPO."""
+        """Make one; the other arguments are those of PPO."""
         self.teacher, self.imitation_steps = teacher, imitation_steps
         super().__init__(*arguments, **options)
 
@@ -78,7 +78,7 @@ class PPOWithImitation(PPO):
             return
         policy, buffer = self.policy, self.rollout_buffer
         policy.set_training_mode(True)
-        self._update_learning_rate(policy.optimizer)  # stable-baselines3 2.9: what `PPO.train` itself begins with
+        self._update_learning_rate(policy.optimizer)  # stable-baselines3 2.9: as `PPO.train` begins
         actions = self.teacher.actions(buffer.observations, buffer.episode_starts)
         arrays = (buffer.observations, actions, buffer.returns[..., None])
         columns = [torch.from_numpy(array.reshape(-1, array.shape[-1])) for array in arrays]

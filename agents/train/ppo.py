@@ -112,7 +112,7 @@ def make_environments(run: Run) -> ScaledRewards:
 
 
 def make_model(run: Run, environments: ScaledRewards) -> PPO:
-    """Return a model that has learned nothing yet; the discount is 1, as an episode ends and its sum is what counts."""
+    """Return an untrained model; the discount is 1, as an episode ends and its sum counts."""
     training = run.training
     network = {
         "actor_inputs": len(ObservationSpec(run.task)),
@@ -194,7 +194,7 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
     """Make environments and model, learn to the end, write the results."""
     training = run.training
     torch.set_num_threads(training.threads)
-    torch.distributions.Distribution.set_default_validate_args(False)  # slow; the environment checks what it is given
+    torch.distributions.Distribution.set_default_validate_args(False)  # slow; the environment checks actions
     environments = make_environments(run)
     model = make_model(run, environments)
     environments.seed(FIRST_SEED + run.seed * SLOTS)
