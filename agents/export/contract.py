@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 
 from agents.baselines import Rule
 from agents.baselines.tuned import FIXED, interpolated, load_baseline, read_tuned, tuned_table
-from agents.policies import SHIPPED, Policy, load_policy
+from agents.policies import Policy, load_policy
 from agents.policies.networks import to_arrays
 from agents.setups import TUNED, Setup, load_setup, shipped, shipped_baselines
 from agents.setups.setup import UNSAID
-from impact_gym.task import ActionSpec, ObservationSpec, Task
+from impact_gym.task import ActionSpec, ObservationSpec
 from impact_gym.teleop.checks import FADE
 from impact_gym.validation import nearest
 
@@ -66,7 +66,7 @@ class Subject:
         if not isinstance(controller, Policy | Rule):
             raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
         self.controller, self.weights = controller, [*weights]
-        self.task = controller.task if isinstance(controller, Rule) else Task(**controller.environment)
+        self.task = controller.task
         self.spec, self.actions = ObservationSpec(self.task), ActionSpec(self.task).entries
         provenance = controller.provenance if isinstance(controller, Policy) else {}
         self.command = command or str(provenance.get("command", "by hand"))
@@ -143,7 +143,7 @@ def of_baseline(name: str, setup: Setup | None = None, folder: Path = TUNED) -> 
     """
     if name in FIXED:
         rule: Any = load_baseline(name)
-        return Subject(rule.for_environment(setup.environment) if setup else rule)
+        return Subject(rule.for_task(setup.task) if setup else rule)
     content = read_tuned(name, folder, setup if setup and name in setup.tuned else None)
     weights, rule = tuned_table(content)
     found = {weight: content["weights"][weight] for weight in sorted(content["weights"], key=float)}

@@ -15,7 +15,7 @@ PRIOR = 12.0 / 0.2**2  # 1/m^2, of a place between 15 and 35 cm
 def estimates(rows, steps, kind=FilteredProfile, speed=0.3, **options):
     """Error and spread of the estimates (steps, rows) of an approach at a steady command, and the ages of readings."""
     task = Task(**options)
-    batch, rule = Batch(rows, task), kind(START).for_environment(task.arguments())
+    batch, rule = Batch(rows, task), kind(START).for_task(task)
     batch.begin_seeded(0, {})
     spec, state, found = ObservationSpec(task), None, []
     action, none = np.tile([speed, 0.2], (rows, 1)), np.zeros(rows, bool)
@@ -58,7 +58,7 @@ def test_errors_are_as_large_as_the_filter_says():
 
 def test_filter_begins_anew_with_each_episode():
     task = Task(range_sensor={"noise": 0.01})
-    batch, spec, rule = Batch(4, task), ObservationSpec(task), FilteredProfile(START).for_environment(task.arguments())
+    batch, spec, rule = Batch(4, task), ObservationSpec(task), FilteredProfile(START).for_task(task)
     batch.begin_seeded(0, {})
     view, state = rule.see(View(batch.observations, spec), None, None)
     for _ in range(3):
