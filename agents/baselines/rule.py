@@ -66,6 +66,9 @@ class Rule:
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
     NEEDS: ClassVar[Mapping[str, Any]] = {}  # arguments of the environment that add the observations it needs
+    KNOWS: ClassVar[
+        tuple[str, ...]
+    ] = ()  # arguments that it was tuned for and relies on, whatever they are where it plays
 
     def __init__(self, parameters: ArrayLike) -> None:
         """Make a controller.

@@ -28,7 +28,8 @@ from impact_gym.task import Task
 def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None = None) -> Controller:
     """Return the controller that `spec` describes, for a time weight (m/s per s) and a task.
 
-    The positions of a tuned baseline stay those that it was tuned for where no scenario was given to the task.
+    The positions of a tuned baseline stay those that it was tuned for where no scenario was given to the task, and so
+    does what its rule KNOWS of the set-up.
 
     Raises:
         ValueError: there is none, or it cannot `predict`; says why.
@@ -39,8 +40,10 @@ def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None
     controller = KINDS[kind](value, time_weight)
     if task is None or not isinstance(controller, (Rule, RandomActions)):
         return controller
-    if isinstance(controller, Rule) and "scenario" not in task.arguments():
-        task = task.changed({"scenario": controller.task.scenario})
+    if isinstance(controller, Rule):
+        known = controller.task.by_path() if kind == "tuned" else {}
+        kept = {name: known[name] for name in controller.KNOWS if name in known}
+        task = task.changed(kept | {"scenario": task.arguments().get("scenario", controller.task.scenario)})
     return controller.for_task(task)
 
 
