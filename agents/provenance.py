@@ -4,6 +4,7 @@ import hashlib
 import importlib.util
 import os
 import platform
+import re
 import subprocess
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -28,6 +29,11 @@ def revision() -> dict[str, str | None]:
     if _git("ls-files", "--error-unmatch", __file__) is None:
         return {"commit": None, "changed since": None}
     return {"commit": _git("rev-parse", "HEAD"), "changed since": _git("status", "--porcelain", "--untracked-files=no")}
+
+
+def todays(command: str) -> str:
+    """Return a recorded command as it is called today; old files say how the modules were called then."""
+    return re.sub(r"^python -m agents\.(\w+)", r"impact-gym \1", command).replace(" --algo ppo", "")
 
 
 def digest_of(*modules: str) -> str:

@@ -8,6 +8,7 @@ from scipy.stats import t as student
 
 from agents.command_line import command_line
 from agents.policies import load_ensemble
+from agents.provenance import todays
 from agents.setups import load_setup, shipped
 
 
@@ -30,7 +31,7 @@ def card(name: str) -> Iterator[str]:
         yield f"  w = {weight:g} m/s per s: T {means[0]}, V_p {means[1]}"
     yield f"  {seeds} seeds, seed {ensemble.chosen} is the median; in brackets the 95 % interval of the mean"
     when = f"{chosen['settings']['steps']:,} steps, {chosen['date'][:10]}, commit {(chosen.get('commit') or '-')[:7]}"
-    yield f"  made by: {chosen['command']} ({when})"
+    yield f"  made by: {todays(chosen['command'])} ({when})"
 
 
 def _mean(values: Sequence[float]) -> str:

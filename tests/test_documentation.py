@@ -4,10 +4,7 @@ The blocks of a page share one folder and one namespace, from top to bottom. A b
 runs. Shell commands run, but for those of UNDER_WAY, whose options are read. A block of text below is the output.
 """
 
-import argparse
 import doctest
-import functools
-import inspect
 import os
 import re
 import runpy
@@ -15,14 +12,14 @@ import shlex
 import subprocess
 import sys
 import tomllib
-import warnings
 from pathlib import Path
 
 import pytest
-import tyro
+from commands import MODULES, read_options, read_printed
 from pages import chromium, opened
 
-from experiments.command import COMMANDS
+from agents.policies import SHIPPED
+from experiments import policies
 from impact_gym.task.task import ARGUMENTS
 
 ROOT = Path(__file__).parents[1]
@@ -30,18 +27,13 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w*)(?: title=\"(.+?)\")?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 SHOWN_FILE = re.compile(r"# the file (docs/examples/\w+\.py)\n")
 FILES, SHOWN = ("toml", "json", "c", "python"), ("text", "diff")
-MODULES = {name: command.module for group in COMMANDS.values() for name, command in group.items()}
-UNDER_WAY = {module for name, module in MODULES.items() if name not in ("check", "policies")}
+UNDER_WAY = {module for name, module in MODULES.items() if name not in ("check", "policies")} | {"experiments.loop"}
 """These take minutes; what they do has tests of its own."""
 ELSEWHERE = {"git", "source", "tensorboard", "cleanrl/ppo_continuous_action.py", "rl_zoo3.train"}
 """Not ours, or nothing to run here; rl_zoo3 is run by tests/envs/test_ecosystem.py."""
-NEEDS = {"questions.md": "mujoco", "libraries.md": "stable_baselines3"}
+NEEDS = {"deploy-c.md": "onnxruntime", "questions.md": "mujoco", "libraries.md": "stable_baselines3"}
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
 ALIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-
-
-class Read(BaseException):
-    """The options of a command were understood."""
 
 
 def blocks(page):
@@ -57,28 +49,6 @@ def commands(code):
     """The commands of a shell block, as lists of words."""
     lines = code.replace("\\\n", " ").splitlines()
     return [words for line in lines for words in (shlex.split(line, comments=True),) if words]
-
-
-def read_options(module, words, monkeypatch):
-    """Have a command of ours read its options, and go no further."""
-
-    def and_stop(read):
-        def reading(what, *arguments, **options):
-            if inspect.isfunction(what):  # tyro would call it
-                what = functools.wraps(what)(lambda *_, **__: None)
-            read(what, *arguments, **options)
-            raise Read
-
-        return reading
-
-    with monkeypatch.context() as patched, warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of a module that is run and was imported before
-        patched.setattr(sys, "argv", [module, *words])
-        patched.setattr(tyro, "cli", and_stop(tyro.cli))
-        patched.setattr(argparse.ArgumentParser, "parse_args", and_stop(argparse.ArgumentParser.parse_args))
-        with pytest.raises((Read, SystemExit)) as ended:
-            runpy.run_module(module, run_name="__main__", alter_sys=True)
-    assert getattr(ended.value, "code", 0) == 0  # --help ends so, an option that there is not with 2
 
 
 def run_shell(code, monkeypatch):
@@ -131,6 +101,30 @@ def test_page_shows_what_is_so(page, tmp_path, monkeypatch, capsys):
             tomllib.loads(code)
         else:
             assert language in SHOWN, f"{where}: nothing says how {language!r} is tested"
+
+
+CARDS = {path.stem: [*policies.card(path.stem)] for path in SHIPPED.glob("*.npz")}
+PRINTED = {
+    *(command for page in PAGES for earlier, command in re.findall(
+        r"(8fc14f9 \W*(?:with\s+)?)?`(impact-gym [a-z][^`]*)`", page.read_text()) if not earlier),
+    *(command for card in CARDS.values() for command in re.findall(r"made by: (impact-gym [^(]*)", "\n".join(card))),
+}  # fmt: skip
+"""Commands in texts and on cards; those of an earlier commit run there."""
+
+
+@pytest.mark.parametrize("command", sorted(PRINTED))
+def test_printed_command_is_one(command, monkeypatch):
+    read_printed(command, monkeypatch)
+
+
+def test_every_card_and_their_list_say_how_a_policy_is_made_and_used(monkeypatch, capsys):
+    assert [name for name, card in CARDS.items() if f"made by: impact-gym train {name}" not in "\n".join(card)] == []
+    monkeypatch.setattr(sys, "argv", ["impact-gym policies", "linear-blind"])
+    policies.main()
+    used = re.findall(r"impact-gym [^;]+", capsys.readouterr().out.splitlines()[-1])
+    assert len(used) == 2
+    for command in used:
+        read_printed(command, monkeypatch)
 
 
 def test_readme_is_a_front_page_and_its_results_are_those_of_the_documentation():

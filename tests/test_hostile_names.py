@@ -20,6 +20,7 @@ from refusals import refused
 from agents import archive, load_policy, load_setup
 from agents.baselines.bound import path_of
 from agents.export.c_header import header, identifier, write_header
+from agents.export.contract import Subject
 from agents.export.replay import LANGUAGES, WARNINGS, compiled
 from agents.policies import Ensemble, Policy
 from agents.policies.networks import from_arrays, to_arrays
@@ -90,7 +91,7 @@ def test_headers_stay_valid_c_whatever_a_policy_says_of_itself():
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
 def test_compiled_takes_a_header_of_any_name(tmp_path):
     policy = made_up_policy(sizes=(4,))
-    assert compiled(policy, write_header(policy, tmp_path / 'a"\n\\gr\u00fcn -o evil.h'), tmp_path)
+    assert compiled(Subject(policy), write_header(policy, tmp_path / 'a"\n\\gr\u00fcn -o evil.h'), tmp_path)
 
 
 def test_report_shows_hostile_texts_as_texts(tmp_path):

@@ -30,7 +30,7 @@ from impact_gym.validation import whole
 Floats = NDArray[np.float32]
 AGREEMENT = 1e-6
 """Difference of actions in -1 ... 1 that is allowed beyond what rounding to float32 makes of the policy itself."""
-SAME_COMMANDS = 1e-6  # of their range
+SAME_COMMANDS = 1e-5  # of their range
 OBSERVATIONS = 10_000
 
 

@@ -13,11 +13,8 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from numpy.typing import NDArray
 
-from agents.baselines import Ranged, RangedProfile, Rule, detector
-from agents.baselines.detector import LEAST_NOISE, USUAL_NOISE, DetectorRule
-from agents.baselines.filtered import KEPT, LEAST_SPREAD, USUAL_SPREAD, FilteredProfile
-from agents.baselines.profile import AHEAD, KNOTS, REACTION, TIMES, BlindProfile, ConstantDeceleration, ReactingRule
-from agents.baselines.rule import DISTANCES, SLOWEST
+from agents.baselines import FilteredProfile, Rule, detector, filtered, profile
+from agents.baselines import rule as rules
 from agents.export.contract import Subject
 from agents.policies.policy import Policy
 from impact_gym.files import write_file
@@ -85,61 +82,34 @@ def _network(policy: Policy) -> dict[str, Any]:
 
 
 def _rule(subject: Subject, name: str) -> dict[str, Any]:
-    """Return what the template shows of a rule: its parameters, what it remembers, and numbers of its file."""
+    """Return what the template shows of a rule: its parameters, what it reads, and where its numbers are."""
     rule: Any = subject.controller
     if not has_controller(subject):
         raise ValueError(f"{type(rule).__name__} looks at what no sensor tells: it cannot be exported")
-    place = {label: number for number, label in enumerate(rule.names())}
-    task, value_of = subject.task, values(subject.spec)
-    content = {
-        "place": place,
+    value_of, spring = values(subject.spec), isinstance(subject.task.coupling, SpringDamper)
+    return {
+        "rule": rule,
+        "kinds": [kind.__name__ for kind in type(rule).__mro__],
+        "place": {label: number for number, label in enumerate(rule.names())},
         "weights": np.log(subject.weights).tolist(),
         "tuned": np.atleast_2d(rule.parameters).tolist(),
         "seen": {entry.id: _seen(entry, value_of[entry.id], name) for entry in subject.spec.entries},
-        "slowest": SLOWEST,
-        "memory": [("stretch", 1, 1.0), ("slowing", 1, 1.0)] if "stretch" in place else [],
-        "ranged": isinstance(rule, Ranged | RangedProfile),
-        "noise": {"least": LEAST_NOISE, "usual": USUAL_NOISE},
+        "swing": np.stack(rule.swing(*np.eye(3))).tolist() if isinstance(rule, FilteredProfile) and spring else None,
+        "profile": profile,
+        "detector": detector,
+        "filtered": filtered,
+        "rules": rules,
         "fastest": VELOCITY_RANGE[1],
-        "least": ACCELERATION_RANGE[0],
-        "top": ACCELERATION_RANGE[1],
-        "tick": detector.CLOCK,
-        "placed": None,
+        "accelerations": ACCELERATION_RANGE,
     }
-    if isinstance(rule, ReactingRule):
-        content |= {"after": TIMES.tolist(), "reaction": place[REACTION[0].name]}
-    if isinstance(rule, BlindProfile):
-        content["corners"] = rule.placed(KNOTS).tolist()
-    elif isinstance(rule, RangedProfile):
-        content["corners"] = AHEAD.tolist()
-    elif isinstance(rule, ConstantDeceleration) and task.scenario.distance != DISTANCES:
-        near, low = DISTANCES[0], float(rule.placed(np.array(DISTANCES[0])))
-        within = float(rule.placed(np.array(near + 1.0))) - low
-        content["placed"] = {"near": near, "low": low, "within": within}
-    if isinstance(rule, DetectorRule):
-        content["memory"] += [("raised", 1, 1e300), *((each, 1, 0.0) for each in ("total", "count", "mean", "squares"))]
-    if isinstance(rule, FilteredProfile):
-        sensor, (near, far) = task.range_sensor, task.scenario.distance
-        content["memory"] += [
-            ("weight", 1, 12.0 / max(far - near, 1e-3) ** 2), ("place", 1, 0.5 * (near + far)), ("count", 1, 0.0),
-            ("newest", 1, -1.0), ("swung", 1, 0.0), ("rate", 1, 0.0), ("times", KEPT, -1e300), ("velocities", KEPT, 0.0),
-            ("tools", KEPT, 0.0),
-        ]  # fmt: skip
-        swing = np.stack(rule.swing(*np.eye(3))) if isinstance(task.coupling, SpringDamper) else np.zeros((0, 3))
-        content["filter"] = {
-            "kept": KEPT, "readings": rule.READINGS, "noise": sensor.noise, "share": sensor.share, "bias": sensor.bias,
-            "least": LEAST_SPREAD, "usual": USUAL_SPREAD, "farthest": subject.spec.scale("range").high,
-            "swing": swing.tolist(),
-        }  # fmt: skip
-    return content
 
 
-def c_text(template: str, **content: Any) -> str:
-    """Return C code from a template of this folder."""
-    folder = FileSystemLoader(Path(__file__).parent)
+def c_text(template: str, folder: Path = Path(__file__).parent, **content: Any) -> str:
+    """Return C code from a template of a folder, this one unless given."""
     templates = Environment(
-        loader=folder, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
+        loader=FileSystemLoader(folder), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )  # fmt: skip
     templates.filters["rows"] = _rows
     return templates.get_template(template).render(**content)
 

@@ -1,4 +1,4 @@
-"""What is exported, and its contract: what a user has to know of it, which every exported file says in the same words."""
+"""What is exported, and its contract: what a user has to know, which every exported file says in the same words."""
 
 import copy
 import hashlib
@@ -17,9 +17,10 @@ from agents.baselines import Rule
 from agents.baselines.tuned import FIXED, interpolated, load_baseline, read_tuned, tuned_table
 from agents.policies import Policy, load_policy
 from agents.policies.networks import to_arrays
-from agents.setups import TUNED, Setup, load_setup, shipped, shipped_baselines
+from agents.provenance import todays
+from agents.setups import TUNED, Setup, load_setup, owner, shipped, shipped_baselines
 from agents.setups.setup import UNSAID
-from impact_gym.task import ActionSpec, ObservationSpec
+from impact_gym.task import QUANTITIES, ActionSpec, ObservationSpec
 from impact_gym.teleop.checks import FADE
 from impact_gym.validation import nearest
 
@@ -69,9 +70,10 @@ class Subject:
         self.task = controller.task
         self.spec, self.actions = ObservationSpec(self.task), ActionSpec(self.task).entries
         provenance = controller.provenance if isinstance(controller, Policy) else {}
-        self.command = command or str(provenance.get("command", "by hand"))
+        self.command = command or todays(str(provenance.get("command", "by hand")))
         self.validation = validation or provenance.get("validation")
-        name = provenance.get("settings", {}).get("setup")
+        settings = provenance.get("settings", {})
+        name = settings.get("setup", settings.get("preset"))
         self.fails = load_setup(name).fails if name in shipped() else UNSAID
 
     @property
@@ -103,30 +105,31 @@ class Subject:
         yield "kind", "network" if self.policy else type(self.controller).__name__
         yield "version", f"impact-gym {version('impact-gym')}"
         yield "made_by", self.command
-        yield "calls", CALLS.format("NAME_step")
+        yield "calls", CALLS
         yield "resets", RESETS
         yield "missing", MISSING.format(ALARMS[task.alarm])
         if task.operator:
             yield "operator", OPERATOR.format(task.after_alarm, FADE, task.uplink.timeout)
         yield "control_period", {"value": task.control_period, "unit": "s"}
         weight = task.ranges["time_weight"] if self.policy else (self.weights[0], self.weights[-1])
+        if len(self.weights) == 1 and not self.policy:
+            yield "time_weight_use", "none: one set of parameters for all time weights"
         for name, (low, high), unit in (
-            ("reaction_delay", task.ranges["reaction_delay"], "s"), ("time_weight", weight, "m/s per s"),
+            ("time_weight", weight, "m/s per s"), ("reaction_delay", task.ranges["reaction_delay"], "s"),
             ("velocity_limits", task.velocity_range, "m/s"), ("acceleration_limits", task.acceleration_range, "m/s^2"),
         ):  # fmt: skip
             yield name, {"low": low, "high": high, "unit": unit}
+        yield "objects", {name: {"low": low, "high": high, "unit": QUANTITIES[name].unit}
+                          for name, (low, high) in task.scenario.by_id().items()}  # fmt: skip
         yield "environment", task.arguments()
         yield "fails", self.fails
         yield "validation", self.validation or "not said"
         yield "sensors", self.spec.sensors
         for place, entry in enumerate(self.spec.entries):
-            row = {"id": entry.id, "words": entry.words, "unit": entry.unit}
-            yield (
-                f"input {place}",
-                row | dict(zip(("low", "high", "scaled_low", "curve"), entry.scale[:4], strict=True)),
-            )
+            scale = dict(zip(("low", "high", "scaled_low", "curve"), entry.scale[:4], strict=True))
+            yield f"input {place:02}", {"id": entry.id, "words": entry.words, "unit": entry.unit, **scale}
         for place, action in enumerate(self.actions):
-            yield f"output {place}", action._asdict()
+            yield f"output {place:02}", action._asdict()
 
 
 def _plain(value: Any) -> str:
@@ -146,9 +149,10 @@ def of_baseline(name: str, setup: Setup | None = None, folder: Path = TUNED) -> 
         return Subject(rule.for_task(setup.task) if setup else rule)
     content = read_tuned(name, folder, setup if setup and name in setup.tuned else None)
     weights, rule = tuned_table(content)
-    found = {weight: content["weights"][weight] for weight in sorted(content["weights"], key=float)}
-    validation = {weight: each.get("validation") for weight, each in found.items()}
-    return Subject(rule, weights, validation, next(iter(found.values())).get("command", "unknown"))
+    validation = {weight: found.get("validation") for weight, found in content["weights"].items()}
+    made_for = setup if setup and name in setup.tuned else owner(name)
+    command = f"impact-gym tune {made_for.called} --names {name}" if made_for else "impact-gym tune"
+    return Subject(rule, weights, validation, command)
 
 
 def of_name(name: str, setup: Setup | None = None) -> Subject:

@@ -78,7 +78,11 @@ def compiled(subject: Subject, header: Path, folder: Path, *how: str, language: 
     compiler = shutil.which("g++" if language == "C++17" else "gcc") or shutil.which("cc")
     if compiler is None:
         return None
-    names = {"name": identifier(header.stem), "controlled": has_controller(subject), "network": subject.policy}
+    names: dict[str, Any] = {
+        "name": identifier(header.stem),
+        "controlled": has_controller(subject),
+        "network": subject.policy,
+    }
     source = c_text("program.c.jinja", **names, fields=len(subject.spec.sensors), inputs=len(subject.spec),
                     actions=subject.actions, operator=subject.task.operator)  # fmt: skip
     library = folder / f"policy-{language}{''.join(how)}.so"

@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of
+from agents.provenance import todays
 from experiments.lab import page
 from experiments.lab.parts import Section, Table
 from experiments.lab.player import choose, films, fragment
@@ -87,7 +88,7 @@ def policies_table(all_played: Sequence[Played]) -> Table:
     for played in all_played:
         matchup, (weight,) = played.matchup, played.policy_as_late.weights
         name = f"{matchup.title} ({matchup.name})" if matchup.title else matchup.name
-        trained_by, checksum = matchup.provenance.get("command", "-"), matchup.policy.checksum[:16]
+        trained_by, checksum = todays(matchup.provenance.get("command", "-")), matchup.policy.checksum[:16]
         body.append((name, matchup.chosen, str(len(matchup.seeds)), trained_by, f"{weight:.4g}", checksum))
     head = (
         "set-up",

@@ -1,24 +1,37 @@
 """Exported policies compute what the policy computes."""
 
+import hashlib
 import importlib.util
+import json
 import math
+import re
 import shutil
 import subprocess
 import sys
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
 from episodes import assert_identical
 from policies import KINDS, made_up_policy
 
+from agents import load_policy, load_setup
+from agents.baselines.tuned import FIXED, RULES, read_tuned
 from agents.export import __main__ as exporting
 from agents.export.__main__ import AGREEMENT, Export, Form
 from agents.export.c_header import header, identifier, write_header
+from agents.export.contract import Subject, of_name
 from agents.export.onnx_graph import write_onnx
 from agents.export.replay import LANGUAGES, WARNINGS, Replay, address, compiled, logged, replay
+from agents.policies import SHIPPED
+from agents.setups import shipped_baselines
 from impact_gym.envs import IDS
+from impact_gym.envs.batch import Batch
+from impact_gym.task import ActionSpec, Task
+from impact_gym.task.action import RESOLUTION
 
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "deploy-c.md"
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 WITH_ONNX = all(map(importlib.util.find_spec, ("onnx", "onnxruntime")))
@@ -36,7 +49,7 @@ def test_run_writes_both_forms_and_says_how_they_agree_and_what_cannot_be_checke
     options = Export(saved, tmp_path / "out", episodes=300, calls=1000)
     assert [file.name for file in exporting.run(options)] == ["my policy-2.h", "my policy-2.onnx"]
     printed = capsys.readouterr().out
-    assert (printed.count("16 ms"), printed.count("differs by at most")) == (3, 2)
+    assert (printed.count("cycle of 16 ms"), printed.count("differs by at most")) == (3, 2)
     monkeypatch.setenv("PATH", str(tmp_path))
     exporting.run(options)
     printed = capsys.readouterr().out
@@ -56,8 +69,10 @@ def test_forms_compute_what_the_network_does_in_double_precision(tmp_path, kind)
     rounding = exporting.rounding(policy, seen, original)
     assert rounding < AGREEMENT
     for form in (
-        exporting.with_c(compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path), seen, policy.actions),
-        exporting.with_onnx(write_onnx(policy, tmp_path / "it.onnx"), seen),
+        exporting.with_c(
+            compiled(Subject(policy), write_header(policy, tmp_path / "it.h"), tmp_path), seen, policy.actions
+        ),
+        exporting.with_onnx(write_onnx(Subject(policy), tmp_path / "it.onnx"), seen),
     ):
         assert np.abs(form.actions - original).max() <= AGREEMENT + rounding
         assert exporting.rounding(policy, seen, form.actions) < 1.5 * AGREEMENT
@@ -84,16 +99,162 @@ def test_headers_of_two_policies_can_stand_in_one_program_twice(tmp_path):
     subprocess.run([COMPILER, *flags], input=source, text=True, check=True)
 
 
-def test_header_says_what_goes_in_and_out_under_names_of_c():
-    policy = made_up_policy(environment={"range_noise": 0.01})
-    policy.provenance["command"] = "python */ evil"
-    text = header(policy, "it")
-    assert "[1] flange velocity, m/s: -0.5 ... 1.5 to -1 ... 1" in text
-    assert "[8] distance estimate minus flange position" in text
-    assert "acceleration to use for it: 1 ... 20 m/s^2" in text
+def entries(text):
+    """The contract in the comment of a header: JSON by name; later lines of an entry begin with spaces."""
+    lines = text.partition("\n\n")[2].partition("\n\n")[0].replace("\n    ", " ").splitlines()
+    return dict(line.split(": ", 1) for line in lines)
+
+
+@needs_onnx
+@pytest.mark.parametrize("environment", [{"range_noise": 0.01, "past_readings": 2}, IDS["ImpactTeleop-v0"]], ids=str)
+def test_header_and_onnx_have_the_same_contract_which_is_the_task(tmp_path, environment):
+    import onnx
+
+    policy = made_up_policy(environment=environment)
+    policy.provenance["command"] = "train */ /* ??/ evil"
+    subject = Subject(policy)
+    text = header(subject, "it")
     assert text.partition("#ifndef")[0].count("*/") == 1
+    model = onnx.load(write_onnx(subject, tmp_path / "it.onnx"))
+    assert entries(text) == {item.key: item.value for item in model.metadata_props} == subject.contract
+    said, task = {name: json.loads(value) for name, value in subject.contract.items()}, Task(**environment)
+    assert Task(**said["environment"]) == task
+    assert (said["control_period"], said["made_by"]) == ({"value": 0.016, "unit": "s"}, policy.provenance["command"])
+    assert said["objects"]["object_mass"] == {"low": 0.1, "high": 2.5, "unit": "kg"}
+    assert said["acceleration_limits"] == {"low": 1.0, "high": 20.0, "unit": "m/s^2"}
+    assert ("operator" in said) == bool(task.operator)
+    inputs = [said[f"input {place:02}"] for place in range(policy.inputs)]
+    outputs = [said[f"output {place:02}"] for place in range(policy.actions)]
+    assert [row["id"] for row in inputs] == [*policy.spec.ids]
+    assert [(row["id"], row["unit"]) for row in outputs] == [(row.id, row.unit) for row in ActionSpec(task).entries]
+    for row in inputs:
+        ends = policy.spec.encode(row["id"], [row["low"], row["high"]])
+        assert ends == pytest.approx([row["scaled_low"], 1.0])
+
+
+def test_checksum_is_another_where_a_weight_or_the_task_is():
+    policy, other = made_up_policy(), made_up_policy()
+    other.network.mean.weight[0, 0] += 1e-6
+    longer = made_up_policy(environment={"reaction_delay": 0.017})
+    assert len({Subject(each).contract["checksum"] for each in (policy, other, longer)}) == 3
+    assert Subject(policy).contract == Subject(made_up_policy()).contract
+
+
+def test_names_in_c_are_those_of_files():
     names = [identifier(name) for name in ("linear-blind", "2 fast", "grün")]
     assert names == ["linear_blind", "policy_2_fast", "gr_n"]
+
+
+@needs_onnx
+@pytest.mark.parametrize("name", ["linear-ranged", "linear-robust", "teleop-spring"])
+def test_loader_of_the_page_runs_onnx_from_its_metadata_alone(tmp_path, name):
+    """Commands of 50 episodes, from readings in SI units."""
+    (code,) = re.findall(r'```python title="loader.py"\n(.*?)```', PAGE.read_text(), re.DOTALL)
+    exec(code, loader := {})
+    subject, policy = of_name(name), load_policy(name)
+    command = loader["load"](write_onnx(subject, tmp_path / "it.onnx"))
+    batch = Batch(50, subject.task)
+    batch.begin_seeded(0, {})
+    for _ in range(30):
+        actions = policy.predict(batch.observations)[0]
+        expected = ActionSpec(subject.task).decode(actions)
+        now = batch.episodes.view(np.float64).reshape(50, -1)
+        for row in range(0, 50, 7):
+            seen = {entry.id: now[row, entry.place] for entry in subject.spec.entries}
+            span = [action.high - action.low for action in subject.actions]
+            assert np.abs((np.array([*command(seen).values()]) - expected[row]) / span).max() < 2e-6
+        batch.step(actions, batch.ended)
+    empty = onnx_without_metadata(tmp_path / "it.onnx")
+    with pytest.raises(ValueError, match="has no contract"):
+        loader["load"](empty)
+
+
+def onnx_without_metadata(path):
+    import onnx
+
+    model = onnx.load(path)
+    del model.metadata_props[:]
+    onnx.save(model, path)
+    return path
+
+
+CONTROLLERS_SHIPPED = [
+    *sorted(path.stem for path in SHIPPED.glob("*.npz")), *sorted({*FIXED} - {"random"}), *shipped_baselines(),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CONTROLLERS_SHIPPED)
+def test_every_shipped_controller_commands_in_c_what_it_does_in_numpy(tmp_path, name):
+    """300 episodes; rules at time weights from below to above those they were tuned for."""
+    assert_commands_alike(tmp_path, of_name(name))
+
+
+def assert_commands_alike(folder, subject):
+    """Within 1e-6 of the range, or a step of the grid that commands lie on."""
+    log = logged(subject, 300)
+    assert log.commands[..., 0].std() > 0.01
+    program = compiled(subject, write_header(subject, folder / "it.h"), folder)
+    task = subject.task
+    grid = RESOLUTION / min(np.ptp(task.velocity_range), np.ptp(task.acceleration_range))
+    assert replay(subject, program, log, calls=1000).difference < 1.001 * max(1e-6, grid)
+
+
+SENSED = {"range_sensor": {"noise": 0.002, "share": 0.1}, "coupling": {"type": "SpringDamper", "stiffness": 50.0}}
+FAR = {"scenario": {"distance": [0.05, 0.6]}}
+ROBUST = {name: load_setup("ranged-robust").environment[name] for name in
+          ("alarm", "alarm_threshold", "force_noise", "deflection_sensor", "past_readings", "range_noise",
+           "observe_range_noise")}  # fmt: skip
+RULES_IN_C = {
+    "filter": ("FilteredProfile", SENSED),
+    "filter, late and lost": ("FilteredProfile", {"range_sensor": {
+        "noise": 0.01, "share": 0.05, "bias": 0.01, "dropout": 0.3, "delay": [0.0, 0.08]}} | FAR),
+    "filter, rigid": ("FilteredProfile", {"range_sensor": {"noise": 0.01}, "coupling": {"type": "Rigid"}}),
+    "first reading": ("FirstReadingProfile", SENSED | {"alarm": "reading", "force_noise": 0.3}),
+    "deceleration, far": ("ConstantDeceleration", FAR), "profile, far": ("BlindProfile", FAR),
+    "detector": ("DetectorProfile", ROBUST | {"force_noise": 2.0}), "detector with a range": ("DetectorRanged", ROBUST),
+    "brake": ("Ranged", {"range_noise": 0.02, "acceleration_range": [0.5, 30.0], "velocity_range": [-1.0, 2.0]}),
+    "speed": ("ConstantSpeed", {"alarm": "reading", "force_noise": 0.5, "control_period": 0.008}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("rule", "environment"), RULES_IN_C.values(), ids=RULES_IN_C)
+def test_rule_commands_in_c_what_it_does_in_numpy_whatever_its_parameters(tmp_path, rule, environment):
+    """Three sets near the start of tuning, for three time weights."""
+    limits, rng = RULES[rule].PARAMETERS, np.random.default_rng(1)
+    low, high, start = np.array([(each.low, each.high, each.start) for each in limits]).T
+    table = np.clip(start + 0.1 * rng.normal(size=(3, len(limits))) * (high - low), low, high)
+    subject = Subject(RULES[rule].of(table).for_environment(environment), (0.5, 1.0, 4.0))
+    assert_commands_alike(tmp_path, subject)
+
+
+def test_all_controllers_of_a_set_up_are_exported_to_one_folder(tmp_path, capsys):
+    setup = load_setup("linear-blind")
+    shutil.copytree(setup.folder / "tuned", tmp_path / "tuned")
+    (tmp_path / "tuned" / "constant-speed.json").unlink()
+    run = Export("linear-blind", tmp_path / "out", all=True, folder=tmp_path, episodes=10, calls=100)
+    written = {path.name for path in exporting.run(run)}
+    assert written == {
+        f"{name}.h" for name in ("paper-trapezoid", "local-brake", "blind-profile", "constant-deceleration")
+    }
+    printed = capsys.readouterr().out
+    for left_out in ("constant-speed is left out: baseline 'constant-speed' was not tuned", "linear-blind is left out"):
+        assert left_out in printed
+    run = Export("paper-trapezoid", tmp_path / "rule", setup="paper-limits", episodes=10, calls=100)
+    assert '"low": 1.0, "high": 8.0, "unit": "m/s^2"' in exporting.run(run)[0].read_text()
+
+
+@pytest.mark.parametrize(("change", "says"), [
+    (lambda content: content | {"format": "impact_gym tuned baseline 0"}, "was tuned for another format"),
+    (lambda content: content["weights"]["2"]["parameters"].update({"top speed": 9.0}) or content,
+     r"top speed must be .* at most 1.5 m/s, got 9"),
+    (lambda content: content | {"weights": {}}, "'ranged' holds no weight"),
+], ids=["version", "limits", "weights"])  # fmt: skip
+def test_tuned_file_of_another_version_or_beyond_its_limits_is_not_exported(tmp_path, change, says):
+    content = change({name: value for name, value in read_tuned("ranged").items() if name != "sha256"})
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    (tmp_path / "ranged.json").write_text(json.dumps(content | {"sha256": digest}))
+    with pytest.raises(ValueError, match=says):
+        of_name(str(tmp_path / "ranged.json"))
 
 
 def test_run_names_a_missing_package(saved, tmp_path, monkeypatch):
@@ -123,11 +284,11 @@ def test_controller_compiles_without_a_warning_and_commands_what_the_policy_comm
     file = write_header(policy, tmp_path / "it.h")
     includes = {line for line in file.read_text().splitlines() if line.startswith("#include")}
     assert includes == {"#include <math.h>", "#include <string.h>"}
-    log, commands = logged(policy, 300), []
+    log, commands = logged(Subject(policy), 300), []
     assert log.commands.std() > 0.0
     for language, level in product(LANGUAGES if shutil.which("g++") else ["C99"], ("-O0", "-O2", "-O3")):
-        program = compiled(policy, file, tmp_path, level, language=language)
-        played = replay(policy, program, log, calls=1000)
+        program = compiled(Subject(policy), file, tmp_path, level, language=language)
+        played = replay(Subject(policy), program, log, calls=1000)
         assert played.difference < 1e-5  # a command is on a grid, and may fall on the next point of it
         assert 0.0 < played.usual <= played.worst
         commands.append(replayed(program, log.sensors, log.steps, log.time_weight, log.late))
@@ -193,7 +354,7 @@ HOW = [["-O2"], ["-Ofast", *NOT_TOLD], ["-ffinite-math-only", *NOT_TOLD]]
 def test_header_does_not_compile_where_a_test_for_nan_may_be_removed(tmp_path, flag, capfd):
     policy = made_up_policy(sizes=())
     with pytest.raises(subprocess.CalledProcessError):
-        compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path, flag)
+        compiled(Subject(policy), write_header(policy, tmp_path / "it.h"), tmp_path, flag)
     assert "it.h tests for NaN: compile it without -Ofast" in capfd.readouterr().err
 
 
@@ -201,7 +362,7 @@ def test_header_does_not_compile_where_a_test_for_nan_may_be_removed(tmp_path, f
 @pytest.mark.parametrize("environment", [{}, {"alarm": "reading"}, {"past_readings": 2}], ids=str)
 def test_controller_takes_faulty_readings_as_the_header_says(tmp_path, environment, how):
     policy, weight = made_up_policy(environment={"range_noise": 0.01, **environment}), 2.0
-    program = compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path, *how)
+    program = compiled(Subject(policy), write_header(policy, tmp_path / "it.h"), tmp_path, *how)
     for seed in range(8):
         readings = faulty_readings(seed)
         commands = replayed(program, readings[:, None], [60], [weight])
@@ -230,7 +391,7 @@ def test_controller_in_c_stops_where_the_operator_is_silent_and_withdraws_after_
     """A gain of 1 and all of the withdrawal, by the biases of the last layer; the alarm comes at 1.5 s."""
     policy = made_up_policy(environment=IDS["ImpactTeleop-v0"])
     policy.network.mean.weight[:], policy.network.mean.bias[:] = 0.0, [2.0, 0.0, 2.0]
-    program = compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path, *how)
+    program = compiled(Subject(policy), write_header(policy, tmp_path / "it.h"), tmp_path, *how)
     time = 0.016 * np.arange(150)
     fields = dict.fromkeys(policy.spec.sensors, np.zeros(150)) | {"time": time, "alarm": time >= 1.5}
     fields["time_since_alarm"] = np.maximum(time - 1.5, 0.0)
@@ -250,4 +411,4 @@ def test_header_has_no_controller_for_a_policy_that_sees_the_truth(tmp_path):
     policy = made_up_policy(environment={"privileged": True})
     file = write_header(policy, tmp_path / "it.h")
     assert "_step" not in file.read_text().partition("*/")[2]
-    assert not hasattr(compiled(policy, file, tmp_path), "play")
+    assert not hasattr(compiled(Subject(policy), file, tmp_path), "play")

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import polars as pl
 import pytest
+from commands import read_printed
 from pages import opened, stands_on_its_own
 
 from agents import load_policy
@@ -48,6 +49,13 @@ def episodes(folder):
 @pytest.fixture(scope="module")
 def results(folder):
     return json.loads((folder / "results.json").read_text())
+
+
+def test_commands_on_the_page_are_read_by_their_own_parsers(folder, monkeypatch):
+    printed = {*re.findall(r">(impact-gym [^<]*)<", (folder / "index.html").read_text())}
+    assert len(printed) > 2
+    for command in printed:
+        read_printed(command, monkeypatch)
 
 
 def of(episodes, contestant, **columns):

@@ -1,0 +1,120 @@
+"""`python -m experiments.loop NAME --out DIR`: export a controller, compile its loop in C, and play it at 1 kHz."""
+
+import json
+import multiprocessing
+import shutil
+import subprocess
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+
+from agents.command_line import run_command
+from agents.evaluate import evaluate
+from agents.export.c_header import c_text, identifier, write_header
+from agents.export.contract import Subject, of_name
+from experiments.loop.arm import MAGIC, SILENCE, serve
+from impact_gym.files import write_file
+from impact_gym.validation import number
+
+SEED = 8_000_000  # of the first approach
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Play an exported controller at 1 kHz beside a simulated arm in another process, over UDP."""
+
+    controller: tyro.conf.Positional[str]
+    """Name of a policy or baseline, or its file, as for export."""
+    out: Path
+    """Folder for the header, the loop in C, its program, and what was measured."""
+    seconds: float = 60.0
+    """How long approaches are begun."""
+    time_weight: float = 2.0
+    """What a second of approach costs, m/s per s."""
+
+    def __post_init__(self) -> None:
+        number("seconds", self.seconds, "s", above=0.0, at_most=900.0)
+        number("time_weight", self.time_weight, "m/s per s", above=0.0)
+
+
+def compiled(subject: Subject, name: str, out: Path) -> Path:
+    """Write header and loop.c to `out`, compile them, and return the program.
+
+    Raises:
+        ValueError: the arm of this loop lacks what the controller needs, or there is no C compiler.
+    """
+    task, name = subject.task, identifier(name)
+    if task.operator or task.range_sensor or task.past_readings or task.alarm != "force":
+        raise ValueError(f"{name} needs an operator, a range sensor, past readings or an alarm by readings: "
+                         "the arm of this loop has none")  # fmt: skip
+    if (compiler := shutil.which("cc") or shutil.which("gcc")) is None:
+        raise ValueError("the loop needs a C compiler: there is no cc and no gcc")
+    write_header(subject, out / f"{name}.h")
+    told = {"magic": MAGIC.decode(), "silence": SILENCE, "cycle": task.control_period}
+    told |= {"name": name, "top": task.acceleration_range[1]}
+    source = write_file(out / "loop.c", c_text("loop.c.jinja", Path(__file__).parent, **told))
+    flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror"]
+    subprocess.run([compiler, *flags, str(source), "-lm", "-o", str(out / "loop")], check=True)
+    return out / "loop"
+
+
+def start(subject: Subject, weight: float, seconds: float, out: Path) -> tuple[Any, int]:
+    """Start the arm, and return its process and port; what it has played it writes to `out`, JSON, in the end."""
+    told, port = multiprocessing.Pipe(duplex=False)
+    given = subject.task.arguments(), weight, SEED, seconds, out, port
+    out.unlink(missing_ok=True)
+    arm = multiprocessing.get_context("spawn").Process(target=serve, args=given)
+    arm.start()
+    port.close()
+    return arm, told.recv()
+
+
+def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -> dict[str, float]:
+    """Return ages of the arm's commands (s), and V_p (m/s) beside the environment's in the same scenarios.
+
+    There it is played as well with a reaction delay that is longer by the median age.
+    """
+    ages, velocity = (np.hstack([each[name] for each in played]) for name in ("ages", "object_velocity"))
+    age, delay = float(np.median(ages)), subject.task.ranges["reaction_delay"]
+    arguments = {**subject.task.arguments(), "scenario": subject.task.scenario, "time_weight": weight, "quiet": True}
+    there, later = (
+        float(evaluate(subject.at(weight), SEED, len(played), **arguments | changed).object_velocity.mean())
+        for changed in ({}, {"reaction_delay": [each + age for each in delay]})
+    )
+    figures = {"approaches": len(played), "age_median": age, "age_99": np.quantile(ages, 0.99), "age_most": ages.max()}
+    figures |= {"object_velocity": velocity.mean(), "environment": there, "environment_later": later}
+    return {name: float(value) for name, value in figures.items()}
+
+
+def run(options: Loop) -> None:
+    """Play, print and keep what was measured.
+
+    Raises:
+        RuntimeError: the watchdog of one side stopped it.
+    """
+    subject = of_name(options.controller)
+    program = compiled(subject, Path(options.controller).stem, options.out)
+    written = options.out / "arm.json"
+    arm, port = start(subject, options.time_weight, options.seconds, written)
+    controller = subprocess.run([program, str(port)], capture_output=True, text=True, check=False)
+    arm.join()
+    played = json.loads(written.read_text()) if written.is_file() else []
+    if controller.returncode or not played or played[-1]["stop"]:
+        raise RuntimeError(controller.stderr.strip() or "the arm was stopped, or has played nothing")
+    found = json.loads(controller.stdout) | measured(subject, options.time_weight, played)
+    write_file(options.out / "loop.json", json.dumps(found, indent=2) + "\n")
+    print(
+        "{periods:,} periods of 1 ms, error: median {error_median:.6f} s, 99 % below {error_99:.6f} s, at most "
+        "{error_most:.6f} s; {missed} missed; real-time priority: {real_time}\n"
+        "age of commands: median {age_median:.6f} s, 99 % below {age_99:.6f} s, at most {age_most:.6f} s\n"
+        "V_p of {approaches:.0f} approaches: mean {object_velocity:.4f} m/s; in the environment {environment:.4f} m/s, "
+        "with that age as further delay {environment_later:.4f} m/s".format(**found)
+    )
+
+
+if __name__ == "__main__":
+    run_command("loop", Loop, run)

@@ -1,0 +1,130 @@
+"""The simulated arm: the environment in steps of 1 ms of the wall clock, stopped after SILENCE without good packets."""
+
+import json
+import math
+import os
+import socket
+import struct
+import time
+from collections import Counter
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from impact_gym.envs.batch import Batch
+from impact_gym.files import write_file
+from impact_gym.task import Task
+
+MAGIC = b"IGLOOP01"
+PERIOD, SILENCE = 1e-3, 0.1  # s
+COMMAND = struct.Struct("8s4d")  # MAGIC, sequence, stamp (s), velocity (m/s), acceleration (m/s^2)
+EARLY = 1e-3  # s, by which a stamp may be ahead of the arm's clock
+WAIT = 10.0  # s, for a controller's first packet
+
+
+class Line:
+    """The arm's end of the line: sends readings, takes the newest good command, and counts why others are refused."""
+
+    def __init__(self, task: Task) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.socket.setblocking(False)
+        self.task, self.sent, self.last, self.begun = task, 0, -1.0, 0.0
+        self.refused: Counter[str] = Counter()
+        self.peer: Any = None  # address of the controller: the first that sends a good packet
+
+    def send(self, approach: int, time_weight: float, readings: Mapping[str, Any]) -> None:
+        """Send readings, arrays (1,), to the controller."""
+        self.sent += 1
+        numbers = [self.sent, time.monotonic(), approach, time_weight, *np.concatenate([*readings.values()])]
+        self.socket.sendto(MAGIC + struct.pack(f"{len(numbers)}d", *numbers), self.peer)
+
+    def newest(self) -> tuple[float, float, float] | None:
+        """Return stamp (s), velocity (m/s) and acceleration (m/s^2) of the newest good command since the last call."""
+        found = None
+        while True:
+            try:
+                packet, peer = self.socket.recvfrom(2048)
+            except (BlockingIOError, ConnectionRefusedError):
+                return found
+            if reason := self.refusal(packet, peer, time.monotonic()):
+                self.refused[reason] += 1
+                continue
+            _, self.last, *command = COMMAND.unpack(packet)
+            self.peer = peer
+            found = (command[0], command[1], command[2]) if self.last > 0.0 else found  # 0 says hello
+
+    def refusal(self, packet: bytes, peer: Any, now: float) -> str:
+        """Return why a packet is no good command at `now` (s), "" if it is one."""
+        if self.peer not in (None, peer):
+            return "from another address"
+        if len(packet) != COMMAND.size or packet[:8] != MAGIC:
+            return f"of a wrong size or kind: {len(packet)} bytes, not {COMMAND.size}"
+        _, sequence, stamp, velocity, acceleration = COMMAND.unpack(packet)
+        (slowest, fastest), most = self.task.velocity_range, self.task.acceleration_range[1]
+        if not all(map(math.isfinite, (sequence, stamp, velocity, acceleration))):
+            return "with NaN or infinity"
+        if sequence <= self.last:
+            return "out of order"
+        if sequence > 0.0 and stamp > now + EARLY:
+            return "stamped in the future"
+        if sequence > 0.0 and stamp < max(now - SILENCE, self.begun):
+            return "with a stale stamp"
+        within = slowest <= velocity <= fastest and 0.0 <= acceleration <= most
+        return "" if within else f"beyond {slowest:g} ... {fastest:g} m/s or {most:g} m/s^2"
+
+
+def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) -> dict[str, Any]:
+    """Play an approach by the wall clock; return its results, ages of commands (s), and how the watchdog stopped it.
+
+    Then the flange brakes as fast as it can, and later commands move it no more.
+    """
+    batch.begin_seeded(seed + number, {"time_weight": weight})
+    begun = good_at = stamp = line.begun = time.monotonic()
+    velocity, acceleration = 0.0, line.task.acceleration_range[1]
+    ages, stop = list[float](), dict[str, Any]()
+    line.refused.clear()
+    while not batch.ended[0]:
+        readings = batch.sensors()
+        line.send(number, weight, readings)
+        time.sleep(max(begun + float(readings["time"][0]) + PERIOD - time.monotonic(), 0.0))
+        now, command = time.monotonic(), line.newest()
+        if command and not stop:
+            (stamp, velocity, acceleration), good_at = command, now
+        elif not stop and now - good_at > SILENCE:
+            velocity, acceleration = 0.0, line.task.acceleration_range[1]
+            why = ", ".join(f"{count} {reason}" for reason, count in line.refused.most_common(2)) or "none"
+            stop = {"at": now, "velocity": float(readings["velocity"][0]), "packets": why}
+        elif stop and readings["velocity"][0] == 0.0:
+            stop.setdefault("rest", now)
+        ages.append(now - stamp)
+        action = batch.action_spec.encode(velocity, acceleration)[None]
+        while not batch.ended[0] and float(batch.sensors()["time"][0]) + PERIOD <= now - begun + 1e-9:
+            batch.step(action, np.zeros(1, np.bool_))
+    return {"object_velocity": batch.info(0)["object_velocity"], "ages": ages, "stop": stop}
+
+
+def serve(environment: Mapping[str, Any], weight: float, seed: int, seconds: float, out: Path, port: Any) -> None:
+    """Send the arm's port to the connection `port`, play approaches for some seconds, and write them to `out`, JSON.
+
+    The scenario of each approach has the next seed, all the time `weight` (m/s per s). After a stop none begins.
+    """
+    task = Task(**{**environment, "control_period": PERIOD, "time_weight": weight})
+    line, batch, played = Line(task), Batch(1, task, threads=1), list[dict[str, Any]]()
+    port.send(line.socket.getsockname()[1])
+    with suppress(OSError):  # not everybody may
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(50))
+    begun = time.monotonic()
+    while line.peer is None and time.monotonic() < begun + WAIT:
+        line.newest()
+        time.sleep(PERIOD)
+    while line.peer and time.monotonic() < begun + seconds and not (played and played[-1]["stop"]):
+        played.append(approach(line, batch, len(played), seed, weight))
+        if stop := played[-1]["stop"]:
+            print(f"arm: stopped, no good packet for {SILENCE:g} s: {stop['packets']}", flush=True)
+    write_file(out, json.dumps(played))
+    if line.peer:
+        line.send(-1, weight, batch.sensors())

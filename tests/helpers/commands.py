@@ -1,0 +1,59 @@
+"""Commands that pages, cards and reports print: read to their options by the commands' own parsers, and not run."""
+
+import argparse
+import functools
+import inspect
+import re
+import runpy
+import shlex
+import sys
+import warnings
+
+import pytest
+import tyro
+
+from experiments.command import COMMANDS
+
+MODULES = {name: command.module for group in COMMANDS.values() for name, command in group.items()}
+STANDS_FOR = {
+    "SETUP": "linear-blind", "my.toml": "linear-blind", "NAME": "linear-blind", "N": "2", "DIR": "out",
+    "NAME=LOW:HIGH": "coupling.stiffness=40:60", "...": "",
+}  # fmt: skip
+"""What the words of a usage line stand for."""
+
+
+class Read(BaseException):
+    """The options of a command were understood."""
+
+
+def read_options(module, words, monkeypatch):
+    """Have a command of ours read its options, and go no further."""
+
+    def and_stop(read):
+        def reading(what, *arguments, **options):
+            if inspect.isfunction(what):  # tyro would call it
+                what = functools.wraps(what)(lambda *_, **__: None)
+            read(what, *arguments, **options)
+            raise Read
+
+        return reading
+
+    with monkeypatch.context() as patched, warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of a module that is run and was imported before
+        patched.setattr(sys, "argv", [module, *words])
+        patched.setattr(tyro, "cli", and_stop(tyro.cli))
+        patched.setattr(argparse.ArgumentParser, "parse_args", and_stop(argparse.ArgumentParser.parse_args))
+        with pytest.raises((Read, SystemExit)) as ended:
+            runpy.run_module(module, run_name="__main__", alter_sys=True)
+    assert getattr(ended.value, "code", 0) == 0, f"{module} {words}: {ended.value}"  # of --help; 2: no such option
+
+
+def read_printed(command, monkeypatch):
+    """Read a command as it is printed, `impact-gym NAME ...`; a name alone has to be one."""
+    _, name, *words = shlex.split(re.sub(r"[][]", "", command))
+    assert name in MODULES, command
+    words = [STANDS_FOR.get(word, word) for word in words]
+    if words and name == "study":
+        words[0] = "paper" if words[0] == "linear-blind" else words[0]
+    if words:
+        read_options(MODULES[name], [word for word in words if word], monkeypatch)
