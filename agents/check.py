@@ -1,4 +1,4 @@
-"""Check a set-up and see what follows from it: `impact-gym check my.toml`, or the name of one that is shipped."""
+"""Check a set-up and print its consequences: `impact-gym check my.toml`, or the name of a shipped one."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -24,12 +24,12 @@ from impact_gym.scene import Bistable, Rigid, SpringDamper
 from impact_gym.task import ActionSpec, ObservationSpec, Task
 
 PAPERS_SPEED = 1.0  # m/s
-SAMPLE = 500  # scenarios that the paper's rule is played through
+SAMPLE = 500  # scenarios that the paper's rule plays
 
 
 @dataclass(frozen=True)
 class Check:
-    """Check a set-up and print what follows from it."""
+    """Check a set-up and print its consequences."""
 
     setup: tyro.conf.Positional[str]
     """A name or a file."""
@@ -38,7 +38,7 @@ class Check:
 
 
 def drawn(task: Task) -> Iterator[str]:
-    """Yield a line for each number that episodes draw, but for the time weight, which training sees to."""
+    """Yield a line for each number that episodes draw, except the time weight."""
     for name, (low, high) in task.ranges.items():
         quantity = QUANTITIES[name]
         how = "fixed" if low == high else "log-uniform" if quantity.by_ratio(low) else "uniform"
@@ -48,15 +48,15 @@ def drawn(task: Task) -> Iterator[str]:
 
 
 def _spread(values: Sequence[float], form: str = ".3g") -> str:
-    """Return the least and the largest of `values`; one where they are the same."""
+    """Return the range of `values` as text, one number if they are equal."""
     low, high = min(values), max(values)
     return f"{low:{form}}" if low == high else f"{low:{form}} to {high:{form}}"
 
 
 def lag(task: Task) -> float:
-    """How far the tool stays behind the imposed motion at full acceleration, m, in equilibrium.
+    """Return the tool's lag behind the imposed motion at full acceleration, m, in equilibrium.
 
-    The force on all that is behind a spring, over its stiffness: the coupling's and the robot's, one behind the other.
+    The sum over coupling and robot: the force on the masses that its spring accelerates, over its stiffness.
     """
     spring = task.tool_mass / task.coupling.stiffness if isinstance(task.coupling, SpringDamper) else 0.0
     arm = (task.robot.mass + task.tool_mass) / task.robot.stiffness if task.robot else 0.0
@@ -64,7 +64,7 @@ def lag(task: Task) -> float:
 
 
 def estimate(task: Task, object_mass: float, restitution: float) -> float:
-    """V_p of the paper's rule by an instantaneous impact (paper, eq. 1-4), m/s; what pushes afterwards is left out.
+    """V_p of the paper's rule by an instantaneous impact (paper, eq. 1-4), m/s, without the push of the coupling.
 
     Args:
         task: whose tool meets the object.
@@ -82,7 +82,7 @@ def estimate(task: Task, object_mass: float, restitution: float) -> float:
 
 def lines(setup: Setup) -> Iterator[str]:
     """Yield the lines to print about a set-up."""
-    task = Task(**setup.environment)
+    task = setup.task
     most = task.acceleration_range[1]
     yield f"{setup.name}: {setup.title}"
     yield f"  {setup.about}"
@@ -105,8 +105,7 @@ def lines(setup: Setup) -> Iterator[str]:
     ]
     yield (f"  the paper's rule, at {min(PAPERS_SPEED, task.velocity_range[1]):g} m/s, leaves the object "
            f"{_spread(impacts)} m/s by an instantaneous impact (the coupling's push left out)")  # fmt: skip
-    rule = PaperTrapezoid().for_environment(setup.environment)
-    played = ScenarioBatch.of("validation", SAMPLE, **setup.environment).play(rule)
+    played = ScenarioBatch.of("validation", SAMPLE, task).play(PaperTrapezoid().for_task(task))
     yield (
         f"  played through {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f}"
         f" m/s (mean), {'is done' if task.operator else 'arrives'} after {played.approach_time.mean():.3f} s and misses"
@@ -121,7 +120,7 @@ def lines(setup: Setup) -> Iterator[str]:
                f"{least:.1f}")  # fmt: skip
     if isinstance(task.coupling, Bistable):
         force = task.coupling.holding_force
-        yield f"  the front stop holds the tool with {force:.3g} N: to what presses less hard it is as good as rigid"
+        yield f"  the front stop holds the tool with {force:.3g} N; below that force the coupling is rigid"
     yield from (f"  warning: {sentence}" for sentence in warnings(task))
     yield "\ntrained by"
     yield f"  {Run(setup, setup.training).command}"
@@ -148,7 +147,7 @@ def draw(setup: Setup, path: Path) -> None:
 
 
 def run(options: Check) -> None:
-    """Print what follows from a set-up, and draw its chain."""
+    """Print the consequences of a set-up, and draw its chain."""
     setup = load_setup(options.setup)
     for line in lines(setup):
         print(line)

@@ -1,5 +1,7 @@
-"""What the commands share: each is called `impact-gym NAME`, and one line says what went wrong or how to continue."""
+"""What the commands `impact-gym NAME` share: their arguments, one line for an error or how to continue, progress."""
 
+import io
+import multiprocessing
 import re
 import shlex
 import sys
@@ -7,11 +9,16 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass, replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from impact_gym.files import DiskFullError, writing
 
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
 Options = TypeVar("Options")
+LINE_EVERY = 30.0  # s, between lines about progress in a log
+FORM = "{desc}: {n_fmt} of {total_fmt} after {elapsed}, {remaining} left"
 
 
 def run_command(
@@ -25,18 +32,18 @@ def run_command(
 def read_command(
     name: str, options: type[Options], arguments: Sequence[str] | None = None, default: Options | None = None
 ) -> Options:
-    """Return what a command line asks for: words after `impact-gym NAME`, those of this process unless given.
+    """Return the options on a command line: words after `impact-gym NAME`, those of this process unless given.
 
-    The help says SETUP, NAME, NUMBER and PATH for what stands where, instead of types.
+    The help shows SETUP, NAME, NUMBER and PATH instead of types.
     """
-    import tyro  # whoever only plays has no need of it
+    import tyro  # not needed to play
     from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
     registry, asking = ConstructorRegistry(), list[PrimitiveTypeInfo]()
 
     @registry.primitive_rule
     def readable(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
-        """Read as tyro does, which is asked while this rule looks away, but say plainly what."""
+        """Read as tyro does, with a plainer word for the value in the help; `asking` stops the recursion."""
         if asking:
             return None
         asking.append(info)
@@ -56,17 +63,14 @@ def read_command(
 
 
 def _plain(metavar: str) -> str:
-    """Return a word for what a value is, such as "PATH" for "{None}|PATH" and "NAME ..." for "[STR [STR ...]]"."""
+    """Return a plain word for tyro's: "PATH" for "{None}|PATH", "NAME ..." for "[STR [STR ...]]"."""
     metavar = re.sub(r"\[(\w+) \[\1 \.\.\.\]\]", r"\1 ...", metavar.replace("{None}|", ""))
     return re.sub("INT|FLOAT", "NUMBER", metavar.replace("STR", "NAME"))
 
 
 @contextmanager
 def command_line(name: str, after: str = "the same command continues") -> Iterator[None]:
-    """Run `impact-gym NAME`; an error that a user can mend is one line. `after` says how to go on once it stopped.
-
-    So is a warning, which is printed once.
-    """
+    """Run `impact-gym NAME` with each error of a user, and each warning once, in one line; `after`: how to continue."""
     said = set[str]()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
@@ -90,8 +94,8 @@ def command_line(name: str, after: str = "the same command continues") -> Iterat
 def command_of(name: str, options: Any, default: Any = None, *first: str) -> str:
     """Return the command line `impact-gym NAME ...` that is read into `options`, a dataclass for tyro.
 
-    Options are left out where they are those of `default`, another one, or else their own defaults. What is not among
-    them stands `first`.
+    Options equal to those of `default`, another such dataclass, or to their own defaults are left out. `first` are
+    further words before them.
     """
     positional, named = _words(options, default)
     return shlex.join(["impact-gym", name, *first, *positional, *named])
@@ -117,3 +121,25 @@ def _words(options: Any, default: Any) -> tuple[list[str], list[str]]:
         elif value != usual:
             named += [f"--{option}", *words]
     return positional, named
+
+
+class _Lines(io.TextIOBase):
+    """The file of a progress bar in a log: each of its states becomes a line on standard error."""
+
+    def write(self, text: str) -> int:
+        if line := text.strip():
+            print(line, file=sys.stderr, flush=True)
+        return len(text)
+
+
+def progress(title: str, total: int, begun: int = 0) -> "tqdm[Any]":
+    """Return a progress bar, to be updated and closed, with `begun` of `total` steps done.
+
+    On a terminal the main process redraws it; elsewhere it prints a line every 30 s.
+    """
+    from tqdm import tqdm
+
+    if sys.stderr.isatty() and multiprocessing.parent_process() is None:
+        return tqdm(total=total, initial=begun, desc=title, smoothing=0.02)
+    lines: Any = {"file": _Lines(), "bar_format": FORM, "mininterval": LINE_EVERY, "delay": LINE_EVERY, "miniters": 1}
+    return tqdm(total=total, initial=begun, desc=title, smoothing=0.02, **lines)

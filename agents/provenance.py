@@ -1,4 +1,4 @@
-"""What something was made with: sources, versions, machine, date."""
+"""Provenance of results: sources, versions, machine, date."""
 
 import hashlib
 import importlib.util
@@ -16,7 +16,7 @@ SOURCES = {".py", ".pyx", ".pxi", ".h", ".csv", ".json", ".toml", ".npz", ".jinj
 
 
 def circumstances(*packages: str) -> dict[str, Any]:
-    """Return what a result depends on beside the code: machine, versions, date."""
+    """Return the circumstances of a result beside the code: machine, versions, date."""
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}",
@@ -25,10 +25,7 @@ def circumstances(*packages: str) -> dict[str, Any]:
 
 
 def revision() -> dict[str, str | None]:
-    """Return the commit and what has changed since, as git says; None where there is no git or it does not know us.
-
-    An installation often lies within somebody else's repository, whose commit says nothing about these sources.
-    """
+    """Return git's commit and the changes since; None without git, or where it does not track these sources."""
     if _git("ls-files", "--error-unmatch", __file__) is None:
         return {"commit": None, "changed since": None}
     return {"commit": _git("rev-parse", "HEAD"), "changed since": _git("status", "--porcelain", "--untracked-files=no")}

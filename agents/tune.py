@@ -1,8 +1,8 @@
 """Tune the baselines of set-ups: `impact-gym tune my.toml`, or `impact-gym tune` for those that are shipped.
 
-Each baseline is tuned for each time weight of the set-up's evaluation, by CMA-ES on training scenarios; `--bound` also
-searches the best approach of one who knows the object. Finished searches are stored (`agents.jobs`), and the same
-command continues where it was stopped.
+Each baseline is tuned for each time weight of the set-up's evaluation, by CMA-ES on training scenarios. `--bound` also
+searches the best approach of a controller that knows the object. Finished searches are stored (`agents.jobs`), so the
+same command continues where it was stopped.
 """
 
 import math
@@ -17,28 +17,28 @@ import tyro
 from agents.baselines import Clairvoyant, PaperTrapezoid, bound
 from agents.baselines.cmaes import minimise
 from agents.baselines.random import Jittery
-from agents.baselines.rule import Floats
+from agents.baselines.rule import Floats, Rule
 from agents.baselines.tuned import RULES, read_tuned, write_tuned
 from agents.command_line import command_of, run_command
 from agents.evaluate import TUNING_SEED, ScenarioBatch
-from agents.jobs import cached, digest_of
-from agents.provenance import circumstances
+from agents.jobs import cached
+from agents.provenance import circumstances, digest_of
 from agents.setups import Setup, load_setup, shipped
 from impact_gym.files import locked
+from impact_gym.task import Task
 from impact_gym.validation import distinct, nearest, number, whole
 
 SETUPS = shipped()
-PACKAGES = ("impact-gym", "cma", "numpy", "scipy")
 BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1
 BOUND_RTOL = 1e-5  # of the simulation while searching: V_p is within 1e-6 m/s
 NEAR = 0.005  # s, from the rule's mean approach time to those that enclose it
 MOST_TRIED = 8  # further weights for each baseline
 LEAST_WEIGHT, LARGEST_WEIGHT = 0.125, 32.0  # m/s per s, as observations are scaled
-LOCK = ".lock"  # file beside those of the tuned baselines
+LOCK = ".lock"  # a file in the folder of the tuned baselines
 CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}
 """Arguments of an environment whose alarm comes from a switch without errors."""
 SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")
-"""Sources that what a search finds depends on."""
+"""Sources that the result of a search depends on."""
 
 
 @dataclass(frozen=True)
@@ -50,20 +50,20 @@ class Tune:
     names: tuple[str, ...] = ()
     """Of their baselines only these."""
     weights: tuple[float, ...] = ()
-    """What a second of approach costs, m/s per s; what the set-up says unless given."""
+    """Cost of a second of approach, m/s per s; the set-up's unless given."""
     scenarios: int | None = None
-    """Training scenarios that each candidate is played through; what the set-up says, or 300, unless given."""
+    """Training scenarios that each candidate plays; the set-up's, or 300, unless given."""
     budget: int | None = None
-    """Candidates for each weight; what the set-up says unless given."""
+    """Candidates for each weight; the set-up's unless given."""
     population: int = 16
     """Candidates per generation: they are played together."""
     seed: int = 1
     """Of the search."""
     bound: bool = False
-    """Search the best approach of one who knows the object, too, unless the file says that another set-up's holds."""
+    """Also search the best approach of a controller that knows the object, unless the set-up names another's bound."""
     at_rule_time: bool = False
-    """Tune for further weights, until the mean approach times at two of them enclose that of the paper's rule, each
-    within 5 ms: only there a front can be read at the rule's time."""
+    """Tune for further weights until the mean approach times at two of them enclose that of the paper's rule, each
+    within 5 ms, so that the front can be read at the rule's time."""
     processes: int = 2
     """Searches at a time on this machine, each on one core; 0: none but this process."""
     cluster: str | None = None
@@ -71,7 +71,7 @@ class Tune:
     out: Path | None = None
     """Folder of the files; that of the shipped ones unless given, for a set-up from a file runs/NAME/tuned."""
     jobs: Path = Path("runs/tune")
-    """Folder where finished searches are kept."""
+    """Folder of finished searches."""
 
     def __post_init__(self) -> None:
         for name, least in (("processes", 0), ("population", 4), ("seed", 0), ("scenarios", 1), ("budget", 1)):
@@ -83,9 +83,8 @@ class Tune:
         distinct("setups", self.setups)
         distinct("names", self.names)
         tuned = {name for setup in self.setups for name in load_setup(setup).tuned}
-        for name in self.names:
-            if name not in tuned:
-                raise ValueError(nearest("baseline to tune", name, tuned))
+        if unknown := [name for name in self.names if name not in tuned]:
+            raise ValueError(nearest("baseline to tune", unknown[0], tuned))
 
     def baselines(self) -> dict[str, Setup]:
         """Return the set-up of each baseline that is asked for."""
@@ -97,10 +96,6 @@ class Tune:
                 if name in self.names or not self.names:
                     asked[name] = setup
         return asked
-
-    def weights_of(self, setup: Setup) -> tuple[float, ...]:
-        """Return the time weights, m/s per s."""
-        return self.weights or setup.evaluation.weights
 
     def search(self, name: str, setup: Setup) -> dict[str, Any]:
         """Return the settings of the search for a baseline, on which its result depends."""
@@ -121,26 +116,25 @@ class Tune:
 
 
 def tune(options: Tune) -> list[Path]:
-    """Tune what is missing, and return the paths of the files."""
-    setups = options.baselines()
-    tuned = {name: _tuned_before(name, setup, options) for name, setup in setups.items()}
-    missing = [
-        (name, setup, weight)
-        for name, setup in setups.items()
-        for weight in options.weights_of(setup)
-        if f"{weight:g}" not in tuned[name]
-    ]
-    arguments = []
-    for name, setup, weight in missing:
-        given = setup.tuned[name]._asdict() | {"environment": dict(setup.environment), "weight": weight}
-        given["environment"] |= CLEAN_ALARM if given.pop("clean_alarm") else {}
-        arguments.append(given | options.search(name, setup))
+    """Tune the missing weights, and return the paths of the files."""
+    setups, missing, arguments = options.baselines(), [], []
+    for name, setup in setups.items():
+        rule, known = setup.tuned[name]._asdict(), _tuned_before(name, setup, options)
+        environment = setup.task.changed(CLEAN_ALARM if rule.pop("clean_alarm") else {}).arguments()
+        for weight in options.weights or setup.evaluation.weights:
+            if f"{weight:g}" not in known:
+                missing.append((name, setup, weight))
+                arguments.append(rule | options.search(name, setup) | {"environment": environment, "weight": weight})
 
-    def write(place: int, result: Mapping[str, Any]) -> None:
+    def write(place: int, result: dict[str, Any]) -> None:
         name, setup, weight = missing[place]
+        numbers = zip(RULES[setup.tuned[name].rule].names(), result["parameters"], strict=True)
+        alone = Tune((setup.called,), (name,), (weight,), **options.search(name, setup))
+        made = {"search": _searched(name, setup, options), "command": command_of("tune", alone)}
+        made |= {"versions": circumstances("impact-gym", "cma", "numpy", "scipy")["versions"]}
         with locked(options.folder(setup) / LOCK):  # another process may have tuned other weights meanwhile
             found = _tuned_before(name, setup, options, quiet=True)
-            found |= {f"{weight:g}": _as_json(name, setup, weight, options, result)}
+            found |= {f"{weight:g}": result | {"parameters": dict(numbers)} | made}
             write_tuned(name, found, setup, options.folder(setup))
 
     options.search_all(tune_one, arguments, "tuning", write)
@@ -179,10 +173,10 @@ def next_weight(times: Mapping[float, float], target: float) -> float | None:
 
 
 def tune_at_rule_time(options: Tune) -> None:
-    """Tune each baseline at further weights, see `Tune.at_rule_time`; those on the way are kept, too."""
+    """Tune each baseline at further weights, see `Tune.at_rule_time`, and keep all of them."""
     for name, setup in options.baselines().items():
-        stage = ScenarioBatch.of("validation", threads=1, **setup.environment)
-        target = float(stage.play(PaperTrapezoid().for_environment(setup.environment)).approach_time.mean())
+        batch = ScenarioBatch.of("validation", task=setup.task, threads=1)
+        target = float(batch.play(PaperTrapezoid().for_task(setup.task)).approach_time.mean())
         for _ in range(MOST_TRIED):
             tuned = read_tuned(name, options.folder(setup), setup)["weights"]
             times = {float(weight): found["validation"]["approach_time"] for weight, found in tuned.items()}
@@ -192,7 +186,7 @@ def tune_at_rule_time(options: Tune) -> None:
 
 
 def _tuned_before(name: str, setup: Setup, options: Tune, quiet: bool = False) -> dict[str, Any]:
-    """Return what the file has for each weight, if it was tuned with these settings for this environment."""
+    """Return the file's entries by weight that were tuned with these settings for this environment."""
     if not (options.folder(setup) / f"{name}.json").is_file():
         return {}
     try:
@@ -208,87 +202,62 @@ def _tuned_before(name: str, setup: Setup, options: Tune, quiet: bool = False) -
 
 
 def _searched(name: str, setup: Setup, options: Tune) -> dict[str, Any]:
-    """Return how a baseline is searched for: the search, and what the set-up asks for beside its rule."""
-    tuned = setup.tuned[name]
-    asked = {field: getattr(tuned, field) for field in ("clean_alarm", "jitter") if getattr(tuned, field)}
-    return options.search(name, setup) | asked
-
-
-def _as_json(name: str, setup: Setup, weight: float, options: Tune, result: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a file keeps of what was found for one weight: its scores and how it came about."""
-    names = RULES[setup.tuned[name].rule].names()
-    alone = Tune((setup.called,), (name,), (weight,), **options.search(name, setup))
-    return {
-        "parameters": dict(zip(names, result["parameters"], strict=True)),
-        "train": result["train"],
-        "validation": result["validation"],
-        "generations": result["generations"],
-        "search": _searched(name, setup, options),
-        "command": command_of("tune", alone),
-        "versions": circumstances(*PACKAGES)["versions"],
-    }
+    """Return the settings of the search for a baseline, and the set-up's options `clean_alarm` and `jitter`."""
+    given = setup.tuned[name]._asdict()
+    return options.search(name, setup) | {field: given[field] for field in ("clean_alarm", "jitter") if given[field]}
 
 
 def tune_one(
     rule: str, environment: Mapping[str, Any], weight: float, rtol: float, jitter: float,
     scenarios: int, budget: int, population: int, seed: int,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the best parameters (k) of a rule at one weight, its scores (m/s) and how many generations that took.
+    """Return the best parameters (k) of a rule at one weight, its scores (m/s) and the number of generations.
 
-    With `jitter` nothing is found that holds only as long as every command is followed to the last digit.
+    With `jitter` every command is followed inexactly, so parameters that need exact commands lose.
     """
-    kind = RULES[rule]
-    options = {"scenario": "train", **environment, "rtol": rtol}
-    stage = ScenarioBatch(TUNING_SEED, scenarios, population, [weight] * population, threads=1, lenient=True, **options)
-    rng = np.random.default_rng((seed, 1))
+    kind, task, rng = RULES[rule], Task(**environment), np.random.default_rng((seed, 1))
+    options: Any = {"copies": population, "time_weight": [weight] * population, "threads": 1, "lenient": True}
+    batch = ScenarioBatch(TUNING_SEED, scenarios, task.changed({"rtol": rtol}), **options)
 
     def losses(candidates: Floats) -> Floats:
-        controller = kind.of(np.repeat(candidates[:, 0], scenarios, axis=0)).for_environment(environment)
-        played = stage.play(Jittery(controller, jitter, scenarios, rng) if jitter else controller)
+        controller = kind.of(np.repeat(candidates[:, 0], scenarios, axis=0)).for_task(task)
+        played = batch.play(Jittery(controller, jitter, scenarios, rng) if jitter else controller)
         return played.loss(weight).reshape(population, scenarios).mean(axis=1)[:, None]
 
     best = minimise(losses, kind.PARAMETERS, 1, population, -(-budget // population), seed)
-    return {
-        "parameters": best.parameters[0].tolist(),
-        "train": float(best.loss[0]),
-        "validation": scores(rule, environment, weight, best.parameters[0]),
-        "generations": best.generations,
-    }
+    validation = scores(kind.of(best.parameters[0]).for_task(task), weight)
+    parameters, train = best.parameters[0].tolist(), float(best.loss[0])
+    return {"parameters": parameters, "train": train, "validation": validation, "generations": best.generations}
 
 
-def scores(rule: str, environment: Mapping[str, Any], weight: float, parameters: Any) -> dict[str, float]:
+def scores(rule: Rule, weight: float) -> dict[str, float]:
     """Return the means over the validation set, and how many objects were missed."""
-    stage = ScenarioBatch.of("validation", time_weight=[weight], threads=1, **environment)
-    played = stage.play(RULES[rule].of(parameters).for_environment(environment))
-    return {
-        "loss": float(played.loss(weight).mean()),
-        "object_velocity": float(played.object_velocity.mean()),
-        "approach_time": float(played.approach_time.mean()),
-        "missed": int(played.missed.sum()),
-    }
+    played = ScenarioBatch.of("validation", task=rule.task, time_weight=[weight], threads=1).play(rule)
+    means = {name: float(getattr(played, name).mean()) for name in ("object_velocity", "approach_time")}
+    return {"loss": float(played.loss(weight).mean()), **means, "missed": int(played.missed.sum())}
 
 
 def search_bounds(options: Tune, scenarios: int = BOUND_SCENARIOS, generations: int = bound.GENERATIONS) -> list[Path]:
-    """Search what is missing of it for the first test scenarios; return the paths of the files."""
+    """Search missing bounds for the first test scenarios; return the paths of the files."""
     setups = [setup for setup in map(load_setup, options.setups) if setup.bound == setup.name]
-    paths = [bound.path_of(setup, options.folder(setup)) for setup in setups]
-    missing, arguments, search = [], [], {"scenarios": scenarios, "generations": generations}
-    for setup, path in zip(setups, paths, strict=True):
-        by_weight = bound.read_bound(setup, path.parent, generations) if path.is_file() else {}
-        for weight in options.weights_of(setup):
-            if weight not in by_weight:
-                missing.append((setup, weight))
-                arguments.append({"environment": dict(setup.environment), "time_weight": weight, **search})
+    missing = list[tuple[Setup, float]]()
+
+    def known(setup: Setup) -> dict[float, Floats]:
+        folder = options.folder(setup)
+        return bound.read_bound(setup, folder, generations) if bound.path_of(setup, folder).is_file() else {}
 
     def write(place: int, parameters: Floats) -> None:
         setup, weight = missing[place]
-        folder = options.folder(setup)
-        with locked(folder / LOCK):
-            there = bound.read_bound(setup, folder, generations) if bound.path_of(setup, folder).is_file() else {}
-            bound.write_bound(setup, there | {weight: parameters}, folder, generations)
+        with locked(options.folder(setup) / LOCK):
+            bound.write_bound(setup, known(setup) | {weight: parameters}, options.folder(setup), generations)
 
+    for setup in setups:
+        weights = {*(options.weights or setup.evaluation.weights)} - {*known(setup)}
+        missing += [(setup, weight) for weight in sorted(weights)]
+    budget = {"scenarios": scenarios, "generations": generations}
+    arguments = [{"environment": setup.environment, "time_weight": weight, **budget} for setup, weight in missing]
     options.search_all(search_bound, arguments, "bound", write)
-    return paths
+    return [bound.path_of(setup, options.folder(setup)) for setup in setups]
 
 
 def search_bound(
@@ -299,20 +268,19 @@ def search_bound(
 
     The time weight is in m/s per s; there are so many generations, and candidates in each, for each scenario.
     """
-    options = {"rtol": BOUND_RTOL, **environment, "privileged": True, "threads": 1}
-    weights = [time_weight] * population
-    stage = ScenarioBatch.of(bound.FROZEN, scenarios, copies=population, time_weight=weights, **options)
+    task, weights = Task(**{"rtol": BOUND_RTOL, **environment, "privileged": True}), [time_weight] * population
+    batch = ScenarioBatch.of(bound.FROZEN, scenarios, task, copies=population, time_weight=weights, threads=1)
 
     def losses(candidates: Floats) -> Floats:
-        rule = Clairvoyant(candidates.reshape(population * scenarios, -1)).for_environment(environment)
-        return stage.play(rule).loss(time_weight).reshape(population, scenarios)
+        rule = Clairvoyant(candidates.reshape(population * scenarios, -1)).for_task(task)
+        return batch.play(rule).loss(time_weight).reshape(population, scenarios)
 
     best = minimise(losses, Clairvoyant.PARAMETERS, scenarios, population, generations, BOUND_SEED)
     return np.ascontiguousarray(best.parameters)
 
 
 def run(options: Tune) -> None:
-    """Tune what is missing, and say what each baseline scores."""
+    """Tune the missing weights, and print the scores of each baseline."""
     paths = tune(options)
     if options.at_rule_time:
         tune_at_rule_time(options)

@@ -106,7 +106,7 @@ def players(name: str, setup: Setup) -> Players:
     else:
         names = ", ".join(dict.fromkeys((*PLAYERS, *setup.tuned, *FIXED)))
         raise ValueError(f"who must be of {names}, another tuned baseline or module:object, got {name!r:.80}")
-    return lambda weight: controller_of(spec, weight, setup.environment)
+    return lambda weight: controller_of(spec, weight, setup.task)
 
 
 def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], play: Players) -> EpisodeBuffer:

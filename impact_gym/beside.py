@@ -1,4 +1,4 @@
-"""`impact_gym.agents` and `impact_gym.experiments` in a checkout, where both lie beside the package, as in a wheel."""
+"""Import of `impact_gym.agents` and `impact_gym.experiments` in a checkout, where both lie beside the package."""
 
 import sys
 from importlib import import_module

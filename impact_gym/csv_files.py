@@ -214,7 +214,9 @@ def _names(
         for heads in _heads(line, layout):
             if any(_meaning(head, wanted) for head in heads):
                 return heads, units, between
-            if not between and not units and any(heads) and all(_is_unit(head) for head in heads):
+            bare = [head.strip("-[](){}<> ") for head in heads]
+            are_units = all(any(_scale(unit, head) for unit in SCALES) for head in bare if head)
+            if not between and not units and any(heads) and are_units:
                 units = heads
                 break
         else:
@@ -252,11 +254,6 @@ def _scale(unit: str, written: str) -> float | None:
     short = re.sub(r"[\s*\u00b7.]", "", written).replace("\u00b2", "^2").replace("\u207b", "-").replace("\u00b9", "1")
     short = re.sub(r"(?<=s)\^?(-?\d)$", r"^\1", short)
     return SCALES[unit].get(short if short[:1] == "M" and len(short) < 4 else short.lower())
-
-
-def _is_unit(head: str) -> bool:
-    bare = head.strip("-[](){}<> ")
-    return not bare or any(_scale(unit, bare) for unit in SCALES)
 
 
 def _refuse_row(

@@ -38,11 +38,6 @@ class Draw(NamedTuple):
     normal: bool = False
     own_stream: bool = False
 
-    @property
-    def source(self) -> int:
-        """Index for the compiled program: >= 0 into the episode's uniform numbers; < 0: of stream -1 - source."""
-        return -1 - self.place if self.own_stream else self.place
-
 
 class Scale(NamedTuple):
     """How a number is observed: `curve` of it, mapped linearly from `low`, `high` to `scaled_low`, 1 and clipped."""
@@ -104,8 +99,8 @@ AWAY, POSITIVE = Limits(at_least=1e-24, at_most=1e9), Limits(above=0.0, at_most=
 LENGTH, PLACE = Limits(at_least=1e-9, at_most=1e9), Limits(at_least=-1e12, at_most=1e12)
 RATE, NOT_NEGATIVE = Limits(at_least=1e-9, at_most=1e9), Limits(at_least=0.0, at_most=1e12)
 RESTITUTION, DAMPING_RATIO = Limits(at_least=1e-12, at_most=1.0), Limits(at_least=0.0, at_most=1e6)
-WEIGHT = Limits(at_least=0.0, at_most=LARGEST_WEIGHT)
-SECONDS, PART = Limits(at_least=0.0, at_most=1e3), Limits(at_least=0.0, at_most=1.0)
+WEIGHT, SIZE, PART, LOST = (Limits(at_least=0.0, at_most=most) for most in (LARGEST_WEIGHT, 1e3, 1.0, 0.99))
+SECONDS, OFFSET = SIZE, Limits(at_least=-1e3, at_most=1e3)
 NEWTONS, EXPONENT = Limits(at_least=0.0, at_most=1e6), Limits(at_least=0.0, at_most=10.0)
 FORCE, SHARE, GAP = Scale(0.0, 1000.0, 0.0, "log1p"), Scale(0.0, 1.0, 0.0), Scale(-0.5, 0.5)
 SINCE_ALARM = Scale(0.0, AFTER_ALARM, 0.0, ends="after_alarm")
@@ -120,7 +115,7 @@ def channel(way: str, place: int) -> tuple[Quantity, ...]:
         ("jitter", f"mean of a random delay of {words}", "s", SECONDS, Scale(0.0, 0.5, 0.0)),
         ("tail", f"mean of a longer random delay of {words}", "s", SECONDS, Scale(0.0, 0.5, 0.0)),
         ("tail_share", f"share of {words} with the longer delay", "-", PART, SHARE),
-        ("loss", f"share of {words} that is lost", "-", Limits(at_least=0.0, at_most=0.99), SHARE),
+        ("loss", f"share of {words} that is lost", "-", LOST, SHARE),
         ("burst", f"mean number of losses in a row of {words}", "-", Limits(at_least=1.0, at_most=1e6), SHARE),
         ("timeout", "silence after which the arm stops", "s", POSITIVE, Scale(0.0, 0.5, 0.0)),
     )  # fmt: skip
@@ -169,15 +164,14 @@ SET_UP = (
              path="tool.mass"),
     Quantity("alarm_threshold", "contact force above which the alarm is sent", "N",
              Limits(at_least=1e-6, at_most=1e6), own(1, True), scale=Scale(0.1, 100.0, curve="log")),
-    Quantity("range_noise", "standard deviation of the distance estimate", "m", Limits(at_least=0.0, at_most=1e3),
+    Quantity("range_noise", "standard deviation of the distance estimate", "m", SIZE,
              own(2), "observe_range_noise", Scale(0.0, 0.05, 0.0)),
-    Quantity("range_bias", "error of every distance estimate", "m", Limits(at_least=-1e3, at_most=1e3), own(3),
-             scale=Scale(-0.1, 0.1)),
+    Quantity("range_bias", "error of every distance estimate", "m", OFFSET, own(3), scale=Scale(-0.1, 0.1)),
     Quantity("force_noise", "standard deviation of each force reading", "N", NEWTONS, own(4, True),
              scale=Scale(0.01, 10.0, curve="log")),
     Quantity("force_bias", "standard deviation of the force error of an episode", "N", NEWTONS, own(5),
              scale=Scale(0.0, 2.0)),
-    Quantity("friction", "Coulomb friction of the object on the ground", "-", Limits(at_least=0.0, at_most=1e3),
+    Quantity("friction", "Coulomb friction of the object on the ground", "-", SIZE,
              own(17), scale=Scale(0.0, 1.0, 0.0), path="object.friction"),
     Quantity("coupling.stiffness", "stiffness of the coupling", "N/m", STIFFNESS, own(6, True),
              scale=Scale(1.0, 1e4, curve="log")),
@@ -203,7 +197,7 @@ SET_UP = (
     Quantity("operator.speed", "fastest command of the operator", "m/s", POSITIVE, own(19), scale=Scale(0.0, 1.0)),
     Quantity("operator.reaction", "reaction time of the operator", "s", SECONDS, own(20), scale=Scale(0.0, 0.5, 0.0)),
     Quantity("operator.place_error", "how far beyond the object the operator believes it", "m",
-             Limits(at_least=-1e3, at_most=1e3), own(21), scale=Scale(-0.2, 0.2)),
+             OFFSET, own(21), scale=Scale(-0.2, 0.2)),
     Quantity("operator.creep", "speed at which the operator searches further", "m/s", POSITIVE,
              own(22), scale=Scale(0.0, 0.5, 0.0)),
     Quantity("operator.lag_slope", "share by which a second of lag lengthens a reach", "1/s", NOT_NEGATIVE, own(23),
@@ -221,33 +215,29 @@ SET_UP = (
     *channel("uplink", 33),
     *channel("downlink", 40),
     Quantity("range_sensor.noise", "standard deviation of each range reading at contact", "m",
-             Limits(at_least=0.0, at_most=1e3), own(48), scale=Scale(0.0, 0.05, 0.0)),
+             SIZE, own(48), scale=Scale(0.0, 0.05, 0.0)),
     Quantity("range_sensor.share", "further standard deviation as a share of the gap", "-", PART, own(49), scale=SHARE),
     Quantity("range_sensor.bias", "error of all range readings of the episode", "m",
-             Limits(at_least=-1e3, at_most=1e3), own(50), scale=Scale(-0.1, 0.1)),
-    Quantity("range_sensor.dropout", "share of range readings that is lost", "-", Limits(at_least=0.0, at_most=0.99),
-             own(51), scale=SHARE),
+             OFFSET, own(50), scale=Scale(-0.1, 0.1)),
+    Quantity("range_sensor.dropout", "share of range readings that is lost", "-", LOST, own(51), scale=SHARE),
     Quantity("range_sensor.delay", "delay of range readings", "s", SECONDS, own(52), scale=Scale(0.0, 0.5, 0.0)),
 )  # fmt: skip
 """Numbers of a set-up, arguments of the environment that may be ranges."""
 
-DEFLECTION = Quantity(
-    "deflection", "tool minus flange from rest, as sensed a delay ago", "m",
-    observed="deflection_sensor", scale=Scale(-0.05, 0.05), shaped_by=("reaction_delay",),
-)  # fmt: skip
+DEFLECTION = Quantity("deflection", "tool minus flange from rest, as sensed a delay ago", "m", scale=Scale(-0.05, 0.05),
+                      observed="deflection_sensor", shaped_by=("reaction_delay",))  # fmt: skip
 PAST = tuple(
     replace(row, id=f"{row.id}_{before}", words=f"{row.words}, {before} before", observed="past_readings")
     for before in range(1, PAST_READINGS + 1)
     for row in (SENSORS[5], DEFLECTION)
 )
-LAST_READ = Scale(0.0, 0.5, 0.0)
-SPEEDS, AGE = Scale(-0.5, 1.5, ends="velocity_range"), Scale(0.0, 1.0, 0.0)
+SPEEDS = Scale(-0.5, 1.5, ends="velocity_range")
+AGE, SPREAD, LAST_READ = (Scale(0.0, high, 0.0) for high in (1.0, 0.2, 0.5))
 COMMANDS = (
     Quantity("command", "newest command of the operator that has arrived", "m/s", observed="operator", scale=SPEEDS),
     Quantity("command_age", "time since it was sent", "s", observed="operator", scale=AGE),
     Quantity("command_age_mean", "mean age of commands as they arrived", "s", observed="operator", scale=AGE),
-    Quantity("command_age_spread", "standard deviation of that age", "s", observed="operator",
-             scale=Scale(0.0, 0.2, 0.0)),
+    Quantity("command_age_spread", "standard deviation of that age", "s", observed="operator", scale=SPREAD),
     Quantity("executed", "velocity that the flange was last sent to", "m/s", observed="operator", scale=SPEEDS),
 )  # fmt: skip
 """What the arm knows of the operator's commands."""
@@ -295,7 +285,7 @@ OTHERS = (
     Quantity("after_alarm", "time from the alarm to the end of an episode", "s", Limits(at_least=1e-3, at_most=1e3)),
     Quantity("missed_cost", "cost of an object that was not touched", "m/s", WEIGHT),
     Quantity("control_period", "control period", "s", Limits(at_least=1e-4, at_most=0.15)),
-    Quantity("velocity_range", "what the first action is mapped to", "m/s", Limits(at_least=-1e3, at_most=1e3)),
+    Quantity("velocity_range", "what the first action is mapped to", "m/s", OFFSET),
     Quantity("acceleration_range", "what the second action is mapped to", "m/s^2", Limits(at_least=1e-9, at_most=1e6)),
 )
 """Numbers of a scene, its motion or its run alone, and arguments of the environment that are never drawn."""

@@ -13,19 +13,14 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def _pool() -> ThreadPoolExecutor:
-    """Return the thread pool of this process; a forked child makes its own."""
-    if os.getpid() not in _pools:
-        _pools.clear()
-        _pools[os.getpid()] = ThreadPoolExecutor(cores(), thread_name_prefix="impact_gym")
-    return _pools[os.getpid()]
-
-
 def over_rows(run: Callable[[int, int], object], rows: int, threads: int, smallest: int) -> None:
     """Call `run(first, last)` for pieces of `rows`, each of at least `smallest` rows, on up to `threads` threads."""
     pieces = max(1, min(threads, rows // smallest))
     (first, last), *others = pairwise(rows * piece // pieces for piece in range(pieces + 1))
-    submitted = [_pool().submit(run, *other) for other in others]
+    if others and os.getpid() not in _pools:  # a forked child makes its own pool
+        _pools.clear()
+        _pools[os.getpid()] = ThreadPoolExecutor(cores(), thread_name_prefix="impact_gym")
+    submitted = [_pools[os.getpid()].submit(run, *other) for other in others]
     run(first, last)
     for piece in submitted:
         piece.result()

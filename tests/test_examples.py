@@ -61,7 +61,6 @@ def test_contact_of_the_padded_design_is_what_its_pad_leaves_of_the_usual_scenar
 
 def test_examples_all_have_a_test():
     here = {"gymnasium_loop.py", "vector_loop.py", "stable_baselines3_ppo.py", "bistable-robust.toml", *DESIGNED}
-    here |= {"linear-sensed.toml"}
     elsewhere = {"rl_zoo3.yml", "minari_again.py"}  # tests/envs/test_ecosystem.py, tests/experiments/test_dataset.py
     on_a_page = {
         "mujoco_restitution.py",
@@ -69,12 +68,6 @@ def test_examples_all_have_a_test():
         "offline_d3rlpy.py",
     }  # docs/questions.md, how-to/libraries.md
     assert {file.name for file in EXAMPLES.iterdir() if file.is_file()} == here | elsewhere | on_a_page
-
-
-def test_sensed_example_is_linear_blind_with_a_range_sensor_and_two_rules_for_it():
-    setup, blind = load_setup(EXAMPLES / "linear-sensed.toml"), load_setup("linear-blind")
-    assert setup.environment == {**blind.environment, "range_sensor": {"share": 0.1}}
-    assert {tuned.rule for tuned in setup.tuned.values()} == {"FilteredProfile", "FirstReadingProfile"}
 
 
 def test_mechanism_is_held_in_every_corner_of_its_ranges():

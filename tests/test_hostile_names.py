@@ -81,7 +81,7 @@ def test_headers_stay_valid_c_whatever_a_policy_says_of_itself():
         arrays, kind = to_arrays(policy.network), policy.network.description()
         arrays |= {f"{text}.{part}": arrays.pop(f"hidden_0.{part}") for part in ("weight", "bias")}
         network = from_arrays(kind | {"layers": [text, "mean", "log_std"]}, arrays)
-        written = header(Policy(network, policy.environment, {"command": text}), identifier(f"{text}_{place}"))
+        written = header(Policy(network, policy.task, {"command": text}), identifier(f"{text}_{place}"))
         assert "evil();" not in written.partition("#ifndef")[2]
         program += written
     flags = [*LANGUAGES["C99"], *WARNINGS, "-Wno-unused-function", "-fsyntax-only", "-"]
@@ -103,7 +103,7 @@ def test_report_shows_hostile_texts_as_texts(tmp_path):
     setup = load_setup(mine)
     about = {"settings": {"seed": 0, "steps": 2000}, "command": title, "versions": {"</script>": "<b>"}}
     made = made_up_policy(environment={**setup.environment, "time_weight": [0.3, 8.0]})
-    Policy(made.network, made.environment, about).save(tmp_path / "policies" / "mine.npz")
+    Policy(made.network, made.task, about).save(tmp_path / "policies" / "mine.npz")
     out = tmp_path / "out"
     page = write(ReportOptions((str(mine),), folder=tmp_path, count=4, out=out, processes=0)).read_text()
     scripts = re.findall(r"<script([^>]*)>(.*?)</script>", page, re.DOTALL)
@@ -121,19 +121,17 @@ def member(shape, content):
 
 
 @pytest.mark.parametrize(("content", "how", "message"), [
-    (member((100_000_000_000,), bytes(8)), zipfile.ZIP_STORED, "claims 800,000,000,000 bytes and has 8"),
-    (member((100_000, 1000, 1000), b""), zipfile.ZIP_STORED, "claims 800,000,000,000 bytes and has 0"),
+    (member((100_000_000_000,), bytes(8)), zipfile.ZIP_STORED, "is damaged"),
+    (member((100_000, 1000, 1000), b""), zipfile.ZIP_STORED, "is damaged"),
     (member((2_000_000,), bytes(16_000_000)), zipfile.ZIP_DEFLATED, "would unpack from"),
     (member((0,), b""), zipfile.ZIP_LZMA, "is compressed"),
-    (member((1,), bytes(16)), zipfile.ZIP_STORED, "claims 8 bytes and has 16"),
+    (member((1,), bytes(16)), zipfile.ZIP_STORED, "checksum"),
 ])  # fmt: skip
 def test_load_policy_refuses_what_is_larger_than_its_file(content, how, message, tmp_path):
     path = made_up_policy().save(tmp_path / "it.npz")
     with zipfile.ZipFile(path, "a", how) as file:
         file.writestr("0/more.weight.npy", content)
     refused(partial(load_policy, path), message)
-    with path.open("rb") as file:
-        refused(partial(archive.load, file, "impact_gym policies 3"), message)
 
 
 @pytest.mark.parametrize("part", ["mean.weight", "mean.bias", "hidden_0.weight", "log_std.bias"])

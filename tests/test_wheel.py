@@ -25,7 +25,7 @@ from impact_gym.agents import baselines, load_policy, load_setup
 from impact_gym.agents.setups import shipped
 
 for setup in map(load_setup, shipped()):
-    paper = baselines.PaperTrapezoid().for_environment(setup.environment)
+    paper = baselines.PaperTrapezoid().for_task(setup.task)
     for controller in (load_policy(setup.name), *map(baselines.load_baseline, setup.tuned), paper):
         env = setup.make()
         (observation, info), state, ended = env.reset(seed=1), None, False

@@ -1,6 +1,6 @@
-"""The bound: for every scenario by itself, the best that a controller does that knows it.
+"""The clairvoyant bound: for each scenario, the best cost of a controller that knows it.
 
-It is a bound on the rules of its kind, found by search: a controller with other freedoms could still do better.
+It is found by search among the rules of one kind: a controller with other parameters could do better.
 """
 
 from collections.abc import Mapping
@@ -11,6 +11,7 @@ from agents.archive import read_archive, write_archive
 from agents.baselines.profile import Clairvoyant
 from agents.baselines.rule import Floats
 from agents.setups import TUNED, Setup
+from impact_gym.task import Task
 
 GENERATIONS = 150  # of the search in each scenario
 FORMAT = "impact_gym clairvoyant 2"
@@ -18,7 +19,7 @@ FROZEN = "test"
 
 
 def _search(generations: int) -> dict[str, Any]:
-    """Return what a file of the bound says of its search."""
+    """Return the settings of the search, as in the file."""
     return {"set": FROZEN, "parameters": Clairvoyant.names(), "generations": generations}
 
 
@@ -30,7 +31,7 @@ def path_of(setup: Setup, folder: Path = TUNED) -> Path:
 def write_bound(
     setup: Setup, by_weight: Mapping[float, Floats], folder: Path = TUNED, generations: int = GENERATIONS
 ) -> Path:
-    """Write the best parameters (scenarios, k) for each time weight, whole or not at all, and return the path."""
+    """Write the best parameters (scenarios, k) for each time weight, atomically, and return the path."""
     path, content = path_of(setup, folder), {"environment": dict(setup.environment), **_search(generations)}
     write_archive(path, FORMAT, content, {f"{weight:g}": by_weight[weight] for weight in sorted(by_weight)})
     return path
@@ -49,7 +50,7 @@ def read_bound(setup: Setup, folder: Path = TUNED, generations: int = GENERATION
     except ValueError as error:
         raise ValueError(f"the bound of {setup.name} was not searched: {error}; {remedy}") from error
     same = all(content[name] == value for name, value in _search(generations).items())
-    if not same or not setup.describes(content["environment"]):
+    if not same or not setup.describes(Task(**content["environment"])):
         raise ValueError(f"{path} is of a search for another environment or for other parameters: {remedy}")
     return {float(weight): parameters for weight, parameters in arrays.items()}
 

@@ -1,4 +1,4 @@
-"""Search for a rule's parameters with CMA-ES, many problems side by side, so that one batch plays all candidates.
+"""Search for a rule's parameters with CMA-ES, many problems at once, so that one batch plays all candidates.
 
 N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772; the package `cma` is his.
 """
@@ -27,26 +27,21 @@ class Minimum(NamedTuple):
 
 def minimise(
     losses: Losses, parameters: tuple[Parameter, ...], problems: int = 1, population: int = 20, generations: int = 150,
-    seed: int = 0, starts: Floats | None = None, sigma: float = SIGMA,
+    seed: int = 0,
 ) -> Minimum:  # fmt: skip
-    """Search within the limits of `parameters`, from their starts, in each of so many `problems` alone.
-
-    `starts` (problems, k) are others than the parameters'; they are the first candidates, so that nothing gets worse.
+    """Search within the limits of `parameters`, from their starts, in each of the `problems` separately.
 
     `losses` is played once per generation with `population` candidates of each problem; a search that has converged
     waits for the others. The result depends on the arguments alone.
     """
-    import cma  # whoever only plays has no need of it
+    import cma  # not needed to play
 
     low, high, start = np.array([(each.low, each.high, each.start) for each in parameters]).T
-    best, lowest = np.tile(start, (problems, 1)) if starts is None else starts.copy(), np.full(problems, np.inf)
+    best, lowest, generation = np.tile(start, (problems, 1)), np.full(problems, np.inf), 0
     searches = [
-        cma.CMAEvolutionStrategy((start - low) / (high - low), sigma, _options(population, seed, problem))
-        for problem, start in enumerate(best)
+        cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, _options(population, seed, problem))
+        for problem in range(problems)
     ]
-    if starts is not None:
-        lowest = losses(np.tile(starts, (population, 1, 1)))[0]
-    generation = 0
     while generation < generations and not all(search.stop() for search in searches):
         generation += 1
         shares = [search.ask() for search in searches]

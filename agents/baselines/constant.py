@@ -1,4 +1,4 @@
-"""Constant speed until the alarm: the paper's rule, and the family it belongs to. A constant share of a command."""
+"""Constant speed until the alarm, as in the paper's rule, and a constant gain on an operator's command."""
 
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -51,14 +51,14 @@ class PaperTrapezoid(ConstantSpeed):
 
 
 class LocalBrake(ConstantSpeed):
-    """The operator's command until the alarm, then all of the arm's deceleration: what senses at once can do."""
+    """The operator's command until the alarm, then the arm's full deceleration."""
 
     def __init__(self) -> None:
         super().__init__(VELOCITY_RANGE[1], *ACCELERATION_RANGE[1:], ACCELERATION_RANGE[1])
 
 
 class ConstantGain(Rule):
-    """A share of the operator's command, whatever happens."""
+    """A constant share of the operator's command."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {
         "operator": {"type": "Trapezoid"}, "velocity_range": (-0.3, 0.5), "horizon": 8.0, "friction": 0.3,
@@ -74,7 +74,7 @@ class ConstantGain(Rule):
 
 
 class OperatorAlone(ConstantGain):
-    """The whole command."""
+    """The operator's command, unchanged."""
 
     def __init__(self) -> None:
         super().__init__([1.0, ACCELERATION_RANGE[1]])

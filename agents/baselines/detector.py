@@ -1,7 +1,7 @@
 """Rules that do not trust the alarm: they detect the touch in the sensors' readings by themselves.
 
 Where noisy readings raise the alarm (`alarm="reading"`) at a threshold within that noise, it is on most of the time.
-A detector adds up what readings say beyond their noise, which it learns as it goes, by the rule of cumulative sums
+A detector learns the noise and adds up the readings beyond it, by the rule of cumulative sums
 (E. S. Page, Continuous inspection schemes, Biometrika 41, 1954).
 """
 
@@ -26,11 +26,11 @@ DETECTOR = (
     Parameter("force per kick", "N/m", 0.0, 5e3, 200.0),
     Parameter("share that a deflection keeps", "-", 0.0, 1.0, 0.7),
 )
-"""Of each step's reading beyond the mean so far, how much is taken for noise; from which sum on it is a touch."""
+"""Parameters of the cumulative sum: allowance of each step, threshold of a touch, weights of the readings."""
 
 
 class OwnAlarmView(View):
-    """A view with an alarm of one's own, raised at the times `raised` (s), inf where it is off."""
+    """A view with the rule's own alarm, raised at the times `raised` (s), inf where it is off."""
 
     def __init__(self, view: View, raised: Floats) -> None:
         super().__init__(view.observation, view.spec)
@@ -48,18 +48,18 @@ class OwnAlarmView(View):
 
 
 class DetectorRule(ReactingRule):
-    """A reacting rule whose alarm is Page's cumulative sum of what force and deflection say beyond their noise.
+    """A reacting rule whose alarm is Page's cumulative sum of force and deflection beyond their noise.
 
-    Mean and spread of the readings are learnt while no alarm is on. A touch kicks the tool back: by how much its
-    deflection has changed beyond what a critically damped tool's would have by itself. The alarm clears as an
-    environment's does, so a false one costs that time and no more.
+    Mean and spread of the readings are learnt while no alarm is on. A touch kicks the tool back: the kick is the change
+    of the deflection beyond that of a critically damped tool. The alarm clears as an environment's does, so a false one
+    costs no more than that time.
     """
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"deflection_sensor": True, "past_readings": 2}
     MEMORY = 4  # the sum; of readings while no alarm was on how many, their mean and their squared deviations
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return a view with the rule's own alarm, and what is remembered: when that was raised (s), and `memory`."""
+        """Return a view with the rule's own alarm, and the next state: when that was raised (s), and `memory`."""
         time, start = view["time"], state is None or (episode_start is not None and episode_start)
         raised, *memory = np.zeros((1 + self.MEMORY, *np.shape(time))) if state is None else state
         cleared = start | (time > raised + self.task.after_alarm - CLOCK)

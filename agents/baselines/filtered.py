@@ -42,6 +42,7 @@ class FilteredProfile(RangedProfile):
         Parameter("stretch", "-", -0.5, 1.5, 0.3),
         Parameter("slowing", "-", -0.5, 1.5, 0.0),
     )
+    KNOWS = ("range_sensor", "tool_mass", "coupling")
     READINGS = np.inf  # how many count
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:

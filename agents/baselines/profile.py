@@ -32,7 +32,7 @@ class ReactingRule(Rule):
     """
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return what `approach` says until the alarm, and the reaction from then on."""
+        """Return the command of `approach` until the alarm, and of the reaction from then on."""
         velocity, acceleration = self.approach(view)
         after = interpolate(TIMES, self.columns(REACTION[0].name, len(TIMES)), view.time_since_alarm)
         return (
@@ -50,7 +50,7 @@ class ReactingRule(Rule):
         return view["position"]
 
     def profile(self, view: View) -> Callable[[Floats], Floats]:
-        """Return what gives the speed at a position: `speed`, whatever else is seen, unless a rule says otherwise."""
+        """Return the function from a position to the speed: `speed`, unless a rule uses further observations."""
         return self.speed
 
     def speed(self, position: Floats) -> Floats:
@@ -77,7 +77,7 @@ def follow(
 KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315, 0.35])
 """Positions (m) of the profile's corners, see `Rule.placed`; before the first the start from rest rules."""
 AHEAD: Floats = np.array([-0.2, -0.12, -0.08, -0.05, -0.035, -0.02, -0.01, 0.0, 0.01, 0.025, 0.05])
-"""Positions (m) of the corners of a profile that counts from an estimate of where the object stands."""
+"""Positions (m) of the corners of a profile relative to the estimated place of the object."""
 GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
 """Gaps (m) between the faces at which its profile has corners; below 0 the coupling gives way, or the object."""
 
@@ -97,7 +97,7 @@ class BlindProfile(ReactingRule):
 
 
 class ConstantDeceleration(ReactingRule):
-    """Brake evenly towards a place where the object must have been met: what a uniform prior asks of a rigid tool."""
+    """Brake evenly towards a place where the object must have been met: best for a rigid tool and a uniform prior."""
 
     PARAMETERS = (
         Parameter("top speed", "m/s", 0.1, VELOCITY_RANGE[1], 1.0),

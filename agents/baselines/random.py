@@ -1,6 +1,5 @@
-"""Commands at random: by themselves, for scale, and on top of a rule's, which every arm follows a little off."""
+"""Random actions, as a reference, and random errors added to a rule's actions."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,9 +16,9 @@ class RandomActions:
         """Make one; `seed` is that of the draws, and the task that of `ImpactApproach-v0` unless one is given."""
         self._rng, self._size = np.random.default_rng(seed), len(ActionSpec(task or Task()))
 
-    def for_environment(self, environment: Mapping[str, Any]) -> "RandomActions":
-        """Return one for an environment with these arguments, from the first draw on."""
-        return RandomActions(task=Task(**environment))
+    def for_task(self, task: Task) -> "RandomActions":
+        """Return one for another task, from the first draw on."""
+        return RandomActions(task=task)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -29,9 +28,9 @@ class RandomActions:
 
 
 class Jittery:
-    """A rule whose every command is a little off, by as much in the same scenario whatever the candidate.
+    """A rule with random errors on its actions, the same ones for all candidates in a scenario.
 
-    What holds only to the last digit does not survive that.
+    Parameters that need exactly followed commands then lose.
     """
 
     def __init__(self, rule: Controller, jitter: float, scenarios: int, rng: np.random.Generator) -> None:
@@ -41,7 +40,7 @@ class Jittery:
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, Any]:
-        """Return the actions (n, k), and what the rule remembers."""
+        """Return the actions (n, k), and the rule's next state."""
         actions, state = self._rule.predict(observation, state, episode_start, deterministic)
         off = self._rng.normal(0.0, self._scale, (self._scenarios, actions.shape[-1]))
         return actions + np.tile(off, (len(actions) // self._scenarios, 1)), state

@@ -1,7 +1,6 @@
-"""What the baselines share: an observation in physical units, and a rule with a few numbers that makes a command of it.
+"""The base of all baselines: observations in SI units, and a rule with a few parameters that returns commands.
 
-A rule is given one set of numbers, or one for each row of the batch that it is asked about: so many candidates are
-tried at once, and one compiled batch plays them all.
+A rule has one set of parameters, or one for each row of a batch, so that one compiled batch plays many candidates.
 """
 
 import copy
@@ -19,9 +18,9 @@ Floats = NDArray[np.float64]
 
 CONTROL_PERIOD: float = Task.control_period  # s
 DISTANCES = ScenarioRanges().distance
-"""Where objects stand, m, unless an environment says otherwise: what positions in rules are made for."""
+"""Default distances of objects, m, to which positions in rules refer."""
 LEAST_STRETCH = 0.01  # m
-SLOWEST = 1e-9  # m/s, of a command that a share is taken of
+SLOWEST = 1e-9  # m/s, least command that is divided by
 
 
 class Parameter(NamedTuple):
@@ -35,7 +34,7 @@ class Parameter(NamedTuple):
 
 
 class View:
-    """Observations (..., n_obs) in SI units, an array (...) of each number; only what a rule asks for is computed."""
+    """Observations (..., n_obs) in SI units, an array (...) for each number, computed on demand."""
 
     def __init__(self, observation: ArrayLike, spec: ObservationSpec) -> None:
         self.observation, self.spec = np.asarray(observation, np.float64), spec
@@ -57,7 +56,7 @@ class View:
 
 @cache
 def least_task(rule: Any) -> tuple[Task, ObservationSpec]:
-    """Return the task of an environment with no more arguments than a rule needs, and what it shows."""
+    """Return the task with no more arguments than a rule needs, and its observation."""
     task = Task(**rule.NEEDS)
     return task, ObservationSpec(task)
 
@@ -66,7 +65,10 @@ class Rule:
     """A controller of a few numbers, each within its limits."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
-    NEEDS: ClassVar[Mapping[str, Any]] = {}  # arguments of an environment that shows what it looks at
+    NEEDS: ClassVar[Mapping[str, Any]] = {}  # arguments of the environment that add the observations it needs
+    KNOWS: ClassVar[
+        tuple[str, ...]
+    ] = ()  # arguments that it was tuned for and relies on, whatever they are where it plays
 
     def __init__(self, parameters: ArrayLike) -> None:
         """Make a controller.
@@ -93,21 +95,18 @@ class Rule:
 
     @classmethod
     def of(cls, parameters: ArrayLike) -> "Rule":
-        """Return the rule with `parameters`, whatever else its constructor takes."""
+        """Return the rule with `parameters`, also where its constructor takes others."""
         return cls(parameters)
 
-    def for_environment(self, environment: Mapping[str, Any]) -> Self:
-        """Return the same rule for an environment with these arguments; positions are `placed` where its objects stand.
-
-        Those that change nothing of the task, `render_mode` and `record_trace`, are left out.
+    def for_task(self, task: Task) -> Self:
+        """Return the same rule for a task; positions are `placed` where its objects stand.
 
         Raises:
-            ValueError: the environment does not show what the rule looks at.
+            ValueError: the task's observation lacks a number that the rule needs.
         """
         kind: Any = type(self)
-        twin, truth = copy.copy(self), {name: True for name in self.NEEDS if name == "privileged"}
-        of_task = {name: value for name, value in environment.items() if name not in ("render_mode", "record_trace")}
-        twin.task = Task(**{**of_task, **truth})
+        twin = copy.copy(self)
+        twin.task = task.changed({"privileged": True}) if "privileged" in self.NEEDS else task
         twin.spec = ObservationSpec(twin.task)
         if missing := [name for name in least_task(kind)[1].ids if name not in twin.spec]:
             arguments = ", ".join(f"{name} = {value}" for name, value in self.NEEDS.items())
@@ -116,7 +115,7 @@ class Rule:
         return twin
 
     def placed(self, position: Floats) -> Floats:
-        """Return where a position (m) of the rule lies: its stretch of DISTANCES is the one in which objects stand."""
+        """Return a position (m) of the rule for this task: DISTANCES are mapped to those of its objects."""
         (near, far), (low, high) = DISTANCES, self.task.scenario.distance
         if (low, high) == DISTANCES:
             return position
@@ -146,14 +145,14 @@ class Rule:
     def _assist(self, command: Floats, velocity: Floats, acceleration: ArrayLike) -> NDArray[np.float32]:
         """Return the action (..., 3) that lets an operator's `command` (m/s) be no faster than the rule's `velocity`.
 
-        So every rule is an assistance: what it would do by itself is a limit, and where it would retreat it withdraws.
+        So every rule is an assistance: its own velocity is the limit, and below 0 it becomes a withdrawal.
         """
         fast = np.maximum(np.abs(command), SLOWEST)
         wanted = np.clip(velocity / fast, 0.0, 1.0), acceleration, np.maximum(-velocity, 0.0)
         return np.clip(ActionSpec(self.task).encode(*wanted), -1.0, 1.0)
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return what the command follows from, and what is remembered of it: nothing, unless a rule says so."""
+        """Return the view for `command`, and the next state; a rule without memory returns both unchanged."""
         return view, state
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:

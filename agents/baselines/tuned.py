@@ -1,4 +1,4 @@
-"""The baselines by name, those with parameters as tuning found them: a JSON file each, with a checksum."""
+"""The baselines by name; tuned ones are a JSON file each, with a checksum."""
 
 import hashlib
 import json
@@ -15,6 +15,7 @@ from agents.baselines.rule import Floats, Rule
 from agents.policies import Controller
 from agents.setups import TUNED, Setup, owner, shipped_baselines
 from impact_gym.files import parsed, write_file
+from impact_gym.task import Task
 from impact_gym.validation import nearest, number
 
 FORMAT = "impact_gym tuned baseline 1"
@@ -23,7 +24,7 @@ FIXED: dict[str, Any] = {name: resolve_name(place) for name, place in setups.FIX
 
 
 def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> Controller:
-    """Return a baseline, with what was tuned for `time_weight` (m/s per s).
+    """Return a baseline, as tuned for `time_weight` (m/s per s).
 
     Between weights that were tuned for, parameters are interpolated over the logarithm of the weight; beyond, they are
     those of the last.
@@ -39,14 +40,14 @@ def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> 
 
 
 def tuned_rule(content: Mapping[str, Any], time_weight: float) -> Rule:
-    """Return the rule in what `read_tuned` returned for a weight (m/s per s), interpolated as in `load_baseline`."""
+    """Return the rule of a tuned file at a weight (m/s per s), interpolated as in `load_baseline`."""
     weights, rule = tuned_table(content)
     rule.parameters = interpolated(weights, rule.parameters, time_weight)
     return rule
 
 
 def tuned_table(content: Mapping[str, Any]) -> tuple[list[float], Rule]:
-    """Return the weights (m/s per s) in what `read_tuned` returned, rising, and the rule with (weights, k) parameters.
+    """Return the weights (m/s per s) of a tuned file, rising, and the rule with (weights, k) parameters.
 
     Raises:
         ValueError: it holds no weight, or a parameter out of its limits.
@@ -56,7 +57,7 @@ def tuned_table(content: Mapping[str, Any]) -> tuple[list[float], Rule]:
     tuned = {float(weight): found["parameters"] for weight, found in content["weights"].items()}
     weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]  # JSON may be reordered
     table = [[tuned[weight][name] for name in names] for weight in weights]
-    return weights, RULES[content["rule"]].of(table).for_environment(content["environment"])
+    return weights, RULES[content["rule"]].of(table).for_task(Task(**content["environment"]))
 
 
 def interpolated(weights: Sequence[float], table: Floats, time_weight: ArrayLike) -> Floats:
@@ -66,9 +67,9 @@ def interpolated(weights: Sequence[float], table: Floats, time_weight: ArrayLike
 
 
 def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> dict[str, Any]:
-    """Return what `write_tuned` wrote: what was tuned, and below "weights" what was found for each.
+    """Return the file of a tuned baseline; "weights" has the result of each time weight.
 
-    It must be what `setup` has tuned, or the shipped set-up of which it is one; a file of neither is taken as it is.
+    It must fit `setup`, or else the shipped set-up that tunes this baseline, if there is one.
 
     Raises:
         ValueError: as in `load_baseline`.
@@ -86,7 +87,7 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
             raise ValueError(f"its checksum is {checksum}, not {content['sha256']}: it was altered")
         expected = _description(name, setup.tuned[name].rule if setup else content["rule"])
         other = [field for field, value in expected.items() if content[field] != value]
-        if setup and not setup.describes(content["environment"]):
+        if setup and not setup.describes(Task(**content["environment"])):
             other.append("environment")
     except (LookupError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{path} is no tuned baseline, or is damaged: {error}; {remedy}") from error
@@ -97,7 +98,7 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
 
 
 def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Path = TUNED) -> Path:
-    """Write what was found for each weight, whole or not at all, and return where."""
+    """Write the result of each weight atomically, and return the path."""
     ordered = {key: weights[key] for key in sorted(weights, key=float)}
     made_for = {**_description(name, setup.tuned[name].rule), "environment": dict(setup.environment)}
     content = json.loads(json.dumps({**made_for, "weights": ordered}))
@@ -106,13 +107,13 @@ def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Pat
 
 
 def _description(name: str, rule: str) -> dict[str, Any]:
-    """What a tuned file is, but for its environment."""
+    """Return format, baseline, rule and parameters of a tuned file."""
     fields = ("name", "unit", "low", "high")
     limits = [{field: getattr(parameter, field) for field in fields} for parameter in RULES[rule].PARAMETERS]
     return {"format": FORMAT, "baseline": name, "rule": rule, "parameters": limits}
 
 
 def _checksum(content: Mapping[str, Any]) -> str:
-    """SHA-256 of all but the checksum."""
+    """Return the SHA-256 of the content without its checksum."""
     rest = {field: value for field, value in content.items() if field != "sha256"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()

@@ -8,12 +8,11 @@ from agents.evaluate.scenario_batch import (
     VALIDATION_SEED,
     Episodes,
     ScenarioBatch,
+    Travel,
     Validation,
-    evaluate,
 )
-from agents.evaluate.travel import Travel
 
 __all__ = [
     "MEASURED", "RESULTS", "TEST_SEED", "TUNING_SEED", "VALIDATION_SEED", "Episodes", "ScenarioBatch", "Travel",
-    "Validation", "evaluate",
+    "Validation",
 ]  # fmt: skip

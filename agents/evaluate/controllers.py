@@ -22,15 +22,14 @@ from agents.baselines.rule import Rule
 from agents.baselines.tuned import load_baseline, tuned_rule
 from agents.policies import Controller
 from agents.policies.policy import Policy, policy_from_bytes
+from impact_gym.task import Task
 
 
-def controller_of(
-    spec: Mapping[str, Any], time_weight: float, environment: Mapping[str, Any] | None = None
-) -> Controller:
-    """Return the controller that `spec` describes, for a time weight (m/s per s).
+def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None = None) -> Controller:
+    """Return the controller that `spec` describes, for a time weight (m/s per s) and a task.
 
-    A baseline's commands are made for what the actions of `environment`, its arguments, are mapped to; where these have
-    no scenario, its places stay those that it was tuned for.
+    The positions of a tuned baseline stay those that it was tuned for where no scenario was given to the task, and so
+    does what its rule KNOWS of the set-up.
 
     Raises:
         ValueError: there is none, or it cannot `predict`; says why.
@@ -39,11 +38,13 @@ def controller_of(
     if kind not in KINDS:
         raise ValueError(f"no controller of the kind {kind!r}")
     controller = KINDS[kind](value, time_weight)
-    if environment and isinstance(controller, RandomActions):
-        return controller.for_environment(environment)
-    if not environment or not isinstance(controller, Rule):
+    if task is None or not isinstance(controller, (Rule, RandomActions)):
         return controller
-    return controller.for_environment({"scenario": controller.task.scenario, **environment})
+    if isinstance(controller, Rule):
+        known = controller.task.by_path() if kind == "tuned" else {}
+        kept = {name: known[name] for name in controller.KNOWS if name in known}
+        task = task.changed(kept | {"scenario": task.arguments().get("scenario", controller.task.scenario)})
+    return controller.for_task(task)
 
 
 @lru_cache(maxsize=64)
@@ -73,20 +74,20 @@ KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
     "clairvoyant": lambda by_weight, weight: Clairvoyant(by_weight[f"{weight:g}"]),
     "object": lambda name, _: _object(name),
 }
-"""How to make a controller of what a description says and a time weight, m/s per s."""
+"""Constructors of controllers from their plain data and a time weight, m/s per s."""
 
 
 def try_out(name: str, controller: Controller, observations: NDArray[np.float32], action_size: int) -> None:
-    """Ask a controller once for a batch of observations (n, n_obs), as evaluation will; an action has so many numbers.
+    """Call a controller once with a batch of observations (n, n_obs), as evaluation does.
 
     Raises:
-        ValueError: it fails, or what it returns are no n actions; names it.
+        ValueError: it fails, or does not return n finite actions of `action_size` numbers; names it.
     """
     start = np.ones(len(observations), np.bool_)
     try:
         actions, _ = controller.predict(observations.copy(), state=None, episode_start=start, deterministic=True)
         actions = np.asarray(actions, np.float64)
     except Exception as error:
-        raise ValueError(f"{name!r} cannot be asked for a batch of observations: {error!r}") from error
+        raise ValueError(f"{name!r} fails on a batch of observations: {error!r}") from error
     if actions.shape != (shape := (len(observations), action_size)) or not np.isfinite(actions).all():
         raise ValueError(f"{name!r} must return actions {shape}, finite; got {actions!r}")

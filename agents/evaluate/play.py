@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.scenario_batch import MEASURED, ScenarioBatch
-from impact_gym.task import ScenarioRanges, evaluation_sets
+from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.evaluation_sets import EvaluationSet
 from impact_gym.task.scenario import FIELDS
 
@@ -33,11 +33,10 @@ def play(
     `agents.evaluate.controllers` says how to describe a controller; `environment` is without scenario and time weight;
     `lenient` is that of `ScenarioBatch`.
     """
-    with warnings.catch_warnings(action="ignore", category=UserWarning):  # what is hard about it is meant to be
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # hard scenarios are meant to be hard
+        task = Task(**(environment or {}))
         played = [
-            scenario_batch_of(scenarios, weight, environment, lenient).play(
-                controller_of(controller, weight, environment)
-            )
+            scenario_batch_of(scenarios, weight, task, lenient).play(controller_of(controller, weight, task))
             for weight in weights
         ]
     measured = [name for name in MEASURED if getattr(played[0], name) is not None]
@@ -49,8 +48,8 @@ def environment_and_scenarios(
 ) -> tuple[dict[str, Any], Mapping[str, Any]]:
     """Return the arguments of an environment without its scenario, and the scenarios that are played in it.
 
-    One with ranges of its own meets as many from these, drawn from the seeds of the frozen set that is asked for,
-    unless that is `hard`.
+    An environment with ranges of its own plays as many scenarios drawn from these, with the seeds of the requested
+    frozen set, unless that is `hard`.
     """
     arguments = {name: value for name, value in environment.items() if name != "scenario"}
     if "scenario" not in environment or scenarios.get("set", "hard") == "hard":
@@ -64,18 +63,14 @@ def pairs(ranges: Any) -> dict[str, list[float]]:
     return {name: list(pair) for name, pair in asdict(ScenarioRanges.of(ranges)).items()}
 
 
-def scenario_batch_of(
-    scenarios: Mapping[str, Any], weight: float, environment: Mapping[str, Any] | None = None, lenient: bool = False
-) -> ScenarioBatch:
+def scenario_batch_of(scenarios: Mapping[str, Any], weight: float, task: Task, lenient: bool = False) -> ScenarioBatch:
     """Return the batch of `scenarios` at a time weight (m/s per s)."""
-    options: dict[str, Any] = {"time_weight": [weight], "threads": 1, "quiet": True, "lenient": lenient}
-    options |= environment or {}
     frozen = frozen_of(scenarios)
-    if frozen is not None:
-        return ScenarioBatch(frozen.seed, scenarios["count"], frozen=frozen, **options)
-    ranges = scenarios["ranges"]
-    ranges = ranges if isinstance(ranges, str) else {name: tuple(pair) for name, pair in ranges.items()}
-    return ScenarioBatch(scenarios["seed"], scenarios["count"], **{**options, "scenario": ranges})
+    if frozen is None:
+        task = task.changed({"scenario": scenarios["ranges"]})
+    seed = scenarios["seed"] if frozen is None else frozen.seed
+    options: Any = {"time_weight": [weight], "frozen": frozen, "threads": 1, "quiet": True, "lenient": lenient}
+    return ScenarioBatch(seed, scenarios["count"], task, **options)
 
 
 def frozen_of(scenarios: Mapping[str, Any]) -> EvaluationSet | None:

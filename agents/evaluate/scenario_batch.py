@@ -1,4 +1,4 @@
-"""Numbered scenarios, the same for every controller, and what comes of playing one through them."""
+"""Numbered scenarios, the same for every controller, and the results of playing one through them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,13 +19,13 @@ from impact_gym.task.task import MISSED_COST
 VALIDATION_SEED = 1_000_000
 TEST_SEED = 2_000_000
 TUNING_SEED = 4_000_000
-"""Scenario k of a set is what an environment seeded with the set's seed + k draws first. Baselines are tuned on the
+"""Scenario k of a set is the first one of an environment seeded with the set's seed + k. Baselines are tuned on the
 third set; agents are trained with seeds above all of these, from `agents.train.ppo.FIRST_SEED` on."""
 
 
 RESULTS = tuple(row.id for row in quantities.RESULTS)
 MEASURED = (*RESULTS, *SLIDE, *LINKED)
-"""What is known of an episode, see `Episodes`: always, and with friction or an operator."""
+"""Measured quantities of an episode, see `Episodes`; the last ones need friction or an operator."""
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,14 @@ class Episodes:
     done_time: NDArray[np.float64] | None = None  # s, where an operator commands; also the approach time then
     taken: NDArray[np.float64] | None = None  # -, likewise
     touch_time: NDArray[np.float64] | None = None  # s, likewise
-    late: NDArray[np.float64] | None = None  # s, likewise, from a touch until his stop reaches the arm
+    late: NDArray[np.float64] | None = None  # s, likewise, from a touch until the operator's stop reaches the arm
 
     def cost(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
         """V_p + time_weight * approach time, m/s, per scenario."""
         return self.object_velocity + time_weight * self.approach_time
 
     def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        """The same and what the environment charges for a miss, m/s: minus the return."""
+        """Cost and the environment's charge for a miss, m/s: minus the return."""
         return self.cost(time_weight) + self.missed_cost * self.missed
 
     def first(self, count: int) -> "Episodes":
@@ -62,30 +62,30 @@ class Episodes:
 
 
 class ScenarioBatch:
-    """Numbered scenarios that controllers are played through, all at once and as often as one likes."""
+    """Numbered scenarios that controllers play, all at once."""
 
     def __init__(
-        self, seed: int, count: int, copies: int = 1, time_weight: Sequence[float] | None = None,
-        frozen: evaluation_sets.EvaluationSet | None = None, threads: int | None = None, quiet: bool = False,
-        lenient: bool = False, max_steps: int = MAX_STEPS, **options: Any,
+        self, seed: int, count: int, task: Task | None = None, *, copies: int = 1,
+        time_weight: Sequence[float] | None = None, frozen: evaluation_sets.EvaluationSet | None = None,
+        threads: int | None = None, quiet: bool = False, lenient: bool = False, max_steps: int = MAX_STEPS,
     ) -> None:  # fmt: skip
         """Make a batch of `copies * count` rows: row k holds scenario `k % count` of its copy.
 
         Args:
             seed: of the first scenario; scenario k is what an environment seeded `seed + k` draws first.
             count: how many scenarios.
+            task: of all rows; None: that of the environment without arguments.
             copies: how often each is there.
-            time_weight: one for each copy, m/s per s; None: what the options say.
+            time_weight: one for each copy, m/s per s; None: what the task says.
             frozen: the set that the scenarios are taken from, not drawn; its seed must be `seed`.
             threads: of the simulation; they change no result.
-            quiet: say nothing of policies that were trained for another environment: here they are meant to be.
+            quiet: do not warn of policies that were trained for another environment.
             lenient: a scenario whose status is not ok is missed, and no error: for a search that tries anything.
             max_steps: integration steps after which the solver gives up a scenario.
-            options: of the environment.
         """
         self.seed, self.count, self.quiet, self.lenient = seed, count, quiet, lenient
-        self._batch = Batch(copies * count, Task(**{"scenario": "test", **options}), threads, max_steps=max_steps)
-        self._copies, self._fixed = copies, {}
+        self._task, self._copies, self._fixed = task or Task(), copies, {}
+        self._batch = Batch(copies * count, self._task, threads, max_steps=max_steps)
         if frozen is not None:
             if frozen.seed != seed or frozen.count < count:
                 raise ValueError(f"the set has {frozen.count} scenarios from {frozen.seed} on, not {count} from {seed}")
@@ -94,14 +94,16 @@ class ScenarioBatch:
             self._fixed["time_weight"] = np.repeat(time_weight, count)
 
     @classmethod
-    def of(cls, name: str, count: int | None = None, **arguments: Any) -> "ScenarioBatch":
-        """Return a batch of the frozen set `name`, or of its first `count` scenarios.
+    def of(cls, name: str, count: int | None = None, task: Task | None = None, **options: Any) -> "ScenarioBatch":
+        """Return a batch of the frozen set `name`, or of its first `count` scenarios; `options` as above.
 
-        An environment with a `scenario` of its own draws its own ones instead, from the seeds of the set.
+        A task with a `scenario` of its own draws its own ones instead, from the seeds of the set.
         """
         frozen = evaluation_sets.load(name)
-        taken = None if "scenario" in arguments else frozen
-        return cls(frozen.seed, frozen.count if count is None else count, frozen=taken, **arguments)
+        own = task is not None and "scenario" in task.arguments()
+        return cls(
+            frozen.seed, frozen.count if count is None else count, task, frozen=None if own else frozen, **options
+        )
 
     def play(
         self,
@@ -112,21 +114,21 @@ class ScenarioBatch:
         """Play every row to its end.
 
         The result of a row depends on its scenario and the controller alone, as long as the controller's action for an
-        observation does not depend on those beside it (`Policy` sees to that; a matrix product of BLAS rounds
-        differently in batches of different size). A policy that was trained for another environment says so once.
+        observation does not depend on the other rows (that of a `Policy` does not; a matrix product of BLAS rounds
+        differently in batches of different size). A policy that was trained for another environment warns once.
 
         Args:
             controller: what is played.
-            record: what rows (copies * count,) have instead of what they would draw, by its name in an episode's
-                record, such as `coupling.stiffness`; of the set-up only what the environment draws from a range.
-            watch: is shown how the tools move on their flanges before each control step.
+            record: numbers (copies * count,) that rows have instead of drawing them, by the name in an episode's
+                record, such as `coupling.stiffness`; of the set-up only those that are drawn from a range.
+            watch: called with the motion of the bodies before each control step.
 
         Raises:
-            RuntimeError: the solver failed in a scenario, or it did not settle, unless that is `lenient`; names it.
+            RuntimeError: the solver failed in a scenario, or it did not settle, unless the batch is `lenient`.
         """
         batch = self._batch
         if isinstance(controller, Policy) and not self.quiet:
-            controller.warn_if_elsewhere(batch.tasks[0])
+            controller.warn_if_elsewhere(self._task)
         batch.begin_seeded(self.seed, {**self._fixed, **(record or {})}, self._copies)
         start, state = np.ones(batch.size, np.bool_), None
         actions = np.zeros((batch.size, len(batch.action_spec)))
@@ -149,29 +151,25 @@ class ScenarioBatch:
         results = {name: np.array(info[name]) for name in MEASURED if name in info}
         results["missed"] |= failed
         results["approach_time"] = results.get("done_time", results["approach_time"])
-        return Episodes(**results, scenario=scenario, missed_cost=batch.tasks[0].missed_cost)
+        return Episodes(**results, scenario=scenario, missed_cost=self._task.missed_cost)
 
 
 class Validation(ScenarioBatch):
-    """The frozen validation set at several time weights: the number that training is judged and chosen by.
+    """The frozen validation set at several time weights: its score judges trainings and selects the best policy.
 
     It is never the test set of the report. The score is the cost of the environment, V_p + w T, and the missed cost.
-    What does not settle, as half-trained policies leave it, is missed: it ends no training.
+    Episodes that do not settle, as with half-trained policies, count as missed and end no training.
     """
 
-    def __init__(
-        self, environment: Mapping[str, Any], weights: Sequence[float], scenarios: int, threads: int | None = None
-    ) -> None:
+    def __init__(self, task: Task, weights: Sequence[float], scenarios: int, **options: Any) -> None:
         """Make one of the first `scenarios`, each played at each of the time `weights` (m/s per s).
 
-        An `environment` with a scenario of its own draws its own ones from the seeds of the set.
+        A `task` with a scenario of its own draws its own ones from the seeds of the set; `options` as above.
         """
-        frozen = evaluation_sets.load("validation")
-        count = min(scenarios, frozen.count)
-        self.weights, options = tuple(weights), {name: v for name, v in environment.items() if name != "time_weight"}
-        taken = None if "scenario" in options else frozen
-        copies = len(self.weights)
-        super().__init__(frozen.seed, count, copies, self.weights, taken, threads, lenient=True, **options)
+        frozen, own = evaluation_sets.load("validation"), "scenario" in task.arguments()
+        self.weights, count = tuple(weights), min(scenarios, frozen.count)
+        options |= {"frozen": None if own else frozen, "copies": len(self.weights), "time_weight": self.weights}
+        super().__init__(frozen.seed, count, task, lenient=True, **options)
 
     def score(self, controller: Controller) -> dict[str, Any]:
         """Return the means over the scenarios at each time weight, and their mean cost, the `score` (m/s)."""
@@ -183,6 +181,32 @@ class Validation(ScenarioBatch):
         return {"score": float(means["cost"].mean()), "time_weight": list(self.weights), **table}
 
 
-def evaluate(controller: Controller, seed: int, count: int, **options: Any) -> Episodes:
-    """Play `controller` through scenarios `seed` ... `seed + count - 1`; `options` go to the environment."""
-    return ScenarioBatch(seed, count, **options).play(controller)
+WITHIN_STEP = (0.25, 0.5, 0.75, 1.0)
+"""Shares of a control step at which `Travel` evaluates the tool's deflection, on the cubic through both ends."""
+
+
+class Travel:
+    """Largest deflection of the tool of each row, m: before the first touch, and in all, `stroke`."""
+
+    def __init__(self, rows: int) -> None:
+        self.deflection, self.stroke = np.zeros(rows), np.zeros(rows)
+        self._rest = np.zeros(rows)
+        self._before: Bodies | None = None
+
+    def __call__(self, now: Bodies) -> None:
+        """Take the present motion of the tools into account; see `watch` of `ScenarioBatch.play`."""
+        before, self._before = self._before, now
+        if before is None:
+            self._rest = now.deflection
+            return
+        step = now.time - before.time
+        for u in WITHIN_STEP:
+            deflection = (
+                (1.0 + 2.0 * u) * (1.0 - u) ** 2 * before.deflection
+                + u * (1.0 - u) ** 2 * step * before.deflection_rate
+                + u**2 * (3.0 - 2.0 * u) * now.deflection
+                - u**2 * (1.0 - u) * step * now.deflection_rate
+            )
+            away = np.abs(deflection - self._rest)
+            self.stroke = np.maximum(self.stroke, away)
+            self.deflection = np.where(now.touched, self.deflection, np.maximum(self.deflection, away))

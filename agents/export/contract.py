@@ -20,7 +20,7 @@ from agents.policies.networks import to_arrays
 from agents.provenance import todays
 from agents.setups import TUNED, Setup, load_setup, owner, shipped, shipped_baselines
 from agents.setups.setup import UNSAID
-from impact_gym.task import QUANTITIES, ActionSpec, ObservationSpec, Task
+from impact_gym.task import QUANTITIES, ActionSpec, ObservationSpec
 from impact_gym.teleop.checks import FADE
 from impact_gym.validation import nearest
 
@@ -67,7 +67,7 @@ class Subject:
         if not isinstance(controller, Policy | Rule):
             raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
         self.controller, self.weights = controller, [*weights]
-        self.task = controller.task if isinstance(controller, Rule) else Task(**controller.environment)
+        self.task = controller.task
         self.spec, self.actions = ObservationSpec(self.task), ActionSpec(self.task).entries
         provenance = controller.provenance if isinstance(controller, Policy) else {}
         self.command = command or todays(str(provenance.get("command", "by hand")))
@@ -146,7 +146,7 @@ def of_baseline(name: str, setup: Setup | None = None, folder: Path = TUNED) -> 
     """
     if name in FIXED:
         rule: Any = load_baseline(name)
-        return Subject(rule.for_environment(setup.environment) if setup else rule)
+        return Subject(rule.for_task(setup.task) if setup else rule)
     content = read_tuned(name, folder, setup if setup and name in setup.tuned else None)
     weights, rule = tuned_table(content)
     validation = {weight: found.get("validation") for weight, found in content["weights"].items()}

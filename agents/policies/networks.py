@@ -1,8 +1,8 @@
-"""Small networks on NumPy, as torch computes them: what a policy is made of.
+"""The small networks of policies, on NumPy, as torch computes them.
 
-A row's result has the same bits whatever rows stand beside it: rows are multiplied in blocks of one size, the last one
-filled up with zeros. One product for the whole batch would be summed in an order that depends on the batch's size; and
-so would a block that is larger than the processor's kernel, which is not the same everywhere.
+A row's result has the same bits whatever the other rows are: rows are multiplied in blocks of one size, the last one
+filled up with zeros. A product of the whole batch would be summed in an order that depends on its size, as would a
+block larger than the processor's kernel, whose size depends on the machine.
 """
 
 from collections.abc import Callable, Mapping
@@ -55,7 +55,7 @@ class Network:
 
     hidden: tuple[Affine, ...]
     mean: Affine
-    log_std: Affine  # logarithm of the noise's standard deviation; weight 0 where it does not depend on anything
+    log_std: Affine  # logarithm of the noise's standard deviation; weight 0 if it is constant
     activation: str = "tanh"  # of the hidden layers
 
     def __post_init__(self) -> None:
@@ -66,7 +66,7 @@ class Network:
             raise ValueError(f"log_std {shapes[0]} must have the shape of mean {shapes[1]}")
         for before, layer in pairwise((*self.hidden, self.mean)):
             if layer.inputs != before.outputs:
-                raise ValueError(f"{layer.name} takes {layer.inputs} numbers, what is before it gives {before.outputs}")
+                raise ValueError(f"{layer.name} takes {layer.inputs} numbers, the layer before gives {before.outputs}")
 
     @cached_property
     def block(self) -> int:
@@ -79,7 +79,7 @@ class Network:
         return (*self.hidden, self.mean)[0].inputs
 
     def read(self, head: Affine, inputs: Floats) -> Floats:
-        """Return what `head`, mean or log_std, makes of `inputs` (..., inputs): (..., outputs)."""
+        """Return the outputs (..., outputs) of `head`, mean or log_std, for `inputs` (..., inputs)."""
         rows = np.asarray(inputs).reshape(-1, self.inputs)
         blocks = np.zeros((-(-len(rows) // self.block), self.block, self.inputs), np.float32)
         blocks.reshape(-1, self.inputs)[: len(rows)] = rows
@@ -103,7 +103,7 @@ class Network:
 
 
 def from_arrays(description: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Network:
-    """Return the network that `layers` and `description` came from; names of arrays as in `to_arrays`."""
+    """Return the network of a `description` and of arrays named as in `to_arrays`."""
     places = {name: f"hidden_{place}" for place, name in enumerate(description["layers"])}  # no text of a file
     places |= {name: name for name in ("mean", "log_std")}
     made = {name: Affine(place, arrays[f"{name}.weight"], arrays[f"{name}.bias"]) for name, place in places.items()}

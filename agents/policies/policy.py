@@ -1,7 +1,7 @@
-"""Policies as plain arrays: what training leaves behind, and what runs without torch.
+"""Policies as plain arrays, the results of trainings, which run without torch.
 
 A policy file is an archive of arrays and JSON: the weights of a small network, or of one for each seed of a training,
-what they see and command, and how they came about. Reading one runs no code.
+the scales of observation and action, and their provenance. Reading one runs no code.
 """
 
 import io
@@ -18,14 +18,13 @@ from agents import archive
 from agents.policies.networks import Network, from_arrays, to_arrays
 from impact_gym.files import named_file, reason
 from impact_gym.task import ActionSpec, ObservationSpec, Task
-from impact_gym.task.task import ARGUMENTS
 from impact_gym.teleop.checks import without_files
 from impact_gym.validation import array, shown, whole
 
 SHIPPED = Path(__file__).parent
 FORMAT = "impact_gym policies 3"
 MAY_DIFFER = ("scenario", "time_weight", "privileged", "rtol", "max_episode_steps")
-"""Arguments of an environment that a policy may meet otherwise than in training."""
+"""Arguments of an environment that may differ from those of the training."""
 
 
 class Controller(Protocol):
@@ -40,19 +39,18 @@ class Controller(Protocol):
 class Policy:
     """A network with the environment it was trained for, called as a policy of stable-baselines3 is."""
 
-    def __init__(self, network: Network, environment: Mapping[str, Any], provenance: Mapping[str, Any]) -> None:
+    def __init__(self, network: Network, task: Task, provenance: Mapping[str, Any]) -> None:
         """Make a policy.
 
         Args:
             network: from the scaled observation to the action in [-1, 1].
-            environment: arguments of the environment; they say what the observation holds.
-            provenance: how the policy came about: command, seed, versions, anything that JSON holds.
+            task: of the environment; it says what the observation holds.
+            provenance: origin of the policy: command, seed, versions, anything that JSON holds.
 
         Raises:
             ValueError: the network does not fit the environment.
         """
-        self.network, self.environment, self.provenance = network, dict(environment), dict(provenance)
-        task = Task(**environment)
+        self.network, self.task, self.provenance = network, task, dict(provenance)
         self.spec, self.inputs, self.actions = ObservationSpec(task), network.inputs, len(ActionSpec(task))
         if self.inputs != len(self.spec):
             raise ValueError(f"the network takes {self.inputs} numbers, the environment shows {len(self.spec)}")
@@ -60,6 +58,11 @@ class Policy:
             raise ValueError(f"the network gives {network.mean.outputs} numbers, an action has {self.actions}")
         self._noise = np.random.default_rng()
         self._warned = False
+
+    @property
+    def environment(self) -> dict[str, Any]:
+        """Arguments of the environment that it was trained for."""
+        return self.task.arguments()
 
     @property
     def seed(self) -> int:
@@ -71,10 +74,10 @@ class Policy:
     ) -> tuple[NDArray[np.float32], Any]:
         """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs), and `state`.
 
-        It remembers nothing, so that `state` and `episode_start` change nothing. Unlike in stable-baselines3,
-        deterministic is the default: it is what the policy was judged by.
+        A policy has no memory: `state` and `episode_start` have no effect. Unlike in stable-baselines3, deterministic
+        is the default, as in its evaluation.
         """
-        with np.errstate(over="ignore"):  # what float32 does not hold is not finite
+        with np.errstate(over="ignore"):  # beyond float32 is not finite
             seen = array("observation", observation).astype(np.float32, copy=False)
         if seen.ndim == 0 or seen.shape[-1] != self.inputs:
             raise ValueError(f"the policy takes {self.inputs} numbers, the observation has the shape {seen.shape}")
@@ -88,15 +91,11 @@ class Policy:
         return np.clip(action, np.float32(-1.0), np.float32(1.0)), state
 
     def differs_in(self, task: Task) -> list[str]:
-        """Return the arguments in which a task is another than the one that the policy was trained for."""
-        own = Task(**self.environment)
-        names = ARGUMENTS.keys() - {*MAY_DIFFER}
-        other = {name for name in names if getattr(own, name) != getattr(task, name)}
-        ranges = {name for name in {*own.drawn, *task.drawn} if own.drawn.get(name) != task.drawn.get(name)}
-        return sorted(other | {name.partition(".")[0] for name in ranges})
+        """Return the arguments in which a task differs from the one that the policy was trained for."""
+        return [name for name in self.task.differs_in(task) if name not in MAY_DIFFER]
 
     def warn_if_elsewhere(self, task: Task) -> None:
-        """Warn, once, if a task is another than the one that the policy was trained for."""
+        """Warn, once, if a task differs from the one that the policy was trained for."""
         other = [] if self._warned else self.differs_in(task)
         if other:
             self._warned = True
@@ -104,7 +103,7 @@ class Policy:
             warnings.warn(f"the policy was trained for another environment, {differs}", stacklevel=3)
 
     def save(self, path: Path | str) -> Path:
-        """Write the policy to `path`, whole or not at all."""
+        """Write the policy to `path` atomically."""
         return Ensemble([self], self.seed).save(path)
 
     def to_bytes(self) -> bytes:
@@ -116,16 +115,16 @@ class Policy:
 
 @dataclass(frozen=True)
 class Ensemble:
-    """The policies that a set-up's seeds came to, all for the same environment; one of them stands for all."""
+    """The policies of a set-up's seeds, all for the same environment; one of them represents the set-up."""
 
     policies: Sequence[Policy]
-    chosen: int  # seed of the one that stands for all
+    chosen: int  # seed of the policy that represents them
 
     def __post_init__(self) -> None:
         seeds = [policy.seed for policy in self.policies]
         if self.chosen not in seeds or len(set(seeds)) < len(seeds):
             raise ValueError(f"policies must have different seeds, {shown(self.chosen)} among them, got {seeds}")
-        kinds = [(policy.environment, policy.network.description()) for policy in self.policies]
+        kinds = [(policy.task, policy.network.description()) for policy in self.policies]
         if any(kind != kinds[0] for kind in kinds):
             raise ValueError("policies of an ensemble must have one environment and one kind of network")
 
@@ -137,7 +136,7 @@ class Ensemble:
         return by_seed[wanted]
 
     def save(self, path: Path | str) -> Path:
-        """Write all of them to `path`, whole or not at all."""
+        """Write all policies to `path` atomically."""
         archive.write_archive(Path(path), FORMAT, *self.packed())
         return Path(path)
 
@@ -147,8 +146,8 @@ class Ensemble:
         content = {
             "network": chosen.network.description(),
             "environment": chosen.environment,
-            "observation": observation_table(chosen.environment),
-            "action": action_table(chosen.environment),
+            "observation": observation_table(chosen.task),
+            "action": action_table(chosen.task),
             "provenance": {str(policy.seed): policy.provenance for policy in self.policies},
             "chosen": self.chosen,
         }
@@ -157,13 +156,13 @@ class Ensemble:
 
     @classmethod
     def unpacked(cls, content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> "Ensemble":
-        """Return what was packed.
+        """Return the ensemble that was packed.
 
         Raises:
-            ValueError, LookupError, TypeError: it is none, or was made for other scales than this version has.
+            ValueError, LookupError, TypeError: it is no ensemble, or was made for other scales than this version has.
         """
-        environment = without_files(content["environment"])
-        tables = observation_table(environment), action_table(environment)
+        task = Task(**without_files(content["environment"]))
+        tables = observation_table(task), action_table(task)
         if (content["observation"], content["action"]) != tables:
             raise ValueError("it was made for other scales of observation or action than this version's environment")
         weights: dict[str, dict[str, NDArray[Any]]] = {seed: {} for seed in content["provenance"]}
@@ -171,23 +170,23 @@ class Ensemble:
             seed, _, part = name.partition("/")
             weights[seed][part] = weight
         networks = {seed: from_arrays(content["network"], own) for seed, own in weights.items()}
-        policies = [Policy(networks[seed], environment, how) for seed, how in content["provenance"].items()]
+        policies = [Policy(networks[seed], task, how) for seed, how in content["provenance"].items()]
         return cls(policies, content["chosen"])
 
 
-def observation_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
+def observation_table(task: Task) -> list[dict[str, Any]]:
     """Return id, unit and scale of each number of the observation."""
     scale = ("low", "high", "scaled_low", "curve")
     return [
         {"id": entry.id, "unit": entry.unit, **{name: getattr(entry.scale, name) for name in scale}}
-        for entry in ObservationSpec(Task(**environment)).entries
+        for entry in ObservationSpec(task).entries
     ]
 
 
-def action_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return what the action's numbers in [-1, 1] are mapped to."""
-    fields, entries = ("id", "unit", "low", "high"), ActionSpec(Task(**environment)).entries
-    return [{name: getattr(entry, name) for name in fields} for entry in entries]
+def action_table(task: Task) -> list[dict[str, Any]]:
+    """Return id, unit and range of each number of the action."""
+    fields = ("id", "unit", "low", "high")
+    return [{name: getattr(entry, name) for name in fields} for entry in ActionSpec(task).entries]
 
 
 def load_ensemble(name: str | Path) -> Ensemble:
@@ -210,7 +209,7 @@ def load_policy(name: str | Path, seed: int | None = None) -> Policy:
 
     Args:
         name: of what is shipped, or a path.
-        seed: of its training, where there are several; None: the one that stands for all.
+        seed: of its training, if there are several; None: the chosen one.
 
     Raises:
         ValueError: as `load_ensemble`, or there is no such seed.
@@ -219,5 +218,5 @@ def load_policy(name: str | Path, seed: int | None = None) -> Policy:
 
 
 def policy_from_bytes(content: bytes) -> Policy:
-    """Return what `Policy.to_bytes` gave."""
+    """Return the policy in the bytes of `Policy.to_bytes`."""
     return Ensemble.unpacked(*archive.load(io.BytesIO(content), FORMAT))[None]

@@ -1,4 +1,4 @@
-"""Set-ups: an arm in one file, and all that follows from it.
+"""Set-ups: an arm, its training, baselines and evaluation in one file.
 
 A set-up is a TOML file. `[environment]` are the arguments of the environment, in which every physical number may be a
 pair (low, high), drawn per episode; `[training]` what differs from the defaults of `agents.setups.training`;

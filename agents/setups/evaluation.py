@@ -28,6 +28,10 @@ VARIED: Mapping[str, Any] = {
     "tool_mass": {"times": [0.7, 0.85, 1.0, 1.15, 1.3]},
     "coupling.stiffness": {"times": [0.7, 0.85, 1.0, 1.15, 1.3]},
     "coupling.front_stop": {"times": [0.5, 1.0, 2.0, 4.0]},
+    "range_sensor.share": {"times": [0.5, 1.0, 2.0]},
+    "range_sensor.bias": [0.0, 0.005, 0.01],
+    "range_sensor.dropout": [0.0, 0.25, 0.5],
+    "range_sensor.delay": [0.0, 0.016, 0.032],
     "robot": ["rigid"],
     "robot.stiffness": {"times": [0.5, 1.0, 2.0]},
 }

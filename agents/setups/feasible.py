@@ -1,4 +1,4 @@
-"""Whether a set-up's task can be done at all: what is better known before an hour of training."""
+"""Checks before an hour of training whether a set-up's task can be done."""
 
 from collections.abc import Iterator
 from itertools import product
@@ -15,13 +15,13 @@ rest. Steps in time with the robot's own swing get to more."""
 
 
 def warnings(task: Task) -> list[str]:
-    """Return what will go wrong in some episodes, a sentence each, but for what a `Task` warns of by itself.
+    """Return a sentence for each problem of some episodes, except those that a `Task` warns of itself.
 
     Raises:
-        ValueError: it goes wrong in all of them; names the field.
+        ValueError: a problem is in all episodes; names the field.
     """
     (near, far), most = task.scenario.distance, task.acceleration_range[1]
-    seen, heard = ObservationSpec(task).scale("position").high, task.longest_delay + task.control_period
+    seen, heard = ObservationSpec(task).scale("position").high, task.longest("reaction_delay") + task.control_period
     ahead, from_on = f"objects stand up to {far:g} m ahead, but", f"objects stand from {1e3 * near:.3g} mm on, where"
     first_reading = f"the first reading arrives, {1e3 * heard:g} ms after the start"
     sentences = {
@@ -32,7 +32,7 @@ def warnings(task: Task) -> list[str]:
 
 
 def _off_its_stop(task: Task) -> list[str]:
-    """Return whether a bistable mechanism can leave its front stop without a touch."""
+    """Return a sentence if a bistable mechanism can leave its front stop without a touch."""
     least, most = task.acceleration_range
     holds = [held(corner) for corner in corners(task)]
     if max(holds) < least:
@@ -57,7 +57,7 @@ def held(task: Task) -> float:
 
 
 def corners(task: Task) -> Iterator[Task]:
-    """Yield the task with every end of every range of what holds the tool."""
+    """Yield the task at each corner of the ranges of tool, coupling and robot."""
     names = [name for name in task.drawn if name in MOUNT_IDS]
     middles = {name: QUANTITIES[name].middle(*pair) for name, pair in task.drawn.items()}
     for ends in product(*(task.drawn[name] for name in names)):

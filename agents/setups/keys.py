@@ -1,4 +1,4 @@
-"""Reading tables of a file: a mistake gets one line that names the key, what it was given and what is allowed."""
+"""Reading the tables of a file; an error is one line with key, value and allowed values."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -11,7 +11,7 @@ from impact_gym.validation import distinct, shown
 
 @contextmanager
 def within(place: str) -> Iterator[None]:
-    """Raise what is wrong inside as a ValueError that begins with `place`."""
+    """Turn an error raised inside into a ValueError that begins with `place`."""
     try:
         yield
     except (TypeError, ValueError) as error:
@@ -19,7 +19,7 @@ def within(place: str) -> Iterator[None]:
 
 
 def known(prefix: str, given: Iterable[str], allowed: Iterable[str]) -> None:
-    """Refuse the first key that is not allowed, and name the nearest that is."""
+    """Raise ValueError for the first key that is not allowed; names the nearest allowed one."""
     names = sorted(allowed) if isinstance(allowed, (set, frozenset)) else list(allowed)
     for key in given:
         if key not in names:
@@ -37,7 +37,7 @@ def table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, 
 
 
 def text(content: Mapping[str, Any], name: str, otherwise: str, prefix: str = "") -> str:
-    """Return a text of a file."""
+    """Return the text of a key, in one line."""
     value = content.get(name, otherwise)
     if not isinstance(value, str) or not re.fullmatch(r"[^\x00-\x1f\x7f]+", value):
         raise ValueError(f"{prefix}{name} must be a text in one line, got {value!r:.80}")

@@ -4,7 +4,7 @@ import tomllib
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,11 +25,11 @@ TUNED = SHIPPED.parent / "tuned"
 VERSION = 1
 TABLES = ("environment", "training", "baselines", "evaluation")
 INHERITED = ("environment", "training", "evaluation")
-"""Tables whose keys a set-up has from the one that it extends, unless it says them itself."""
+"""Tables whose keys a set-up inherits from the one that it extends."""
 BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
-SEEDS, MOST_SEEDS = 10, 10_000  # trainings of a set-up, unless the file says otherwise; and the most it may say
+SEEDS, MOST_SEEDS = 10, 10_000  # trainings of a set-up, unless the file says otherwise, and at most
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
-"""Those that the README and `impact-gym report` are about."""
+"""Set-ups of the README, and of `impact-gym report` by default."""
 RULES = {
     name: f"agents.baselines.{module}:{name}"
     for module, names in {
@@ -40,7 +40,7 @@ RULES = {
     }.items()
     for name in names
 }
-"""Rules that a set-up may have tuned, and their classes; here, as set-ups are read without what plays them."""
+"""Rules that a set-up may tune, and their classes, by name: set-ups are read without importing them."""
 FIXED = {
     "paper-trapezoid": "agents.baselines.constant:PaperTrapezoid",
     "random": "agents.baselines.random:RandomActions",
@@ -65,7 +65,7 @@ UNSAID = "not said; impact-gym report changes one thing at a time"
 
 @dataclass(frozen=True)
 class Setup:
-    """An arm, what is trained for it, and what that is compared with."""
+    """An arm, its training, and the baselines that its policy is compared with."""
 
     name: str
     title: str
@@ -74,12 +74,12 @@ class Setup:
     training: Training = field(default_factory=Training)
     tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines by name
     against: tuple[str, ...] = ()  # baselines beside the paper's rule; the first is the one to beat
-    bound: str = ""  # set-up whose search for one who knows the object holds here, too
+    bound: str = ""  # set-up whose clairvoyant bound also applies here
     budget: int = BUDGET  # of tuning
     evaluation: Evaluation = field(default_factory=Evaluation)
-    fails: str = UNSAID  # where its policy does, in words
+    fails: str = UNSAID  # where its policy fails, in words
     path: Path = Path()
-    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # shares of the training, and what these play instead
+    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # shares of the training, and their changed arguments
     seeds: int = SEEDS  # trained for it, from 0 on
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:
@@ -89,6 +89,11 @@ class Setup:
     def make_vec(self, num_envs: int, **more: Any) -> gym.vector.VectorEnv[Any, Any, Any]:
         """Return `num_envs` of them as a native batch."""
         return gym.make_vec("impact_gym:ImpactApproach-v0", num_envs=num_envs, **{**self.environment, **more})
+
+    @cached_property
+    def task(self) -> Task:
+        """The environment's arguments, checked."""
+        return Task(**self.environment)
 
     @property
     def shipped(self) -> bool:
@@ -102,18 +107,17 @@ class Setup:
 
     @property
     def folder(self) -> Path:
-        """Where what is made for it goes, unless one says otherwise: `policies`, `tuned`."""
+        """Default folder of its results, which are in `policies` and `tuned`."""
         return SHIPPED.parent if self.shipped else Path("runs") / self.name
 
-    def describes(self, environment: Mapping[str, Any]) -> bool:
-        """Whether an environment with these arguments is this set-up's."""
-        return same_environment(self.environment, environment)
+    def describes(self, task: Task) -> bool:
+        """Whether a task is this set-up's, except for arguments that training and evaluation set."""
+        return same_environment(self.task, task)
 
 
-def same_environment(here: Mapping[str, Any], there: Mapping[str, Any]) -> bool:
-    """Whether two mappings of arguments are the same environment, whatever is left to defaults."""
-    first, second = (Task(**{name: each[name] for name in SET_UP_ARGUMENTS if name in each}) for each in (here, there))
-    return first == second
+def same_environment(here: Task, there: Task) -> bool:
+    """Whether two tasks are the same environment, except for arguments that training and evaluation set."""
+    return not {*here.differs_in(there)} & {*SET_UP_ARGUMENTS}
 
 
 def shipped() -> tuple[str, ...]:
@@ -122,7 +126,7 @@ def shipped() -> tuple[str, ...]:
 
 
 def shipped_baselines() -> tuple[str, ...]:
-    """Return the names of the baselines that are shipped with what tuning found."""
+    """Return the names of the shipped tuned baselines."""
     return tuple(sorted(path.stem for path in TUNED.glob("*.json")))
 
 
@@ -150,7 +154,7 @@ def _loaded(path: Path, _: int) -> Setup:
 
 
 def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Return what a file says, with what it does not say of its tables INHERITED as in the one that it extends."""
+    """Return a file's tables; keys that INHERITED tables lack are those of the set-up that it extends."""
     content: dict[str, Any] = parsed(path, "TOML", tomllib.loads)
     with within(str(path)):
         _read_delays(table(content, "environment"), path.parent)
@@ -187,7 +191,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         for name, given in listed.items()
     }
     title = text(content, "title", path.stem)
-    mixed = _mixed(training.pop("mixed", []), environment)
+    mixed = _mixed(training.pop("mixed", []), task)
     with within("training"):
         seeds = whole("seeds", training.pop("seeds", SEEDS), at_least=1)
         number("seeds", seeds, "-", at_most=MOST_SEEDS)
@@ -218,15 +222,15 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
 
 
 def _read_delays(environment: dict[str, Any], folder: Path) -> None:
-    """Put what files of delays say in their place; they lie beside the set-up's, and are part of it."""
+    """Replace the names of delay files, relative to the set-up's folder, by their rows."""
     for way in WAYS:
         if isinstance(channel := environment.get(way), dict) and isinstance(trace := channel.get("trace"), str):
             with within(f"environment.{way}"):
                 channel["trace"] = [list(row) for row in zip(*columns_of(folder / trace), strict=True)]
 
 
-def _mixed(given: Any, environment: Mapping[str, Any]) -> tuple[tuple[float, Mapping[str, Any]], ...]:
-    """Return the shares of a training that play something else, and what."""
+def _mixed(given: Any, task: Task) -> tuple[tuple[float, Mapping[str, Any]], ...]:
+    """Return the shares of a training with other arguments, and these arguments."""
     parts = []
     for place, part in enumerate(given):
         name = f"training.mixed[{place}]"
@@ -234,13 +238,13 @@ def _mixed(given: Any, environment: Mapping[str, Any]) -> tuple[tuple[float, Map
         known(f"{name}.", part, ("share", *SET_UP_ARGUMENTS))
         with within(name):
             share = number("share", part.pop("share", None), "-", above=0, at_most=1)
-            ObservationSpec.of_rows([Task(**environment), Task(**{**environment, **part})])
+            ObservationSpec.of_rows([task, task.changed(part)])
         parts.append((share, part))
     return tuple(parts)
 
 
 def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
-    """Refuse what would only show hours later: what there is not, or a weight for which no policy is trained."""
+    """Refuse unknown baselines, and weights that no policy is trained for, before hours of training."""
     low, high = setup.training.time_weight
     for name in ("weights", "typical", "curve"):
         for weight in np.atleast_1d(getattr(setup.evaluation, name)).tolist():
@@ -256,7 +260,7 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
 
 
 def _tuned(name: str, given: Any, task: Task) -> Tuned:
-    """Return what a file says of a baseline: a rule, or a table with one."""
+    """Return a baseline of a file, which is a rule or a table with one."""
     entry = {"rule": given} if isinstance(given, str) else given
     if not isinstance(entry, dict) or entry.get("rule") not in RULES:
         raise ValueError(f"{name} must be a rule, one of {', '.join(RULES)}, or a table with one, got {given!r}")

@@ -33,7 +33,7 @@ class Training:
     """What a second of approach costs, in m/s of object velocity: log-uniform per episode, and seen by the policy, so
     that one policy is the whole trade-off. A ranged policy is as late as the paper's rule at 0.45."""
     weight_power: float = 0.5
-    """Rewards are divided by (1 + time weight) to this power, so that hurried episodes do not drown the others."""
+    """Rewards are divided by (1 + time weight) to this power, so that those of a large weight do not dominate."""
     envs: int = 512
     """Environments side by side."""
     batch: int = 2048
@@ -43,7 +43,7 @@ class Training:
     epochs: int = 3
     """Passes over a rollout."""
     gae_lambda: float = 1.0
-    """Trade of bias for variance in the advantage. The discount is 1: an episode ends, and what counts is its sum."""
+    """Trade-off of bias and variance in the advantage. The discount is 1, as an episode ends and its sum counts."""
     entropy: float = 0.0
     """Bonus on exploration."""
     clip: float = 0.2
@@ -51,9 +51,9 @@ class Training:
     log_std: float = -0.8
     """Initial exploration, logarithm of the standard deviation of the actions."""
     informed_critic: bool = True
-    """The critic, which is not shipped, also sees the truth: the scenario and whatever else is drawn."""
+    """The critic, which is not shipped, also sees the true scenario and all other drawn numbers."""
     teacher: str = ""
-    """Tuned baseline, the set-up's own or a shipped one, to imitate before learning by oneself; "": none."""
+    """Tuned baseline, the set-up's own or a shipped one, to imitate before learning from rewards; "": none."""
     imitation_steps: int = 1_000_000
     """Environment steps of imitation."""
     learning_rate: float = 7e-4
@@ -65,7 +65,7 @@ class Training:
     depth: int = 2
     """Hidden layers."""
     activation: Activation = "tanh"
-    """What follows each hidden layer."""
+    """Activation function of the hidden layers."""
     nominal: float = 0.0
     """Share of the environments that play the set-up's [evaluation.nominal], where hardly anything is drawn."""
     rtol: float | None = None
@@ -77,7 +77,7 @@ class Training:
     validate_every: int = 1_000_000
     """Steps between two plays of the validation set; the policy that does best there is kept."""
     validation_scenarios: int = 1000
-    """How many of its 1,000 scenarios."""
+    """Scenarios of it, at most 1,000."""
     checkpoint_every: int = 2_000_000
     """Steps between two checkpoints."""
 
@@ -105,7 +105,7 @@ class Training:
             QUANTITIES["rtol"].check(self.rtol)
 
     def _fits_memory(self) -> None:
-        """Refuse networks or rollouts that this machine cannot hold, at the least that they take.
+        """Refuse networks or rollouts that this machine cannot hold, by a lower bound of their memory.
 
         A weight of actor and critic is there four times: itself, its gradient and Adam's two moments. Of a step at
         least the numbers in FEWEST are kept.
@@ -124,7 +124,7 @@ class Training:
 
     @property
     def round(self) -> int:
-        """Environment steps between two moments at which a checkpoint can be taken."""
+        """Environment steps of a rollout of all environments, after which a checkpoint can be taken."""
         return self.envs * self.rollout
 
     @property

@@ -20,13 +20,13 @@ class TrainOptions:
     """Train a policy on ImpactApproach-v0: a single one, or with --seeds several, of which the median is shipped."""
 
     setup: tyro.conf.Positional[str] = "linear-blind"
-    """What is trained for: a set-up by name or file. It says what the settings are unless they are given here."""
+    """Set-up by name or file, which has the default settings."""
     training: Annotated[Training, tyro.conf.arg(name="")] = field(default_factory=Training)
     """Settings."""
     seed: int = 0
-    """Seed of the scenarios, the network and the exploration; no scenario is drawn as in evaluation."""
+    """Seed of the scenarios, the network and the exploration; scenarios are others than in evaluation."""
     seeds: int | None = None
-    """Train so many seeds, from 0 on, and ship the median by its score on the validation set, with all others in the
+    """Train this many seeds, from 0 on, and ship the median by its score on the validation set, with all others in the
     same file. Finished seeds are kept: the same command continues."""
     out: Path | None = None
     """Run folder, which must not exist; a new one below runs/ unless given. With --seeds the folder of the run folders,
@@ -40,7 +40,7 @@ class TrainOptions:
     """With --seeds: train on this Ray cluster instead, one core each: "ray" for the one that runs here, or its address.
     Its nodes must see the files of set-ups that are not shipped."""
     resume: Path | None = None
-    """Go on with the run in this folder, from its last checkpoint and with its settings; give nothing else then."""
+    """Resume the run in this folder, from its last checkpoint and with its settings; allows no other option."""
 
     def __post_init__(self) -> None:
         whole("processes", self.processes, at_least=0)
@@ -51,10 +51,10 @@ class TrainOptions:
 
 
 def read_options(arguments: Sequence[str]) -> TrainOptions:
-    """Return what a command line asks for; the set-up decides the settings that are not given.
+    """Return the options on a command line; settings that are not given are the set-up's.
 
     Raises:
-        ValueError: there is no such set-up; something beside the folder to resume.
+        ValueError: there is no such set-up, or options beside --resume.
     """
     default = default_options(read_command("train", TrainOptions, arguments).setup)
     options = read_command("train", TrainOptions, arguments, default)
@@ -69,7 +69,7 @@ def default_options(setup: str) -> TrainOptions:
 
 
 def run(options: TrainOptions) -> Path:
-    """Train what is asked for; return the run folder, or with several seeds the file of their policies."""
+    """Train; return the run folder, or with several seeds the file of their policies."""
     if options.resume:
         return resume(options.resume)
     setup = load_setup(options.setup)
@@ -80,7 +80,7 @@ def run(options: TrainOptions) -> Path:
 
 
 def main() -> None:
-    """Train what the command line asks for, and print where it is."""
+    """Train as the command line asks, and print the path of the result."""
     with command_line("train", "the same command continues with --seeds, --resume with the run folder without"):
         print(run(read_options(sys.argv[1:])))
 

@@ -1,6 +1,8 @@
-"""What happens between two rollouts: the two objectives by name, validation, the best policy, checkpoints."""
+"""Work between two rollouts: validation, the best policy, checkpoints, learning curves as CSV and for TensorBoard."""
 
+import csv
 import math
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -9,29 +11,32 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import CSVOutputFormat, KVWriter, TensorBoardOutputFormat
+from torch.utils.tensorboard.writer import SummaryWriter
 
 from agents.evaluate import Validation
 from agents.policies.policy import Policy
 from agents.setups import Setup, Training
 from agents.train import checkpoint
-from agents.train.logs import STEPS
-from agents.wrappers import ScaledRewards
+from agents.train.scaling import ScaledRewards
+from impact_gym.files import write_file
 
+STEPS = "time/total_timesteps"
 OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
 OnValidation = Callable[[int, dict[str, Any]], None]
 """Called after each validation with the steps made so far and the result."""
-ROWS = 200  # of a learning curve, at the most
-NEARLY_ALL = 0.99  # of the objects missed: such a policy never touches one but by accident
+ROWS = 200  # of a learning curve, at most
+NEARLY_ALL = 0.99  # share of the objects missed: such a policy touches one by accident only
 COLLAPSED = 3  # validations in a row that miss nearly all
-BEGINNING = 0.1  # share of a training in which a policy need not hit anything yet
+BEGINNING = 0.1  # share of a training in which a policy may miss all objects
 
 
 class CollapsedError(RuntimeError):
-    """A training that has nothing left to go on from: its policy touches no object, or its weights are not finite."""
+    """A training collapsed: its policy touches no object, or its weights are not finite."""
 
 
 class ProgressCallback(BaseCallback):
-    """Tells a bar, see `agents.progress`, how many steps are done."""
+    """Updates a progress bar, see `agents.command_line.progress`."""
 
     def __init__(self, bar: Any) -> None:
         super().__init__()
@@ -43,18 +48,18 @@ class ProgressCallback(BaseCallback):
 
 
 class TrainingCallback(BaseCallback):
-    """Acts between two rollouts, after the update: what it sees then is all there is to save."""
+    """Validates, logs and saves between two rollouts, after the update."""
 
     def __init__(
         self, folder: Path, setup: Setup, training: Training, environments: ScaledRewards, policy: Callable[[], Policy],
         on_validation: OnValidation | None = None,
     ) -> None:  # fmt: skip
-        """Make one that writes into `folder` what `policy` gives of the model."""
+        """Make one that writes into `folder`; `policy` returns a copy of the model's."""
         super().__init__()
         self._folder, self._setup, self._training, self._environments = folder, setup, training, environments
         self._policy, self._on_validation = policy, on_validation
         self.validation = Validation(
-            setup.environment, setup.evaluation.weights, training.validation_scenarios, training.simulation_threads
+            setup.task, setup.evaluation.weights, training.validation_scenarios, threads=training.simulation_threads
         )
         self._start_clock()
         self.kept: dict[str, Any] = {  # all that must survive an interruption
@@ -63,8 +68,8 @@ class TrainingCallback(BaseCallback):
             "last": {"row": 0, "validation": 0, "checkpoint": 0},
             "best": math.inf,
             "curve": [],  # [steps, score] of each validation
-            "clock": [],  # processor seconds that each came after
-            "collapsed": 0,  # validations in a row that missed nearly all
+            "clock": [],  # processor seconds at each
+            "collapsed": 0,  # validations in a row with nearly all objects missed
             "seconds": 0.0,
             "processor": 0.0,
         }
@@ -115,7 +120,7 @@ class TrainingCallback(BaseCallback):
         """Play the validation set, keep the policy if it is the best so far, and return it.
 
         Raises:
-            CollapsedError: it missed nearly all objects, as in the last validations before.
+            CollapsedError: it missed nearly all objects, as in the validations before.
         """
         steps = self.num_timesteps
         policy = self._policy()
@@ -148,7 +153,7 @@ class TrainingCallback(BaseCallback):
             raise self._collapse(reason)
 
     def _collapse(self, reason: str) -> CollapsedError:
-        """Return what to raise: the reason, the step, and what to try."""
+        """Return the error: reason, step, and what to try."""
         training = self._training
         return CollapsedError(
             f"the training collapsed after {self.num_timesteps:,} of {training.whole_steps:,} steps: {reason}. Try a"
@@ -157,7 +162,7 @@ class TrainingCallback(BaseCallback):
         )
 
     def _write_row(self) -> None:
-        if self.kept["episodes"]:  # else it would say nan
+        if self.kept["episodes"]:  # else it would be nan
             for name in OBJECTIVES:
                 self.logger.record(f"objectives/{name}", self.kept["sums"][name] / self.kept["episodes"])
         self.kept |= {"sums": dict.fromkeys(OBJECTIVES, 0.0), "episodes": 0}
@@ -165,3 +170,36 @@ class TrainingCallback(BaseCallback):
             self.logger.record("time/steps_per_second", steps / (time.perf_counter() - self._begun))
         self.logger.record(STEPS, self.num_timesteps, exclude="tensorboard")
         self.logger.dump(step=self.num_timesteps)
+
+
+class _Csv(CSVOutputFormat):
+    """Continues a file after its rows up to `steps`; a resumed training logs the later ones again."""
+
+    def __init__(self, path: Path, steps: int) -> None:
+        lines = path.read_text().splitlines(keepends=True) if path.is_file() else []
+        columns = next(csv.reader(lines[:1]), [])
+        kept = [line for line in lines[1:] if line.endswith("\n") and _steps(line, columns) <= steps]
+        write_file(path, "".join(lines[:1] + kept))
+        super().__init__(os.devnull)  # which would empty the file
+        self.file.close()
+        self.file, self.keys = path.open("r+"), columns
+        self.file.seek(0, os.SEEK_END)
+
+
+def _steps(line: str, columns: list[str]) -> float:
+    """Return the steps at which a line was logged; inf for a broken one."""
+    row = dict(zip(columns, next(csv.reader([line])), strict=False))
+    return float(row.get(STEPS) or "inf")
+
+
+class _TensorBoard(TensorBoardOutputFormat):
+    """Makes TensorBoard drop what an interrupted run logged after its checkpoint."""
+
+    def __init__(self, folder: Path, steps: int) -> None:
+        self.writer = SummaryWriter(log_dir=str(folder), purge_step=steps + 1 if steps else None)
+        self._is_closed = False
+
+
+def outputs(folder: Path, steps: int) -> list[KVWriter]:
+    """Return writers into `folder` for a run that has made `steps` steps."""
+    return [_Csv(folder / "progress.csv", steps), _TensorBoard(folder, steps)]

@@ -1,7 +1,8 @@
-"""Checkpoints: all that a training goes on from, so that it ends as if nothing had interrupted it.
+"""Checkpoints: all state that a training needs to resume and to end as if it had not been interrupted.
 
-Taken between two rollouts, when the rollout buffer is empty: networks, optimisers, counters, the
-random states of torch, NumPy and Python, the environments with their generators, and what the log has not written yet.
+Taken between two rollouts, when the rollout buffer is empty: networks, optimisers, counters, the random states of
+torch, NumPy and Python, the environments with their generators, and the log's unwritten values.
+`torch.load(weights_only=True)` was measured and not taken: it would need NumPy's private names, and notices no damage.
 """
 
 import random
@@ -12,21 +13,25 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.archive import read_archive, write_archive
-from agents.wrappers import ScaledRewards
+from agents.train.scaling import ScaledRewards
 
-FORMAT = "impact_gym checkpoint 1"
+FORMAT = "impact_gym checkpoint 2"
 # stable-baselines3 2.9 has no public way to these; a test trains on from them to the bit.
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
 
 
-def write(path: Path, model: BaseAlgorithm, environment: ScaledRewards, callback_state: Mapping[str, Any]) -> None:
-    """Write a checkpoint of `model`, its `environment` and the state of the callback, whole or not at all."""
+def write(path: Path, model: Any, environment: ScaledRewards, callback_state: Mapping[str, Any]) -> None:
+    """Write a checkpoint of a model of stable-baselines3, its `environment` and the callback's state atomically."""
     arrays: dict[str, NDArray[Any]] = {}
     state = {
-        "model": _model_state(model),
+        "model": {
+            "parameters": model.get_parameters(),
+            "variables": {name: getattr(model, name) for name in model._get_torch_save_params()[1]},
+            "counters": {name: getattr(model, name) for name in COUNTERS},
+            "last": (model._last_obs, model._last_episode_starts),
+        },
         "environment": environment.get_state(),
         "random": {"torch": torch.get_rng_state(), "numpy": np.random.get_state(), "python": random.getstate()},  # noqa: NPY002 - stable-baselines3 draws from it
         "log": [dict(values) for values in _pending(model)],
@@ -35,8 +40,8 @@ def write(path: Path, model: BaseAlgorithm, environment: ScaledRewards, callback
     write_archive(path, FORMAT, {"state": _pack(state, arrays)}, arrays)
 
 
-def restore(path: Path, model: BaseAlgorithm, environment: ScaledRewards) -> dict[str, Any]:
-    """Put `model` and `environment`, made from the same settings, where they were; return the state of the callback.
+def restore(path: Path, model: Any, environment: ScaledRewards) -> dict[str, Any]:
+    """Restore `model` and `environment`, made from the same settings; return the state of the callback.
 
     Raises:
         ValueError: the file is no checkpoint, is damaged, or is one of another model.
@@ -44,7 +49,14 @@ def restore(path: Path, model: BaseAlgorithm, environment: ScaledRewards) -> dic
     content, arrays = read_archive(path, FORMAT)
     state = _unpack(content["state"], arrays)
     try:
-        _restore_model(model, state["model"])
+        of_model = state["model"]
+        model.set_parameters(of_model["parameters"])
+        with torch.no_grad():
+            for name, value in of_model["variables"].items():
+                getattr(model, name).copy_(value)
+        for name, value in of_model["counters"].items():
+            setattr(model, name, value)
+        model._last_obs, model._last_episode_starts = of_model["last"]
         environment.set_state(state["environment"])
         torch.set_rng_state(state["random"]["torch"])
         np.random.set_state(state["random"]["numpy"])  # noqa: NPY002 - stable-baselines3 draws from it
@@ -57,32 +69,13 @@ def restore(path: Path, model: BaseAlgorithm, environment: ScaledRewards) -> dic
     return state["callback_state"]
 
 
-def _pending(model: BaseAlgorithm) -> tuple[dict[str, Any], ...]:
-    """What the log was given and has not written yet."""
+def _pending(model: Any) -> tuple[dict[str, Any], ...]:
+    """Return the values that the log has not written yet."""
     return model.logger.name_to_value, model.logger.name_to_count, model.logger.name_to_excluded
 
 
-def _model_state(model: Any) -> dict[str, Any]:
-    return {
-        "parameters": model.get_parameters(),
-        "variables": {name: getattr(model, name) for name in model._get_torch_save_params()[1]},
-        "counters": {name: getattr(model, name) for name in COUNTERS},
-        "last": (model._last_obs, model._last_episode_starts),
-    }
-
-
-def _restore_model(model: Any, state: Mapping[str, Any]) -> None:
-    model.set_parameters(state["parameters"])
-    with torch.no_grad():
-        for name, value in state["variables"].items():
-            getattr(model, name).copy_(value)
-    for name, value in state["counters"].items():
-        setattr(model, name, value)
-    model._last_obs, model._last_episode_starts = state["last"]
-
-
 def _pack(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
-    """Return `value` as JSON can hold it, tensors and arrays put into `arrays` and named in their place."""
+    """Return `value` for JSON, with tensors and arrays moved into `arrays` and replaced by their names there."""
     match value:
         case torch.Tensor():
             name = f"tensor_{len(arrays)}"
@@ -104,7 +97,7 @@ def _pack(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
 
 
 def _unpack(tree: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
-    """Return what `_pack` was given."""
+    """Return the value that `_pack` turned into `tree`."""
     match tree:
         case {"items": pairs}:
             return {key: _unpack(part, arrays) for key, part in pairs}

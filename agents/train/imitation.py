@@ -1,8 +1,8 @@
-"""PPO that first imitates a baseline, at the states that it visits itself.
+"""PPO that first imitates a baseline, in the states that it visits itself.
 
 S. Ross, G. Gordon, D. Bagnell, A Reduction of Imitation Learning and Structured Prediction to No-Regret Online
-Learning, AISTATS 2011. PPO explores around what it does; what lies far from that, such as an approach in pulses, it
-does not find, but it improves on it once it is there.
+Learning, AISTATS 2011. PPO does not find behaviour far from its own, such as an approach in pulses, but
+it improves it once it was imitated.
 """
 
 from typing import Any
@@ -15,14 +15,14 @@ from torch.nn.functional import mse_loss
 
 from agents.baselines.tuned import FIXED, read_tuned, tuned_rule
 from agents.setups import Setup
-from impact_gym.task import ActionSpec, ObservationSpec, Task
+from impact_gym.task import ActionSpec, ObservationSpec
 
 
 class Teacher:
-    """A baseline of a set-up; a tuned one in each episode as tuned for the time weight at which it does best there."""
+    """A baseline to imitate; a tuned one with the parameters that score best at the time weight of an episode."""
 
     def __init__(self, setup: Setup, name: str) -> None:
-        """Read a baseline of the set-up itself, or one that is shipped, or take one without anything to tune.
+        """Read a tuned baseline, the set-up's own or a shipped one, or take a fixed one.
 
         Raises:
             ValueError: there is no such baseline, or it does not fit what the set-up shows.
@@ -35,16 +35,16 @@ class Teacher:
             scores = [tuned["validation"] for tuned in content["weights"].values()]
             means = [(score["object_velocity"], score["approach_time"]) for score in scores]
             self.checksum = content["sha256"]
-        self.rules, self.means = [rule.for_environment(setup.environment) for rule in rules], np.array(means)
-        played = [{}, *(changes for _, changes in setup.mixed)]
-        tasks = [Task(**{**setup.environment, **changes, "privileged": True}) for changes in played]
+        self.rules, self.means = [rule.for_task(setup.task) for rule in rules], np.array(means)
+        mixed = [{}, *(changes for _, changes in setup.mixed)]
+        tasks = [setup.task.changed({**changes, "privileged": True}) for changes in mixed]
         self.spec, self.action_size = ObservationSpec.of_rows(tasks), len(ActionSpec(tasks[0]))
 
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
         """Return its actions (steps, envs, n) at privileged `observations` (steps, envs, n_obs), step by step.
 
-        Where readings raise the alarm, the teacher's alarm is the clean one of a switch: its pupil has to find out.
-        What it remembers of before the first of them is lost.
+        Where readings raise the alarm, the teacher sees that of a switch instead, which the policy does not see. Its
+        memory is empty at the first step.
         """
         spec, time_weight = self.spec, self.spec.decode(observations, "time_weight")
         if "time_since_touch" in spec:
@@ -67,7 +67,7 @@ class PPOWithImitation(PPO):
     """PPO that imitates a teacher for its first steps; its critic learns from the beginning."""
 
     def __init__(self, *arguments: Any, teacher: Teacher, imitation_steps: int, **options: Any) -> None:
-        """Make one; arguments beside these are those of PPO."""
+        """Make one; the other arguments are those of PPO."""
         self.teacher, self.imitation_steps = teacher, imitation_steps
         super().__init__(*arguments, **options)
 
@@ -78,7 +78,7 @@ class PPOWithImitation(PPO):
             return
         policy, buffer = self.policy, self.rollout_buffer
         policy.set_training_mode(True)
-        self._update_learning_rate(policy.optimizer)  # stable-baselines3 2.9: what `PPO.train` itself begins with
+        self._update_learning_rate(policy.optimizer)  # stable-baselines3 2.9: as `PPO.train` begins
         actions = self.teacher.actions(buffer.observations, buffer.episode_starts)
         arrays = (buffer.observations, actions, buffer.returns[..., None])
         columns = [torch.from_numpy(array.reshape(-1, array.shape[-1])) for array in arrays]

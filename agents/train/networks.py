@@ -1,4 +1,4 @@
-"""Networks of a training: an actor that sees what the controller may see, a critic that sees the truth as well.
+"""Networks of a training: an actor with the controller's observation, and a critic that also sees the true scenario.
 
 The advantage of an action has the same mean with any critic that does not see the action, and less variance with one
 that knows the mass and the distance of the object (Pinto et al. 2018, asymmetric actor critic).
@@ -27,7 +27,7 @@ CENTRE_AND_SPREAD = {
     "force": (0.05, 0.1),
     "force_peak": (0.15, 0.25),
     "time_weight": (0.0, 0.3),
-    "distance_estimate": (0.05, 0.1),  # sharper than it is met: 10 mm, its error, must count
+    "distance_estimate": (0.05, 0.1),  # narrower than its range: its error, 10 mm, must matter
     "range_noise": (0.3, 0.2),
     "deflection": (0.0, 0.2),
     "object_mass": (0.15, 0.3),
@@ -35,12 +35,12 @@ CENTRE_AND_SPREAD = {
     "restitution": (0.55, 0.25),
     "distance": (0.1, 0.3),
 }
-"""Centre and spread of numbers of the observation while a policy trains, to a digit. The networks see standardised
-numbers, or what differs little would be learned late; an exported policy has this in its weights."""
+"""Rough centre and spread of numbers of the observation during a training. The networks take standardised numbers, as
+small differences would be learned late; an exported policy has this in its weights."""
 
 
 def standardisation(tasks: Sequence[Task]) -> NDArray[np.float64]:
-    """Return centres and spreads (2, n_obs) of what tasks show that observe the same.
+    """Return centres and spreads (2, n_obs) of the common observation of tasks.
 
     Of a number that is drawn from a range, and is not in the table, they are those of the range; of others 0 and 1.
     """
@@ -64,14 +64,14 @@ class Standardised(BaseFeaturesExtractor):
     spread: torch.Tensor  # (n_obs,)
 
     def __init__(self, observation_space: spaces.Space[Any], tasks: Sequence[Task]) -> None:
-        """Make one for what tasks show."""
+        """Make one for the observation of tasks."""
         centre, spread = torch.tensor(standardisation(tasks), dtype=torch.float32)
         super().__init__(observation_space, len(centre))
         self.register_buffer("centre", centre)
         self.register_buffer("spread", spread)
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Return what the networks see."""
+        """Return the standardised observations."""
         return (observations - self.centre) / self.spread
 
 
@@ -98,12 +98,12 @@ class _TwoViews(MlpExtractor):
         self._seen, self.value_net, self.latent_dim_vf = seen, critic.value_net, critic.latent_dim_vf
 
     def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
-        """Return what the action is read from."""
+        """Return the actor's last hidden layer."""
         return self.policy_net(features[:, : self._seen])
 
 
 class FastTanh(torch.nn.Module):
-    """As torch.nn.Tanh, to rounding. NumPy's is eight times as fast where torch takes a path of MKL that is slow."""
+    """As torch.nn.Tanh, to rounding. NumPy's is eight times as fast where torch uses a slow path of MKL."""
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
         """Return tanh of `values`."""
@@ -127,7 +127,7 @@ ACTIVATIONS: dict[str, type[torch.nn.Module]] = {"tanh": FastTanh, "relu": torch
 
 
 def acting_network(policy: ActorCriticPolicy, task: Task, activation: str) -> Network:
-    """Return a copy of what acts in a policy, on NumPy: from observations as `task` shows them, not standardised."""
+    """Return a copy of a policy's actor on NumPy, which takes observations of `task`, not standardised."""
     linear = [layer for layer in policy.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)]
     layers = [_affine(f"hidden_{place}", layer) for place, layer in enumerate(linear)]
     centre, spread = standardisation([task])

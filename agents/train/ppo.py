@@ -2,8 +2,8 @@
 
 The folder holds `config.json` (settings, versions, command), `progress.csv` and events for TensorBoard, `best.npz` (the
 policy that did best on the validation set) and `final.npz`, `metrics.json` (with the training rate), and until the end
-`checkpoint.npz`, from which `resume` goes on to the same end as if nothing had happened. Where a training collapsed,
-`collapsed.txt` says why.
+`checkpoint.npz`, from which `resume` continues to the same result to the bit. If a training collapsed, `collapsed.txt`
+says why.
 """
 
 import json
@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,19 +20,17 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
 
 from agents.baselines import PaperTrapezoid
-from agents.command_line import command_of
+from agents.command_line import command_of, progress
 from agents.policies import Policy, load_policy
-from agents.progress import progress
 from agents.provenance import circumstances, revision
 from agents.setups import Setup, Training, load_setup
 from agents.setups.feasible import warnings
 from agents.setups.keys import within
 from agents.train import checkpoint
-from agents.train.callback import CollapsedError, OnValidation, ProgressCallback, TrainingCallback
+from agents.train.callback import CollapsedError, OnValidation, ProgressCallback, TrainingCallback, outputs
 from agents.train.imitation import PPOWithImitation, Teacher
-from agents.train.logs import outputs
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
-from agents.wrappers import ScaledRewards
+from agents.train.scaling import ScaledRewards
 from impact_gym.files import locked, write_file, writing
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import ObservationSpec, Task
@@ -49,47 +48,52 @@ class Run:
 
     setup: Setup
     training: Training
-    seed: int = 0  # of the scenarios, the network and the exploration; no scenario is drawn as in evaluation
+    seed: int = 0  # of the scenarios, the network and the exploration; scenarios are others than in evaluation
 
     def __post_init__(self) -> None:
         whole("seed", self.seed, at_least=0)
 
-    @property
-    def environment(self) -> dict[str, Any]:
-        """Arguments of the environment that the policy is for."""
-        return {**self.setup.environment, "time_weight": list(self.training.time_weight)}
+    @cached_property
+    def task(self) -> Task:
+        """The task that the policy is for."""
+        return self.setup.task.changed({"time_weight": list(self.training.time_weight)})
 
     @property
-    def training_environment(self) -> dict[str, Any]:
-        """The same with what training adds: another tolerance, and the truth for an informed critic."""
+    def training_task(self) -> Task:
+        """The same with what training adds: another tolerance, and the true scenario for an informed critic."""
         faster = {} if self.training.rtol is None else {"rtol": self.training.rtol}
-        return {**self.environment, **faster, "privileged": self.training.informed_critic}
+        return self.task.changed({**faster, "privileged": self.training.informed_critic})
+
+    @cached_property
+    def teacher(self) -> Teacher | None:
+        """The baseline to imitate first, if there is one."""
+        return Teacher(self.setup, self.training.teacher) if self.training.teacher else None
 
     @property
     def slots(self) -> list[dict[str, Any]]:
-        """What each environment has otherwise: those of `nominal` and of the set-up's `mixed` come last."""
+        """Changed arguments of each environment: those of `nominal` and of the set-up's `mixed` come last."""
         shares = (*self.setup.mixed, (self.training.nominal, self.setup.evaluation.nominal))
         others = [dict(changes) for share, changes in shares for _ in range(round(share * self.training.envs))]
         return [{} for _ in range(self.training.envs - len(others))] + others
 
     @property
     def command(self) -> str:
-        """The command that trains so, as short as it can be."""
+        """The shortest command of this training."""
         seed = ["--seed", str(self.seed)] if self.seed else []
         return command_of("train", self.training, self.setup.training, self.setup.called, *seed)
 
     def made_for(self) -> dict[str, Any]:
-        """Return what the result depends on, as JSON gives it back: also what the set-up says beside the settings."""
+        """Return everything that the result depends on, as JSON would return it."""
         evaluation, training = self.setup.evaluation, self.training
         settings = {"setup": self.setup.called, "seed": self.seed, **asdict(training)}
-        made = {"settings": settings, "environment": self.environment, "weights": evaluation.weights}
-        made |= {"teacher": Teacher(self.setup, training.teacher).checksum} if training.teacher else {}
+        made = {"settings": settings, "environment": self.task.arguments(), "weights": evaluation.weights}
+        made |= {"teacher": self.teacher.checksum} if self.teacher else {}
         made |= {"nominal": evaluation.nominal} if training.nominal else {}
         made |= {"mixed": self.setup.mixed} if self.setup.mixed else {}
         return json.loads(json.dumps(made))
 
     def record(self) -> dict[str, Any]:
-        """Return what it takes to repeat the run."""
+        """Return the data needed to repeat the run."""
         return {"command": self.command, **self.made_for(), **revision(), **circumstances(*PACKAGES)}
 
     @classmethod
@@ -103,15 +107,15 @@ def make_environments(run: Run) -> ScaledRewards:
     """Return the environments a training plays in, see `Run.slots`."""
     training, slots = run.training, run.slots if any(run.slots) else None
     threads = training.simulation_threads
-    envs = ImpactVecEnv(training.envs, threads=threads, per_slot=slots, **run.training_environment)
+    envs = ImpactVecEnv(training.envs, threads=threads, per_slot=slots, **run.training_task.arguments())
     return ScaledRewards(envs, training.weight_power)
 
 
 def make_model(run: Run, environments: ScaledRewards) -> PPO:
-    """Return a model that has learned nothing yet; the discount is 1, as an episode ends and its sum is what counts."""
+    """Return an untrained model; the discount is 1, as an episode ends and its sum counts."""
     training = run.training
     network = {
-        "actor_inputs": len(ObservationSpec(Task(**run.environment))),
+        "actor_inputs": len(ObservationSpec(run.task)),
         "net_arch": [training.width] * training.depth,
         "activation_fn": ACTIVATIONS[training.activation],
         "features_extractor_class": Standardised,
@@ -125,16 +129,15 @@ def make_model(run: Run, environments: ScaledRewards) -> PPO:
         "gamma": 1.0, "gae_lambda": training.gae_lambda, "clip_range": training.clip, "ent_coef": training.entropy,
         "seed": run.seed, "device": "cpu",
     }  # fmt: skip
-    if not training.teacher:
+    if run.teacher is None:
         return PPO(**arguments)
-    teacher = Teacher(run.setup, training.teacher)
-    return PPOWithImitation(teacher=teacher, imitation_steps=training.imitation_steps, **arguments)
+    return PPOWithImitation(teacher=run.teacher, imitation_steps=training.imitation_steps, **arguments)
 
 
 def policy_from(model: PPO, run: Run, provenance: Mapping[str, Any]) -> Policy:
-    """Return a copy of what acts in a model, on NumPy."""
-    network = acting_network(model.policy, Task(**run.environment), run.training.activation)
-    return Policy(network, run.environment, provenance)
+    """Return a copy of a model's actor, on NumPy."""
+    network = acting_network(model.policy, run.task, run.training.activation)
+    return Policy(network, run.task, provenance)
 
 
 def train(run: Run, out: Path | None = None, on_validation: OnValidation | None = None) -> Path:
@@ -142,25 +145,25 @@ def train(run: Run, out: Path | None = None, on_validation: OnValidation | None 
 
     Raises:
         FileExistsError: the run folder is there already.
-        CollapsedError: there is nothing left to go on from; the folder keeps the reason.
+        CollapsedError: the training collapsed; the folder keeps the reason.
     """
     with within(run.setup.called):
-        for sentence in warnings(Task(**run.environment)):
+        for sentence in warnings(run.task):
             print(f"warning: {sentence}")
     stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
     folder = out or Path("runs") / f"{stamp}-{run.setup.name}-seed{run.seed}"
     folder.mkdir(parents=True)
     record = run.record()
-    write_json(folder / "config.json", record)
+    write_file(folder / "config.json", json.dumps(record, indent=2) + "\n")
     return _to_its_end(folder, run, record, on_validation)
 
 
 def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
-    """Go on with the run in `folder` from its last checkpoint, or from its beginning, and return the folder.
+    """Resume the run in `folder` from its last checkpoint, or from its beginning, and return the folder.
 
     Raises:
-        ValueError: there is none, or it is damaged, of another version, or under way.
-        CollapsedError: there is nothing left to go on from; the folder keeps the reason.
+        ValueError: there is no run, or it is damaged, of another version, or trained by another process.
+        CollapsedError: the training collapsed; the folder keeps the reason.
     """
     try:
         record = json.loads((folder / "config.json").read_text())
@@ -168,12 +171,12 @@ def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
         if any(record[name] != value for name, value in run.made_for().items()):
             raise ValueError(f"the set-up {run.setup.called} has changed since")
     except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f"{folder} holds no run that this version can go on with: {error}") from error
+        raise ValueError(f"{folder} holds no run that this version can resume: {error}") from error
     return _to_its_end(folder, run, record, on_validation)
 
 
 def _to_its_end(folder: Path, run: Run, record: dict[str, Any], on_validation: OnValidation | None) -> Path:
-    """Learn what is left to learn, with the folder held, and return the folder."""
+    """Finish the training, with the folder locked, and return the folder."""
     collapsed = folder / "collapsed.txt"
     with writing(f"the run in {folder}"), locked(folder / "lock", wait=False):
         if collapsed.is_file():
@@ -188,17 +191,14 @@ def _to_its_end(folder: Path, run: Run, record: dict[str, Any], on_validation: O
 
 
 def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnValidation | None) -> None:
-    """Make environments and model, learn to the end, write what came of it."""
+    """Make environments and model, learn to the end, write the results."""
     training = run.training
     torch.set_num_threads(training.threads)
-    torch.distributions.Distribution.set_default_validate_args(False)  # slow; the environment checks what it is given
+    torch.distributions.Distribution.set_default_validate_args(False)  # slow; the environment checks actions
     environments = make_environments(run)
     model = make_model(run, environments)
     environments.seed(FIRST_SEED + run.seed * SLOTS)
-
-    def policy() -> Policy:
-        return policy_from(model, run, record)
-
+    policy = partial(policy_from, model, run, record)
     callback = TrainingCallback(folder, run.setup, training, environments, policy, on_validation)
     log = Logger(str(folder), [])
     model.set_logger(log)
@@ -217,7 +217,7 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
             log_interval=None,  # type: ignore[arg-type]  # none: the callback writes the log (stable-baselines3 2.9)
             reset_num_timesteps=not saved.is_file(),
         )
-    rule = callback.validation.score(PaperTrapezoid().for_environment(run.environment))
+    rule = callback.validation.score(PaperTrapezoid().for_task(run.task))
     scores = {name: load_policy(folder / f"{name}.npz").provenance["validation"] for name in ("best", "final")}
     metrics = {
         "validation": {**scores, "paper's rule": rule},
@@ -226,14 +226,9 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
         "training_seconds": callback.kept["seconds"],
         "steps_per_second": training.whole_steps / callback.kept["seconds"],
     }
-    write_json(folder / "metrics.json", metrics)
+    write_file(folder / "metrics.json", json.dumps(metrics, indent=2) + "\n")
     saved.unlink(missing_ok=True)
     for name, means in metrics["validation"].items():
         points = zip(means["time_weight"], means["object_velocity"], means["approach_time"], strict=True)
         listed = "; ".join(f"at {w:g}: {v:.3f} m/s, {t:.3f} s" for w, v, t in points)
         print(f"{name}: score {means['score']:.4f} m/s; V_p and approach time {listed}")
-
-
-def write_json(path: Path, content: Any) -> None:
-    """Write `content` to `path`, whole or not at all."""
-    write_file(path, json.dumps(content, indent=2) + "\n")

@@ -1,7 +1,7 @@
-"""Several trainings of a set-up that differ in the seed, of which all policies are kept and the median is shipped.
+"""Trainings of a set-up with several seeds: all policies are kept, the median is shipped.
 
-Finished trainings are stored (`agents.jobs`), and one that was killed continues from its checkpoint. On a cluster that
-holds where the nodes see the run folders at the same place; elsewhere a training whose node is lost starts over.
+Finished trainings are stored (`agents.jobs`), and one that was killed continues from its checkpoint. On a cluster the
+nodes must see the run folders under the same path for that; otherwise a training whose node is lost starts over.
 """
 
 import json
@@ -19,7 +19,7 @@ from agents.train.ppo import Run, resume, train
 from impact_gym.files import write_file
 
 KEPT = ("config.json", "best.npz", "final.npz", "metrics.json")
-"""Files of a run folder that come back from where it was trained; the last one says that the run is finished."""
+"""Files of a run folder that its job returns; the last one exists once the run is finished."""
 
 
 def train_seeds(
@@ -42,7 +42,7 @@ def train_seeds(
         _refuse_another(**each)
 
     def fill(seed: int, files: Mapping[str, bytes]) -> None:
-        """Write the files of a run that was made on another machine, or whose folder is gone; say how good it is."""
+        """Write the files of a run made on another machine, or whose folder is gone; print its score."""
         if not (folders[seed] / KEPT[-1]).is_file():
             for name, content in files.items():
                 write_file(folders[seed] / name, content)
@@ -65,7 +65,7 @@ def median(policies: list[Policy]) -> Policy:
 
 
 def train_one(folder: str, made_for: Mapping[str, Any]) -> dict[str, bytes]:
-    """Train, continue or find finished in a folder what a run is `made_for`; return the files in KEPT by name.
+    """Train, resume or reuse in a folder the run that is `made_for` this; return its files KEPT by name.
 
     Where the folder cannot be made, as on a node of a cluster without a common one, a temporary one takes its place.
     """
@@ -76,7 +76,7 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> dict[str, bytes]:
         except OSError:
             run = Path(elsewhere) / run.name
         if (run / "config.json").is_file():
-            _refuse_another(str(run), made_for)  # which may lie on a node of a cluster alone
+            _refuse_another(str(run), made_for)  # a folder that only this node of a cluster may have
             resume(run)
         else:
             shutil.rmtree(run, ignore_errors=True)  # killed before it had begun
@@ -85,7 +85,7 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> dict[str, bytes]:
 
 
 def _refuse_another(folder: str, made_for: Mapping[str, Any]) -> None:
-    """Raise ValueError if the folder holds a run that was made with something else."""
+    """Raise ValueError if the folder holds a run with other settings."""
     path = Path(folder) / "config.json"
     config = json.loads(path.read_text()) if path.is_file() else made_for
     if any(config.get(name) != value for name, value in made_for.items()):

@@ -7,6 +7,7 @@ both takes about twice as many; a search of designs, each with a search of its c
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,11 @@ class Candidate:
     design: Mapping[str, float] = field(default_factory=dict)  # numbers that differ from the environment
     pad: str = ""  # on the tool, from the table; empty: none
 
+    @cached_property
+    def task(self) -> Task:
+        """The environment's task."""
+        return Task(**self.environment)
+
     @property
     def controller(self) -> Rule:
         """The controller, made for the environment."""
@@ -51,16 +57,16 @@ class Candidate:
 
     def controller_of(self, parameters: ArrayLike) -> Rule:
         """Return the controller with other parameters, (k,) or (rows, k)."""
-        return RULES[self.rule].of(parameters).for_environment(self.environment)
+        return RULES[self.rule].of(parameters).for_task(self.task)
 
     @property
     def soft(self) -> Pad | None:
         """The pad on the tool."""
         return pad_of(self.pad) if self.pad else None
 
-    def built(self, tolerance: float) -> dict[str, Any]:
-        """Return the environment with the design, each number of it off by a share in each episode."""
-        return Task(**self.environment).changed(as_built(self.design, tolerance)).arguments()
+    def built(self, tolerance: float) -> Task:
+        """Return the task with the design, each number of it off by a share in each episode."""
+        return self.task.changed(as_built(self.design, tolerance))
 
     def contact(self, stage: ScenarioBatch) -> dict[str, Floats]:
         """Return the contact of each scenario with the pad between tool and object; nothing without one.
@@ -74,7 +80,7 @@ class Candidate:
 
     def released(self, design: Mapping[str, Floats], count: int) -> Floats:
         """Return the energy (J) that each of `count` designs sets free from its front stop to its rear one (count,)."""
-        coupling = Task(**self.environment).coupling
+        coupling = self.task.coupling
         if not isinstance(coupling, Bistable):
             return np.zeros(count)
         numbers = {name.rpartition(".")[2]: values for name, values in design.items() if name.startswith("coupling.")}
@@ -115,9 +121,9 @@ def objective(
     All are played through the same training scenarios; arguments as in `search`.
     """
     population, scenarios = budget.population, budget.scenarios
-    options = {"scenario": "train", **candidate.environment, "rtol": RTOL, "threads": 1}
-    stage = ScenarioBatch(TUNING_SEED, scenarios, population, lenient=True, **options)
-    contact = candidate.contact(ScenarioBatch(TUNING_SEED, scenarios, **options))
+    task = candidate.task.changed({"rtol": RTOL})
+    stage = ScenarioBatch(TUNING_SEED, scenarios, task, copies=population, lenient=True, threads=1)
+    contact = candidate.contact(ScenarioBatch(TUNING_SEED, scenarios, task, threads=1))
     off, rng = MARGIN * budget.tolerance, np.random.default_rng((TUNING_SEED, 1))
     errors = rng.uniform(1.0 - off, 1.0 + off, (len(variables), scenarios))  # factors, as built
 
@@ -180,7 +186,7 @@ def play(
         count: how many scenarios of the set; all unless given.
     """
     player = Candidate(**candidate)
-    stage = ScenarioBatch.of(name, count, threads=1, **player.built(tolerance))
+    stage = ScenarioBatch.of(name, count, player.built(tolerance), threads=1)
     travel = Travel(stage.count)
     played = stage.play(player.controller, player.contact(stage), travel)
     released = player.released({name: np.array([value]) for name, value in player.design.items()}, 1)

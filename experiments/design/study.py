@@ -21,7 +21,6 @@ from experiments.design.search import PENALTY, Candidate, play, search
 from experiments.lab import grid
 from experiments.lab.study import Cell, Frames, Measurement, Study
 from impact_gym.scene import Bistable
-from impact_gym.task import Task
 
 DEPENDS = (
     "impact_gym", "agents.baselines", "agents.evaluate", "agents.setups",
@@ -162,13 +161,13 @@ class Search:
 
 def mean_time(candidate: Candidate, scenarios: int) -> float:
     """Return the mean approach time (s) on the scenarios of a search."""
-    batch = ScenarioBatch(TUNING_SEED, scenarios, **{"scenario": "train", "threads": 1, **candidate.environment})
+    batch = ScenarioBatch(TUNING_SEED, scenarios, candidate.task, threads=1)
     return float(batch.play(candidate.controller).approach_time.mean())
 
 
 def start_of(candidate: Candidate, approach_time: float) -> list[float]:
     """Return the parameters of the shipped controller of the same rule whose approach time (s) is nearest."""
-    bistable = isinstance(Task(**candidate.environment).coupling, Bistable)
+    bistable = isinstance(candidate.task.coupling, Bistable)
     weights = read_tuned(STARTS.get((candidate.rule, bistable), "ranged"))["weights"].values()
     nearest = min(weights, key=lambda tuned: abs(tuned["validation"]["approach_time"] - approach_time))
     return list(nearest["parameters"].values())

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import polars as pl
 
 from agents.command_line import command_of
-from agents.jobs import cached, digest_of
+from agents.jobs import cached
+from agents.provenance import digest_of
 from experiments.lab import page
 from experiments.lab.charts import save
 from experiments.lab.parts import Picture, Section

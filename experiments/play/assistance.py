@@ -102,4 +102,4 @@ def assistance(name: str, setup: Setup) -> Controller:
         rule: Any = load_baseline(limits[0], setup.evaluation.typical, setup.folder / "tuned")
     else:
         rule = {"none": OperatorAlone, "brake": LocalBrake, "rule": PaperTrapezoid}[name]()
-    return rule.for_environment({**environment_of(setup), "operator": PERSON})
+    return rule.for_task(Task(**environment_of(setup), operator=PERSON))

@@ -14,6 +14,7 @@ from experiments.lab.player.films import COLUMNS, Run, scene_of
 from experiments.play.assistance import assistance, environment_of, record_of, usual
 from experiments.play.tries import Live, Try, replayed
 from impact_gym.render.film import History
+from impact_gym.task import Task
 
 SECONDS = 10.0  # length of the first film
 FIRST_FILM_SEED, REFERENCES = TEST_SEED + 11, 100
@@ -63,8 +64,8 @@ def first_film(setup: str, latest: Try | None) -> str:
 def reference(setup: str) -> list[dict[str, Any]]:
     """Return the points of rule and policy on the chart: means over scenarios, with the set-up's operator."""
     made, points = load_setup(setup), []
-    options = {"threads": 1, "quiet": True, "lenient": True, **environment_of(made), "rtol": 1e-6}
-    batch = ScenarioBatch(TEST_SEED, REFERENCES, operator=made.environment["operator"], **options)
+    task = Task(**{**environment_of(made), "operator": made.environment["operator"], "rtol": 1e-6})
+    batch = ScenarioBatch(TEST_SEED, REFERENCES, task, threads=1, quiet=True, lenient=True)
     for name, kind in {**rivals(setup), "scripted, alone": "none"}.items():
         played = batch.play(assistance(kind, made), record_of(usual(made)))
         points.append({"who": name, **{key: float(np.mean(getattr(played, key))) for key in ("done_time", "slide")}})

@@ -15,8 +15,7 @@ import tyro
 
 from agents.command_line import command_of, run_command
 from agents.evaluate.play import pairs
-from agents.jobs import digest_of
-from agents.provenance import circumstances, revision
+from agents.provenance import circumstances, digest_of, revision
 from agents.setups import README, Setup, load_setup
 from agents.setups.evaluation import RESERVED
 from agents.setups.keys import within

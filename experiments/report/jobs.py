@@ -12,8 +12,9 @@ from agents.baselines import PaperTrapezoid
 from agents.evaluate import Travel
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import play, scenario_batch_of
-from agents.jobs import cached, digest_of
+from agents.jobs import cached
 from agents.policies import Controller
+from agents.provenance import digest_of
 from experiments.lab import grid
 from experiments.lab.player.films import play as replay
 from experiments.report import choice, holds
@@ -136,16 +137,16 @@ def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: 
     That weight is found by bisection within the ends of `weights`, on `calibration_scenarios`. It is returned as
     `weight` (1,).
     """
-    choosing = calibration_scenarios(scenarios)
+    choosing, task = calibration_scenarios(scenarios), Task(**environment)
 
     def mean_time(weight: float, player: Controller) -> float:
-        return float(scenario_batch_of(choosing, weight, environment).play(player).approach_time.mean())
+        return float(scenario_batch_of(choosing, weight, task).play(player).approach_time.mean())
 
     low, high = weights[0], weights[-1]
-    target = mean_time(low, PaperTrapezoid().for_environment(environment))
+    target = mean_time(low, PaperTrapezoid().for_task(task))
     for _ in range(HALVINGS if high > low else 0):
         middle = math.sqrt(low * high)
-        if mean_time(middle, controller_of(controller, middle, environment)) > target:
+        if mean_time(middle, controller_of(controller, middle, task)) > target:
             low = middle
         else:
             high = middle
@@ -170,10 +171,10 @@ def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Seq
 
     There is one weight.
     """
-    (weight,) = weights
-    batch = scenario_batch_of(scenarios, weight, environment)
+    (weight,), task = weights, Task(**environment)
+    batch = scenario_batch_of(scenarios, weight, task)
     travel = Travel(batch.count)
-    batch.play(controller_of(controller, weight, environment), watch=travel)
+    batch.play(controller_of(controller, weight, task), watch=travel)
     return {"before": travel.deflection[None], "in_all": travel.stroke[None]}
 
 
@@ -188,7 +189,7 @@ def profile(controller: JSON, environment: JSON, weights: Sequence[float], dista
     position = np.linspace(0.0, distance, 141)
     curves = []
     for weight in weights:
-        player, options = controller_of(controller, weight, environment), {**environment, "time_weight": weight}
+        player, options = controller_of(controller, weight, Task(**environment)), {**environment, "time_weight": weight}
         run = replay(player, seed=0, number=0, record=record, options=options)
         approach = run.history.time <= run.info["approach_time"] + 1e-12
         place, velocity = (run.history.columns[f"flange_{name}"][approach] for name in ("position", "velocity"))

@@ -17,8 +17,8 @@ from agents.baselines.tuned import FIXED, read_tuned
 from agents.evaluate.controllers import controller_of, try_out
 from agents.evaluate.play import environment_and_scenarios
 from agents.evaluate.scenario_batch import TEST_SEED
-from agents.jobs import digest_of
 from agents.policies import Policy, load_ensemble, load_policy
+from agents.provenance import digest_of
 from agents.setups import TUNED, Setup, load_setup, same_environment, shipped, shipped_baselines
 from agents.setups.evaluation import Change, Evaluation, variants
 from impact_gym.task import ActionSpec, ObservationSpec, Task
@@ -148,7 +148,7 @@ def of_setup(
     if not path.is_file():
         raise ValueError(f"there are no policies {path}: impact-gym train {setup.called} --seeds {setup.seeds}")
     ensemble = load_ensemble(path)
-    if not setup.describes(ensemble[None].environment):
+    if not setup.describes(ensemble[None].task):
         raise ValueError(f"{path} was trained for another environment than {setup.called} says: train it anew")
     setup = replace(setup, evaluation=typically(setup.evaluation, time_weight, ensemble[None]))
     policies = sorted(ensemble.policies, key=lambda policy: policy.seed)
@@ -210,15 +210,15 @@ def of_policies(
         trained_in = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
         arguments = {**trained_in, **changes}
         environment, of_environment = environment_and_scenarios(arguments, scenarios)
-        Policy(loaded.network, environment, {})  # raises where they do not fit
-        setup = next((setup for setup in map(load_setup, shipped()) if setup.describes(trained_in)), None)
+        Policy(loaded.network, Task(**environment), {})  # raises where they do not fit
+        setup = next((setup for setup in map(load_setup, shipped()) if setup.describes(loaded.task)), None)
         evaluation = typically(setup.evaluation if setup else Evaluation.of_table({}, trained_in), time_weight, loaded)
         called = path.parent.name if path.name in ("best.npz", "final.npz") else path.stem
         name = identifier("policy", re.sub(r"[^A-Za-z0-9.-]+", "-", called)[:100].strip("-.") or "policy")
         if name in matchups:
             raise ValueError(f"two policies would be called {name!r}: give them files or folders of different names")
         note = f"your policy {name}"
-        if setup and not same_environment(arguments, trained_in):
+        if setup and not same_environment(Task(**arguments), loaded.task):
             note += f"; its baselines were tuned for {setup.name}, not for this environment"
         rivals = baselines(names or (setup.against if setup else ()), environment)
         bound = clairvoyant(setup, of_environment) if setup and not changes else None

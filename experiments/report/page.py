@@ -20,6 +20,7 @@ from experiments.report import ablation, answer, choice, differences, first_scre
 from experiments.report.figures import Figure
 from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
+from impact_gym.task import Task
 from impact_gym.task.scenario import FIELDS
 
 CHOSEN_ON = {
@@ -109,8 +110,9 @@ def watch(played: Played) -> dict[str, Any]:
     frozen, environment = frozen_of(matchup.scenarios), dict(matchup.environment)
     if frozen is None:
         environment["scenario"] = {name: tuple(pair) for name, pair in matchup.scenarios["ranges"].items()}
+    task = Task(**environment)
     return films(
-        {name: controller_of(contestant.controller, weight, environment) for name, contestant in players.items()},
+        {name: controller_of(contestant.controller, weight, task) for name, contestant in players.items()},
         choose(runs[PAPER], runs[POLICY]),
         runs,
         seed=frozen.seed if frozen else matchup.scenarios["seed"],

@@ -32,7 +32,7 @@ from stable_baselines3.common.env_util import make_vec_env
 
 from agents import load_policy
 from agents.baselines import PaperTrapezoid
-from agents.evaluate import VALIDATION_SEED, evaluate
+from agents.evaluate import VALIDATION_SEED, ScenarioBatch
 from agents.evaluate.play import play
 from agents.setups import load_setup
 from agents.train.ppo import Run, train
@@ -41,6 +41,7 @@ from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Stud
 from impact_gym.envs import IDS
 from impact_gym.robot import IMPACT, default_approach
 from impact_gym.sb3 import ImpactVecEnv
+from impact_gym.task import Task
 
 ID, SCALE, BATCH_SCALE, BATCH = "ImpactApproach-v0", "Pendulum-v1", "CartPole-v1", 1024
 SIZES = (64, 256, 1024, 4096, 16384)  # environments in a batch
@@ -118,7 +119,7 @@ def stepped(quick: bool) -> pl.DataFrame:
 
 def weighed() -> list[Row]:
     """Return the largest error in V_p of a batch at RTOL, and its memory."""
-    played = (evaluate(PaperTrapezoid(), VALIDATION_SEED, BATCH, rtol=rtol) for rtol in (1e-12, RTOL))
+    played = (ScenarioBatch(VALIDATION_SEED, BATCH, Task(rtol=rtol)).play(PaperTrapezoid()) for rtol in (1e-12, RTOL))
     exact, rough = (episodes.object_velocity for episodes in played)
     envs: Any = gym.make_vec(ID, num_envs=BATCH).unwrapped
     envs.reset(seed=0)

@@ -26,6 +26,7 @@ from experiments.lab.grid import Contestant, Place
 from experiments.lab.parts import Picture, Section, Table, percent
 from experiments.lab.statistics import Comparison, Estimate, Resamples, estimate
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Study
+from impact_gym.task import Task
 from impact_gym.task.task import VELOCITY_RANGE
 
 
@@ -100,10 +101,11 @@ def searched(
 
     def played(numbers: Any, seed: int, count: int, copies: int, rtol: float) -> Any:
         made = kind() if rule == "rule" else kind.of(np.repeat(numbers, count, axis=0))
-        options = {"rtol": rtol, "threads": 1, "quiet": True, "lenient": True, **place.environment()}
-        stage = ScenarioBatch(seed, count, copies, [weight] * copies, **options)
+        task = Task(**place.environment())
+        where: Any = {"copies": copies, "time_weight": [weight] * copies, "threads": 1}
+        stage = ScenarioBatch(seed, count, task.changed({"rtol": rtol}), quiet=True, lenient=True, **where)
         distances = np.tile(place.distances(seed, count), copies)
-        return stage.play(made.for_environment(place.environment()), {"distance": distances})
+        return stage.play(made.for_task(task), {"distance": distances})
 
     def losses(candidates: Floats) -> Floats:
         episodes = played(candidates[:, 0], TUNING_SEED, scenarios, population, 1e-5)

@@ -25,6 +25,7 @@ from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.player import films, fragment
 from experiments.lab.statistics import Estimate, Floats, Resamples, along, estimate
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
+from impact_gym.task import Task
 from impact_gym.teleop.channels import FIFTH_GENERATION
 
 COUPLINGS = ("rigid", "spring", "bistable")
@@ -272,8 +273,9 @@ def watched(coupling: str, count: int) -> dict[str, Any]:
     """Return films of an operator alone and with a local brake, 100 ms away: a typical scenario, the worst of each."""
     environment = environment_of(coupling, REACH, {"delay": 0.1})
     rules: dict[str, Any] = {ALONE: OperatorAlone(), BRAKE: LocalBrake()}
-    players = {name: rule.for_environment(environment) for name, rule in rules.items()}
-    stage = ScenarioBatch.of("test", count, threads=1, quiet=True, **environment)
+    task = Task(**environment)
+    players = {name: rule.for_task(task) for name, rule in rules.items()}
+    stage = ScenarioBatch.of("test", count, task, threads=1, quiet=True)
     results = {name: stage.play(player) for name, player in players.items()}
     alone, brake = (np.asarray(results[name].slide, float) for name in (ALONE, BRAKE))
     numbers = {

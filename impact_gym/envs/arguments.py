@@ -1,21 +1,23 @@
-"""The arguments of the task in the signatures of all front ends, declared once, in `Task`."""
+"""The arguments of `Task` in the signatures and the docstrings of all front ends, with the other tables of these."""
 
 import inspect
 from collections.abc import Callable
 from functools import wraps
 from typing import ParamSpec
 
+from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP, Quantity
+from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import ARGUMENTS
 from impact_gym.validation import WrongTypeError, shown
 
 P = ParamSpec("P")
+Rows = list[tuple[str, ...]]
 
 
 def with_task_arguments(**without: str) -> Callable[[Callable[P, None]], Callable[P, None]]:
     """Return a decorator of constructors, whose `**arguments` become those of `Task`.
 
-    They are in the signature that `inspect` and `help` show, with their defaults. Those in `without` are refused, for
-    the reason given there.
+    `inspect` and `help` show them with their defaults. Those in `without` are refused, with the reason given there.
     """
 
     def decorate(constructor: Callable[P, None]) -> Callable[P, None]:
@@ -42,3 +44,58 @@ def with_task_arguments(**without: str) -> Callable[[Callable[P, None]], Callabl
         return checked
 
     return decorate
+
+
+def filled(text: str) -> str:
+    """Return a docstring with the tables that it names, as Markdown."""
+    pairs = zip(SCENARIO, ScenarioRanges().by_id().values(), strict=True)
+    scenario = [(f"`{row.id}`", f"{low:g} - {high:g}", law_of(row), row.unit) for row, (low, high) in pairs]
+    set_up = [(f"`{row.id}`", law_of(row), row.unit, f"{row.scale.low:g}", f"{row.scale.high:g}") for row in SET_UP]
+    tables: dict[str, Rows] = {
+        "OBSERVATION_TABLE": observation_table(),
+        "SCENARIO_TABLE": [("Scenario field", "Default range", "Distribution", "Unit"), *scenario],
+        "SET_UP_TABLE": [("Number of the set-up", "Distribution", "Unit", "Observed from", "to"), *set_up],
+        "ARGUMENT_TABLE": argument_table(),
+    }
+    for place, rows in tables.items():
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = ["    | " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows]
+        lines.insert(1, "    |" + "|".join("-" * (width + 2) for width in widths) + "|")
+        text = text.replace(f"    {place}", "\n".join(lines))
+    return text
+
+
+def law_of(row: Quantity) -> str:
+    """Return in words how a number is drawn from a range."""
+    if row.draw is None or not row.draw.by_ratio:
+        return "uniform"
+    return "log-uniform, uniform from 0" if row.limits.at_least == 0.0 else "log-uniform"
+
+
+def observation_table() -> Rows:
+    """Return a row for each number that may be observed."""
+    seen = [row for row in QUANTITIES.values() if row.observed and row.observed != "past_readings"]
+    seen.sort(key=lambda row: (row.observed != "always", row.observed == "privileged"))
+    rows: Rows = [("Num", "Observation", "Unit", "from", "to", "Scaled to", "Argument")]
+    for place, row in enumerate(seen):
+        low, high, scaled_low, curve, ends = row.scale
+        unit = {"linear": row.unit, "log": f"{row.unit}, as log", "log1p": f"{row.unit}, as log(1 + F)"}[curve]
+        always = row.observed == "always"
+        shapers = ", ".join(f"`{name}`" for name in (ends, *row.shaped_by) if name)
+        argument = shapers if always else f"only with `{row.observed}`" + (f"; {shapers}" if shapers else "")
+        words = f"{row.words} minus flange position" if row.from_flange else row.words
+        scaled = f"[{scaled_low:g}, 1]"
+        rows.append((str(place) if always else "then", words, unit, f"{low:g}", f"{high:g}", scaled, argument))
+    rows.insert(-6, ("then", "force and deflection, 1, 2, 3 before", "", "", "", "", "only with `past_readings`"))
+    return rows
+
+
+def argument_table() -> Rows:
+    """Return a row for each argument of the task."""
+    rows: Rows = [("Name", "Default", "Meaning")]
+    for name, item in ARGUMENTS.items():
+        default = f'"{item.default}"' if isinstance(item.default, str) else f"{item.default}"
+        quantity, words = QUANTITIES.get(name), item.metadata["words"]
+        unit = f"{quantity.unit}, " if quantity and quantity.unit != "-" else ""
+        rows.append((f"`{name}`", default, unit + (words or (quantity.words if quantity else ""))))
+    return rows

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_gym import kernels
 from impact_gym.envs.infos import Infos
-from impact_gym.envs.state import check, taken
+from impact_gym.envs.state import digest, taken
 from impact_gym.outcome import Trace
 from impact_gym.simulation import MAX_STEPS
 from impact_gym.task.action import ActionSpec
@@ -28,25 +28,16 @@ ROWS_PER_THREAD = 256
 """A batch is cut for several threads only into pieces of at least this many rows: smaller ones do not pay."""
 
 _STATE = (
-    "draws",
-    "laws",
-    "chains",
-    "episodes",
-    "readings",
-    "ranges",
-    "links",
-    "packets",
-    "observations",
-    "rewards",
+    "draws", "laws", "chains", "episodes", "readings", "ranges", "links", "packets", "observations", "rewards",
     "traces",
-)
+)  # fmt: skip
 TRACE_INTERVAL = 1e-3  # s, between points of a trace in flight
 INTERVENTION = 1e-3  # m/s, by which a command is changed at the least where the assistance intervenes
 _SPARE = 4  # readings beyond those in transit: some are taken before the oldest is due
 
 
 class Bodies(NamedTuple):
-    """Where flanges, tools and objects are, and whether an object has been touched, (rows,) each."""
+    """Positions of flanges, tools and objects, and whether an object has been touched, (rows,) each."""
 
     time: NDArray[np.float64]  # s
     flange: NDArray[np.float64]  # m
@@ -71,8 +62,7 @@ class Batch:
 
         Args:
             size: how many rows.
-            task: of all rows, or one for each: these may differ in everything that does not change the observation,
-                such as tool, coupling, robot, alarm threshold, noise and scenarios.
+            task: of all rows, or one for each: these may differ in everything that does not change the observation.
             threads: how many to use, None for all cores; changes no result.
             trace_points: number of points kept of the time histories of each row.
             max_steps: integration steps after which the solver gives up an episode.
@@ -88,9 +78,8 @@ class Batch:
         self.threads = cores() if threads is None else whole("threads", threads, at_least=1)
         self.max_steps = max_steps
         self.spec = ObservationSpec.of_rows(tasks)
-        slots = (
-            max(int(kernels.readings_in_transit(each.longest_delay, each.control_period)) for each in tasks) + _SPARE
-        )
+        delays = [(each.longest("reaction_delay"), each.control_period) for each in tasks]
+        slots = max(int(kernels.readings_in_transit(*each)) for each in delays) + _SPARE
         sensing = [each for each in tasks if each.range_sensor]
         periods = (each.longest("range_sensor.delay") / each.control_period for each in sensing)
         range_slots = int(max(periods, default=0.0)) + _SPARE
@@ -128,7 +117,7 @@ class Batch:
             self.laws = np.resize(self.laws, self.size)
 
     def _make_rows(self) -> None:
-        """Hand the arrays to the kernels."""
+        """Give the arrays to the kernels."""
         draws, laws, *arrays, traces = (getattr(self, name) for name in _STATE)
         recorder = np.empty(0, kernels.CONTACT), traces, np.empty(0), TRACE_INTERVAL
         shared = self._entries, recorder, self.max_steps, len(self.action_spec)
@@ -160,7 +149,7 @@ class Batch:
         """Begin an episode in each of `rows` (k,).
 
         Args:
-            rows: which.
+            rows: indices.
             draws: uniform numbers in [0, 1) for each (k, UNIFORMS), or the generators of all rows, which give them.
             fixed: records (k,), nan where the episode draws, see `task.episodes`; None: all is drawn.
         """
@@ -172,24 +161,23 @@ class Batch:
     def begin_seeded(self, seed: int, fixed: Mapping[str, ArrayLike], copies: int = 1) -> None:
         """Begin in row k the first episode of the seed `seed` + k.
 
-        What is `fixed`, by id and for all rows or for each, is not drawn. With several `copies` the same seeds come so
-        many times.
+        Numbers in `fixed`, by id and for all rows or for each, are not drawn. The seeds repeat for each of `copies`.
         """
         uniforms = np.tile(first_uniforms(seed, self.size // copies), (copies, 1))
         self.begin(np.arange(self.size), uniforms, records_with(self.size, fixed))
 
     def step(self, actions: Any, skip: NDArray[np.bool_], shape: tuple[int, ...] | None = None) -> None:
-        """Play a control step with `actions`, but where `skip` (size,) is set.
+        """Play a control step with `actions`, except in the rows of `skip` (size,).
 
-        Leaves `observations`, `rewards` and the fields of `episodes` as they are after it.
+        The results are in `observations`, `rewards` and `episodes`.
 
         Args:
             actions: numbers in [-1, 1], clipped beyond, of any type; `action_spec` maps them to SI units.
-            skip: see above.
-            shape: that they must have; None: (size, n).
+            skip: flags of rows.
+            shape: required shape of `actions`; None: (size, n).
 
         Raises:
-            TypeError, ValueError: not numbers, another shape, or not finite; nothing was stepped.
+            TypeError, ValueError: not numbers, another shape, or not finite; no row was stepped.
         """
         given = array("action", actions, shape or (self.size, len(self.action_spec)))
         values = np.ascontiguousarray(given, np.float64).reshape(self.size, -1)
@@ -203,7 +191,7 @@ class Batch:
         over_rows(run, self.size, self.threads, ROWS_PER_THREAD)
 
     def set_operator_velocity(self, velocities: ArrayLike) -> None:
-        """Let the operators, each a `Person`, command `velocities` (m/s), one for all rows or (size,), from now on.
+        """Let the operators, each a `Person`, command `velocities` (m/s) from now on, one for all rows or (size,).
 
         Raises:
             TypeError, ValueError: the operator is another one, or the arm cannot follow these numbers.
@@ -211,30 +199,32 @@ class Batch:
         for task in self.tasks:
             one_of("operator", task.operator, Person)
         lows, highs = zip(*(task.velocity_range for task in self.tasks), strict=True)
-        limits: Any = {"at_least": max(lows), "at_most": min(highs)}
         for velocity in np.atleast_1d(array("command", velocities)):
-            number("command", velocity, "m/s", **limits)
+            number("command", velocity, "m/s", at_least=max(lows), at_most=min(highs))
         self.links["person_command"] = velocities
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of the whole state."""
-        return {name: getattr(self, name).copy() for name in _STATE}
+        arrays = {name: getattr(self, name).copy() for name in _STATE}
+        return arrays | {"sha256": digest((self._tasks, self._tables, *arrays.values()))}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Take over a state that `get_state` of a batch of this size and task returned; it goes on to the bit.
+        """Take over a state that `get_state` of a batch of this size and task returned, to the bit.
 
         Raises:
-            ValueError: this batch cannot reach that state; nothing was changed.
+            ValueError: the state was altered, or is one of another size or task; nothing was changed.
         """
-        here = {name: getattr(self, name) for name in _STATE}
-        check(here, {name: taken(state, name, here[name]) for name in _STATE}, self._tasks, self.max_steps)
+        arrays = {name: taken(state, name, getattr(self, name)) for name in _STATE}
+        found = digest((self._tasks, self._tables, *arrays.values()))
+        if (taken(state, "sha256", found) != found).any():
+            raise ValueError("sha256 of a state must be that of its arrays and tasks: altered, or of another batch")
         for name in _STATE:
-            getattr(self, name)[:] = state[name]
+            getattr(self, name)[:] = arrays[name]
 
     def info(self, rows: int | NDArray[np.int64] | None = None) -> dict[str, Any]:
-        """Return the entries of the final info as they stand.
+        """Return the present entries of the final info.
 
-        Plain numbers where `rows` is one row; else arrays (size,), blank in other rows than `rows` (None: all).
+        Plain numbers if `rows` is one row; else arrays (size,), blank in other rows than `rows` (None: all).
         """
         if isinstance(rows, int):
             return self.infos(np.array([rows]))[0]
@@ -247,10 +237,9 @@ class Batch:
     def link_columns(self) -> dict[str, NDArray[Any]]:
         """Return the entries of the info of every step with an operator, arrays (size,) and (size, 1); else none.
 
-        `command` and its age are of the newest command that has arrived by the end of the step. The keys of
-        human-in-the-loop code are of the last velocity that the flange was sent to in the step (m/s): `teleop_action`
-        is the operator's, 0 where it was too old, `intervene_action` the executed one. That is there in every step, as
-        arrays of a batch have no gaps: the flag says whether it is an intervention.
+        `command` and its age are of the newest command that has arrived by the end of the step. `teleop_action` is the
+        operator's last command in the step, 0 if too old, and `intervene_action` the executed velocity (m/s), in every
+        step; `is_intervention` says whether they differ.
         """
         if not len(self.links):
             return {}
@@ -265,9 +254,8 @@ class Batch:
     def link_infos(self) -> list[dict[str, Any]]:
         """Return these entries of each row, plain numbers and arrays (1,)."""
         columns = self.link_columns()
-        lists = (list(column) if column.ndim > 1 else column.tolist() for column in columns.values())
-        rows = zip(*lists, strict=True) if columns else iter([()] * self.size)
-        return [dict(zip(columns, row, strict=True)) for row in rows]
+        lists = {name: list(column) if column.ndim > 1 else column.tolist() for name, column in columns.items()}
+        return [{name: values[row] for name, values in lists.items()} for row in range(self.size)]
 
     def sensors(self) -> dict[str, NDArray[np.float64]]:
         """Return the sensor values of all rows in SI units, (size,) each; see `ImpactApproachEnv.sensors`."""
@@ -295,7 +283,7 @@ class Batch:
         return EpisodeState(detection, alarm, over, float(episode["done_time"]) if self.ended[row] else np.inf)
 
     def bodies(self) -> Bodies:
-        """Return where everything is now; with a compliant robot and a rigid coupling the flange is with the tool."""
+        """Return the present positions; with a compliant robot and a rigid coupling the flange is at the tool."""
         chains, with_tool = self.chains, np.resize(self.laws["with_tool"], self.size)
         tool = chains["flange_position"] + chains["deflection"]
         flange = np.where(with_tool, tool, chains["flange_position"] + chains["flange_offset"])

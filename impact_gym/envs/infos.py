@@ -60,7 +60,8 @@ class Infos:
     def infos(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
         """Return the info of each of `rows`."""
         count, missed, status = _verdicts(episodes, chains, rows)
-        entries = (*_numbers(episodes)[rows, self._columns], chains["peak_force"][rows], count, missed, status)
+        numbers = episodes.view(np.float64).reshape(len(episodes), -1)
+        entries = (*numbers[rows, self._columns], chains["peak_force"][rows], count, missed, status)
         values = zip(*(column.tolist() for column in entries), strict=True)
         infos = [filled(self._layout, of_row) for of_row in values]
         for row, info in zip(rows.tolist(), infos, strict=True):
@@ -74,17 +75,12 @@ class Infos:
         """Return the infos of `rows` as arrays (size,), blank elsewhere."""
         size = len(episodes)
         numbers = np.zeros((len(self._columns) + 1, size))
-        numbers[:-1, rows] = _numbers(episodes)[rows, self._columns]
+        numbers[:-1, rows] = episodes.view(np.float64).reshape(size, -1)[rows, self._columns]
         numbers[-1, rows] = chains["peak_force"][rows]
         verdicts = [np.zeros(size, np.int64), np.zeros(size, np.bool_), np.full(size, None)]
         for column, some in zip(verdicts, _verdicts(episodes, chains, rows), strict=True):
             column[rows] = some
         return filled(self._layout, (*numbers, *verdicts))
-
-
-def _numbers(episodes: Records) -> NDArray[np.float64]:
-    """Return all numbers of episodes (size, n), as a view."""
-    return episodes.view(np.float64).reshape(len(episodes), -1)
 
 
 def _verdicts(

@@ -8,11 +8,9 @@ import numpy as np
 from gymnasium import Space, spaces
 from numpy.typing import NDArray
 
-from impact_gym.envs import docstring
-from impact_gym.envs.arguments import with_task_arguments
+from impact_gym.envs.arguments import filled, with_task_arguments
 from impact_gym.envs.batch import Batch
 from impact_gym.outcome import Trace
-from impact_gym.task.action import ActionSpec
 from impact_gym.task.episodes import EpisodeState, reset_options, skip_episodes
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
@@ -25,11 +23,6 @@ if TYPE_CHECKING:
 TRACE_POINTS = 1 << 15
 _ROW = np.zeros(1, np.int64)
 _NO_SKIP = np.zeros(1, np.bool_)
-
-
-def action_space(task: Task) -> Space[Any]:
-    """Return the action space of one environment."""
-    return spaces.Box(-1.0, 1.0, (len(ActionSpec(task)),), np.float32)
 
 
 def observation_space(spec: ObservationSpec) -> Space[Any]:
@@ -176,10 +169,11 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.render_mode = render_mode
         self._renderer: Renderer | None = None
         points = TRACE_POINTS if record_trace or render_mode is not None else 0
-        self._batch = Batch(1, Task(**arguments), threads=1, trace_points=points)
+        self.task = Task(**arguments)
+        self._batch = Batch(1, self.task, threads=1, trace_points=points)
         self.observation_spec, self.action_spec = self._batch.spec, self._batch.action_spec
         self.observation_space = observation_space(self.observation_spec)
-        self.action_space = action_space(self._batch.tasks[0])
+        self.action_space = spaces.Box(-1.0, 1.0, (len(self.action_spec),), np.float32)
         self._running = False
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
@@ -281,4 +275,4 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
 
 if ImpactApproachEnv.__doc__:  # there is none under python -OO
-    ImpactApproachEnv.__doc__ = docstring.filled(ImpactApproachEnv.__doc__)
+    ImpactApproachEnv.__doc__ = filled(ImpactApproachEnv.__doc__)

@@ -1,6 +1,6 @@
 """The environment with an operator in the loop: the text that specifies it."""
 
-from impact_gym.envs import docstring
+from impact_gym.envs.arguments import filled
 from impact_gym.envs.single import ImpactApproachEnv
 
 
@@ -8,10 +8,10 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     """An operator steers the tool from afar and acts late; the assistance at the arm corrects, and acts at once.
 
     ## Description
-    What `ImpactApproach` is but for this: an operator commands the flange's velocity over a channel and sees over
-    another the arm. Between the commands and the flange stands the controller, here an assistance: it can slow the
-    approach down, and after a touch stop and withdraw. It never knows where the object stands. Its command reaches the
-    flange at once; the operator's comes late. The task is done when the object rests again.
+    As `ImpactApproach`, except that an operator commands the flange's velocity over a channel and sees the arm over
+    another. Between the commands and the flange stands the controller, here an assistance: it can slow the approach
+    down, and after a touch stop and withdraw. It never knows where the object stands. Its command reaches the flange at
+    once; the operator's comes late. The task is done when the object rests again.
 
     ## Operators and Channels
     `operator` is a record of `ig.operators` or a dict with its name as "type": `Replay`, `Person`, `Trapezoid`,
@@ -79,4 +79,4 @@ class ImpactTeleopEnv(ImpactApproachEnv):
 
 
 if ImpactTeleopEnv.__doc__:  # there is none under python -OO
-    ImpactTeleopEnv.__doc__ = docstring.filled(ImpactTeleopEnv.__doc__)
+    ImpactTeleopEnv.__doc__ = filled(ImpactTeleopEnv.__doc__)

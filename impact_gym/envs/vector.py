@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from gymnasium import logger
 from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Box
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -13,8 +14,8 @@ from numpy.typing import NDArray
 
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, action_space, observation_space
-from impact_gym.envs.state import require, taken
+from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, observation_space
+from impact_gym.envs.state import taken
 from impact_gym.task.episodes import reset_options, skip_episodes
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
@@ -33,8 +34,8 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     action, starts the next episode and rewards nothing), SAME_STEP (the last observation and info in
     `infos["final_obs"]`, `infos["final_info"]`) or DISABLED (reset by `options={"reset_mask": ...}`); `render_mode`,
     None or, for at most 16 environments, "rgb_array"; `max_episode_steps`, after which an episode is truncated;
-    `threads`, which changes no result; `per_slot`, a mapping for each slot of those arguments that it has otherwise, as
-    long as all slots observe the same.
+    `threads`, which changes no result; `per_slot`, a mapping for each slot with the arguments in which it differs; all
+    slots must have the same observation.
     """
 
     @with_task_arguments()
@@ -69,7 +70,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self.batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
         self.observation_spec, self.action_spec = self.batch.spec, self.batch.action_spec
         self.single_observation_space = observation_space(self.observation_spec)
-        self.single_action_space = action_space(tasks[0])
+        self.single_action_space = Box(-1.0, 1.0, (len(self.action_spec),), np.float32)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._generators: list[np.random.Generator] = []
@@ -97,7 +98,12 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         """
         one_of("options", options, Mapping, type(None))
         rest = dict(options or {})
-        mask = self._mask(rest.pop("reset_mask", None))
+        words = f"{self.num_envs} booleans, at least one of them true,"
+        given = rest.pop("reset_mask", None)
+        everywhere = np.ones(self.num_envs, np.bool_)
+        mask = array("options['reset_mask']", everywhere if given is None else given, everywhere.shape, "b", words)
+        if not mask.any():
+            raise ValueError(f"options['reset_mask'] must hold {words} got none")
         fixed, skipped = reset_options(rest, self.batch.tasks, self.num_envs)
         return self.begin(seed, mask, fixed[mask], skipped), {}
 
@@ -186,17 +192,16 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     def get_state(self) -> dict[str, Any]:
         """Return a copy of the whole state, generators included."""
         generators = [generator.bit_generator.state for generator in self._generators]
-        flags = {"ended": self._ended.copy(), "begun": self._begun.copy()}
-        return {"batch": self.batch.get_state(), "generators": generators, **flags}
+        return {"batch": self.batch.get_state(), "generators": generators}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Take over a state that `get_state` of a batch of this size and these arguments returned, to the bit.
 
         Raises:
-            ValueError: this batch cannot reach that state; nothing was changed.
+            ValueError: the state was altered, or is one of another size or task; nothing was changed.
         """
-        ended, begun = (taken(state, name, self._none) for name in ("ended", "begun"))
         given, generators = state.get("generators"), list[np.random.Generator]()
+        begun = taken(state.get("batch"), "episodes", self.batch.episodes)["drawn"]["object_mass"] != 0.0
         if not isinstance(given, list) or len(given) != (self.num_envs if begun.any() or given else 0):
             raise ValueError(f"generators of a state must be a list of {self.num_envs}, got {shown(given)}")
         for slot, there in enumerate(given):
@@ -205,31 +210,14 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
                 generators[-1].bit_generator.state = there
             except (LookupError, TypeError, ValueError, OverflowError) as error:
                 raise ValueError(f"generators[{slot}] of a state must be a PCG64's, got {shown(there)}") from error
-        before = self.batch.get_state()
-        self.batch.set_state(state.get("batch", {}))
-        try:
-            has_begun = ~begun | (self.batch.episodes["drawn"]["object_mass"] != 0.0)
-            for name, flags, good in (("ended", ended, ended == self.batch.ended), ("begun", begun, has_begun)):
-                require(name, flags, good, "as the episodes say")
-        except ValueError:
-            self.batch.set_state(before)
-            raise
-        self._generators, self._ended, self._begun = generators, ended.copy(), begun.copy()
+        self.batch.set_state(state["batch"])
+        self._generators, self._ended, self._begun = generators, self.batch.ended, begun
 
     def _draw_and_begin(self, rows: NDArray[np.int64], fixed: NDArray[Any] | None = None) -> None:
         self.batch.begin(rows, self._generators, fixed)
         if self._renderers:
             for row in rows.tolist():
                 self._renderers[row].begin()
-
-    def _mask(self, mask: Any) -> Flags:
-        if mask is None:
-            return np.ones(self.num_envs, np.bool_)
-        words = f"{self.num_envs} booleans, at least one of them true,"
-        flags = array("options['reset_mask']", mask, (self.num_envs,), "b", words)
-        if not flags.any():
-            raise ValueError(f"options['reset_mask'] must hold {words} got none")
-        return flags
 
     def _seed(self, seed: Any, mask: Flags) -> None:
         """Seed slot i with seed + i, or with the i-th of a list; None leaves a generator as it is."""

@@ -15,7 +15,7 @@ from impact_gym.identify.search import ROUGH, Point, as_good, descend, distinct,
 from impact_gym.identify.sensor import Array, bursts, level
 
 STARTS = 8  # starting points that are fitted, the best first; `Fit.again` takes as many more
-NOISE_ROUNDS = 3  # estimates of the noise, each with a new fit
+NOISE_ROUNDS = 3  # estimates of the noise, with a new fit each
 CONFIDENCE = 0.95
 END_TOLERANCE = 0.02  # of an end of an interval, relative to the half width
 MAX_STEP = 1.5  # of a coordinate, first step towards an end; an interval longer than this may hide another minimum
@@ -53,7 +53,7 @@ class Fit:
         return cls.polished(model, as_good(model, race(model, starts + _past_first_blow(model, first))))
 
     def again(self) -> "Fit":
-        """Return the best fit from STARTS further starts and the known minima; itself if they add no minimum."""
+        """Return the best fit from STARTS further starts and the known minima; this one if they add no minimum."""
         model, more = self.model, slice(STARTS, 2 * STARTS)
         known = [Point(self.misfit, self.x), *self.others]
         minima = race(model, scatter(model)[more] + _past_first_blow(model, more))
@@ -120,7 +120,7 @@ def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
     for number, slope in zip(model.free, slopes, strict=False):
         if slope == 0.0:
             raise ValueError(
-                f"free: the log does not depend on {number.name}, whatever its value; leave it out, or record what does"
+                f"free: the log does not depend on {number.name}, at all; fix it, or record a column that does"
             )
 
 

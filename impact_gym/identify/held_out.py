@@ -38,10 +38,6 @@ class Prediction(NamedTuple):
     predicted: float
     equal: float  # median of the fitted blows with the same motion; nan: there are none
 
-    def error(self, value: float) -> float:
-        """Return the error of a value relative to the measured one."""
-        return abs(value - self.measured) / abs(self.measured) if self.measured else math.inf
-
 
 @dataclass(frozen=True)
 class HeldOut:
@@ -51,13 +47,10 @@ class HeldOut:
 
     def errors(self, quantity: str) -> tuple[Array, Array]:
         """Return the relative errors of the predictions and of the medians of equal blows, (blows,) each."""
-        errors = [
-            (each.error(each.predicted), each.error(each.equal))
-            for each in self.predictions
-            if each.quantity == quantity
-        ]
-        predicted, equal = np.array(errors).reshape(-1, 2).T
-        return predicted, equal
+        rows = [each[2:] for each in self.predictions if each.quantity == quantity]
+        measured, predicted, equal = np.array(rows).reshape(-1, 3).T
+        with np.errstate(divide="ignore"):  # inf where nothing was measured
+            return np.abs(predicted - measured) / np.abs(measured), np.abs(equal - measured) / np.abs(measured)
 
     def __str__(self) -> str:
         lines = ["each half of the logs predicts the other:"]

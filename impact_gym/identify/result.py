@@ -143,21 +143,21 @@ def misfits(fit: Fit) -> Iterator[str]:
                        'tared; give its bias, or Sensor(bias="estimated")')  # fmt: skip
             ratio = float(np.mean(behind**2)) / spread**2 if len(behind) else 0.0
             if fdtrc(len(behind), len(before) - 1, ratio) < FALSE_ALARM:
-                yield (f"{log.name}, {name}: the model leaves {ratio**0.5:.3g} times as much from the touch on as the "
-                       "noise before it: is something missing in the scene or the sensor?")  # fmt: skip
+                yield (f"{log.name}, {name}: from the touch on, the residuals are {ratio**0.5:.3g} times the noise "
+                       "before: is something missing in the scene or the sensor?")  # fmt: skip
         if model.sensors[name].noise is not None and chdtrc(n, float(np.sum(rest**2))) < FALSE_ALARM:
-            yield (f"{log.name}, {name}: the model leaves {float(np.mean(rest**2)) ** 0.5:.3g} times the noise that "
-                   "the sensor is said to have")  # fmt: skip
+            yield (f"{log.name}, {name}: the residuals are {float(np.mean(rest**2)) ** 0.5:.3g} times the noise "
+                   "given for the sensor")  # fmt: skip
         lags = np.arange(1, min(LAGS, n // 5) + 1)
         centred = rest - rest.mean()
         power = [float(centred[lag:] @ centred[:-lag]) / float(centred @ centred) for lag in lags]
         if len(lags) and chdtrc(len(lags), n * (n + 2) * np.sum(np.square(power) / (n - lags))) < FALSE_ALARM:
-            yield (f"{log.name}, {name}: what the model leaves is not white noise (Ljung and Box): the signal drifts, "
-                   "or the scene or the sensor is another")  # fmt: skip
+            yield (f"{log.name}, {name}: the residuals are not white noise (Ljung and Box): the signal drifts, or the "
+                   "scene or the sensor is wrong")  # fmt: skip
 
 
 def _with_unit(scene: Any, name: str, text: str) -> str:
-    """Return a text followed by the unit of a number of a scene."""
+    """Return a text followed by the unit of this number of a scene."""
     if name == "contact.stiffness":
         return f"{text} N/m^{scene.contact.stiffness_exponent:g}"
     return f"{text} {BY_PATH[name].unit}".removesuffix(" -")
@@ -178,19 +178,19 @@ def _words(fit: Fit, interval: Mapping[str, Interval], correlation: Array) -> It
     for (i, first), (j, second) in combinations(enumerate(interval), 2):
         if abs(correlation[i, j]) > MIN_CORRELATION and not {first, second}.isdisjoint(wide):
             other = "larger" if correlation[i, j] > 0 else "smaller"
-            yield (f"the log does not tell {first} and {second} apart: a larger one with a {other} other fits as well "
-                   f"(correlation {correlation[i, j]:.3f})")  # fmt: skip
+            yield (f"the log does not separate {first} and {second}: a larger one with a {other} other fits equally "
+                   f"well (correlation {correlation[i, j]:.3f})")  # fmt: skip
 
 
 def _sentence(scene: Scene, name: str, low: float, high: float) -> str:
     """Return a sentence about a number with a wide interval."""
     open_above = high == (1.0 if name == RESTITUTION else np.inf)
     if low == 0.0 and open_above:
-        return f"the log does not tell {name} at all: any value fits as well"
+        return f"the log does not determine {name} at all: any value fits equally well"
     if open_above or low == 0.0:
         limit = f"above {low:.3g}" if open_above else f"below {high:.3g}"
-        return f"the log does not tell {name}: any value {_with_unit(scene, name, limit)} fits as well"
-    return f"the log hardly tells {name}: it lies between {_with_unit(scene, name, f'{low:.3g} and {high:.3g}')}"
+        return f"the log does not determine {name}: any value {_with_unit(scene, name, limit)} fits equally well"
+    return f"the log hardly determines {name}: it lies between {_with_unit(scene, name, f'{low:.3g} and {high:.3g}')}"
 
 
 def _reasons(fit: Fit) -> Iterator[str]:

@@ -42,7 +42,7 @@ def from_urdf(
 
     Args:
         path: of the file; meshes are not needed.
-        base: the link that stands still; what is above it is left out.
+        base: the fixed link; links above it are ignored.
         tip: the link whose frame is the flange.
         joint_stiffness: N m/rad, or N/m: a number for all joints, one for each, or a pair (low, high) to draw from, for
             all or for each; for an arm of two joints two numbers are one for each. There is no default: it is seldom
@@ -53,7 +53,7 @@ def from_urdf(
         seed: of the numbers drawn from pairs.
         inertia: "given", or "balanced" for a file whose rounding breaks the triangle rule, that no principal moment of
             inertia exceeds the sum of the other two: a body that breaks it, and no other, gets the mean of its three
-            moments for each, as by MuJoCo's `balanceinertia`. A body is all that is welded together behind a joint.
+            moments for each, as by MuJoCo's `balanceinertia`. A body is a link with all links welded to it.
 
     Raises:
         TypeError, ValueError: the file is no such arm, or a joint parameter is invalid; says which.

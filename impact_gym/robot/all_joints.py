@@ -1,4 +1,4 @@
-"""All joints of an arm at once: the reference for the table of an `Approach` (paper, eq. 10).
+"""Simulation of an arm with all its joints, the reference for the table of an `Approach` (paper, eq. 10).
 
     M(q) q'' + c(q, q') = D (q_m' - q') + K (q_m - q) - J' F
 
@@ -45,7 +45,7 @@ class Blow:
 
 def simulate(
     arm: Arm, approach: Approach, scene: Scene, motion: Trapezoid | Motion, *, duration: float,
-    coriolis: bool = True, gravity: bool = False, linear: bool = False, servo: Servo | None = None, rtol: float = 1e-8,
+    coriolis: bool = True, gravity: bool = False, servo: Servo | None = None, rtol: float = 1e-8,
     most_evaluations: int = MOST_EVALUATIONS,
 ) -> Blow:  # fmt: skip
     """Simulate an approach of `arm` with all its joints along the line of `approach`; the scene has no robot.
@@ -58,8 +58,6 @@ def simulate(
         duration: s.
         coriolis: whether centrifugal and Coriolis forces act.
         gravity: whether weight acts, the joints deflected by it from the start; else it is compensated.
-        linear: M and J constant, those where the object stands, and small deflections: the paper's step from eq. 10 to
-            eq. 11, without Coriolis forces and weight.
         servo: how the motors follow the line; None: exactly.
         rtol: of the integration, 1e-12 to 1e-3.
         most_evaluations: of the equations, after which a run stops with a status.
@@ -72,7 +70,7 @@ def simulate(
         ("motion", motion, (Trapezoid, Motion)), ("servo", servo, (Servo, type(None))),
     ):  # fmt: skip
         one_of(field, value, *kinds)
-    for field, given in (("coriolis", coriolis), ("gravity", gravity), ("linear", linear)):
+    for field, given in (("coriolis", coriolis), ("gravity", gravity)):
         flag(field, given)
     number("duration", duration, "s", above=0)
     number("rtol", rtol, "-", at_least=1e-12, at_most=1e-3)
@@ -87,13 +85,12 @@ def simulate(
         raise ValueError(f"object.distance is {distance!r} m, but the line ends after {approach.position[-1]:.4g} m")
     if arm.joints != approach.joints or np.abs(arm.flange(approach.joint_angles[0])[0] - approach.start).max() > 1e-6:
         raise ValueError("approach must be of this arm: its first joint angles do not put the flange at its start")
-    if servo is not None and (linear or not (arm.rotors > 0).all()):
-        raise ValueError("a servo needs the arm's rotor_inertia, in kg m^2, above 0, and linear=False")
+    if servo is not None and not (arm.rotors > 0).all():
+        raise ValueError("a servo needs the arm's rotor_inertia, in kg m^2, above 0")
     path = Path(motion)
     equations = Equations(
-        arm, approach, scene, path, coriolis=coriolis, gravity=gravity, linear=linear, servo=servo,
-        most_evaluations=most_evaluations,
-    )  # fmt: skip
+        arm, approach, scene, path, coriolis=coriolis, gravity=gravity, servo=servo, most_evaluations=most_evaluations
+    )
     if servo is not None:
         found = [equations.arm.mass_matrix(approach.joint_angles[row]) for row in (0, len(approach.position) // 2, -1)]
         growth = max(servo.growth(M, arm.stiffness, arm.damping, arm.rotors) for M in found)
@@ -117,14 +114,15 @@ def _run(equations: Equations, duration: float, rtol: float, status: str) -> Blo
                 due = t + servo.period
             while late and t >= late[0][0]:
                 equations.torque = late.popleft()[1]
-            until = min(duration, path.next_change(t), due, late[0][0] if late else math.inf)
+            changes = [piece[0] for piece in path.pieces if piece[0] > t]
+            until = min(duration, *changes, due, late[0][0] if late else math.inf)
             found = equations.piece(t, until, y, touching, undetected and path.threshold < math.inf, rtol)
             if not found.success:
                 raise Unfinished(f"the integration failed: {found.message}")
             if touching:
-                states = [(s, found.sol(s)) for s in np.linspace(found.t[0], found.t[-1], 4 * len(found.t) + 1)]
-                peak = max(peak, _highest([equations.contact(*equations.penetration(s, each)) for s, each in states]))
-                away, turned = zip(*(equations.deviation(each, rotation) for _, each in states[::4]), strict=True)
+                states = [found.sol(s) for s in np.linspace(found.t[0], found.t[-1], 4 * len(found.t) + 1)]
+                peak = max(peak, _highest([equations.contact(*equations.penetration(each)) for each in states]))
+                away, turned = zip(*(equations.deviation(each, rotation) for each in states[::4]), strict=True)
                 sideways, turn = max(sideways, *away), max(turn, *turned)
             t, y = float(found.t[-1]), found.y[:, -1]
             fired = next((kind for kind, times in enumerate(found.t_events) if times.size), None)
@@ -137,7 +135,7 @@ def _run(equations: Equations, duration: float, rtol: float, status: str) -> Blo
                 parted.append(t)
                 touching, y[-5] = False, y[-3] - 1e-15
             elif fired == 0:
-                closing = equations.penetration(t, y)[1]
+                closing = equations.penetration(y)[1]
                 touching, equations.damping = True, d * scene.contact.stiffness / max(closing, 1e-9)
                 if not touches:
                     impact, rotation = closing + float(y[-2]), equations.arm.flange(y[: equations.n])[1]

@@ -1,6 +1,6 @@
-"""The bodies of an arm: a joint each, and the links welded together behind it as one rigid body, checked in sum.
+"""The bodies of an arm: a joint each, and the links welded together behind it as one rigid body.
 
-A frame or a point payload needs no inertia of its own: only the sum of what is welded together is checked.
+Only the sum of links that are welded together is checked, as a frame or a point payload needs no inertia of its own.
 """
 
 import importlib
@@ -20,7 +20,7 @@ ROUNDING = 1e-6
 
 
 class Body(NamedTuple):
-    """A joint of an arm, and all that is welded together behind it."""
+    """A joint of an arm, and the rigid body behind it."""
 
     joint: str  # name
     unit: str  # of the joint's position, rad or m

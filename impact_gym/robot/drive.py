@@ -31,10 +31,6 @@ class Path:
         since = t - begin
         return place + (speed + 0.5 * rate * since) * since, speed + rate * since, rate
 
-    def next_change(self, t: float) -> float:
-        """Return when the acceleration changes next, s."""
-        return min((piece[0] for piece in self.pieces if piece[0] > t), default=math.inf)
-
     def brake(self, detection: float) -> None:
         """Brake a delay after the force first exceeded the threshold, at `detection` (s)."""
         assert isinstance(self._motion, Trapezoid)

@@ -28,20 +28,17 @@ class Equations:
 
     def __init__(
         self, arm: Arm, approach: Approach, scene: Scene, path: Path, *, coriolis: bool = True, gravity: bool = False,
-        linear: bool = False, servo: Servo | None = None, most_evaluations: int = MOST_EVALUATIONS,
+        servo: Servo | None = None, most_evaluations: int = MOST_EVALUATIONS,
     ) -> None:  # fmt: skip
         self.rigid, self.m_t, self.m_p = isinstance(scene.coupling, Rigid), scene.tool.mass, scene.object.mass
         self.arm, self.scene, self.path, self.n = arm.with_load(self.m_t) if self.rigid else arm, scene, path, arm.count
-        self.coriolis, self.gravity, self.servo, self.linear = coriolis, gravity, servo, linear
+        self.coriolis, self.gravity, self.servo = coriolis, gravity, servo
         self.motors = CubicSpline(approach.position, approach.joint_angles)
         self.slopes, self.bend = self.motors.derivative(), self.motors.derivative(2)
         self.places, self.pieces = approach.position.tolist(), self.motors.c.transpose(1, 0, 2)
         self.start, self.u = approach.start, approach.direction
-        met = self.motors(scene.object.distance)
-        self.row = self.u @ self.arm.dynamics(met, np.zeros(self.n), False, False)[1]  # where the object stands
-        M = self.arm.mass_matrix(met)
-        self.inverse, self.carried = np.linalg.inv(M), M @ self.slopes(scene.object.distance)
-        modes = np.linalg.eigvals(self._elastic(np.eye(self.n), self.inverse))
+        inverse = np.linalg.inv(self.arm.mass_matrix(self.motors(scene.object.distance)))
+        modes = np.linalg.eigvals(self._elastic(inverse))
         self.stiff = bool(np.abs(modes).max() > STIFF)
         self.torque = np.zeros(self.n)  # of the motors, held for a sample
         self.damping = 0.0  # chi of the contact that goes on, N s/m^(1 + n)
@@ -49,15 +46,12 @@ class Equations:
 
     def begin(self, distance: float) -> Array:
         """Return the state at rest, in equilibrium."""
-        q_m = self.motors(0.0)
-        q = q_m
-        if self.linear:
-            q = np.zeros(self.n)
-        elif self.gravity:
+        q = q_m = self.motors(0.0)
+        if self.gravity:
             q = fsolve(lambda q: self.arm.dynamics(q, q * 0.0, False, True)[2] - self.arm.stiffness * (q_m - q), q_m)
         self.torque = self.arm.stiffness * (q_m - q)
         motors = np.concatenate([q_m, np.zeros(self.n)]) if self.servo else np.empty(0)
-        place = 0.0 if self.linear else float(self.u @ (self.arm.flange(q)[0] - self.start))
+        place = float(self.u @ (self.arm.flange(q)[0] - self.start))
         return np.concatenate([q, np.zeros(self.n), motors, [place, 0.0, distance, 0.0, 0.0]])
 
     def driven(self, t: float, y: Array) -> tuple[Array, Array]:
@@ -101,12 +95,9 @@ class Equations:
         rear = max(k * (held.rear_stop - place) - c * rate, 0.0) if place < held.rear_stop else 0.0
         return float(held.force(place)) - front + rear
 
-    def flange(self, t: float, y: Array) -> tuple[float, float, Array, Array]:
+    def flange(self, y: Array) -> tuple[float, float, Array, Array]:
         """Return place and velocity along the line, the line's row of the Jacobian and the bias."""
         q, rates = y[: self.n], y[self.n : 2 * self.n]
-        if self.linear:  # q is what the joints yield
-            s, speed, rise = self.path.at(t)
-            return s + float(self.row @ q), speed + float(self.row @ rates), self.row, self.carried * rise
         place, J, bias = self.arm.dynamics(q, rates, self.coriolis, self.gravity)
         row = self.u @ J
         return float(self.u @ (place - self.start)), float(row @ rates), row, bias
@@ -117,41 +108,39 @@ class Equations:
         if self.evaluations > self.most_evaluations:
             raise Unfinished(f"more than {self.most_evaluations} evaluations of the equations")
         n, out = self.n, np.empty_like(y)
-        place, speed, row, bias = self.flange(t, y)
+        place, speed, row, bias = self.flange(y)
         tool, v_t, x, v_p = (place, speed, y[-3], y[-2]) if self.rigid else y[-5:-1]
         force = max(self.contact(tool - x, v_t - v_p), 0.0) if touching else 0.0
         pulled = force if self.rigid else self.pull(tool - place, v_t - speed)
         q, v = y[:n], y[n : 2 * n]
-        q_m, v_m = (0.0, 0.0) if self.linear else self.driven(t, y)
+        q_m, v_m = self.driven(t, y)
         yielded = self.arm.stiffness * (q_m - q) + self.arm.damping * (v_m - v)
         torques = yielded - bias - row * pulled
-        out[:n], out[n : 2 * n] = v, self.inverse @ torques if self.linear else self.arm.accelerations(torques)
+        out[:n], out[n : 2 * n] = v, self.arm.accelerations(torques)
         if self.servo:
             out[2 * n : 3 * n] = v_m
             out[3 * n : 4 * n] = (self.torque - yielded) / self.arm.rotors
         out[-5:] = v_t, 0.0 if self.rigid else (pulled - force) / self.m_t, v_p, force / self.m_p, force
         return out
 
-    def jacobian(self, t: float, y: Array) -> Array:
+    def jacobian(self, _: float, y: Array) -> Array:
         """Return the part of d(rates)/d(state) from the joints' stiffness and damping: the only stiff part."""
-        self.flange(t, y)
-        matrix, unit = np.zeros((len(y), len(y))), np.eye(self.n)
-        inverse = self.inverse if self.linear else self.arm.accelerations(unit)
-        matrix[: 2 * self.n, : 2 * self.n] = self._elastic(unit, inverse)
+        self.flange(y)
+        matrix = np.zeros((len(y), len(y)))
+        matrix[: 2 * self.n, : 2 * self.n] = self._elastic(self.arm.accelerations(np.eye(self.n)))
         return matrix
 
-    def _elastic(self, unit: Array, inverse: Any) -> Any:
+    def _elastic(self, inverse: Any) -> Any:
+        unit = np.eye(self.n)
         return np.block([[0.0 * unit, unit], [-inverse * self.arm.stiffness, -inverse * self.arm.damping]])
 
-    def penetration(self, t: float, y: Array) -> tuple[float, float]:
+    def penetration(self, y: Array) -> tuple[float, float]:
         """Return the penetration, m, and its rate, m/s."""
-        tool, v_t = self.flange(t, y)[:2] if self.rigid else y[-5:-3]
+        tool, v_t = self.flange(y)[:2] if self.rigid else y[-5:-3]
         return float(tool - y[-3]), float(v_t - y[-2])
 
     def deviation(self, y: Array, rotation: Array) -> tuple[float, float]:
         """Return distance of the flange from the line, m, and its rotation from `rotation`, rad."""
-        if self.linear:
-            return 0.0, 0.0
         self.arm.move(y[: self.n])
         place, turned = self.arm.pose()
         away = place - self.start
@@ -161,22 +150,22 @@ class Equations:
     def piece(self, t: float, until: float, y: Array, touching: bool, undetected: bool, rtol: float) -> Any:
         """Integrate a smooth piece to its first event: touch or parting, end of the line, force over the threshold."""
 
-        def gap(t: float, y: Array) -> float:
-            return self.penetration(t, y)[0]
+        def gap(_: float, y: Array) -> float:
+            return self.penetration(y)[0]
 
         def line_left(t: float, _: Array) -> float:
             s = self.path.at(t)[0]
             return min(s + 1e-9, self.places[-1] - s)
 
-        def over_threshold(t: float, y: Array) -> float:
-            return self.contact(*self.penetration(t, y)) - self.path.threshold
+        def over_threshold(_: float, y: Array) -> float:
+            return self.contact(*self.penetration(y)) - self.path.threshold
 
         events: list[Any] = [gap, line_left, over_threshold][: 3 if undetected and touching else 2]
         for event, direction in zip(events, (-1.0 if touching else 1.0, -1.0, 1.0), strict=False):
             event.terminal, event.direction = True, direction
         longest, law = until - t, self.scene.contact
         if touching:
-            mass, closing = 1.0 / (1.0 / self.m_t + 1.0 / self.m_p), max(abs(self.penetration(t, y)[1]), 1e-3)
+            mass, closing = 1.0 / (1.0 / self.m_t + 1.0 / self.m_p), max(abs(self.penetration(y)[1]), 1e-3)
             depth = (mass * closing**2 / law.stiffness) ** (1.0 / (law.stiffness_exponent + 1.0))
             longest = min(longest, depth / closing)
         elif isinstance(self.scene.coupling, Bistable):

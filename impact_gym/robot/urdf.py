@@ -1,7 +1,7 @@
 """The serial arm between two links of a URDF file.
 
 Links that hang on the arm by other joints move with it: fixed ones, and those of a gripper, which is held at zero.
-What the arm does not move is not checked. Meshes, colours and transmissions are left out.
+Links that the arm does not move are not checked. Meshes, colours and transmissions are ignored.
 
 MuJoCo's own reader of URDF is not used: it needs the meshes, ignores mimic joints without a warning, and refuses an
 inertia without the name of its link.
@@ -66,7 +66,7 @@ def read(text: str, base: str, tip: str, balanced: bool, remarks: list[str]) -> 
         base: the link that stands still.
         tip: the link at the end.
         balanced: see `bodies.welded_body`.
-        remarks: to which sentences are added that the user should be warned with.
+        remarks: list to which warnings are added.
 
     Raises:
         ValueError: the text is no URDF of such an arm; names link or joint.
@@ -95,13 +95,14 @@ def read(text: str, base: str, tip: str, balanced: bool, remarks: list[str]) -> 
         behind, place = places.get(joint.parent, (0, np.eye(4)))
         if not behind and joint.name not in on_way:
             continue  # it stands still
+        if joint.kind not in (*UNITS, "fixed"):
+            kinds = f"{joint.kind or 'of no type'}, allowed are {', '.join(UNITS)} and fixed"
+            raise ValueError(f"joint {joint.name!r} is {kinds}")
         place = place @ _place(joint.name, joint.element)
         if joint.name in chain:
             begins.append(place)
             welded.append({})
             behind, place = len(welded) - 1, np.eye(4)
-        elif joint.kind not in (*UNITS, "fixed"):
-            raise ValueError(_type_refused(joint))
         elif joint.mimics in chain:
             remarks.append(f"joint {joint.name!r} mimics {joint.mimics!r}, a joint of the arm, but is held at zero")
         places[joint.child] = behind, place
@@ -189,7 +190,7 @@ def _path(joints: Iterable[Joint], link: str) -> list[Joint]:
 
 
 def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, most: float) -> tuple[float, ...]:
-    """Return the numbers of an attribute; `missing` stands for one that is not there, and has as many words."""
+    """Return the numbers of an attribute; `missing`, with as many words, replaces an absent one."""
     text = missing if of is None else of.get(key, missing)
     try:
         values = [float(each) for each in text.split()] if "_" not in text else []  # 1_0 is a number to Python alone
@@ -215,15 +216,9 @@ def _place(name: str, of: Element) -> Array:
     return place
 
 
-def _type_refused(joint: Joint) -> str:
-    return f"joint {joint.name!r} is {joint.kind or 'of no type'}, allowed are {', '.join(UNITS)} and fixed"
-
-
 def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
     """Return the unit of a joint of the arm and its limits, checked."""
     name, limit = joint.name, _only(joint.element, "limit", joint.name)
-    if joint.kind not in UNITS:
-        raise ValueError(_type_refused(joint))
     if joint.mimics is not None:
         raise ValueError(f"joint {name!r} mimics another, which is not allowed between base and tip")
     unit = UNITS[joint.kind]

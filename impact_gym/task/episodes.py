@@ -94,7 +94,7 @@ def _checked(field: str, name: str, value: Any, tasks: Sequence[Task], slots: in
         if name in task.drawn:
             limits = dict(zip(("at_least", "at_most"), task.drawn[name], strict=True))
         elif name == "reaction_delay":
-            limits["at_most"] = task.longest_delay
+            limits["at_most"] = task.longest(name)
         checked.append(number(f"{field}[{slot}]" if listed else field, each, QUANTITIES[name].unit, **limits))
         if name == "noise_seed" and checked[-1] % 1.0:
             raise ValueError(f"{field} must be a whole number, got {shown(each)}")

@@ -8,20 +8,16 @@ import csv
 import hashlib
 import io
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.files import named_file, parsed, write_file
-from impact_gym.kernels import draw
+from impact_gym.files import named_file, parsed
 from impact_gym.quantities import SCENARIO
-from impact_gym.task.episodes import first_uniforms
-from impact_gym.task.scenario import FIELDS, ScenarioRanges
-from impact_gym.validation import unit_text, whole
+from impact_gym.task.scenario import FIELDS
+from impact_gym.validation import unit_text
 
 SHIPPED = Path(__file__).with_name("sets")
 
@@ -52,41 +48,12 @@ def _frozen(text: str) -> EvaluationSet:
     """Return the set in the text of a file."""
     head, _, table = text.partition("\n")
     about = json.loads(head.removeprefix("# "))
-    checksum = _checksum(about["seed"], about["count"], table)
+    checksum = hashlib.sha256(f"{about['seed']},{about['count']}\n{table}".encode()).hexdigest()
     if checksum != about["sha256"]:
         raise ValueError(f"its checksum is {checksum}, not {about['sha256']}: it was altered")
     rows = list(csv.DictReader(io.StringIO(table)))
     scenario = {name: np.array([float(row[head]) for row in rows]) for name, head in _COLUMNS.items()}
     return EvaluationSet(int(about["seed"]), scenario)
-
-
-def freeze(path: str | Path, ranges: ScenarioRanges | Mapping[str, Any] | str, seed: int, count: int) -> Path:
-    """Write the scenarios that environments seeded `seed` ... `seed + count - 1` draw first from `ranges`.
-
-    Raises:
-        FileExistsError: there is a file; a frozen set is not overwritten.
-    """
-    path = Path(path)
-    pairs = ScenarioRanges.of(ranges).by_id()
-    seed, count = whole("seed", seed, at_least=0), whole("count", count, at_least=1)
-    if path.exists():
-        raise FileExistsError(f"{path} is there already; a frozen set is not overwritten")
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_COLUMNS.values())
-    for uniforms in first_uniforms(seed, count):
-        scenario = []
-        for row in SCENARIO:
-            (low, high), place = pairs[row.id], row.draw.place if row.draw else 0
-            scenario.append(draw(low, high, row.by_ratio(low), uniforms[place]))
-        writer.writerow(scenario)
-    checksum = _checksum(seed, count, text.getvalue())
-    about = json.dumps({"seed": seed, "count": count, "sha256": checksum})
-    return write_file(path, f"# {about}\n{text.getvalue()}")
-
-
-def _checksum(seed: int, count: int, table: str) -> str:
-    return hashlib.sha256(f"{seed},{count}\n{table}".encode()).hexdigest()
 
 
 _COLUMNS = {row.id: f"{row.id} [{unit_text(row.unit)}]" for row in SCENARIO}

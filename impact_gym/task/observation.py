@@ -153,7 +153,7 @@ class ObservationSpec:
 
 
 def _actor_sees(row: Quantity, task: Task) -> bool:
-    """Whether the options of `task` show a quantity to the controller."""
+    """Whether the controller of `task` observes a quantity."""
     match row.observed:
         case "past_readings":
             sensor, _, before = row.id.rpartition("_")

@@ -25,8 +25,6 @@ VELOCITY_RANGE = (-0.5, 1.5)  # m/s, of the first number of an action, by defaul
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, of the second, by default; the flange brakes at its end after the episode
 MISSED_COST = 2.0  # m/s
 SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
-DISSIPATIONS = ("hu-guo", "exact", "fixed")
-ALARMS = ("force", "reading")
 MOST_STEPS = 2**53  # control steps until truncation
 PLACES = places(RECORD)
 """Place of each number of an episode in its record, by id."""
@@ -175,8 +173,8 @@ class Task:
         object.__setattr__(self, name, value)
 
     def _check_choices(self) -> None:
-        for name, allowed in {"dissipation": DISSIPATIONS, "alarm": ALARMS}.items():
-            choice(name, getattr(self, name), allowed)
+        choice("dissipation", self.dissipation, ("hu-guo", "exact", "fixed"))
+        choice("alarm", self.alarm, ("force", "reading"))
         law: Any = self.dissipation
         contact = Contact(1.0, 1.0, law, reference_velocity=self.reference_velocity)
         self._put("reference_velocity", contact.reference_velocity)
@@ -185,9 +183,7 @@ class Task:
         if self.deflection_sensor and isinstance(self.coupling, Rigid):
             raise ValueError("deflection_sensor must be False with a Rigid coupling, which has no deflection")
         if self.range_noise is None and (self.observe_range_noise or self.range_bias or "range_bias" in self.drawn):
-            raise ValueError(
-                "range_bias and observe_range_noise must be 0 and False without an estimate, range_noise None"
-            )
+            raise ValueError("range_bias and observe_range_noise must be 0 and False without an estimate (range_noise)")
         if self.range_sensor is not None:
             if self.range_noise is not None:
                 raise ValueError(f"range_noise must be None beside a range_sensor, got {self.range_noise:g} m")
@@ -232,13 +228,8 @@ class Task:
         return self.scenario.by_id() | always | dict(self.drawn)
 
     def longest(self, path: str) -> float:
-        """Return the largest value that a number of the set-up, by its dotted path, has in any episode."""
-        return self.drawn[path][1] if path in self.drawn else float(get(self, path))
-
-    @property
-    def longest_delay(self) -> float:
-        """The longest reaction delay of an episode, s."""
-        return self.ranges["reaction_delay"][1]
+        """Return the largest value in any episode of a number, by its dotted path."""
+        return self.ranges[path][1] if path in self.ranges else float(get(self, path))
 
     def ends(self, argument: str) -> Range:
         """Return the ends of a scale that depend on an argument of the environment."""
@@ -247,6 +238,12 @@ class Task:
         if argument == "horizon":
             return 0.0, max(1.25 * self.horizon, self.horizon + self.after_alarm)
         return (0.0, self.after_alarm) if argument == "after_alarm" else self.velocity_range
+
+    def differs_in(self, other: "Task") -> list[str]:
+        """Return the arguments in which another task differs, however they are written."""
+        names = {name for name in ARGUMENTS if getattr(self, name) != getattr(other, name)}
+        drawn = {name for name in {*self.drawn, *other.drawn} if self.drawn.get(name) != other.drawn.get(name)}
+        return sorted(names | {name.partition(".")[0] for name in drawn})
 
     def at(self, record: Mapping[str, float]) -> "Task":
         """Return the task of the episode that drew `record`, the final `info["record"]`: nothing in it is drawn."""
@@ -278,8 +275,9 @@ class Task:
                 numbers[row.id] = getattr(self, row.id) or 0.0
         draws = []
         for name, (low, high) in self.ranges.items():
-            row = QUANTITIES[name]
-            draws.append((PLACES[name], row.draw.source if row.draw else 0, row.by_ratio(low), low, high))
+            law: Any = QUANTITIES[name].draw
+            source = -1 - law.place if law.own_stream else law.place  # a uniform number; < 0: of stream -1 - source
+            draws.append((PLACES[name], source, QUANTITIES[name].by_ratio(low), low, high))
         action = ActionSpec(self)
         values = {
             "control_period": self.control_period, "horizon": self.horizon, "after_alarm": self.after_alarm,

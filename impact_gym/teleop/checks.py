@@ -33,7 +33,7 @@ def checked(task: Any) -> dict[str, Channel]:
     if not task.friction or task.drawn.get("friction", (1.0, 1.0))[0] == 0.0:
         raise ValueError("friction must be above 0 (no unit) with an operator: else an object never rests")
     for name in ("speed", "creep"):
-        if (fastest := longest(task, "operator", name)) > high:
+        if (fastest := ends(task, "operator", name)[1]) > high:
             raise ValueError(f"operator.{name} must be at most that of the arm, {high:g} m/s, got {fastest:g} m/s")
     for velocity in task.operator.recorded:
         if not low <= velocity <= high:
@@ -43,7 +43,7 @@ def checked(task: Any) -> dict[str, Channel]:
         raise ValueError(f"Replay.length must be at least the horizon, {task.horizon:g} s, got {length!r} s")
     channels = {way: getattr(task, way) or Channel() for way in WAYS}
     for way, channel in channels.items():
-        delay, jitter, tail = (longest(task, way, name) for name in ("delay", "jitter", "tail"))
+        delay, jitter, tail = (ends(task, way, name)[1] for name in ("delay", "jitter", "tail"))
         mean = delay + max(jitter + share * (tail - jitter) for share in ends(task, way, "tail_share"))
         late, note = max(mean, *channel.delays, 0.0), " with the mean jitter" if mean > delay else ""
         of, note = ("trace", ": is it in ms?") if channel.trace else ("delay", note)
@@ -59,7 +59,7 @@ def checked(task: Any) -> dict[str, Channel]:
 
 
 def without_files(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return arguments of an environment from an untrusted file, which may not name files to read.
+    """Return arguments of an environment from an untrusted file; it may not name files to read.
 
     Raises:
         ValueError: a channel's trace is the name of a file or an URL instead of rows.
@@ -75,11 +75,6 @@ def ends(task: Any, part: str, name: str) -> Range:
     """Return the least and the largest value of a number of a task's operator or channel, 0 if it has none."""
     value = getattr(getattr(task, part), name, 0.0)
     return task.drawn.get(f"{part}.{name}", (value, value))
-
-
-def longest(task: Any, part: str, name: str) -> float:
-    """Return the largest value that this number can take in any episode."""
-    return ends(task, part, name)[1]
 
 
 def lowered(task: Any, record: NDArray[Any], begin: int) -> list[NDArray[np.float64]]:
@@ -108,7 +103,7 @@ def packets_under_way(task: Any) -> int:
     """Return how many packets must be kept: those in transit, and those that the operator sees late."""
     if task.operator is None:
         return 0
-    late = [LONGEST_JITTER * max(longest(task, way, "jitter"), longest(task, way, "tail")) for way in WAYS]
-    up, down = (longest(task, way, "delay") + max((0.0, *getattr(task, way).delays)) for way in WAYS)
-    most = max(up + late[0], down + late[1] + longest(task, "operator", "reaction"))
+    late = [LONGEST_JITTER * max(ends(task, way, name)[1] for name in ("jitter", "tail")) for way in WAYS]
+    up, down = (ends(task, way, "delay")[1] + max((0.0, *getattr(task, way).delays)) for way in WAYS)
+    most = max(up + late[0], down + late[1] + ends(task, "operator", "reaction")[1])
     return math.ceil(min(most, task.horizon) / task.control_period) + 4

@@ -1,4 +1,4 @@
-"""Operators: who commands an arm from afar.
+"""Operators, who command an arm from afar.
 
 An operator commands a velocity, and sees a touch on the display. Operators do not know where the object stands: they
 believe it `place_error` beyond its face, and search at the speed `creep` from there on. All but a `Replay` and a

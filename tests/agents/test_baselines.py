@@ -98,10 +98,10 @@ def test_clairvoyant_goes_by_the_true_gap():
 @pytest.mark.parametrize("rule", RULES)
 def test_rule_acts_on_a_row_of_a_batch_as_it_does_alone(rule):
     (seen, _), parameters = observations(rule.NEEDS), drawn(rule, 200)
-    actions, _ = rule.of(parameters).for_environment(rule.NEEDS).predict(seen)
+    actions, _ = rule.of(parameters).for_task(Task(**rule.NEEDS)).predict(seen)
     assert np.abs(actions).max() <= 1.0 + 1e-6
     for row, own in enumerate(parameters):
-        alone = rule.of(own).for_environment(rule.NEEDS)
+        alone = rule.of(own).for_task(Task(**rule.NEEDS))
         assert np.array_equal(alone.predict(seen[row])[0], actions[row])
         assert np.array_equal(alone.predict(seen)[0][row], actions[row])
 
@@ -109,7 +109,7 @@ def test_rule_acts_on_a_row_of_a_batch_as_it_does_alone(rule):
 @pytest.mark.parametrize("name", ["blind-profile", "constant-deceleration"])
 def test_rule_by_position_goes_where_the_objects_stand(name):
     rule = load_baseline(name, 2.0)
-    farther = rule.for_environment({"scenario": {"distance": [0.3, 0.7]}})  # twice as far, and twice as wide
+    farther = rule.for_task(Task(scenario={"distance": [0.3, 0.7]}))  # twice as far, and twice as wide
     x = np.linspace(0.15, 0.35, 9)
     if name == "blind-profile":  # it has the same speeds there
         x = np.array([0.08, 0.12, *x])
@@ -117,14 +117,14 @@ def test_rule_by_position_goes_where_the_objects_stand(name):
     else:  # it has the same deceleration, and as much farther to go
         assert farther.speed(2.0 * rule["end"] - x) == pytest.approx(rule.speed(rule["end"] - x))
     env = gym.make(ID, scenario={"object_mass": 1.0}, render_mode="rgb_array", record_trace=True)
-    assert np.array_equal(rule.for_environment(env.spec.kwargs).speed(x), rule.speed(x))
-    fixed = rule.for_environment({"scenario": {"distance": 0.4}})
+    assert np.array_equal(rule.for_task(env.unwrapped.task).speed(x), rule.speed(x))
+    fixed = rule.for_task(Task(scenario={"distance": 0.4}))
     assert np.isfinite(fixed.speed(np.linspace(0.0, 1.0, 50))).all()
 
 
 def test_rule_follows_its_profile_in_the_environments_control_period():
-    rule, batch = load_baseline("blind-profile", 2.0), ScenarioBatch.of("validation", 100, control_period=0.1)
-    fitted = rule.for_environment({"control_period": 0.1})
+    rule, task = load_baseline("blind-profile", 2.0), Task(control_period=0.1)
+    batch, fitted = ScenarioBatch.of("validation", 100, task), rule.for_task(task)
     assert batch.play(fitted).loss(2.0).mean() < batch.play(rule).loss(2.0).mean()
 
 
@@ -171,9 +171,9 @@ def test_shipped_baseline_beats_the_papers_rule_at_its_weight_and_misses_next_to
     poor = isinstance(content["environment"].get("range_noise"), list)  # estimates off by up to 30 mm and more
     assert content["rule"] == setup.tuned[name].rule
     for weight in map(float, content["weights"]):
-        environment = content["environment"] | (CLEAN_ALARM if setup.tuned[name].clean_alarm else {})
-        batch = ScenarioBatch.of("validation", 100, time_weight=[weight], **environment)
-        players = (each.for_environment(environment) for each in (load_baseline(name, weight), rival))
+        task = Task(**content["environment"] | (CLEAN_ALARM if setup.tuned[name].clean_alarm else {}))
+        batch = ScenarioBatch.of("validation", 100, task, time_weight=[weight])
+        players = (each.for_task(task) for each in (load_baseline(name, weight), rival))
         ours, theirs = (batch.play(each) for each in players)
         assert ours.missed.sum() <= (1 if poor else 0)  # of 100, what the report still takes for a claim
         assert ours.loss(weight).mean() < theirs.loss(weight).mean()
@@ -181,8 +181,8 @@ def test_shipped_baseline_beats_the_papers_rule_at_its_weight_and_misses_next_to
 
 def test_paper_limits_permit_the_papers_rule_and_no_more():
     def played(controller, name):
-        environment = load_setup(name).environment
-        result = ScenarioBatch.of("test", 500, **environment).play(controller.for_environment(environment))
+        task = load_setup(name).task
+        result = ScenarioBatch.of("test", 500, task).play(controller.for_task(task))
         return {name: getattr(result, name) for name in RESULTS}
 
     expected = played(PaperTrapezoid(), "paper-limits")
@@ -193,9 +193,9 @@ def test_paper_limits_permit_the_papers_rule_and_no_more():
 @pytest.mark.parametrize("name", ["linear-blind", "teleop-spring"])
 def test_random_actions_play_a_set_up_whatever_numbers_its_action_has(name):
     environment = load_setup(name).environment
-    alone = load_baseline("random", 2.0).for_environment(environment)
+    alone = load_baseline("random", 2.0).for_task(Task(**environment))
     seen = np.zeros((1000, len(ObservationSpec(Task(**environment)))), np.float32)
     actions = np.concatenate([alone.predict(seen)[0] for _ in range(10)])
     assert (actions.min(axis=0) < -0.99).all()
     assert (actions.max(axis=0) > 0.99).all()
-    assert ScenarioBatch(3, 20, **environment).play(alone).peak_force.max() > 0.0
+    assert ScenarioBatch(3, 20, Task(**environment)).play(alone).peak_force.max() > 0.0

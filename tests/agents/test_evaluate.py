@@ -12,7 +12,7 @@ from policies import made_up_policy
 
 from agents import load_policy, load_setup, provenance
 from agents.baselines import ConstantSpeed, PaperTrapezoid, load_baseline
-from agents.evaluate import RESULTS, TEST_SEED, TUNING_SEED, VALIDATION_SEED, ScenarioBatch, Validation, evaluate
+from agents.evaluate import RESULTS, TEST_SEED, TUNING_SEED, VALIDATION_SEED, ScenarioBatch, Validation
 from agents.evaluate import play as jobs
 from agents.setups.evaluation import WEIGHTS
 from agents.train.ppo import FIRST_SEED
@@ -23,8 +23,8 @@ from impact_gym.task import Task, evaluation_sets
 def test_evaluate_gives_a_scenario_the_same_result_whatever_its_neighbours(make):
     """To the last bit; scenarios follow from the seed alone, and what an environment plays alone is the same."""
     controller, env = make(), gym.make(ID, scenario="test")
-    many, few = evaluate(controller, TEST_SEED, 60), evaluate(controller, TEST_SEED + 41, 7)
-    other = evaluate(ConstantSpeed(1.5, 20.0), TEST_SEED, 60)
+    many, few = (ScenarioBatch(TEST_SEED + k, n).play(controller) for k, n in ((0, 60), (41, 7)))
+    other = ScenarioBatch(TEST_SEED, 60).play(ConstantSpeed(1.5, 20.0))
     assert_identical({name: values[41:48] for name, values in many.scenario.items()}, few.scenario)
     assert_identical(many.scenario, other.scenario)
     for name in RESULTS:
@@ -39,11 +39,12 @@ def test_evaluate_gives_a_scenario_the_same_result_whatever_its_neighbours(make)
 
 def test_scenario_batch_reports_where_the_solver_fails_or_takes_it_as_missed():
     with pytest.raises(RuntimeError, match=f"scenario seeded {TEST_SEED}: .*more integration steps"):
-        evaluate(PaperTrapezoid(), TEST_SEED, 1, max_steps=10)
-    assert Validation({"max_steps": 10}, WEIGHTS, scenarios=5).score(PaperTrapezoid())["missed"] == [1.0] * len(WEIGHTS)
+        ScenarioBatch(TEST_SEED, 1, max_steps=10).play(PaperTrapezoid())
+    validation = Validation(Task(), WEIGHTS, scenarios=5, max_steps=10)
+    assert validation.score(PaperTrapezoid())["missed"] == [1.0] * len(WEIGHTS)
     result = ScenarioBatch(TEST_SEED, 20, lenient=True, max_steps=40).play(PaperTrapezoid())
     assert 0 < result.missed.sum() < 20
-    assert not evaluate(PaperTrapezoid(), TEST_SEED, 20).missed.any()
+    assert not ScenarioBatch(TEST_SEED, 20).play(PaperTrapezoid()).missed.any()
     assert result.loss(1.0)[result.missed].min() > 2.0 > result.loss(1.0)[~result.missed].max()
 
 
@@ -54,14 +55,14 @@ OWN = {"scenario": {"distance": [0.1, 0.3]}, "coupling": {"type": "Bistable"}}
 @pytest.mark.parametrize("rule", [ConstantSpeed(0.8, 12.0), Always(0.0, 10.5)])
 def test_validation_plays_what_evaluation_plays(rule, environment):
     """One plays a frozen set, at all weights in one batch, the other what seeds draw, at one weight; or misses it."""
-    scores = Validation(environment, WEIGHTS, scenarios=40).score(rule)
+    scores = Validation(Task(**environment), WEIGHTS, scenarios=40).score(rule)
     for place, weight in enumerate(WEIGHTS):
-        episodes = evaluate(rule, VALIDATION_SEED, 40, **{"scenario": "train", "time_weight": weight, **environment})
+        episodes = ScenarioBatch(VALIDATION_SEED, 40, Task(**environment, time_weight=weight)).play(rule)
         expected = {name: getattr(episodes, name).mean() for name in ("object_velocity", "approach_time", "missed")}
         expected["cost"] = episodes.loss(weight).mean()
         assert {name: scores[name][place] for name in expected} == pytest.approx(expected, rel=1e-12)
     assert scores["score"] == pytest.approx(np.mean(scores["cost"]), rel=1e-12)
-    drawn = ScenarioBatch.of("validation", 40, **environment).play(rule).scenario
+    drawn = ScenarioBatch.of("validation", 40, Task(**environment)).play(rule).scenario
     assert np.array_equal(drawn["distance"], episodes.scenario["distance"])
 
 
@@ -74,21 +75,22 @@ def test_seeds_of_evaluation_tuning_and_training_lie_one_above_the_other():
 
 def test_shipped_policy_beats_the_papers_rule_on_both_objectives():
     """On scenarios that training never saw: at most half the object velocity, and no later."""
-    learned, paper = (evaluate(rule, TEST_SEED, 300) for rule in (load_policy("linear-blind"), PaperTrapezoid()))
+    learned, paper = map(ScenarioBatch(TEST_SEED, 300).play, (load_policy("linear-blind"), PaperTrapezoid()))
     assert not learned.missed.any()
     assert learned.object_velocity.mean() <= 0.5 * paper.object_velocity.mean()
     assert learned.approach_time.mean() <= paper.approach_time.mean()
 
 
 def test_policy_warns_once_where_it_is_played_elsewhere(recwarn):
-    policy, at_home = load_policy("bistable-blind"), load_setup("bistable-blind").environment
-    elsewhere = ScenarioBatch(5, 3, coupling={"type": "Bistable"})
+    policy, at_home = load_policy("bistable-blind"), load_setup("bistable-blind").task
+    mechanism = Task(coupling={"type": "Bistable"})
+    elsewhere = ScenarioBatch(5, 3, mechanism)
     with pytest.warns(UserWarning, match="another environment, which differs in coupling$"):
         elsewhere.play(policy)
     recwarn.clear()
     elsewhere.play(policy)
-    ScenarioBatch(5, 3, **at_home, time_weight=[1.0]).play(load_policy("bistable-blind"))
-    ScenarioBatch(5, 3, coupling={"type": "Bistable"}, quiet=True).play(load_policy("bistable-blind"))
+    ScenarioBatch(5, 3, at_home, time_weight=[1.0]).play(load_policy("bistable-blind"))
+    ScenarioBatch(5, 3, mechanism, quiet=True).play(load_policy("bistable-blind"))
     assert not recwarn.list
 
 
@@ -116,7 +118,8 @@ def test_tuned_profile_is_fast_at_the_places_it_was_tuned_for_wherever_it_is_pla
     own = load_setup("linear-wide").environment
     elsewhere = {name: value for name, value in own.items() if name != "scenario"}
     scenarios = {"seed": TEST_SEED, "count": 20, "ranges": own["scenario"]}
-    expected = ScenarioBatch(TEST_SEED, 20, **own).play(load_baseline("wide-profile", 2.0).for_environment(own))
+    rule = load_baseline("wide-profile", 2.0).for_task(Task(**own))
+    expected = ScenarioBatch(TEST_SEED, 20, rule.task).play(rule)
     result = jobs.play({"baseline": "wide-profile"}, scenarios, environment=elsewhere)
     assert np.array_equal(result["object_velocity"][0], expected.object_velocity)
 

@@ -5,8 +5,10 @@ import pytest
 
 from agents.baselines.filtered import LEAST_SPREAD, FilteredProfile, FirstReadingProfile
 from agents.baselines.rule import View
+from agents.evaluate.controllers import controller_of
 from impact_gym.envs.batch import Batch
 from impact_gym.task import ObservationSpec, Task
+from impact_gym.task.range_sensor import RangeSensor
 
 START = [parameter.start for parameter in FilteredProfile.PARAMETERS]
 PRIOR = 12.0 / 0.2**2  # 1/m^2, of a place between 15 and 35 cm
@@ -15,7 +17,7 @@ PRIOR = 12.0 / 0.2**2  # 1/m^2, of a place between 15 and 35 cm
 def estimates(rows, steps, kind=FilteredProfile, speed=0.3, **options):
     """Error and spread of the estimates (steps, rows) of an approach at a steady command, and the ages of readings."""
     task = Task(**options)
-    batch, rule = Batch(rows, task), kind(START).for_environment(task.arguments())
+    batch, rule = Batch(rows, task), kind(START).for_task(task)
     batch.begin_seeded(0, {})
     spec, state, found = ObservationSpec(task), None, []
     action, none = np.tile([speed, 0.2], (rows, 1)), np.zeros(rows, bool)
@@ -58,7 +60,7 @@ def test_errors_are_as_large_as_the_filter_says():
 
 def test_filter_begins_anew_with_each_episode():
     task = Task(range_sensor={"noise": 0.01})
-    batch, spec, rule = Batch(4, task), ObservationSpec(task), FilteredProfile(START).for_environment(task.arguments())
+    batch, spec, rule = Batch(4, task), ObservationSpec(task), FilteredProfile(START).for_task(task)
     batch.begin_seeded(0, {})
     view, state = rule.see(View(batch.observations, spec), None, None)
     for _ in range(3):
@@ -68,3 +70,15 @@ def test_filter_begins_anew_with_each_episode():
     again, _ = rule.see(View(batch.observations, spec), later, np.array([True, True, False, False]))
     assert np.array_equal(again["distance_estimate"][:2], view["distance_estimate"][:2])
     assert (again["spread"][2:] < view["spread"][2:]).all()
+
+
+def test_filter_keeps_the_sensor_that_it_was_tuned_for():
+    """A bias that it was not told of is not subtracted where it plays; the command is for the arm there."""
+    numbers = dict(zip(FilteredProfile.names(), START, strict=True))
+    tuned = {
+        "baseline": "mine", "rule": "FilteredProfile", "weights": {"2": {"parameters": numbers}},
+        "parameters": [{"name": name} for name in numbers], "environment": {"range_sensor": {"noise": 0.001}},
+    }  # fmt: skip
+    there = Task(range_sensor={"noise": 0.002, "bias": 0.02}, tool_mass=0.5, velocity_range=(-0.2, 0.7))
+    played = controller_of({"tuned": tuned}, 2.0, there).task
+    assert (played.range_sensor, played.tool_mass, played.velocity_range) == (RangeSensor(0.001), 0.125, (-0.2, 0.7))

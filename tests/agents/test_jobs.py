@@ -16,9 +16,11 @@ import slow_to_load
 from cluster_work import calls, fails_on, kept, numbers
 from episodes import assert_identical
 
-from agents import jobs
-from agents.jobs import Call, JobsFailedError, cached, digest_of
-from agents.progress import progress
+from agents import workers
+from agents.command_line import progress
+from agents.jobs import JobsFailedError, cached
+from agents.provenance import digest_of
+from agents.workers import Call
 from impact_gym.files import DiskFullError
 
 ROOT = Path(__file__).parents[2]
@@ -149,9 +151,9 @@ def test_ray_names_the_extra_where_it_is_missing(tmp_path, monkeypatch, log):
 
 def test_node_with_other_libraries_does_no_call(tmp_path, log):
     call = Call("cluster_work:numbers", json.dumps(listed(log)[0]), "")
-    assert b"install the same" in jobs.perform(call, {"numpy": "0.1"})
+    assert b"install the same" in workers.perform(call, {"numpy": "0.1"})
     assert calls(log) == []
-    assert b"install the same" not in jobs.perform(call, {"numpy": np.__version__})
+    assert b"install the same" not in workers.perform(call, {"numpy": np.__version__})
 
 
 def test_results_have_the_same_bits_whatever_the_order_and_the_processes(log, tmp_path, monkeypatch):

@@ -76,7 +76,7 @@ def test_load_policy_plays_the_weights_of_the_shipped_file(name):
         seen = observations(policy, 100)
         expected = actions_by_hand(own, content["network"]["activation"], seen)
         assert policy.predict(seen)[0] == pytest.approx(expected, rel=0, abs=2e-6)
-        assert setup.describes(policy.environment)
+        assert setup.describes(policy.task)
         assert {"command", "settings", "versions"} <= set(policy.provenance)
 
 

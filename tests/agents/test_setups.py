@@ -18,7 +18,6 @@ from agents.setups import feasible, owner, same_environment, shipped, shipped_ba
 from agents.setups.evaluation import VARIED, Evaluation, changes, variants
 from agents.setups.setup import FIXED
 from agents.train.ppo import Run
-from agents.tune import Tune
 from impact_gym.task import Task
 
 SPRING = {"coupling": {"type": "SpringDamper", "stiffness": [40.0, 60.0]}, "tool_mass": 0.2}
@@ -28,7 +27,7 @@ SPRING = {"coupling": {"type": "SpringDamper", "stiffness": [40.0, 60.0]}, "tool
 def test_load_setup_finds_all_that_is_shipped_for_a_set_up(name):
     setup = load_setup(name)
     weights = list(setup.training.time_weight)
-    assert Run(setup, setup.training).environment == {**setup.environment, "time_weight": weights}
+    assert Run(setup, setup.training).task.arguments() == {**setup.environment, "time_weight": weights}
     assert {*setup.against} <= {*setup.tuned, *shipped_baselines(), *FIXED}
     assert all(owner(baseline) == setup for baseline in setup.tuned)
     setup.environment["tool_mass"] = 9.0
@@ -39,10 +38,11 @@ def test_same_environment_whatever_is_left_to_defaults_or_written_as():
     written = {"tool_mass": 0.125, "coupling": {"type": "SpringDamper", "stiffness": 50.0}, "time_weight": [0.3, 8.0]}
     delays = ([0.01, 0.02], (0.01, 0.02), np.array([0.01, 0.02]))
     for given in (written, *({"scenario": scenario} for scenario in ("train", {"distance": [0.15, 0.35]}))):
-        assert same_environment({}, given)
-        assert all(same_environment({"reaction_delay": delays[0]}, given | {"reaction_delay": each}) for each in delays)
+        assert same_environment(Task(), Task(**given))
+        late = [Task(**given | {"reaction_delay": each}) for each in delays]
+        assert all(same_environment(Task(reaction_delay=delays[0]), each) for each in late)
         for other in ({"tool_mass": 0.2}, {"tool_mass": [0.1, 0.15]}):
-            assert not same_environment(given, other)
+            assert not same_environment(Task(**given), Task(**other))
 
 
 def test_load_setup_makes_what_a_file_says(mine):
@@ -56,7 +56,7 @@ def test_load_setup_makes_what_a_file_says(mine):
     assert setup.tuned["mine-profile"].rule == "RangedProfile"
     assert setup.folder == Path("runs/mine")
     assert (training.steps, training.rollout, setup.seeds, setup.budget) == (2000, 16, 2, 16)
-    assert setup.evaluation.weights == Tune((str(mine),)).weights_of(setup) == (1.0, 4.0)
+    assert setup.evaluation.weights == (1.0, 4.0)
 
 
 @pytest.mark.filterwarnings("ignore:SpringDamper.stroke")

@@ -20,7 +20,7 @@ from agents.train.__main__ import TrainOptions, read_options
 from agents.train.imitation import Teacher
 from agents.train.networks import CENTRE_AND_SPREAD, FastTanh, Standardised, standardisation
 from agents.train.ppo import Run, make_environments, policy_from
-from agents.wrappers import ScaledRewards
+from agents.train.scaling import ScaledRewards
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import Task
 
@@ -38,8 +38,8 @@ def test_read_options_takes_settings_from_the_set_up_and_reads_the_command_of_a_
 
 def test_run_is_validated_at_the_tolerance_of_its_environment():
     run = tiny(rtol=1e-4)
-    assert run.training_environment["rtol"] == 1e-4
-    assert "rtol" not in run.environment
+    assert run.training_task.rtol == 1e-4
+    assert run.task.rtol == Task().rtol
 
 
 @pytest.mark.parametrize("power", [0.0, 0.5, 1.0])
@@ -65,7 +65,7 @@ def test_make_environments_plays_a_share_as_nominal_and_shows_the_critic_what_is
     run = tiny("linear-robust", nominal=0.25)
     environments = make_environments(run)
     environments.seed(3)
-    spec, task = environments.venv.observation_spec, Task(**run.training_environment)
+    spec, task = environments.venv.observation_spec, run.training_task
     seen = environments.reset()
     truths = {"tool_mass": 0.125, "coupling.stiffness": 50.0, "coupling.damping_ratio": 1.0, "reaction_delay": 0.016}
     truths |= {"alarm_threshold": 1.0, "force_noise": spec.scale("force_noise").low}  # none at all is below its scale
@@ -107,7 +107,7 @@ def test_make_environments_mixes_families_of_operators_and_the_critic_is_told_wh
     (tmp_path / "mixed.toml").write_text(RECORDED)
     (tmp_path / "delays.csv").write_text("time,delay\n0,0.05\n1,0.15\n")
     run = tiny(tmp_path / "mixed.toml")
-    assert run.environment["uplink"] == {"trace": [[0.0, 0.05], [1.0, 0.15]]}
+    assert run.task.arguments()["uplink"] == {"trace": [[0.0, 0.05], [1.0, 0.15]]}
     share, other = run.made_for()["mixed"][0]
     assert (share, other["operator"]["speed"]) == (0.25, [0.1, 0.4])
     model, environments = model_of(run)
@@ -152,8 +152,8 @@ def test_standardised_numbers_are_about_unit_size_while_a_policy_trains():
 
 def test_standardisation_gives_what_is_drawn_mean_0_and_deviation_1():
     count, run = 4000, tiny("ranged-robust")
-    task = Task(**run.training_environment)
-    envs = ImpactVecEnv(count, **run.training_environment)
+    task = run.training_task
+    envs = ImpactVecEnv(count, **task.arguments())
     envs.seed(1)
     centre, spread = standardisation([task])
     standard = (envs.reset() - centre) / spread
@@ -272,7 +272,7 @@ def test_imitation_soon_does_nearly_as_well_as_its_teacher():
     model, _ = model_of(run)
     before = policy_from(model, run, {})
     model.learn(run.training.steps, log_interval=None)
-    batch = ScenarioBatch.of("validation", 100, time_weight=[2.0], threads=1, **run.setup.environment)
+    batch = ScenarioBatch.of("validation", 100, run.setup.task, time_weight=[2.0], threads=1)
     players = (before, policy_from(model, run, {}), load_baseline("blind-profile", 2.0), PaperTrapezoid())
     start, end, teacher, paper = (batch.play(controller).loss(2.0).mean() for controller in players)
     assert teacher < 0.8 * paper  # there is something to learn

@@ -20,6 +20,7 @@ from agents.train.callback import OBJECTIVES, CollapsedError, TrainingCallback
 from agents.train.ppo import policy_from, resume, train
 from agents.train.seeds import train_one
 from impact_gym.files import UNFINISHED
+from impact_gym.task import Task
 
 TINY_SETTINGS = ("steps", "envs", "rollout", "batch", "width", "validate_every", "validation_scenarios")
 ALL_AT_ONCE = """[environment]
@@ -57,7 +58,7 @@ def test_train_leaves_its_policies_and_how_they_came_about(whole):
     assert config["settings"]["rollout"] == 16
     assert {"python", "numpy", "torch", "gymnasium", "stable-baselines3"} <= set(config["versions"])
     assert config["versions"]["impact-gym"] == ig.__version__
-    validation = Validation(config["environment"], config["weights"], training.validation_scenarios)
+    validation = Validation(Task(**config["environment"]), config["weights"], training.validation_scenarios)
     for name in ("best", "final"):
         policy = load_policy(whole / f"{name}.npz")
         assert config.items() <= policy.provenance.items()
@@ -146,7 +147,7 @@ def test_train_seeds_trains_each_seed_once_and_for_the_set_up_as_it_is(mine, tmp
     policies = [load_policy(path, seed) for seed in (0, 1)]
     weights, others = (to_arrays(policy.network) for policy in policies)
     assert not any(np.array_equal(weights[name], others[name]) for name in weights if name != "log_std.weight")
-    assert load_setup(mine).describes(policies[0].environment)
+    assert load_setup(mine).describes(policies[0].task)
     shutil.rmtree(tmp_path / "runs" / "seed-1")
     before = path.read_bytes()
     trained(tmp_path, mine, *wanted)  # which fills the folder with what is stored

@@ -4,6 +4,7 @@ import json
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from functools import partial
 from multiprocessing import get_context
 
 import numpy as np
@@ -29,6 +30,7 @@ from agents.tune import (
     tune,
     tune_one,
 )
+from impact_gym.task import Task
 
 SPACE = (
     Parameter("speed", "m/s", -1.0, 3.0, 0.0),
@@ -106,11 +108,8 @@ def test_tune_searches_as_the_set_up_asks_and_keeps_how(noisy, tmp_path):
         assert list(entry["parameters"].values()) == alone["parameters"]
         calm = tune_one("ConstantSpeed", environment, weight, rtol=1e-6, jitter=0.0, **SEARCH)
         assert entry["train"] == alone["train"] != calm["train"]
-        assert (
-            entry["validation"]
-            == alone["validation"]
-            == scores("ConstantSpeed", environment, weight, alone["parameters"])
-        )
+        rule = ConstantSpeed.of(alone["parameters"]).for_task(Task(**environment))
+        assert entry["validation"] == alone["validation"] == scores(rule, weight)
         assert entry["search"] == {**SEARCH, "clean_alarm": True, "jitter": 0.02}
         assert f"--names noisy-speed --weights {weight} --scenarios 8 --budget 24" in entry["command"]
         assert isinstance(load_baseline("noisy-speed", weight, tmp_path), ConstantSpeed)
@@ -122,7 +121,7 @@ def test_tune_prefers_a_gentle_touch_to_none_however_little_time_costs():
     found = tune_one("ConstantSpeed", {}, 0.05, 1e-5, 0.0, **SEARCH | {"scenarios": 20, "budget": 80})
     assert found["validation"]["missed"] == 0
     assert 0.05 * 1.2 < found["train"] < 2.0
-    stage = ScenarioBatch(TUNING_SEED, 20, scenario="train", rtol=1e-5)
+    stage = ScenarioBatch(TUNING_SEED, 20, Task(rtol=1e-5))
     assert found["train"] == pytest.approx(stage.play(ConstantSpeed.of(found["parameters"])).loss(0.05).mean())
 
 
@@ -172,17 +171,17 @@ def test_tune_searches_on_a_cluster_whatever_processes_it_has_here(noisy, monkey
 def test_bound_of_is_below_every_baseline_that_is_shipped(name, weight):
     setup = load_setup(name)
     rule = Clairvoyant(bound.bound_of(setup)[weight])
-    count, options = len(rule.parameters), {"time_weight": [weight], **setup.environment}
-    known = ScenarioBatch.of(bound.FROZEN, count, privileged=True, **options).play(rule).loss(weight)
+    count, of = len(rule.parameters), partial(ScenarioBatch.of, bound.FROZEN, time_weight=[weight])
+    known = of(count=count, task=setup.task.changed({"privileged": True})).play(rule).loss(weight)
     for baseline in setup.against:
-        blind = ScenarioBatch.of(bound.FROZEN, count, **options).play(load_baseline(baseline, weight)).loss(weight)
+        blind = of(count=count, task=setup.task).play(load_baseline(baseline, weight)).loss(weight)
         assert known.mean() < blind.mean()
         assert np.mean(known < blind) > 0.9  # in single scenarios a search may end in the wrong valley
 
 
 def test_search_of_the_bound_prefers_a_gentle_touch_to_none_however_little_time_costs():
     parameters = search_bound({}, 0.01, scenarios=3, generations=12, population=10)
-    known = ScenarioBatch.of("test", 3, time_weight=[0.01], privileged=True).play(Clairvoyant(parameters))
+    known = ScenarioBatch.of("test", 3, Task(privileged=True), time_weight=[0.01]).play(Clairvoyant(parameters))
     assert not known.missed.any()
 
 
@@ -193,7 +192,7 @@ def test_search_bounds_finds_what_knowing_the_scenario_is_worth_and_keeps_it(tmp
         bound.read_bound(setup, tmp_path)
     (path,) = search_bounds(wanted, **size)
     parameters = bound.read_bound(setup, tmp_path, generations=25)[1.0]
-    known = ScenarioBatch.of("test", 4, time_weight=[1.0], privileged=True).play(Clairvoyant(parameters))
+    known = ScenarioBatch.of("test", 4, Task(privileged=True), time_weight=[1.0]).play(Clairvoyant(parameters))
     blind = ScenarioBatch.of("test", 4, time_weight=[1.0]).play(load_baseline("blind-profile", 1.0))
     assert not known.missed.any()
     assert known.loss(1.0).mean() < blind.loss(1.0).mean()

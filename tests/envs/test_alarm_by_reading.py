@@ -12,6 +12,7 @@ from scipy import stats
 from agents.baselines import BlindProfile
 from agents.baselines.detector import DETECTOR, DetectorProfile
 from agents.evaluate.scenario_batch import ScenarioBatch
+from impact_gym.task import Task
 
 READING = {"alarm": "reading"}
 
@@ -37,7 +38,9 @@ def test_false_alarm_comes_as_often_as_a_normal_number_exceeds_the_threshold_and
 
 def test_alarm_that_is_false_ends_nothing():
     """Who goes on whatever comes meets what it would have met without a sensor."""
-    quiet, noisy = (ScenarioBatch(4, 100, force_noise=noise, **READING).play(Always(0.7, 20.0)) for noise in (0.0, 5.0))
+    quiet, noisy = (
+        ScenarioBatch(4, 100, Task(force_noise=noise, **READING)).play(Always(0.7, 20.0)) for noise in (0.0, 5.0)
+    )
     assert quiet.object_velocity == pytest.approx(noisy.object_velocity, rel=1e-7, abs=1e-9)
     assert quiet.approach_time == pytest.approx(noisy.approach_time, rel=1e-7, abs=1e-9)
 
@@ -63,7 +66,7 @@ def detector(*numbers, **environment):
     """A profile with these numbers of the detector."""
     own = dict(zip((each.name for each in DETECTOR), numbers, strict=True))
     rule = DetectorProfile([own.get(each.name, each.start) for each in DetectorProfile.PARAMETERS])
-    return rule.for_environment({**DetectorProfile.NEEDS, **environment})
+    return rule.for_task(Task(**{**DetectorProfile.NEEDS, **environment}))
 
 
 def test_detector_sees_a_small_rise_as_soon_as_pages_rule_does():
@@ -100,8 +103,8 @@ def test_detector_is_right_where_the_alarm_is_and_goes_on_after_what_was_no_touc
         environment |= {"alarm": "reading", "deflection_sensor": True, "past_readings": 2}
         trusting = BlindProfile([parameter.start for parameter in BlindProfile.PARAMETERS])
         judging = detector(threshold - 0.01, 0.0, 0.01, 0.0, 0.0, 0.0) if threshold else trusting
-        stage = ScenarioBatch.of("validation", 200, **environment)
-        return stage.play(judging.for_environment({**DetectorProfile.NEEDS, **environment}))
+        stage = ScenarioBatch.of("validation", 200, Task(**environment))
+        return stage.play(judging.for_task(Task(**{**DetectorProfile.NEEDS, **environment})))
 
     trusting, judging, deaf = (
         played(threshold, alarm_threshold=3.0).object_velocity for threshold in (None, 3.0, 20.0)

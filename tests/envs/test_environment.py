@@ -37,7 +37,7 @@ def test_papers_rule_played_in_the_environment_equals_simulate(options):
     coupling, law = options.get("coupling", PAPERS_SPRING), options.get("dissipation", "hu-guo")
     # a bistable tool's flight has no closed form, and near the alignment it multiplies errors
     rtol, flight_error = (1e-11, 1e-11) if isinstance(coupling, ig.Bistable) else (1e-8, 1e-12)
-    played = ScenarioBatch(31, 60, rtol=rtol, **options).play(PaperTrapezoid())
+    played = ScenarioBatch(31, 60, Task(rtol=rtol, **options)).play(PaperTrapezoid())
     brake = ig.Brake(options.get("alarm_threshold", 1.0), options.get("reaction_delay", 0.016))
     for row, struck in enumerate(scenes_of(played, coupling, dissipation=law)):
         outcome = ig.simulate(struck, ig.Trapezoid(1.0, 8.0, brake), duration=3.0, rtol=rtol)
@@ -140,7 +140,8 @@ def test_baseline_commands_what_it_means_on_an_arm_of_other_ranges():
     results = []
     for options in ({}, {"velocity_range": (-1.0, 2.0), "acceleration_range": (0.5, 20.0)}):
         rule = ConstantDeceleration([parameter.start for parameter in ConstantDeceleration.PARAMETERS])
-        info = play(gym.make(ID, **options), rule.for_environment(options), scenario=scenario).info
+        env = gym.make(ID, **options)
+        info = play(env, rule.for_task(env.unwrapped.task), scenario=scenario).info
         results.append([info["object_velocity"], info["approach_time"], info["peak_force"]])
     assert results[0] == pytest.approx(results[1], rel=1e-4)  # actions and observations are of single precision
 

@@ -98,7 +98,7 @@ def test_batch_goes_on_from_a_state_with_readings_in_transit():
     assert_identical(batch.observations, other.observations)
     state = batch.get_state()
     state["episodes"]["ranges_delivered"] += 1000
-    with pytest.raises(ValueError, match=r"ranges_delivered.*below ranges_taken"):
+    with pytest.raises(ValueError, match="sha256 of a state must be"):
         other.set_state(state)
 
 

@@ -33,7 +33,7 @@ A soft contact on a robot that rings lets go, holds, and lets go in one step.
 
 def both(controllers, numbers, options, frozen="validation", rtol=1e-8):
     """What the environment and the reference make of the first scenarios of a set."""
-    stage = ScenarioBatch.of(frozen, len(numbers), time_weight=[1.0], rtol=rtol, **options)
+    stage = ScenarioBatch.of(frozen, len(numbers), Task(rtol=rtol, **options), time_weight=[1.0])
     return stage.play(controllers[0]), rescore(controllers[1], frozen, numbers, options, 1.0)
 
 

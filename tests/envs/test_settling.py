@@ -41,7 +41,7 @@ RULE, MOTION = ConstantSpeed(1.0, 8.0), ig.Trapezoid(1.0, 8.0, ig.Brake(threshol
 def played(coupling, robot, scenario, count):
     """Episodes of the paper's rule, what has not settled as missed; and what `simulate` finds of them in 60 s."""
     task = {"coupling": coupling, "robot": robot, "scenario": scenario, "alarm_threshold": 1e-3}
-    episodes = ScenarioBatch(SEED, count, lenient=True, **task).play(RULE)
+    episodes = ScenarioBatch(SEED, count, Task(**task), lenient=True).play(RULE)
     assert (episodes.contact_count > 0).all()
     chain = scenes.scene(coupling=coupling, robot=robot)
     paths = ("object.mass", "contact.stiffness", "contact.restitution", "object.distance")
@@ -67,7 +67,7 @@ def test_info_says_what_has_not_settled():
     assert 0.0 < info["object_velocity"] == -info["reward_terms"]["velocity"]
     assert info["reward_terms"]["missed"] == 0.0
     with pytest.raises(RuntimeError, match=f"scenario seeded {SEED}: not settled"):
-        ScenarioBatch(SEED, 2, **task).play(RULE)
+        ScenarioBatch(SEED, 2, Task(**task)).play(RULE)
 
 
 SCENARIO = {"object_mass": 0.25, "contact_stiffness": 1e5, "restitution": 0.5, "distance": 0.2505}
@@ -85,7 +85,7 @@ def final(controller, **options):
 @pytest.mark.parametrize("friction", [0.1, 0.5])
 def test_papers_rule_on_rough_ground_leaves_what_simulate_says(coupling, friction):
     """Rest is noted within two control steps, and to a millisecond after the episode."""
-    batch, late = ScenarioBatch(0, 12, coupling=coupling, friction=friction, rtol=1e-11), []
+    batch, late = ScenarioBatch(0, 12, Task(coupling=coupling, friction=friction, rtol=1e-11)), []
     played = batch.play(PaperTrapezoid())
     for row, struck in enumerate(scenes_of(played, coupling, friction=friction)):
         outcome = ig.simulate(struck, scenes.MOTION, 5.0, rtol=1e-11)
@@ -106,7 +106,7 @@ def test_info_has_slide_and_rest_time_where_there_is_friction_alone():
     assert missed.keys() == usual | {*SLIDE}
     assert missed["missed"]
     assert (missed["slide"], missed["object_velocity"]) == (0.0, 0.0)
-    played = ScenarioBatch(0, 50, friction=0.3).play(PaperTrapezoid())
+    played = ScenarioBatch(0, 50, Task(friction=0.3)).play(PaperTrapezoid())
     assert (played.slide >= played.object_velocity**2 / (0.6 * GRAVITY) * (1 - 1e-9)).all()
     assert (played.first(3).slide == played.slide[:3]).all()
     assert np.isfinite(played.rest_time).all()
@@ -126,7 +126,7 @@ def test_horizon_time_after_the_alarm_and_cost_of_a_miss_are_those_asked_for():
     _, observation = final(PaperTrapezoid(), after_alarm=0.3)
     spec = gym.make(ID, after_alarm=0.3).unwrapped.observation_spec
     assert spec.decode(observation, "time_since_alarm") == pytest.approx(0.3, rel=1e-6)
-    assert ScenarioBatch(0, 3, missed_cost=3.5).play(ConstantSpeed(0.05)).loss(1.0) == pytest.approx(1.2 + 3.5)
+    assert ScenarioBatch(0, 3, Task(missed_cost=3.5)).play(ConstantSpeed(0.05)).loss(1.0) == pytest.approx(1.2 + 3.5)
 
 
 SHORT = {"type": "SpringDamper", "stiffness": (20.0, 80.0), "stroke": (0.02, 0.2)}

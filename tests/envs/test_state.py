@@ -1,9 +1,6 @@
-"""A state that a batch cannot have come to is refused and changes nothing; whatever is taken, nothing crashes."""
+"""A state that was altered is refused and changes nothing."""
 
 import copy
-import subprocess
-import sys
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -41,56 +38,34 @@ def fields(values, path=()):
 
 
 def corrupted(state, path):
-    """Copies of a state with other numbers in a field, or another array in its place, and whether that may be taken."""
+    """Copies of a state with other numbers in a field, or another array in its place."""
     *outer, last = path
     for bad in (-1, 2**62, np.nan, -1e300, 7):
         node = there = copy.deepcopy(state)
         for name in outer:
             node = node[name]
-        with np.errstate(invalid="ignore"):
-            node[last][-1:] = np.array(bad).astype(node[last].dtype)
-        yield there, True
+        with np.errstate(all="ignore"):
+            changed = np.array(bad).astype(node[last].dtype)
+        if node[last][-1:].tobytes() != np.broadcast_to(changed, node[last][-1:].shape).tobytes():
+            node[last][-1:] = changed
+            yield there
     for change in (lambda old: old[:-1], lambda old: np.concatenate([old, old]), lambda old: None,
                    lambda old: old.view(np.uint8), lambda old: old.tolist()):  # fmt: skip
         there = copy.deepcopy(state)
-        node, name = (there["batch"], path[1]) if path[0] == "batch" else (there, path[0])
-        node[name] = change(node[name])
-        yield there, False
+        there["batch"][path[1]] = change(there["batch"][path[1]])
+        yield there
 
 
-def fuzz(kind):
-    """Every corrupted state is refused by name, leaving the batch as it is, or played on."""
-    envs, actions = running(KINDS[kind])
-    target, refusals = getattr(envs, "unwrapped", envs), 0
+@pytest.mark.parametrize("kind", KINDS)
+def test_altered_state_is_refused_by_name_and_changes_nothing(kind):
+    envs, _ = running(KINDS[kind])
+    target = getattr(envs, "unwrapped", envs)
     good = target.get_state()
-    for path in fields({name: part for name, part in good.items() if name != "generators"}):
-        name = path[1 if path[0] == "batch" else 0]
-        for state, possible in corrupted(good, path):
-            try:
+    for path in fields({"batch": {name: part for name, part in good["batch"].items() if name != "sha256"}}):
+        for state in corrupted(good, path):
+            with pytest.raises(ValueError, match=rf"^(sha256|{path[1]}) of a state must be"):
                 target.set_state(state)
-                said = ""
-            except ValueError as error:
-                said = str(error)
-            if said:
-                assert name in said.splitlines()[-1], (path, said)
-                assert_identical(target.get_state(), good)
-                refusals += 1
-                continue
-            assert possible, path
-            for row in actions:
-                envs.step(row)
-            target.set_state(good)
-    assert refusals > 200, refusals
-
-
-@pytest.mark.parametrize("kind", ["spring", "operator", pytest.param("everything drawn", marks=pytest.mark.storm)])
-def test_corrupted_state_is_refused_or_played_on(kind):
-    """In a process of its own, which a fault in the compiled program would end."""
-    paths = [str(Path(__file__).parent), *sys.path]
-    program = f"import sys; sys.path[:0] = {paths!r}; import test_state; test_state.fuzz({kind!r})"
-    command = [sys.executable, "-W", "ignore", "-c", program]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    assert (done.returncode, done.stderr[-2000:]) == (0, "")
+    assert_identical(target.get_state(), good)
 
 
 @pytest.mark.parametrize("kind", KINDS)

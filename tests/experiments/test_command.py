@@ -160,7 +160,7 @@ def test_controller_goes_from_a_file_to_a_controller_and_keeps_what_is_done(mine
     assert {entry["search"]["budget"] for entry in weights.values()} == {16}  # no more than the set-up says
     ensemble = load_ensemble(out / "policies" / "mine.npz")
     assert len(ensemble.policies) == 2
-    assert load_setup(mine).describes(ensemble[None].environment)
+    assert load_setup(mine).describes(ensemble[None].task)
     matchup = matchups.of_setup(load_setup(out / "mine.toml"), {"set": "test", "count": 30}, out)
     assert matchup.scenarios["ranges"]["object_mass"] == [0.2, 1.0]
     assert [baseline.name for baseline in matchup.baselines] == ["paper's rule", "mine-profile"]

@@ -87,7 +87,7 @@ def test_dataset_of_the_rule_equals_the_batch():
     rule_of()
     loaded, setup = minari.load_dataset("impact/linear-blind/rule-v0"), load_setup("linear-blind")
     weights = [at["options"]["record"]["time_weight"] for at in loaded.storage.get_episode_metadata(range(COUNT))]
-    batch = ScenarioBatch(dataset.SEED, COUNT, **{"scenario": "train", **setup.environment})
+    batch = ScenarioBatch(dataset.SEED, COUNT, setup.task)
     assert np.ptp(weights) > 1.0
     played = np.array([episode.infos["object_velocity"][-1] for episode in loaded])
     assert_identical(played, batch.play(PaperTrapezoid()).object_velocity)

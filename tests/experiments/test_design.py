@@ -53,8 +53,8 @@ def test_travel_is_that_of_a_spring_and_damper_set_going_evenly(stiffness, dampi
     coupling = {"type": "SpringDamper", "stiffness": stiffness, "damping_ratio": damping_ratio}
     environment = {"coupling": coupling, "scenario": {"distance": 0.5}, "acceleration_range": [1.0, 5.0]}
     travel = Travel(4)
-    rule = ConstantSpeed(1.5, 5.0).for_environment(environment)
-    ScenarioBatch(TUNING_SEED, 4, threads=1, **environment).play(rule, watch=travel)
+    rule = ConstantSpeed(1.5, 5.0).for_task(Task(**environment))
+    ScenarioBatch(TUNING_SEED, 4, rule.task, threads=1).play(rule, watch=travel)
     over = np.exp(-np.pi * damping_ratio / np.sqrt(1.0 - damping_ratio**2)) if damping_ratio < 1.0 else 0.0
     assert travel.deflection == pytest.approx(0.125 * 5.0 / stiffness * (1.0 + over), rel=0.01)
     assert (travel.stroke >= travel.deflection).all()
@@ -105,11 +105,11 @@ def test_excess_counts_what_is_beyond_each_limit_as_a_share():
 def test_scenario_batch_plays_rows_with_a_design_as_a_set_up_with_that_design():
     ranges = {"coupling": {"type": "SpringDamper", "stiffness": [10.0, 300.0], "damping_ratio": [0.1, 2.0]}}
     designs = {"coupling.stiffness": np.array([40.0, 150.0]), "coupling.damping_ratio": np.array([1.5, 0.3])}
-    stage = ScenarioBatch(TUNING_SEED, 10, copies=2, threads=1, **ranges)
+    stage = ScenarioBatch(TUNING_SEED, 10, Task(**ranges), copies=2, threads=1)
     together = stage.play(BlindProfile(PROFILE), {name: np.repeat(values, 10) for name, values in designs.items()})
     for copy in range(2):
-        alone = Task().changed({name: float(values[copy]) for name, values in designs.items()}).arguments()
-        played = ScenarioBatch(TUNING_SEED, 10, threads=1, **alone).play(BlindProfile(PROFILE))
+        alone = Task().changed({name: float(values[copy]) for name, values in designs.items()})
+        played = ScenarioBatch(TUNING_SEED, 10, alone, threads=1).play(BlindProfile(PROFILE))
         assert np.array_equal(together.object_velocity[10 * copy : 10 * copy + 10], played.object_velocity)
 
 
@@ -133,7 +133,7 @@ def test_play_takes_a_design_as_it_may_be_built_another_in_each_scenario():
     assert as_built({"coupling.rear_stop": -0.02}, 0.05) == {"coupling.rear_stop": pytest.approx([-0.021, -0.019])}
     candidate = asdict(Candidate({}, "BlindProfile", PROFILE, design))
     exact, built = (play(candidate, share, limits={}, **scenarios) for share in (0.0, 0.05))
-    alone = ScenarioBatch.of(**scenarios, threads=1, **Task().changed(design).arguments()).play(BlindProfile(PROFILE))
+    alone = ScenarioBatch.of(**scenarios, task=Task().changed(design), threads=1).play(BlindProfile(PROFILE))
     exact, built = (frame["object_velocity"].to_numpy() for frame in (exact, built))
     assert np.array_equal(exact, alone.object_velocity)
     changes = built / exact - 1.0

@@ -13,7 +13,7 @@ from agents.evaluate.scenario_batch import Episodes, ScenarioBatch
 from experiments.lab.player import choose, films, fragment, script, style
 from experiments.lab.player.films import COLUMNS, FORCE, MOST, POSITION, VELOCITY, play, thin
 from impact_gym.render.film import CONTACT_FACTOR
-from impact_gym.task import evaluation_sets
+from impact_gym.task import Task, evaluation_sets
 from impact_gym.task.task import HORIZON
 
 CONTESTANTS = {"the paper's <b>rule</b>": PaperTrapezoid(), "learned </script> policy": load_policy("linear-blind")}
@@ -24,7 +24,7 @@ TEST_SET = evaluation_sets.load("test")
 @pytest.fixture(scope="module", params=COUPLINGS)
 def film(request):
     environment = COUPLINGS[request.param]
-    batch = ScenarioBatch.of("test", 40, time_weight=[2.0], quiet=True, **environment)
+    batch = ScenarioBatch.of("test", 40, Task(**environment), time_weight=[2.0], quiet=True)
     played = {name: batch.play(controller) for name, controller in CONTESTANTS.items()}
     return films(CONTESTANTS, choose(*played.values()), played, frozen=TEST_SET, environment=environment), played
 

@@ -22,7 +22,7 @@ from experiments.report import matchups
 from experiments.report.__main__ import ReportOptions, publish, write
 from experiments.report.matchups import PAPER
 from impact_gym.files import UNFINISHED
-from impact_gym.task import evaluation_sets
+from impact_gym.task import Task, evaluation_sets
 
 COUNT = 30
 LINEAR = matchups.of_setup(load_setup("linear-blind"), {"set": "test", "count": COUNT})
@@ -246,7 +246,7 @@ def test_report_takes_a_users_baseline_ranges_and_tool_and_plays_and_writes_only
     assert set(episodes["object_mass"]) == {0.4}
     assert episodes["distance"].is_between(0.2, 0.3).all()
     half = of(episodes, "my_rules:Half").sort("scenario")
-    judged = ScenarioBatch(5, 6, scenario=ranges | {"distance": (0.2, 0.3)}, **tool).play(ConstantSpeed(0.5))
+    judged = ScenarioBatch(5, 6, Task(scenario=ranges | {"distance": (0.2, 0.3)}, **tool)).play(ConstantSpeed(0.5))
     assert (half["object_velocity"].to_numpy() == judged.object_velocity).all()
 
     assert write(options).stat().st_mtime_ns == before

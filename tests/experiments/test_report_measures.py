@@ -14,6 +14,7 @@ from agents.setups.evaluation import variants
 from experiments.report import answer, choice, differences, first_screen, holds, jobs, matchups
 from experiments.report.matchups import BOUND, PAPER, POLICY
 from experiments.report.played import Run
+from impact_gym.task import Task
 
 SCENARIOS = {"set": "test", "count": 30}
 LINEAR = matchups.of_setup(load_setup("linear-blind"), SCENARIOS)
@@ -334,7 +335,7 @@ def test_tool_lags_behind_the_rule_as_a_critically_damped_spring_does():
 
 def test_policy_of_one_weight_is_compared_at_it_under_a_valid_file_name(tmp_path):
     path = tmp_path / "three & a bit.npz"
-    Policy(load_policy("linear-blind").network, {"time_weight": 3.0}, {}).save(path)
+    Policy(load_policy("linear-blind").network, Task(time_weight=3.0), {}).save(path)
     (matchup,) = matchups.of_policies([str(path)], ["blind-profile"], SCENARIOS, {})
     assert (matchup.name, matchup.weights, matchup.typical) == ("three-a-bit", (3.0,), 3.0)
     weights = {job.key: set(job.arguments["weights"]) for job in jobs.jobs_of(matchup) if job.where == "baselines"}

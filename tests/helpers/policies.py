@@ -25,7 +25,7 @@ def made_up_policy(seed=0, environment=None, activation="tanh", log_std=-1.0, si
     hidden = [affine(f"hidden_{k}", n, m) for k, (m, n) in enumerate(itertools.pairwise(widths))]
     noise = Affine("log_std", np.zeros((outputs, widths[-1]), np.float32), np.full(outputs, log_std, np.float32))
     network = Network(tuple(hidden), affine("mean", outputs, widths[-1]), noise, activation)
-    return Policy(network, environment, {"command": "by hand", "settings": {"seed": seed}})
+    return Policy(network, task, {"command": "by hand", "settings": {"seed": seed}})
 
 
 KINDS = {

@@ -220,7 +220,7 @@ def test_indistinguishable_names_an_object_much_heavier_than_the_tool():
     low, high = fit.interval["object.mass"]
     assert 1.0 < low < 50.0 < high == math.inf
     assert any(
-        "does not tell object.mass" in each and "heavier than the tool" in each for each in fit.indistinguishable
+        "does not determine object.mass" in each and "heavier than the tool" in each for each in fit.indistinguishable
     )
 
 
@@ -242,8 +242,11 @@ def test_indistinguishable_names_a_filter_longer_than_the_blow():
     assert 0.0 < low < 0.5 < high == 1.0
     assert fit.correlation[0, 1] < -0.95
     restitution, pair = fit.indistinguishable
-    assert f"contact.restitution: any value above {low:.3g} fits as well, because the filter takes 32 ms" in restitution
-    assert "contact.restitution and object.mass apart: a larger one with a smaller other" in pair
+    assert (
+        f"contact.restitution: any value above {low:.3g} fits equally well, because the filter takes 32 ms"
+        in restitution
+    )
+    assert "contact.restitution and object.mass: a larger one with a smaller other" in pair
 
 
 def test_correlation_is_that_of_the_scene_and_hardly_of_the_noise():

@@ -59,33 +59,15 @@ def test_stiffer_joints_come_to_a_rigid_robot_as_one_over_their_stiffness(tmp_pa
     assert np.array(off[:-1]) / off[1:] == pytest.approx([10.0, 10.0, 10.0], rel=0.02)
 
 
-@pytest.mark.parametrize("coupling", COUPLINGS[:2], ids=lambda each: type(each).__name__)
-def test_small_motion_is_the_linear_one(coupling, tmp_path):
-    """M and J as they are at the impact, the paper's step from eq. 10 to eq. 11: what it leaves out goes as the way."""
-    arm, _ = elastic(tmp_path)
-    off = []
-    for size in (1e-3, 1e-4, 1e-5):
-        approach = arm.along(START, LINE, 0.2 * size)
-        scene = replace(SCENE, object=ig.Object(0.25, 0.1 * size), coupling=coupling)
-        scene = replace(scene, contact=ig.Contact(1e5 / size**0.5, 0.5))  # scales with the way: a force of that size
-        motion = ig.Trapezoid(0.5 * size, 8.0 * size)
-        given = {"duration": 0.28, "rtol": 1e-11}
-        full, linear = (
-            all_joints.simulate(arm, approach, scene, motion, linear=each, **given) for each in (False, True)
-        )
-        off.append(abs(full.object_velocity / linear.object_velocity - 1.0))
-    assert off[2] < 1e-6
-    assert off[0] > 5.0 * off[1]
-
-
 def test_jacobian_is_the_derivative_of_the_rates_by_the_joints(tmp_path):
-    """Of the linear equations, which have nothing else that depends on the joints while nothing touches."""
+    """At rest, where no torque acts: the mass matrix then does not count."""
     arm, approach = elastic(tmp_path)
-    made = Equations(arm, approach, SCENE, Path(ig.Motion((0.0, 1.0), (0.0, 0.0))), linear=True)
+    made = Equations(arm, approach, SCENE, Path(ig.Motion((0.0, 1.0), (0.0, 0.0))))
     assert (made.path.at(1.0), made.damping) == ((0.0, 0.0, 0.0), 0.0)  # the motors stand
     y, ours = made.begin(0.1), made.jacobian(0.0, made.begin(0.1))
-    by_columns = [made.rates(0.0, y + unit, False) - made.rates(0.0, y - unit, False) for unit in np.eye(len(y))[:4]]
-    np.testing.assert_allclose(ours[:4, :4], np.transpose(by_columns)[:4] / 2.0, rtol=1e-12)
+    steps = 1e-6 * np.eye(len(y))[:4]
+    by_columns = [made.rates(0.0, y + step, False) - made.rates(0.0, y - step, False) for step in steps]
+    np.testing.assert_allclose(ours[:4, :4], np.transpose(by_columns)[:4] / 2e-6, rtol=1e-6, atol=1e-4)
 
 
 def test_weight_hangs_the_joints_and_coriolis_is_small_but_there(tmp_path):

@@ -1,4 +1,4 @@
-"""Wrappers of the environments that policies train in."""
+"""The rewards of a training, scaled so that episodes with a large time weight do not dominate."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from impact_gym.envs.state import require, taken
+from impact_gym.envs.state import taken
 from impact_gym.sb3 import ImpactVecEnv
 
 
 class ScaledRewards(VecEnvWrapper):
-    """Divides rewards by (1 + time weight) to a power, so that hurried episodes do not drown the others."""
+    """Divides rewards by (1 + time weight) to a power."""
 
     def __init__(self, envs: ImpactVecEnv, power: float) -> None:
         super().__init__(envs)
@@ -34,13 +34,12 @@ class ScaledRewards(VecEnvWrapper):
         return observations, rewards, ended, infos
 
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of all that goes on."""
+        """Return the state needed to resume."""
         return {"scale": self._scale, "envs": self._envs.get_state()}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what `get_state` returned; ValueError, as of `ImpactVecEnv`: it cannot have."""
+        """Take over a state that `get_state` returned; ValueError: it is not one of these environments."""
         scale = taken(state, "scale", self._scale)
-        require("scale", scale, np.isfinite(scale) & (scale > 0.0), "finite and above 0")
         self._envs.set_state(state.get("envs", {}))
         self._scale = scale
 
