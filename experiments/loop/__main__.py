@@ -13,7 +13,7 @@ import numpy as np
 import tyro
 
 from agents.command_line import run_command
-from agents.evaluate import evaluate
+from agents.evaluate import ScenarioBatch
 from agents.export.c_header import c_text, identifier, write_header
 from agents.export.contract import Subject, of_name
 from experiments.loop.arm import MAGIC, SILENCE, serve
@@ -82,7 +82,7 @@ def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -
     age, delay = float(np.median(ages)), subject.task.ranges["reaction_delay"]
     arguments = {**subject.task.arguments(), "scenario": subject.task.scenario, "time_weight": weight, "quiet": True}
     there, later = (
-        float(evaluate(subject.at(weight), SEED, len(played), **arguments | changed).object_velocity.mean())
+        float(ScenarioBatch(SEED, len(played), **arguments | changed).play(subject.at(weight)).object_velocity.mean())
         for changed in ({}, {"reaction_delay": [each + age for each in delay]})
     )
     figures = {"approaches": len(played), "age_median": age, "age_99": np.quantile(ages, 0.99), "age_most": ages.max()}

@@ -223,7 +223,7 @@ def test_rule_commands_in_c_what_it_does_in_numpy_whatever_its_parameters(tmp_pa
     limits, rng = RULES[rule].PARAMETERS, np.random.default_rng(1)
     low, high, start = np.array([(each.low, each.high, each.start) for each in limits]).T
     table = np.clip(start + 0.1 * rng.normal(size=(3, len(limits))) * (high - low), low, high)
-    subject = Subject(RULES[rule].of(table).for_environment(environment), (0.5, 1.0, 4.0))
+    subject = Subject(RULES[rule].of(table).for_task(Task(**environment)), (0.5, 1.0, 4.0))
     assert_commands_alike(tmp_path, subject)
 
 
