@@ -80,11 +80,11 @@ def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -
     """
     ages, velocity = (np.hstack([each[name] for each in played]) for name in ("ages", "object_velocity"))
     age, delay = float(np.median(ages)), subject.task.ranges["reaction_delay"]
-    arguments = {**subject.task.arguments(), "scenario": subject.task.scenario, "time_weight": weight, "quiet": True}
     there, later = (
-        float(ScenarioBatch(SEED, len(played), **arguments | changed).play(subject.at(weight)).object_velocity.mean())
+        ScenarioBatch(SEED, len(played), subject.task.changed({"time_weight": weight, **changed}), quiet=True)
+        .play(subject.at(weight)).object_velocity.mean()
         for changed in ({}, {"reaction_delay": [each + age for each in delay]})
-    )
+    )  # fmt: skip
     figures = {"approaches": len(played), "age_median": age, "age_99": np.quantile(ages, 0.99), "age_most": ages.max()}
     figures |= {"object_velocity": velocity.mean(), "environment": there, "environment_later": later}
     return {name: float(value) for name, value in figures.items()}
