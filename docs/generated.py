@@ -136,18 +136,16 @@ def setups() -> str:
 
 
 def materials() -> str:
-    """Return the table of materials, then their sources and what of these was read."""
+    """Return the table of materials."""
 
     def span(of: tuple[float, float] | None) -> str:
         return " to ".join(f"{value:.3g}" for value in sorted(set(of or ())))
 
-    sources = list(dict.fromkeys(one.source for one in ig.MATERIALS.values()))
     rows = [
-        [f"`{name}`", *map(span, (one.young, one.poisson, one.restitution)), str(1 + sources.index(one.source))]
+        [f"`{name}`", *map(span, (one.young, one.poisson, one.restitution))]
         for name, one in ig.MATERIALS.items()
     ]
-    head = "Material|E (Pa)|Poisson's ratio|Restitution, like bodies or far stiffer other|Source"
-    return "\n".join([table(head, rows), "", *(f"{k}. {source}" for k, source in enumerate(sources, 1))])
+    return table("Material|E (Pa)|Poisson's ratio|Restitution, like bodies or far stiffer other", rows)
 
 
 def svg(figure: Figure) -> bytes:

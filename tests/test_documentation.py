@@ -42,7 +42,7 @@ FOUND = {
     "Franka": "Whole arms", "tutorial": "First hour",
 }  # fmt: skip
 """What one searches for, and the page that has it."""
-NEEDS = {"mujoco.md": "mujoco", "README.md": "stable_baselines3"}
+NEEDS = {"mujoco.md": "mujoco", "README.md": "stable_baselines3", "libraries.md": "stable_baselines3"}
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
 ALIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
