@@ -1,8 +1,9 @@
-"""What MkDocs makes from the code when it builds the site: tables, pictures, and formulas as MathML.
+"""What the pages take from the code: tables, listings and pictures; and formulas as MathML.
 
-On a page, `<!-- generated: NAME -->` becomes what the function of that name in TEXTS returns, and `# the file PATH` the
-file; `pictures/NAME` is what the one in PICTURES draws. So nothing of it can be out of date. No script is loaded to
-show it.
+`python docs/generated.py` writes them into the pages, so that these are whole where they are read as files: between
+`<!-- generated: NAME -->` and `<!-- end -->` stands what the function of that name in TEXTS returns, or the file of
+that name. tests/test_documentation.py fails where the code says something else. Pictures go to docs/pictures. MkDocs
+loads this file for its hooks: no script is loaded to show a formula.
 """
 
 import contextlib
@@ -20,11 +21,9 @@ import numpy as np
 from gymnasium.spaces import Box
 from latex2mathml.converter import convert
 from matplotlib.figure import Figure
-from mkdocs.structure.files import File, Files
 from PIL import Image
 
 import impact_gym as ig
-from agents import load_policy
 from agents.baselines import PaperTrapezoid
 from agents.setups import load_setup, shipped
 from impact_gym.envs import IDS
@@ -34,6 +33,8 @@ from impact_gym.physics.dissipation import PUBLISHED, effective_restitution
 from impact_gym.quantities import SCENARIO
 from impact_gym.task.scenario import NAMED
 
+DOCS = Path(__file__).parent
+REGION = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 GREY, BLUE, ORANGE, GREEN = "#808080", "#0072B2", "#D55E00", "#009E73"  # legible on a light and on a dark page
 STYLE = {
     "axes.edgecolor": GREY, "axes.labelcolor": GREY, "xtick.color": GREY, "ytick.color": GREY, "text.color": GREY,
@@ -42,10 +43,25 @@ STYLE = {
 }  # fmt: skip
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Put what is generated in its place, and the examples' files."""
-    markdown = re.sub(r"^# the file (.+)$", lambda found: Path(found[1]).read_text(), markdown, flags=re.MULTILINE)
-    return re.sub(r"<!-- generated: (\w+) -->", lambda found: TEXTS[found[1]](), markdown)
+def filled(markdown: str) -> str:
+    """Return a page with what the code says now."""
+
+    def region(found: re.Match[str]) -> str:
+        name = found[2]
+        text = TEXTS[name]() if name in TEXTS else f"```python\n{(DOCS.parent / name).read_text()}```"
+        return f"{found[1]}\n{text}\n\n{found[3]}"
+
+    return REGION.sub(region, markdown)
+
+
+def write() -> None:
+    """Write every page and every picture."""
+    for page in sorted(DOCS.rglob("*.md")):
+        page.write_text(filled(page.read_text()))
+    (DOCS / "pictures").mkdir(exist_ok=True)
+    with mpl.rc_context(STYLE):
+        for name, draw in PICTURES.items():
+            (DOCS / "pictures" / name).write_bytes(draw())
 
 
 def on_page_content(content: str, **_: Any) -> str:
@@ -57,14 +73,6 @@ def on_page_content(content: str, **_: Any) -> str:
     shown = re.sub(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', math, content, flags=re.DOTALL)
     pieces = re.split(r"(<pre.*?</pre>|<code.*?</code>|<[^>]+>)", shown, flags=re.DOTALL)
     return "".join(piece if piece.startswith("<") else piece.replace("V_p", "V<sub>p</sub>") for piece in pieces)
-
-
-def on_files(files: Files, config: Any, **_: Any) -> Files:
-    """Add the pictures."""
-    with mpl.rc_context(STYLE):
-        for name, draw in PICTURES.items():
-            files.append(File.generated(config, f"pictures/{name}", content=draw()))
-    return files
 
 
 def on_post_build(config: Any, **_: Any) -> None:
@@ -87,8 +95,10 @@ def environment() -> str:
 
 
 def teleop() -> str:
-    """Return the specification of the environment with an operator, likewise."""
-    return inspect.cleandoc(ImpactTeleopEnv.__doc__ or "").split("\n\n", 1)[1]
+    """Return the specification of the environment with an operator, likewise, but for the rows that it shares."""
+    text = inspect.cleandoc(ImpactTeleopEnv.__doc__ or "").split("\n\n", 1)[1]
+    shared = re.compile(r"^\| (?:\d|then) (?=(?:.*\|){6}$)(?!.*only with `operator`).*\n", re.MULTILINE)
+    return shared.sub("", text)
 
 
 def ids() -> str:
@@ -112,8 +122,11 @@ def sets() -> str:
 
 
 def laws() -> str:
-    """Return the published laws of dissipation, one a row."""
-    return "\n".join(f'| `"{name}"` | ${law.formula}$ | {law.source} |' for name, law in PUBLISHED.items())
+    """Return the table of the laws of dissipation."""
+    rows = [[f'`"{name}"`', f"${law.formula}$", law.source] for name, law in PUBLISHED.items()]
+    fixed = "the same at `reference_velocity`; elsewhere it grows with the velocity: slow contacts are more elastic"
+    rows += [['`"exact"`', "the solution of the equation above", ""], ['`"fixed"`', fixed, ""]]
+    return table("`dissipation`|$d$|Source", rows)
 
 
 def setups() -> str:
@@ -123,18 +136,13 @@ def setups() -> str:
 
 
 def materials() -> str:
-    """Return the table of materials, then their sources and what of these was read."""
+    """Return the table of materials."""
 
     def span(of: tuple[float, float] | None) -> str:
         return " to ".join(f"{value:.3g}" for value in sorted(set(of or ())))
 
-    sources = list(dict.fromkeys(one.source for one in ig.MATERIALS.values()))
-    rows = [
-        [f"`{name}`", *map(span, (one.young, one.poisson, one.restitution)), str(1 + sources.index(one.source))]
-        for name, one in ig.MATERIALS.items()
-    ]
-    head = "Material|E (Pa)|Poisson's ratio|Restitution, like bodies or far stiffer other|Source"
-    return "\n".join([table(head, rows), "", *(f"{k}. {source}" for k, source in enumerate(sources, 1))])
+    rows = [[f"`{name}`", *map(span, (one.young, one.poisson, one.restitution))] for name, one in ig.MATERIALS.items()]
+    return table("Material|E (Pa)|Poisson's ratio|Restitution, like bodies or far stiffer other", rows)
 
 
 def svg(figure: Figure) -> bytes:
@@ -230,23 +238,6 @@ def contact() -> bytes:
     return file.getvalue()
 
 
-def film(setup: str, every: int) -> bytes:
-    """Return an episode of a set-up's policy, a picture of `every` so many control steps, played once."""
-    env, policy = load_setup(setup).make(render_mode="rgb_array", time_weight=2.0), load_policy(setup)
-    observation, _ = env.reset(seed=3)
-    ended, step, pictures = False, 0, list[Image.Image]()
-    while not ended:
-        if step % every == 0:
-            pictures.append(Image.fromarray(env.render()).resize((640, 360)))  # type: ignore[arg-type]
-        observation, _, ended, *_ = env.step(policy.predict(observation)[0])
-        step += 1
-    pictures.append(Image.fromarray(env.render()).resize((640, 360)))  # type: ignore[arg-type]
-    env.close()
-    file = io.BytesIO()
-    pictures[0].save(file, "webp", save_all=True, append_images=pictures[1:], duration=100, loop=1, quality=60)
-    return file.getvalue()
-
-
 TEXTS: dict[str, Callable[[], str]] = {
     "environment": environment, "teleop": teleop, "ids": ids, "sets": sets, "setups": setups, "materials": materials,
     "laws": laws,
@@ -255,7 +246,7 @@ TEXTS: dict[str, Callable[[], str]] = {
 
 def identified() -> bytes:
     """Draw what the example of its page identifies."""
-    page = Path("docs/how-to/identify.md").read_text()
+    page = (DOCS / "how-to/identify.md").read_text()
     names: dict[str, Any] = {}
     with contextlib.redirect_stdout(io.StringIO()):
         exec(page.split("```python\n")[1].split("```")[0], names)
@@ -267,5 +258,7 @@ def identified() -> bytes:
 PICTURES: dict[str, Callable[[], bytes]] = {
     "contact_force.svg": contact_force, "convergence.svg": convergence, "restitution.svg": restitution,
     "mechanism.svg": mechanism, "identified.svg": identified, "contact.png": contact,
-    "linear-blind.webp": lambda: film("linear-blind", 1), "teleop-spring.webp": lambda: film("teleop-spring", 6),
 }  # fmt: skip
+
+if __name__ == "__main__":
+    write()

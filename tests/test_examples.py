@@ -66,7 +66,8 @@ def test_examples_all_have_a_test():
         "mujoco_restitution.py",
         "morl_capql.py",
         "offline_d3rlpy.py",
-    }  # docs/questions.md, how-to/libraries.md
+    }  # physics/mujoco.md, how-to/libraries.md
+    on_a_page |= {"first_steps.ipynb"}  # tests/test_documentation.py
     assert {file.name for file in EXAMPLES.iterdir() if file.is_file()} == here | elsewhere | on_a_page
 
 

@@ -36,7 +36,7 @@ for setup in map(load_setup, shipped()):
 """
 
 
-TEN_LINES = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)[1]
+TEN_LINES = re.search(r"```python\n(import gymnasium.*?)```", (ROOT / "docs/index.md").read_text(), re.DOTALL)[1]
 
 
 def run(*command, where, check=True):

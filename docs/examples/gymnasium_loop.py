@@ -1,4 +1,4 @@
-"""The paper's rule in a plain Gymnasium loop: go at 1 m/s, stop at the contact alarm."""
+"""The paper's rule in a plain Gymnasium loop: go at 1 m/s, stop at the alarm."""
 
 import gymnasium as gym
 import numpy as np
@@ -16,5 +16,6 @@ for seed in range(5):
     while not (terminated or truncated):
         action = STOP if observation[ALARM] else GO
         observation, reward, terminated, truncated, info = env.step(action)
-    print(f"seed {seed}: contact after {info['approach_time']:.4f} s, object left at {info['object_velocity']:.4f} m/s")
+    time, velocity = info["approach_time"], info["object_velocity"]
+    print(f"seed {seed}: contact after {time:.4f} s, object left at {velocity:.4f} m/s")
 env.close()

@@ -4,8 +4,10 @@ import sys
 
 import minari
 
-dataset = minari.load_dataset(sys.argv[1] if sys.argv[1:] else "impact/linear-blind/policy-v0")
+name = sys.argv[1] if sys.argv[1:] else "impact/linear-blind/policy-v0"
+dataset = minari.load_dataset(name)
 env = dataset.recover_environment()
 about = next(iter(dataset.storage.get_episode_metadata([0])))
 observation, _ = env.reset(seed=about["seed"], options=about["options"])
-print("begins as recorded:", observation.tolist() == dataset[0].observations[0].tolist())
+recorded = dataset[0].observations[0]
+print("begins as recorded:", observation.tolist() == recorded.tolist())

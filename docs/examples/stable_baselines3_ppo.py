@@ -1,4 +1,4 @@
-"""PPO of stable-baselines3 on the native batch: `python docs/examples/stable_baselines3_ppo.py [steps]`."""
+"""PPO of stable-baselines3 on the native batch, for some number of steps."""
 
 import sys
 
@@ -21,8 +21,9 @@ def mean_return() -> float:
 
 
 model = PPO(
-    "MlpPolicy", VecMonitor(ImpactVecEnv(512)), n_steps=64, batch_size=2048, n_epochs=4, learning_rate=1e-3,
-    gamma=1.0, policy_kwargs={"net_arch": [64, 64]}, seed=0, device="cpu",
+    "MlpPolicy", VecMonitor(ImpactVecEnv(512)), n_steps=64, batch_size=2048, n_epochs=4,
+    learning_rate=1e-3, gamma=1.0, policy_kwargs={"net_arch": [64, 64]}, seed=0,
+    device="cpu",
 )  # fmt: skip
 print(f"mean return untrained: {mean_return():.4f} m/s")
 model.learn(steps)

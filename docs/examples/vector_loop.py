@@ -1,21 +1,23 @@
-"""The paper's rule on the native batch: one episode of each of 1,000 slots, so that short ones do not count twice."""
+"""The paper's rule on the native batch, one episode of each of 1,000 environments."""
 
 import gymnasium as gym
 import numpy as np
 
 import impact_gym  # noqa: F401  # registers the environments
 
-GO, STOP = np.float32([[0.5, -5 / 19], [-0.5, -5 / 19]])  # to 1 and to 0 m/s, at 8 m/s^2
+GO, STOP = np.float32([[0.5, -5 / 19], [-0.5, -5 / 19]])  # 1 and 0 m/s, at 8 m/s^2
 ALARM = 3  # its place in the observation
 
 envs = gym.make_vec("ImpactApproach-v0", num_envs=1000)
-observations, infos = envs.reset(seed=0)  # slot i as the single environment seeded i
+observations, infos = envs.reset(seed=0)  # number i as a single one seeded i
 time, velocity = np.full((2, envs.num_envs), np.nan)
 while np.isnan(time).any():
     actions = np.where(observations[:, [ALARM]] > 0, STOP, GO)
     observations, rewards, terminated, truncated, infos = envs.step(actions)
-    first = terminated & np.isnan(time)  # slots go on with another episode by themselves
+    first = terminated & np.isnan(time)  # the next episode begins by itself
     if first.any():
-        time[first], velocity[first] = infos["approach_time"][first], infos["object_velocity"][first]
+        time[first] = infos["approach_time"][first]
+        velocity[first] = infos["object_velocity"][first]
 envs.close()
-print(f"contact after {time.mean():.4f} s, object left at {velocity.mean():.4f} m/s, means of {time.size} scenarios")
+means = f"contact after {time.mean():.4f} s, object left at {velocity.mean():.4f} m/s"
+print(f"{means}, means of {time.size} scenarios")
