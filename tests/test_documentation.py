@@ -39,7 +39,8 @@ FOUND = {
 }  # fmt: skip
 """What one searches for, and the page that has it."""
 NEEDS = {
-    "deploy-c.md": "onnxruntime", "mujoco.md": "mujoco", "README.md": "stable_baselines3", "libraries.md": "stable_baselines3",
+    "deploy-c.md": "onnxruntime", "mujoco.md": "mujoco",
+    "README.md": "stable_baselines3", "libraries.md": "stable_baselines3",
 }  # fmt: skip
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
 ALIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
