@@ -98,6 +98,11 @@ class Rule:
         """Return the rule with `parameters`, also where its constructor takes others."""
         return cls(parameters)
 
+    def for_environment(self, arguments: Mapping[str, Any]) -> Self:
+        """Return the same rule for an environment of `gym.make` with these arguments, such as `env.spec.kwargs`."""
+        apart = ("render_mode", "record_trace")  # they change nothing of the task
+        return self.for_task(Task(**{name: value for name, value in arguments.items() if name not in apart}))
+
     def for_task(self, task: Task) -> Self:
         """Return the same rule for a task; positions are `placed` where its objects stand.
 
