@@ -1,15 +1,13 @@
 """Columns of numbers in a CSV file of any recorder: the reader of logs of blows and traces of channels.
 
-It finds encoding, separator, decimal sign, preamble, names and units, reports them, and refuses ambiguous files. NumPy
-converts the numbers, so that a log is read without extras.
+It finds encoding, separator, decimal sign, preamble, names and units, reports them, and refuses ambiguous files.
 """
 
 import codecs
 import csv
-import io
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -110,27 +108,21 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
     sources, heads = _sources(lines, layout, wanted, unnamed)
 
     def number(name: str, value: str) -> float:
-        if not value.strip() and (empty := wanted[name].empty) is not None:
+        if not value and (empty := wanted[name].empty) is not None:
             return empty
-        if not NUMBERS[layout.decimal].fullmatch(value.strip()):
-            raise ValueError(f"{name} must be a number, got {shown(value)}")
+        if not NUMBERS[layout.decimal].fullmatch(value):
+            raise ValueError(f"line {k}: {name} must be a number, got {shown(value)}")
         return float(value.replace(",", "."))
 
-    plain = layout.decimal == "." and all(wanted[name].empty is None for name in sources)
-    converters: dict[int | str, Callable[[str], float]] = {
-        source.place: partial(number, name) for name, source in sources.items()
-    }
-    body = COMMENT_LINE.sub("", text[sum(len(line) + 1 for line in lines[: layout.first]) :])
-    places = [source.place for source in sources.values()]
-    try:
-        rows = np.loadtxt(
-            io.StringIO(body), delimiter=layout.separator, usecols=places, comments=None, quotechar='"', ndmin=2,
-            converters=None if plain else converters,
-        )  # fmt: skip
-    except (ValueError, IndexError):
-        _refuse_row(text, layout, sources, number)
-        raise
-    columns = {name: rows[:, k] * (source.scale or 1.0) for k, (name, source) in enumerate(sources.items())}
+    rows, places = [], {name: source.place for name, source in sources.items()}
+    for k, line in enumerate(text.split("\n")[layout.first :], layout.first + 1):
+        if line.strip() and not line.lstrip().startswith(COMMENTS):
+            row = _split(line, layout.separator)
+            if max(places.values()) >= len(row):
+                raise ValueError(f"line {k} must have {layout.least} values, got {shown(line)}")
+            rows.append([number(name, row[place]) for name, place in places.items()])
+    values = np.array(rows).T
+    columns = {name: values[n] * (source.scale or 1.0) for n, (name, source) in enumerate(sources.items())}
     said = ", ".join(
         f"{name} ({wanted[name].unit}) from {shown(source.head) if source.head else f'column {source.place + 1}'}"
         + ("" if source.scale else " without a unit")
@@ -254,19 +246,3 @@ def _scale(unit: str, written: str) -> float | None:
     short = re.sub(r"[\s*\u00b7.]", "", written).replace("\u00b2", "^2").replace("\u207b", "-").replace("\u00b9", "1")
     short = re.sub(r"(?<=s)\^?(-?\d)$", r"^\1", short)
     return SCALES[unit].get(short if short[:1] == "M" and len(short) < 4 else short.lower())
-
-
-def _refuse_row(
-    text: str, layout: _Layout, sources: Mapping[str, _Source], number: Callable[[str, str], float]
-) -> None:
-    """Refuse the first line that lacks a number."""
-    for k, line in enumerate(text.split("\n")[layout.first :], layout.first + 1):
-        if line.strip() and not line.lstrip().startswith(COMMENTS):
-            row = _split(line, layout.separator)
-            for name, source in sources.items():
-                if source.place >= len(row):
-                    raise ValueError(f"line {k} must have {layout.least} values, got {shown(line)}")
-                try:
-                    number(name, row[source.place])
-                except ValueError as error:
-                    raise ValueError(f"line {k}: {error}") from None

@@ -3,13 +3,13 @@
 from agents.baselines.constant import ConstantGain, ConstantSpeed, LocalBrake, OperatorAlone, PaperTrapezoid
 from agents.baselines.detector import DetectorProfile, DetectorRanged
 from agents.baselines.filtered import FilteredProfile, FirstReadingProfile
-from agents.baselines.profile import BlindProfile, Clairvoyant, Ranged, RangedProfile
+from agents.baselines.profile import BlindProfile, Clairvoyant, ConstantDeceleration, Ranged, RangedProfile
 from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule
 from agents.baselines.tuned import load_baseline
 
 __all__ = [
-    "BlindProfile", "Clairvoyant", "ConstantGain", "ConstantSpeed", "DetectorProfile", "DetectorRanged",
-    "FilteredProfile", "FirstReadingProfile", "LocalBrake", "OperatorAlone", "PaperTrapezoid", "RandomActions",
-    "Ranged", "RangedProfile", "Rule", "load_baseline",
+    "BlindProfile", "Clairvoyant", "ConstantDeceleration", "ConstantGain", "ConstantSpeed", "DetectorProfile",
+    "DetectorRanged", "FilteredProfile", "FirstReadingProfile", "LocalBrake", "OperatorAlone", "PaperTrapezoid",
+    "RandomActions", "Ranged", "RangedProfile", "Rule", "load_baseline",
 ]  # fmt: skip

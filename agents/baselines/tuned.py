@@ -19,8 +19,8 @@ from impact_gym.task import Task
 from impact_gym.validation import nearest, number
 
 FORMAT = "impact_gym tuned baseline 1"
-RULES: dict[str, type[Rule]] = {name: resolve_name(place) for name, place in setups.RULES.items()}
-FIXED: dict[str, Any] = {name: resolve_name(place) for name, place in setups.FIXED.items()}
+RULES: dict[str, type[Rule]] = {name: resolve_name(f"agents.baselines:{name}") for name in setups.RULES}
+FIXED: dict[str, Any] = {name: resolve_name(f"agents.baselines:{kind}") for name, kind in setups.FIXED.items()}
 
 
 def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> Controller:

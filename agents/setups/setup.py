@@ -30,24 +30,16 @@ BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
 SEEDS, MOST_SEEDS = 10, 10_000  # trainings of a set-up, unless the file says otherwise, and at most
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 """Set-ups of the README, and of `impact-gym report` by default."""
-RULES = {
-    name: f"agents.baselines.{module}:{name}"
-    for module, names in {
-        "profile": ("BlindProfile", "ConstantDeceleration", "Ranged", "RangedProfile"),
-        "constant": ("ConstantSpeed",),
-        "detector": ("DetectorProfile", "DetectorRanged"),
-        "filtered": ("FilteredProfile", "FirstReadingProfile"),
-    }.items()
-    for name in names
-}
-"""Rules that a set-up may tune, and their classes, by name: set-ups are read without importing them."""
+RULES = (
+    "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile", "DetectorRanged", "FilteredProfile",
+    "FirstReadingProfile", "Ranged", "RangedProfile",
+)  # fmt: skip
+"""Rules of `agents.baselines` that a set-up may tune, by name: set-ups are read without importing them."""
 FIXED = {
-    "paper-trapezoid": "agents.baselines.constant:PaperTrapezoid",
-    "random": "agents.baselines.random:RandomActions",
-    "local-brake": "agents.baselines.constant:LocalBrake",
-    "operator-alone": "agents.baselines.constant:OperatorAlone",
-}
-"""Baselines without anything to tune, and their classes."""
+    "paper-trapezoid": "PaperTrapezoid", "random": "RandomActions", "local-brake": "LocalBrake",
+    "operator-alone": "OperatorAlone",
+}  # fmt: skip
+"""Baselines without parameters to tune, and their classes in `agents.baselines`."""
 
 
 class Tuned(NamedTuple):

@@ -35,18 +35,6 @@ class CollapsedError(RuntimeError):
     """A training collapsed: its policy touches no object, or its weights are not finite."""
 
 
-class ProgressCallback(BaseCallback):
-    """Updates a progress bar, see `agents.command_line.progress`."""
-
-    def __init__(self, bar: Any) -> None:
-        super().__init__()
-        self._bar = bar
-
-    def _on_step(self) -> bool:
-        self._bar.update(self.num_timesteps - self._bar.n)
-        return True
-
-
 class TrainingCallback(BaseCallback):
     """Validates, logs and saves between two rollouts, after the update."""
 
@@ -61,6 +49,7 @@ class TrainingCallback(BaseCallback):
         self.validation = Validation(
             setup.task, setup.evaluation.weights, training.validation_scenarios, threads=training.simulation_threads
         )
+        self.bar: Any = None  # see `agents.command_line.progress`
         self._start_clock()
         self.kept: dict[str, Any] = {  # all that must survive an interruption
             "sums": dict.fromkeys(OBJECTIVES, 0.0),
@@ -85,6 +74,8 @@ class TrainingCallback(BaseCallback):
             for name in OBJECTIVES:
                 self.kept["sums"][name] += float(info[name])
             self.kept["episodes"] += 1
+        if self.bar is not None:
+            self.bar.update(self.num_timesteps - self.bar.n)
         return True
 
     def _on_rollout_start(self) -> None:

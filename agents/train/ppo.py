@@ -27,7 +27,7 @@ from agents.setups import Setup, Training, load_setup
 from agents.setups.feasible import warnings
 from agents.setups.keys import within
 from agents.train import checkpoint
-from agents.train.callback import CollapsedError, OnValidation, ProgressCallback, TrainingCallback, outputs
+from agents.train.callback import CollapsedError, OnValidation, TrainingCallback, outputs
 from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
 from agents.train.scaling import ScaledRewards
@@ -210,10 +210,10 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
         print(f"training for {training.whole_steps:,} steps; torch uses {training.threads} thread(s)")
     log.output_formats = outputs(folder, model.num_timesteps)
     title = f"{run.setup.name}, seed {run.seed}"
-    with closing(log), closing(progress(title, training.whole_steps, model.num_timesteps)) as bar:
+    with closing(log), closing(progress(title, training.whole_steps, model.num_timesteps)) as callback.bar:
         model.learn(
             training.whole_steps - model.num_timesteps,
-            callback=[callback, ProgressCallback(bar)],
+            callback=callback,
             log_interval=None,  # type: ignore[arg-type]  # none: the callback writes the log (stable-baselines3 2.9)
             reset_num_timesteps=not saved.is_file(),
         )

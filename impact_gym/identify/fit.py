@@ -66,9 +66,8 @@ class Fit:
         """Return the best of the minima near some points, with the noise of its residuals."""
         for _ in range(NOISE_ROUNDS):
             points = distinct(model, [descend(model, point.x) for point in points])
-            if (
-                not _estimate_noise(model, points[0].x) or len(model.noise) == 1
-            ):  # a single noise level moves no minimum
+            changed = _estimate_noise(model, points[0].x)
+            if not changed or len(model.noise) == 1:  # a single noise level moves no minimum
                 break
         best, *others = (Point(float(np.sum(model.residuals(point.x) ** 2)), point.x) for point in points)
         jacobian, loosely = model.jacobian(best.x), np.eye(len(model.free), model.size) / MAX_STEP

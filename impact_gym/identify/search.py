@@ -72,11 +72,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 
     points = []
     for restitution in RESTITUTIONS if RESTITUTION in places else RESTITUTIONS[:1]:
-        x, light, heavy = (
-            given.copy(),
-            -math.inf,
-            math.inf,
-        )  # largest coordinate of the mass that is too light, smallest that is too heavy
+        x, light, heavy = given.copy(), -math.inf, math.inf  # coordinates of masses known as too light and too heavy
         put(RESTITUTION, math.log(restitution / (1.0 - restitution)))
         for _ in range(PASSES if impulse > 0.0 else 0):
             try:

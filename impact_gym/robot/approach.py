@@ -26,7 +26,6 @@ COLUMNS = {
 """Name of each field in the file; the joint angles follow under the names of the joints."""
 
 Mass = Literal["held", "effective", "composite"]
-NEAREST = "from the start on, from place to place, the least change of the joints"
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +47,6 @@ class Approach(Parameters):
     start: Annotated[Array, SI("m")]  # of the flange in the base's frame, (3,)
     direction: Annotated[Array, SI("-")]  # of length 1, (3,)
     chosen: Mass = "held"  # the mass used unless another is named
-    rule: str = NEAREST  # by which joint angles are chosen among several solutions
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
@@ -120,7 +118,6 @@ def read(path: Path) -> Approach:
         start=np.array(line["start_m"]),
         direction=np.array(line["direction"]),
         chosen=line["chosen"],
-        rule=line["rule"],
     )
 
 
@@ -128,7 +125,7 @@ def write(path: Path, approach: Approach, provenance: dict[str, Any]) -> None:
     """Write `approach` and its provenance to `path` atomically, one line per row, with all digits."""
     line = {
         "joints": list(approach.joints), "start_m": approach.start.tolist(), "direction": approach.direction.tolist(),
-        "chosen": approach.chosen, "rule": approach.rule,
+        "chosen": approach.chosen,
     }  # fmt: skip
     header = [*COLUMNS.values(), *approach.joints]
     head = json.dumps({"provenance": provenance, "line": line, "columns": header}, indent=2)

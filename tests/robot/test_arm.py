@@ -58,7 +58,6 @@ def test_seven_joints_go_the_shortest_way(tmp_path):
     """Of all angles that reach a place nearby the joints take those that change least."""
     arm = from_urdf(seven_joints(tmp_path), "link 0", "tip", joint_stiffness=1e4, joint_damping=1.0)
     approach = arm.along(Q7, (1.0, 0.0, 0.0), np.linspace(0.0, 0.02, 21))
-    assert "least change" in approach.rule
     for step, angles in zip(np.diff(approach.joint_angles, axis=0), approach.joint_angles, strict=False):
         free = np.linalg.svd(arm.jacobian(angles))[2][-1]
         assert abs(free @ step) < 2e-2 * np.linalg.norm(step)  # the bend of the way within a step
