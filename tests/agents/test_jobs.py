@@ -138,12 +138,6 @@ def test_ray_results_equal_local_ones_to_the_bit_though_a_node_was_killed(tmp_pa
     assert "ray start --head" in outcome["none"]
 
 
-def test_ray_names_the_extra_where_it_is_missing(tmp_path, monkeypatch, log):
-    monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(RuntimeError, match="install the extra `cluster`"):
-        cached(numbers, listed(log, 1), tmp_path / "results", cluster="ray")
-
-
 def test_node_with_other_libraries_does_no_call(tmp_path, log):
     call = Call("cluster_work:numbers", json.dumps(listed(log)[0]), "")
     assert b"install the same" in jobs.perform(call, {"numpy": "0.1"})

@@ -32,12 +32,6 @@ def test_approach_without_a_distance_estimate_looks_the_same_whatever_stands_ahe
     assert differ > 100
 
 
-def test_estimate_without_an_error_is_the_distance():
-    env = gym.make(ID, range_noise=0.0)
-    env.reset(seed=3)
-    assert env.unwrapped.sensors()["distance_estimate"] == env.unwrapped.episode_info()["scenario"]["distance"]
-
-
 def test_noise_and_bias_are_normal_and_leave_the_motion_alone():
     assert not at_rest(5, 2000)[..., FORCE].any()
     # readings never fall below zero: half of a normal distribution is seen, the other half as zeros

@@ -45,13 +45,3 @@ def test_rate_counts_every_step_of_the_calls_made(rounds, takes, steps, expected
         now[0] += takes
 
     assert bench.rate(wait, steps, 3.0, rounds, lambda: now[0]) == expected
-
-
-def test_words_have_three_digits():
-    assert [*map(bench.words, (1234567.0, 0.00012345, 12_345, None, "Ray"))] == [
-        "1,230,000",
-        "0.000123",
-        "12,345",
-        "",
-        "Ray",
-    ]

@@ -135,13 +135,6 @@ def test_identify_estimates_noise_or_believes_what_is_known_of_it():
     assert log_width(twice) == pytest.approx(2 * log_width(known), rel=0.25)  # the misfit is no parabola
 
 
-def test_identify_moves_the_start_alone_with_the_clock():
-    recorded = log(TRUTH)
-    later = ig.identify(recorded | {"time": recorded["time"] + 0.375}, guess(), MOTION)
-    assert later.start[0] - identified().start[0] == pytest.approx(0.375, abs=1e-6)
-    assert later.estimate == pytest.approx(identified().estimate, rel=1e-3)
-
-
 def test_identify_knows_numbers_that_four_logs_share_twice_as_well():
     all_four = ig.identify([log(TRUTH, seed=seed) for seed in range(4)], guess(), MOTION)
     assert_near(all_four, TRUTH)

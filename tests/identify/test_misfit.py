@@ -99,11 +99,6 @@ def test_misfit_is_said(spoil, words):
     assert "95 %" not in str(fit)
 
 
-def test_log_that_fits_is_not_said_to_misfit():
-    for seed in range(4):  # UserWarning is an error in these tests
-        assert ig.identify(log(TRUTH, seed=seed), TRUTH, MOTION).warnings == ()
-
-
 def test_tool_that_lags_on_a_soft_spring_is_fitted_at_its_own_touch():
     """It touches later than twice the time of the flange."""
     truth = ig.Scene(ig.Tool(4.2), ig.Object(0.52, 0.285), ig.Contact(9e5, 0.5), ig.SpringDamper(30.0, 0.42))
