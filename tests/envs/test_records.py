@@ -126,10 +126,6 @@ def test_evaluation_set_that_was_altered_is_refused(tmp_path, line, pattern, ins
         evaluation_sets.load(path)
 
 
-def test_evaluation_set_that_there_is_not_is_refused():
-    refused(lambda: evaluation_sets.load("nowhere"), "nowhere", "hard", "test", "validation")
-
-
 def test_reset_takes_a_scenario_before_a_record():
     env = gym.make(ID)
     env.reset(options={"record": {"distance": 0.3}, "scenario": {"distance": 0.2}})
