@@ -23,6 +23,7 @@ from episodes import (
 from refusals import refused
 from scipy import stats
 from steered import ARM, OWN
+from tasks import RANGE_SENSOR
 
 import impact_gym as ig
 from agents.baselines import PaperTrapezoid
@@ -135,20 +136,17 @@ def test_bodies_are_where_the_trace_ends(coupling):
     for _ in range(12):
         batch.step(encode([0.7], [15.0]), batch.ended)
         trace, bodies = batch.trace(0), batch.bodies()
-        ends = [
-            column[-1] for column in (trace.time, trace.flange_position, trace.tool_position, trace.object_position)
-        ]
+        names = ("time", "flange_position", "tool_position", "object_position")
+        ends = [getattr(trace, name)[-1] for name in names]
         assert np.array(bodies[:4])[:, 0] == pytest.approx(ends, abs=1e-12)
         assert bodies.touched == (trace.contact_force.max() > 0.0)
         if coupling != ig.Rigid():
             assert bodies.deflection == pytest.approx(bodies.tool - bodies.flange, abs=1e-12)
-            assert bodies.deflection_rate == pytest.approx(
-                trace.tool_velocity[-1] - trace.flange_velocity[-1], abs=1e-12
-            )
+            rate = trace.tool_velocity[-1] - trace.flange_velocity[-1]
+            assert bodies.deflection_rate == pytest.approx(rate, abs=1e-12)
 
 
 GAP, ROWS = 0.3, 3000
-DRAWN = {"noise": (0.0, 0.01), "share": (0.0, 0.1), "bias": (-0.01, 0.01), "dropout": (0.0, 0.5), "delay": (0.0, 0.1)}
 
 
 def readings(steps, **sensor):
@@ -165,7 +163,7 @@ def readings(steps, **sensor):
 @pytest.mark.parametrize("coupling", [{"type": "Rigid"}, {"type": "SpringDamper", "stiffness": 50.0}])
 @pytest.mark.parametrize("delay", [0.0, 0.016, 0.04])
 def test_without_errors_the_gap_of_the_trace_is_read_a_delay_late(delay, coupling):
-    env = gym.make(ID, range_sensor={"delay": delay}, coupling=coupling, record_trace=True).unwrapped
+    env = gym.make(ID, range_sensor=RangeSensor(delay=delay), coupling=coupling, record_trace=True).unwrapped
     env.reset(seed=3)
     seen, action, ended = [], Always(0.8, 10.0).predict(np.zeros(10))[0], False
     while not ended:
@@ -206,7 +204,7 @@ def test_bias_that_is_drawn_stays_for_the_episode_and_is_uniform():
 
 
 def test_sensor_leaves_motion_and_other_draws_alone():
-    sensed, plain = gym.make(ID, range_sensor=DRAWN, force_noise=0.3), gym.make(ID, force_noise=0.3)
+    sensed, plain = gym.make(ID, range_sensor=RANGE_SENSOR, force_noise=0.3), gym.make(ID, force_noise=0.3)
     for seed in range(40, 45):
         seen, without = (play(env, Always(0.7, 12.0), seed) for env in (sensed, plain))
         assert_identical(seen.observations[:, :8], without.observations)
@@ -214,12 +212,8 @@ def test_sensor_leaves_motion_and_other_draws_alone():
 
 
 def test_state_in_which_more_readings_were_delivered_than_taken_is_refused():
-    batch = Batch(2, Task(range_sensor=DRAWN))
+    batch = Batch(2, Task(range_sensor=RANGE_SENSOR))
     batch.begin_seeded(0, {})
     state = batch.get_state()
     state["episodes"]["ranges_delivered"] += 1000
     refused(lambda: batch.set_state(state), "ranges_delivered", "below ranges_taken")
-
-
-def test_record_and_mapping_are_the_same_sensor():
-    assert Task(range_sensor=RangeSensor(share=0.1)) == Task(range_sensor={"share": 0.1})
