@@ -103,10 +103,8 @@ def test_ensemble_survives_its_file_bit_for_bit(tmp_path, kind):
     for policy in policies:
         assert_same(load_policy(path, policy.seed), policy)
     assert made_up_policy(**KINDS[kind]).to_bytes() == made_up_policy(**KINDS[kind]).save(path).read_bytes()
-    content, velocity = (
-        archive.read_archive(path, FORMAT)[0],
-        {"id": "velocity", "unit": "m/s", "low": -0.5, "high": 1.5},
-    )
+    content, _ = archive.read_archive(path, FORMAT)
+    velocity = {"id": "velocity", "unit": "m/s", "low": -0.5, "high": 1.5}
     assert [row["id"] for row in content["observation"]] == list(policies[0].spec.ids)
     assert content["observation"][1] == {**velocity, "scaled_low": -1.0, "curve": "linear"}
     assert content["action"] == [velocity, {"id": "acceleration", "unit": "m/s^2", "low": 1.0, "high": 20.0}]

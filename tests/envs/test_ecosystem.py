@@ -3,7 +3,6 @@
 import copy
 import importlib.util
 import json
-import pickle
 import subprocess
 import sys
 import zipfile
@@ -44,17 +43,6 @@ def go_on(env, rows):
             trace = env.unwrapped.trace()
             history += [[getattr(trace, name) for name in trace.__slots__], env.reset()]
     return history
-
-
-def test_pickle_goes_on_identically_in_a_process_that_never_imported_the_package(tmp_path):
-    file, rows = tmp_path / "running.pickle", action_table(7, ticks=60)
-    envs = running("NextStep")
-    file.write_bytes(pickle.dumps((envs, rows)))
-    code = ("import pickle, sys\nenvs, rows = pickle.load(open(sys.argv[1], 'rb'))\npickle.dump([envs.step(row) for "
-            "row in rows], open(sys.argv[2], 'wb'))\n")  # fmt: skip
-    subprocess.run([sys.executable, "-c", code, file, tmp_path / "history"], check=True)
-    with (tmp_path / "history").open("rb") as history:
-        assert_identical(pickle.load(history), [envs.step(row) for row in rows])
 
 
 def arrays_in(value):

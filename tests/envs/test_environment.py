@@ -115,10 +115,8 @@ def test_float32_actions_command_the_papers_rule_exactly_and_every_round_number_
 @pytest.mark.parametrize("options", [{}, {"velocity_range": (-1.0, 0.5), "acceleration_range": (0.5, 10.0)}], ids=str)
 def test_flange_does_what_the_action_says_in_si_units(options):
     """After a period it moves at the acceleration that was decoded, later at the velocity, to the bit."""
-    envs, spec = (
-        gym.make_vec(ID, np.int64(200), scenario={"distance": 0.5}, **options),
-        ActionSpec(Task(**options)),
-    )
+    envs = gym.make_vec(ID, num_envs=np.int64(200), scenario={"distance": 0.5}, **options)
+    spec = ActionSpec(Task(**options))
     action = np.random.default_rng(0).uniform(-1.2, 1.2, (200, 2)).astype(np.float32)
     (velocity, acceleration), moved = spec.decode(action).T, []
     envs.reset(seed=0)

@@ -92,10 +92,7 @@ def log(
         values = getattr(here, name)
         if low_pass is not None:
             x = 2.0 * np.pi * low_pass * (here.time[1] - here.time[0])
-            kept, share = (
-                np.exp(-x),
-                -np.expm1(-x) / x,
-            )  # exact for a signal that is straight between points of the grid
+            kept, share = np.exp(-x), -np.expm1(-x) / x  # exact for a signal that is straight between its points
             values = lfilter([1.0 - share, share - kept], [1.0, -kept], values)
         values = np.interp(times, here.time, values, left=0.0)
         recorded[name] = values + bias + rng.normal(size=len(times)) * noise * values.max()

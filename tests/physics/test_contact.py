@@ -227,12 +227,8 @@ def test_object_rebounds_from_a_moving_wall_with_the_restitution_of_each_law_wha
     [(1.0, 0.0), (1.0, 1.0), (1.5, 1.5), (2.0, 2.0), (2.0, 1.5), (1.5, 1.0), (1.5, 2.0), (1.2, 1.7), (1.5, 0.0)],
 )
 def test_exact_delivers_the_restitution_whatever_the_exponents(simulate, m, n):
-    for e, m_p in (
-        (0.1, 0.25),
-        (0.5, 2.5),
-        (0.9, 0.25),
-        *([(0.5, 0.25), (0.6, 0.25), (1.0, 0.25)] * (simulate is fast)),
-    ):
+    more = [(0.5, 0.25), (0.6, 0.25), (1.0, 0.25)] if simulate is fast else []
+    for e, m_p in ((0.1, 0.25), (0.5, 2.5), (0.9, 0.25), *more):
         exact = scene(1e5, e, m_p=m_p, dissipation="exact", stiffness_exponent=m, damping_exponent=n)
         (contact,) = simulate(exact, CRUISE, 1.5).contacts
         assert contact.separation_velocity == pytest.approx(e, rel=1e-9)
