@@ -149,17 +149,14 @@ def test_check_imports_nothing_that_a_dataset_names(root, tmp_path, monkeypatch,
     assert not Path("evil").exists()
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"who": ("nobody",)}, ("who must be of rule, profile, policy", "'nobody'")),
-        ({"who": ("json:nothing",)}, ("no controller 'json:nothing'",)),
-        ({"who": ("rule", "rule")}, ("who must name none twice", "'rule'")),
-        ({"episodes": 0}, ("episodes must be", "at least 1", "got 0")),
-        ({"namespace": "../.."}, ("Malformed dataset ID",)),
-        ({"source": "no-such"}, ("no set-up 'no-such'",)),
-    ],
-)
+@pytest.mark.parametrize(("options", "said"), [
+    ({"who": ("nobody",)}, ("who must be of rule, profile, policy", "'nobody'")),
+    ({"who": ("json:nothing",)}, ("no controller 'json:nothing'",)),
+    ({"who": ("rule", "rule")}, ("who must name none twice", "'rule'")),
+    ({"episodes": 0}, ("episodes must be", "at least 1", "got 0")),
+    ({"namespace": "../.."}, ("Malformed dataset ID",)),
+    ({"source": "no-such"}, ("no set-up 'no-such'",)),
+])  # fmt: skip
 def test_bad_input(options, said):
     refused(lambda: make(**{"who": ("rule",), **options}), *said)
 

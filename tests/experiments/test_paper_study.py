@@ -44,25 +44,19 @@ def statements(findings):
     return findings.tables["statements"]
 
 
-@pytest.mark.parametrize(
-    ("printed", "ours", "digits"),
-    [
-        ("0.98", 0.9786, (2, 2)), ("0.95", 0.9786, (1, 2)), ("1.88", 1.8602, (2, 3)), ("5e1", 51.04, (1, 1)),
-        ("90", 89.0, (1, 2)), ("2", 1.99987, (1, 1)), ("0.321", 0.4, (0, 3)), ("1.0", 1.049, (2, 2)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("printed", "ours", "digits"), [
+    ("0.98", 0.9786, (2, 2)), ("0.95", 0.9786, (1, 2)), ("1.88", 1.8602, (2, 3)), ("5e1", 51.04, (1, 1)),
+    ("90", 89.0, (1, 2)), ("2", 1.99987, (1, 1)), ("0.321", 0.4, (0, 3)), ("1.0", 1.049, (2, 2)),
+])  # fmt: skip
 def test_agreeing_digits(printed, ours, digits):
     assert agreeing_digits(printed, ours) == digits
 
 
-@pytest.mark.parametrize(
-    ("ours", "text", "verdict"),
-    [
-        (0.9786, "is 0.98", Verdict.DIGITS), (0.9786, "is about 0.98", Verdict.DIGITS),
-        (0.972, "is 0.98", Verdict.DISAGREES), (0.972, "is about 0.98", Verdict.AGREES),
-        (0.968, "is about 0.98", Verdict.DISAGREES),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("ours", "text", "verdict"), [
+    (0.9786, "is 0.98", Verdict.DIGITS), (0.9786, "is about 0.98", Verdict.DIGITS),
+    (0.972, "is 0.98", Verdict.DISAGREES), (0.972, "is about 0.98", Verdict.AGREES),
+    (0.968, "is about 0.98", Verdict.DISAGREES),
+])  # fmt: skip
 def test_number_allows_one_unit_of_the_last_digit_after_about(ours, text, verdict):
     said = Said(text=f"the velocity {text}", section="1", basis="identified", printed="0.98 m/s", value="v")
     statement = judge("figure", said, {"v": ours})
@@ -81,14 +75,11 @@ def test_second_reading_agrees_only_if_both_do(first, second):
     assert re.fullmatch(f".* meant otherwise: thus {second:d} .({'' if second else 'dis'}agrees).*", read["otherwise"])
 
 
-@pytest.mark.parametrize(
-    ("condition", "holds"),
-    [
-        ("steps > 0", True), ("steps > 1", False), ("steps >= 1", True), ("steps < 2", False), ("steps <= 2", True),
-        ("one == 1", True), ("one == 2", False), ("one < other", True), ("other < one", False), ("one < inf", True),
-        ("steps[1] == 2", True), ("steps.size < 2", False),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("condition", "holds"), [
+    ("steps > 0", True), ("steps > 1", False), ("steps >= 1", True), ("steps < 2", False), ("steps <= 2", True),
+    ("one == 1", True), ("one == 2", False), ("one < other", True), ("other < one", False), ("one < inf", True),
+    ("steps[1] == 2", True), ("steps.size < 2", False),
+])  # fmt: skip
 def test_condition_holds_in_every_place(condition, holds):
     numbers = {"steps": np.array([1.0, 2.0]), "one": 1, "other": 3.0}
     verdict = Verdict.AGREES if holds else Verdict.DISAGREES

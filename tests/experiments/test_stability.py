@@ -121,20 +121,17 @@ def at(place, value):
     return put
 
 
-@pytest.mark.parametrize(
-    ("fault", "promise"),
-    [
-        ({"separation_velocity": lambda v: 1.01 * v}, promises.PASSIVE),
-        ({"trace.contact_force": at(400, -1e-9)}, promises.PUSHED),
-        ({"impulse": lambda j: -j}, promises.PUSHED),
-        ({"trace.object_velocity": at(slice(-30, None), 0.0)}, promises.RISING),
-        ({"impulse": lambda j: j * (1 + 1e-8)}, promises.BALANCED),
-        ({"momentum_error": lambda _: 2e-9}, promises.BALANCED),
-        ({"momentum_error": lambda _: math.nan}, promises.BALANCED),
-        ({"trace.tool_position": at(3, math.nan)}, promises.FINITE),
-        ({"peak_force": lambda _: math.inf}, promises.FINITE),
-    ],
-)
+@pytest.mark.parametrize(("fault", "promise"), [
+    ({"separation_velocity": lambda v: 1.01 * v}, promises.PASSIVE),
+    ({"trace.contact_force": at(400, -1e-9)}, promises.PUSHED),
+    ({"impulse": lambda j: -j}, promises.PUSHED),
+    ({"trace.object_velocity": at(slice(-30, None), 0.0)}, promises.RISING),
+    ({"impulse": lambda j: j * (1 + 1e-8)}, promises.BALANCED),
+    ({"momentum_error": lambda _: 2e-9}, promises.BALANCED),
+    ({"momentum_error": lambda _: math.nan}, promises.BALANCED),
+    ({"trace.tool_position": at(3, math.nan)}, promises.FINITE),
+    ({"peak_force": lambda _: math.inf}, promises.FINITE),
+])  # fmt: skip
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_row_of_a_planted_fault_breaks_its_promise(fault, promise, coupling):
     row = storm.row_of(approach_of(COUPLINGS[coupling], e=1.0), planted(**fault))

@@ -81,15 +81,11 @@ def test_number_fixed_at_its_estimate_fits_no_better_and_widens_no_interval(tool
             assert high / low <= (most / least) ** 1.05
 
 
-@pytest.mark.parametrize(
-    ("spoil", "words"),
-    [
-        (lambda time: 5.0 + 0.0 * time, "not tared"),
-        (lambda time: 100.0 * (time - time[0]), "drifts"),
-        (lambda time: 3.0 * np.sin(2.0 * np.pi * 300.0 * time), "not white"),
-    ],
-    ids=["untared", "drift", "hum"],
-)
+@pytest.mark.parametrize(("spoil", "words"), [
+    (lambda time: 5.0 + 0.0 * time, "not tared"),
+    (lambda time: 100.0 * (time - time[0]), "drifts"),
+    (lambda time: 3.0 * np.sin(2.0 * np.pi * 300.0 * time), "not white"),
+], ids=["untared", "drift", "hum"])  # fmt: skip
 def test_misfit_is_said(spoil, words):
     good = log(TRUTH)
     with pytest.warns(UserWarning, match="log, force") as said:

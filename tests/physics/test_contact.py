@@ -158,18 +158,15 @@ def test_effective_restitution_of_each_law_is_right_to_1e_14(law):
         assert float(abs(mpmath.mpf(value) - expected)) < 1e-14 * float(expected)
 
 
-@pytest.mark.parametrize(
-    ("restitution", "hu_guo", "effective", "exact"),
-    [  # physics.md, 'Equations'
-        (0.01, 148.5, 0.00673400673, 100.000),
-        (0.05, 28.5, 0.0350877193, 20.0000),
-        (0.1, 13.5, 0.0740735324, 9.99816),
-        (0.3, 3.5, 0.2706584586, 3.08708),
-        (0.5, 1.5, 0.4877412560, 1.432750533),
-        (0.7, 0.642857, 0.6972969681, 0.634828),
-        (0.9, 0.166667, 0.8998999431, 0.166482),
-    ],
-)
+@pytest.mark.parametrize(("restitution", "hu_guo", "effective", "exact"), [  # physics.md, 'Equations'
+    (0.01, 148.5, 0.00673400673, 100.000),
+    (0.05, 28.5, 0.0350877193, 20.0000),
+    (0.1, 13.5, 0.0740735324, 9.99816),
+    (0.3, 3.5, 0.2706584586, 3.08708),
+    (0.5, 1.5, 0.4877412560, 1.432750533),
+    (0.7, 0.642857, 0.6972969681, 0.634828),
+    (0.9, 0.166667, 0.8998999431, 0.166482),
+])  # fmt: skip
 def test_damping_factor_is_that_of_the_working_notes(restitution, hu_guo, effective, exact):
     assert dissipation.damping_factor("hu-guo", restitution) == pytest.approx(hu_guo, abs=5.1e-7)
     assert ig.effective_restitution("hu-guo", restitution) == pytest.approx(effective, abs=6e-11)
