@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from pages import text_of_a_page_that_stands_on_its_own
 
-from experiments.lab.parts import Picture
 from experiments.lab.study import Run as StudyRun
 from experiments.lab.study import StudyOptions, frame_of
 from experiments.studies.paper import STUDY, section_4
@@ -128,17 +127,6 @@ def test_answer_and_documentation_have_the_counts(findings, statements):
     assert [int(number) for number in sentence.groups()] == [sum(tests), *tests]
     counts = [len(statements), sum(tests), *tests, sum(no_tests), *no_tests]
     assert [int(number) for number in re.findall(r"\d+", findings.answer)] == counts
-
-
-def test_each_figure_is_drawn_with_axes_that_say_what_they_are(findings, frames):
-    pictures = [part for section in findings.sections for part in section.parts if isinstance(part, Picture)]
-    assert {picture.name for picture in pictures} == {*frames}
-    for picture in pictures:
-        for axes in picture.figure.axes:
-            assert axes.get_xlabel() or axes.get_title(), picture.name
-            assert axes.get_ylabel(), picture.name
-            assert axes.has_data(), picture.name
-        assert len(picture.alternative) > 60, picture.name
 
 
 def test_page_of_some_figures_stands_on_its_own_with_their_statements(statements, tmp_path):

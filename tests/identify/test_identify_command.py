@@ -55,13 +55,6 @@ def test_main_prints_the_set_up_and_may_free_a_coupling(identify, tmp_path, caps
     assert stiffness == 150.0 or stiffness[0] < stiffness[1]
 
 
-def test_command_asks_for_the_scene(capsys):
-    with pytest.raises(SystemExit) as refusal:
-        main(["log.csv", "--free", "object.mass"])
-    assert refusal.value.code == 2
-    assert "--scene" in capsys.readouterr().err
-
-
 def test_main_holds_out_every_other_log_and_writes_the_predictions_beside_the_set_up(identify, capsys):
     slow = log(TRUTH, motion=SLOW, seed=1)
     logs, speeds = [slow, log(TRUTH, seed=2), slow], ("speed = 1.0", "speed = [1.0, 0.5, 1.0, 0.5]")
