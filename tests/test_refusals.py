@@ -176,8 +176,7 @@ def identify_main(changes, text="", words=()):
 
 
 def arm(make=arms.rods, base="base", tip="tip", **options):
-    given = {"joint_stiffness": (9e3, 4e3), "joint_damping": (5.0, 2.0)} | options
-    return from_urdf(make(Path()), base, tip, **given)
+    return from_urdf(make(Path()), base, tip, **arms.ELASTIC | options)
 
 
 def urdf(old="", new="", joint=(), more="", **options):

@@ -52,6 +52,12 @@ def scene(k_c=1e5, e=0.5, m_p=0.25, coupling=SPRING, robot=None):
     return ig.Scene(ig.Tool(0.125), ig.Object(m_p, 0.2505), ig.Contact(k_c, e), coupling, robot)
 
 
+def truths(of):
+    """What is identified where nothing else is asked for."""
+    return {"contact.stiffness": of.contact.stiffness, "contact.restitution": of.contact.restitution,
+            "object.mass": of.object.mass}  # fmt: skip
+
+
 @lru_cache
 def blow(of, motion, after):
     """Return the motion from the first touch to `after` seconds behind it."""

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from recorder import MOTION, SPRING, log, scene
+from recorder import MOTION, SPRING, log, scene, truths
 from scenes import log_uniform
 from scipy import signal
 from scipy.stats import binomtest
@@ -16,7 +16,6 @@ from impact_gym.identify.fit import BEYOND, Fit, intervals
 from impact_gym.identify.model import free_coordinates
 from impact_gym.identify.search import SCATTERED, scatter
 
-NUMBERS = ("contact.stiffness", "contact.restitution", "object.mass")
 ROBOT = ig.Robot(5.225, 1.5e5, 53.75)
 TRUTH = scene(1e5, 0.5)
 
@@ -29,10 +28,6 @@ def guess(coupling=SPRING, robot=None):
 def identified(seed=0):
     """The fit of a log of force alone, 4 kHz and 2 % of noise."""
     return ig.identify(log(TRUTH, seed=seed), guess(), MOTION)
-
-
-def truths(of):
-    return dict(zip(NUMBERS, (of.contact.stiffness, of.contact.restitution, of.object.mass), strict=True))
 
 
 def assert_near(fit, of, widths=2.0):

@@ -108,6 +108,3 @@ def test_scatter_of_equal_blows_is_the_median_of_those_that_were_fitted():
     predicted = [each.predicted for each in found.predictions]
     assert found.errors("object_velocity")[0] == pytest.approx(np.abs(np.divide(predicted, ends) - 1.0))
     assert predicted == pytest.approx([halves[k % 2] for k in range(5)], rel=0.03)  # e near the middle of its half
-    off = 100.0 * (predicted[0] / ends[0] - 1.0)
-    assert f"log 1: object_velocity {ends[0]:.4g} m/s, predicted {predicted[0]:.4g}, {off:+.1f} %\n" in str(found)
-    assert f"; the median of equal blows {100 * np.median(found.errors('object_velocity')[1]):.1f} %" in str(found)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recorder import MOTION, log, scene
+from recorder import MOTION, log, scene, truths
 
 import impact_gym as ig
 
@@ -18,11 +18,6 @@ def recorded(truth, motion, rate, before, samples, noise):
     force = np.interp(time, trace.time, trace.contact_force)
     deviation = noise * force.max()
     return {"time": time, "force": force + np.random.default_rng(0).normal(0.0, deviation, samples)}, deviation
-
-
-def numbers(of):
-    return {"contact.stiffness": of.contact.stiffness, "contact.restitution": of.contact.restitution,
-            "object.mass": of.object.mass}  # fmt: skip
 
 
 def guessed(truth, stiffness, restitution, mass):
@@ -40,7 +35,7 @@ def test_wrong_minimum_of_the_clock_is_not_taken(contact, mass, speed, later):
     blow, noise = recorded(truth, motion, 51200, 64, 360, 8e-4)
     blow["time"] += later
     fit = ig.identify(blow, guessed(truth, 1e7, 0.5, 1.0), motion, sensor=ig.Sensor(bias="estimated"))
-    assert fit.estimate == pytest.approx(numbers(truth), rel=0.01)
+    assert fit.estimate == pytest.approx(truths(truth), rel=0.01)
     assert fit.noise["force"] == pytest.approx(noise, rel=0.1)
     assert np.std(fit.residuals[0]["force"]) == pytest.approx(noise, rel=0.1)
     assert fit.warnings == ()
@@ -60,7 +55,7 @@ def test_far_guess_leads_to_the_fit_that_the_truth_leads_to(truth, motion, rate,
     fit, best = (ig.identify(blow, start, motion) for start in (guessed(truth, *guess), truth))
     assert fit.noise["force"] <= best.noise["force"] * (1.0 + 1e-3) <= 1.3 * noise
     assert fit.estimate == pytest.approx(best.estimate, rel=1e-3)
-    assert fit.estimate == pytest.approx(numbers(truth), rel=0.03)
+    assert fit.estimate == pytest.approx(truths(truth), rel=0.03)
 
 
 @pytest.mark.parametrize(("tool", "contact", "spring", "speed", "rate", "noise"), [

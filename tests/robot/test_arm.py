@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import SHOULDER, edited, joint, link, rods, seven_joints, write
+from arms import ELASTIC, SHOULDER, edited, joint, link, rods, seven_joints, write
 from refusals import refused
 from scipy.spatial.transform import Rotation
 
@@ -15,7 +15,6 @@ import impact_gym as ig
 from impact_gym.robot import from_urdf
 
 pytest.importorskip("mujoco", reason="the extra robot is not installed")
-ELASTIC = {"joint_stiffness": (9e3, 4e3), "joint_damping": (5.0, 2.0)}
 Q7, THERE = np.array([0.2, 0.6, -0.3, 1.1, 0.4, 0.8, -0.2]), (-1.0, 0.2, 0.0)
 COLUMNS = ("held", "effective", "composite", "stiffness", "effective_stiffness", "damping", "joint_angles")
 
