@@ -63,7 +63,7 @@ def test_examples_all_have_a_test():
     here = {"gymnasium_loop.py", "vector_loop.py", "stable_baselines3_ppo.py", "bistable-robust.toml", *DESIGNED}
     here |= {"linear-sensed.toml"}
     elsewhere = {"rl_zoo3.yml", "minari_again.py"}  # tests/envs/test_ecosystem.py, tests/experiments/test_dataset.py
-    on_a_page = {"mujoco_restitution.py", "morl_capql.py", "offline_d3rlpy.py"}  # docs/questions.md, how-to/libraries.md
+    on_a_page = {"mujoco_restitution.py", "morl_capql.py", "offline_d3rlpy.py"}  # docs/questions.md, libraries.md
     assert {file.name for file in EXAMPLES.iterdir() if file.is_file()} == here | elsewhere | on_a_page
 
 
