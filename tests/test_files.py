@@ -18,18 +18,10 @@ def test_write_file_writes_through_links_which_stay(tmp_path):
     assert sorted(os.listdir(tmp_path / "there")) == ["it.txt"]
 
 
-@pytest.mark.parametrize("kind", ["folder", "pipe", "device", "ring", "link to a pipe"])
+@pytest.mark.parametrize("kind", ["pipe", "ring", "link to a pipe"])
 def test_write_file_leaves_what_is_no_file(tmp_path, kind):
-    """All of it is made here: where this fails, as root, what is written to is gone."""
     path = tmp_path / "it"
-    if kind == "folder":
-        path.mkdir()
-    elif kind == "device":
-        try:
-            os.mknod(path, 0o20666, os.makedev(1, 3))
-        except PermissionError:
-            pytest.skip("no devices can be made here")
-    elif kind == "ring":
+    if kind == "ring":
         path.symlink_to(path)
     else:
         os.mkfifo(tmp_path / "pipe" if kind.startswith("link") else path)

@@ -142,9 +142,3 @@ def test_load_policy_refuses_numbers_of_another_type_or_that_are_not_finite(part
     for other, said in ((weights.astype(float), "float32"), (weights.astype(bool), "float32"), (lost, "finite")):
         archive.write_archive(tmp_path / "it.npz", FORMAT, content, {**arrays, f"0/{part}": other})
         refused(partial(load_policy, tmp_path / "it.npz"), part.partition(".")[0], said)
-
-
-@pytest.mark.parametrize("name", ["width", "depth", "rollout"])
-def test_load_setup_refuses_a_training_with_the_memory_that_it_takes(name, tmp_path):
-    call = partial(set_up, tmp_path, {"training": {name: 10**11}})
-    refused(call, f"training: {name}", "memory", f"got {10**11}", "GiB")

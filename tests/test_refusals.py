@@ -28,7 +28,7 @@ from training import tiny
 
 import impact_gym as ig
 from agents import archive, load_policy, load_setup
-from agents.baselines import load_baseline
+from agents.baselines import PaperTrapezoid, load_baseline
 from agents.policies import Ensemble, Policy
 from agents.policies.policy import FORMAT
 from agents.setups import feasible
@@ -176,8 +176,7 @@ def identify_main(changes, text="", words=()):
 
 
 def arm(make=arms.rods, base="base", tip="tip", **options):
-    given = {"joint_stiffness": (9e3, 4e3), "joint_damping": (5.0, 2.0)} | options
-    return from_urdf(make(Path()), base, tip, **given)
+    return from_urdf(make(Path()), base, tip, **arms.ELASTIC | options)
 
 
 def urdf(old="", new="", joint=(), more="", **options):
@@ -267,7 +266,8 @@ THINGS = {
     "two links of which one can hardly turn": partial(arms.edited, old=arms.SHOULDER, new=r'\1"0.2" upper="0.4"'),
     "joint angles without the last place": APPROACH.joint_angles[:-1], "an approach": APPROACH,
     "joint angles without the last joint": APPROACH.joint_angles[:, :-1], "one approach": (APPROACH,),
-    "two approaches": (APPROACH, APPROACH), "a servo": all_joints.Servo(), "that of another arm": line_of_slides,
+    "two approaches": (APPROACH, APPROACH), "a servo": all_joints.Servo(), "the paper's rule": PaperTrapezoid(),
+    "that of another arm": line_of_slides,
     "the same from elsewhere": lambda line: replace(line, start=line.start + 0.01),
 }  # fmt: skip
 """What only Python can be."""

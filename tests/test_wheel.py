@@ -169,14 +169,11 @@ def test_import_does_not_load_what_learning_and_plotting_need():
     assert heavy.isdisjoint(loaded)
 
 
-@pytest.mark.parametrize(
-    ("missing", "message"),
-    [
-        (["kernels*.so"], "the solver is not compiled; compile it with `make"),
-        (["*.pyx", "*/*.pxi", "*/*.h"], ""),  # a wheel without sources is taken as it is
-        (["solver/dop853.pxi", "task/numbers.pxi"], ""),  # generated ones are not needed any more
-    ],
-)
+@pytest.mark.parametrize(("missing", "message"), [
+    (["kernels*.so"], "the solver is not compiled; compile it with `make"),
+    (["*.pyx", "*/*.pxi", "*/*.h"], ""),  # a wheel without sources is taken as it is
+    (["solver/dop853.pxi", "task/numbers.pxi"], ""),  # generated ones are not needed any more
+])  # fmt: skip
 def test_import_refuses_a_missing_solver_but_no_missing_sources(copy, missing, message):
     for file in [file for pattern in missing for file in copy.glob(pattern)]:
         file.unlink()
@@ -184,14 +181,11 @@ def test_import_refuses_a_missing_solver_but_no_missing_sources(copy, missing, m
     assert message in answer if message else answer == ""
 
 
-@pytest.mark.parametrize(
-    ("source", "before", "after"),
-    [
-        ("physics/contact.pxi", "cdef", " cdef"),
-        ("solver/tableau.py", "fifth", "sixth"),
-        ("quantities.py", '"m/s"', '"km/h"'),
-    ],
-)
+@pytest.mark.parametrize(("source", "before", "after"), [
+    ("physics/contact.pxi", "cdef", " cdef"),
+    ("solver/tableau.py", "fifth", "sixth"),
+    ("quantities.py", '"m/s"', '"km/h"'),
+])  # fmt: skip
 def test_import_refuses_a_solver_compiled_from_other_sources_or_generators(copy, source, before, after):
     (copy / source).write_text((copy / source).read_text().replace(before, after, 1))
     message = "sources of the solver have changed since it was compiled; compile it with `make"

@@ -1,12 +1,12 @@
-"""Pickles and Gymnasium's workers in other processes, arrays that are handed out, wrappers, and learning by rl_zoo3."""
+"""Other processes and threads, arrays that are handed out, wrappers of Gymnasium, and learning by rl_zoo3."""
 
 import copy
 import importlib.util
 import json
-import pickle
 import subprocess
 import sys
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 from episodes import ID, SLOTS, action_table, assert_identical, begin
 from gymnasium.wrappers import vector as wrappers
+from scenes import COUPLINGS, MOTION, scene
 from tasks import EVERYTHING_DRAWN
 
+import impact_gym as ig
 from impact_gym.sb3 import ImpactVecEnv
 
 EVERYTHING = EVERYTHING_DRAWN["spring"] | {"privileged": True}
@@ -41,17 +43,6 @@ def go_on(env, rows):
             trace = env.unwrapped.trace()
             history += [[getattr(trace, name) for name in trace.__slots__], env.reset()]
     return history
-
-
-def test_pickle_goes_on_identically_in_a_process_that_never_imported_the_package(tmp_path):
-    file, rows = tmp_path / "running.pickle", action_table(7, ticks=60)
-    envs = running("NextStep")
-    file.write_bytes(pickle.dumps((envs, rows)))
-    code = ("import pickle, sys\nenvs, rows = pickle.load(open(sys.argv[1], 'rb'))\npickle.dump([envs.step(row) for "
-            "row in rows], open(sys.argv[2], 'wb'))\n")  # fmt: skip
-    subprocess.run([sys.executable, "-c", code, file, tmp_path / "history"], check=True)
-    with (tmp_path / "history").open("rb") as history:
-        assert_identical(pickle.load(history), [envs.step(row) for row in rows])
 
 
 def arrays_in(value):
@@ -120,3 +111,38 @@ def test_rl_zoo3_trains_from_its_command_line_with_the_set_up_of_the_documentati
     episodes = np.concatenate(monitors)  # return, length, and time (s) by the clock on the wall
     first, *_, last = np.array_split(episodes[episodes[:, 2].argsort(), 0], 8)
     assert last.mean() - first.mean() > 4.0 * (first.var() / len(first) + last.var() / len(last)) ** 0.5
+
+
+WORKERS, ROUNDS = 8, 3
+IDS = ("ImpactApproach-v0", "ImpactApproachBistable-v0", "ImpactTeleop-v0")
+
+
+def of_batch(seed):
+    """What a batch of another environment for each seed comes to after some steps at random."""
+    envs = gym.make_vec(IDS[seed % len(IDS)], num_envs=16, threads=1 + seed % 2)
+    rng, kept = np.random.default_rng(seed), [envs.reset(seed=seed)[0]]
+    for _ in range(40):
+        kept += envs.step(rng.uniform(-0.2, 1.0, envs.action_space.shape))[:4]
+    envs.close()
+    return kept
+
+
+def of_scene(seed):
+    """What a scene with another stiffness and coupling for each seed comes to."""
+    chain = scene(1e4 * (1 + seed), 0.4, [*COUPLINGS.values()][seed % 3])
+    outcome = ig.simulate(chain, MOTION, duration=2.0, trace=True)
+    return [np.array([outcome.object_velocity, outcome.peak_force]), outcome.trace.time, outcome.trace.contact_force]
+
+
+@pytest.mark.parametrize("work", [of_batch, of_scene])
+def test_threads_do_not_see_each_other(work):
+    seeds = list(range(WORKERS))
+    alone = list(map(work, seeds))
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(WORKERS) as pool:
+            together = list(pool.map(work, seeds * ROUNDS))
+    finally:
+        sys.setswitchinterval(before)
+    assert_identical(together, alone * ROUNDS)

@@ -114,12 +114,7 @@ def test_evaluation_set_that_was_altered_is_refused(tmp_path, line, pattern, ins
     lines[line], changes = re.subn(pattern, instead, lines[line], count=1)
     assert changes == 1
     path.write_text("".join(lines))
-    with pytest.raises(ValueError, match=r"mine\.csv"):
-        evaluation_sets.load(path)
-
-
-def test_evaluation_set_that_there_is_not_is_refused():
-    refused(lambda: evaluation_sets.load("nowhere"), "nowhere", "hard", "test", "validation")
+    refused(lambda: evaluation_sets.load(path), "mine.csv")
 
 
 def test_reset_takes_a_scenario_before_a_record():

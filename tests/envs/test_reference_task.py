@@ -7,7 +7,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from episodes import ROBOT, Always, Given
-from refusals import refused
 from scipy.special import lambertw
 
 import impact_gym as ig
@@ -114,14 +113,6 @@ def test_scenario_is_the_same_by_itself_and_beside_others():
         scenario = {name: float(values[k]) for name, values in frozen.scenario.items()}
         alone = play(controller, scenario, options={}, time_weight=1.0)
         assert tuple(together[name][row] for name in alone._fields) == alone
-
-
-@pytest.mark.parametrize("option", [
-    {"force_noise": 0.1}, {"force_bias": 0.1}, {"rtol": 1e-9}, {"speed": 1.0}, {"reaction_delay": (0.0, 0.02)},
-], ids=str)  # fmt: skip
-def test_option_that_is_not_served_and_a_scenario_beyond_the_set_are_refused(option):
-    refused(lambda: play(PaperTrapezoid(), SCENARIO, options=option, time_weight=1.0), *option)
-    refused(lambda: rescore(PaperTrapezoid(), "validation", [1000], {}, 1.0), "0 to 999", "1000")
 
 
 @pytest.mark.parametrize("episode", RIPPLING, ids=["once", "twice"])

@@ -1,4 +1,4 @@
-"""What the controller sees of what it must not, sensors that err, and deflections of a delay ago.
+"""What the controller sees of what it must not, sensors that err, and the range sensor.
 
 That all observations are those of the independent solver, whatever is done: `test_reference_task.py`.
 """
@@ -6,14 +6,29 @@ That all observations are those of the independent solver, whatever is done: `te
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import FORCE, ID, PEAK, ROBOT, Always, action_table, at_rest, encode, newtons, play, seconds
+from episodes import (
+    FORCE,
+    ID,
+    PEAK,
+    ROBOT,
+    Always,
+    action_table,
+    assert_identical,
+    at_rest,
+    encode,
+    newtons,
+    play,
+)
+from refusals import refused
 from scipy import stats
 from steered import ARM, OWN
+from tasks import RANGE_SENSOR
 
 import impact_gym as ig
 from agents.baselines import PaperTrapezoid
 from impact_gym.envs.batch import Batch
 from impact_gym.task import Task
+from impact_gym.task.range_sensor import RangeSensor
 
 
 def test_approach_without_a_distance_estimate_looks_the_same_whatever_stands_ahead():
@@ -30,12 +45,6 @@ def test_approach_without_a_distance_estimate_looks_the_same_whatever_stands_ahe
         assert np.array_equal(seen[:first], alike[:first])
         differ += not np.array_equal(seen[first], alike[first])
     assert differ > 100
-
-
-def test_estimate_without_an_error_is_the_distance():
-    env = gym.make(ID, range_noise=0.0)
-    env.reset(seed=3)
-    assert env.unwrapped.sensors()["distance_estimate"] == env.unwrapped.episode_info()["scenario"]["distance"]
 
 
 def test_noise_and_bias_are_normal_and_leave_the_motion_alone():
@@ -61,22 +70,6 @@ def test_noise_and_bias_are_normal_and_leave_the_motion_alone():
         assert np.abs(error).max() > 0.0
         assert (np.diff(seen[:, PEAK]) >= 0.0).all()
         assert (seen[:, PEAK] >= seen[:, FORCE] - 1e-7).all()
-
-
-@pytest.mark.parametrize(("delay", "period"), [(0.04, 0.016), (0.016, 0.07), (0.04, 0.07)])
-def test_readings_keep_their_age_when_the_alarm_comes_at_the_end(delay, period):
-    """What entry 8 shows is the deflection of the trace one reaction delay ago."""
-    env = gym.make(ID, reaction_delay=delay, control_period=period, deflection_sensor=True, record_trace=True)
-    scenario = {"distance": 0.3, "object_mass": 1.0, "contact_stiffness": 1e4, "restitution": 0.5}
-    late = 0
-    for speed in np.linspace(0.249, 0.262, 14):
-        seen = play(env, Always(speed, 20.0), scenario=scenario).observations.astype(float)
-        late += seconds(seen[-1]) > 1.2075  # beyond 1.2 s: an alarm was under way then
-        trace, times = env.unwrapped.trace(), seconds(seen) - delay
-        deflection = np.interp(times, trace.time, trace.tool_position - trace.flange_position)
-        expected = np.where(times < 0.0, 0.0, np.clip(deflection / 0.05, -1.0, 1.0))
-        assert seen[:, 8] == pytest.approx(expected, abs=2e-5)
-    assert late > 3
 
 
 def test_sensors_say_in_si_units_what_the_observation_says():
@@ -126,13 +119,84 @@ def test_bodies_are_where_the_trace_ends(coupling):
     for _ in range(12):
         batch.step(encode([0.7], [15.0]), batch.ended)
         trace, bodies = batch.trace(0), batch.bodies()
-        ends = [
-            column[-1] for column in (trace.time, trace.flange_position, trace.tool_position, trace.object_position)
-        ]
+        names = ("time", "flange_position", "tool_position", "object_position")
+        ends = [getattr(trace, name)[-1] for name in names]
         assert np.array(bodies[:4])[:, 0] == pytest.approx(ends, abs=1e-12)
         assert bodies.touched == (trace.contact_force.max() > 0.0)
         if coupling != ig.Rigid():
             assert bodies.deflection == pytest.approx(bodies.tool - bodies.flange, abs=1e-12)
-            assert bodies.deflection_rate == pytest.approx(
-                trace.tool_velocity[-1] - trace.flange_velocity[-1], abs=1e-12
-            )
+            rate = trace.tool_velocity[-1] - trace.flange_velocity[-1]
+            assert bodies.deflection_rate == pytest.approx(rate, abs=1e-12)
+
+
+GAP, ROWS = 0.3, 3000
+
+
+def readings(steps, **sensor):
+    """Range and age (steps, ROWS) before a flange at rest, each step after the first."""
+    batch = Batch(ROWS, Task(scenario={"distance": (GAP, GAP)}, velocity_range=(-0.5, 0.5), range_sensor=sensor))
+    batch.begin_seeded(0, {})
+    rest, none, seen = np.zeros((ROWS, 2)), np.zeros(ROWS, bool), []
+    for _ in range(steps):
+        batch.step(rest, none)
+        seen.append([batch.sensors()[name] for name in ("range", "range_age")])
+    return np.array(seen).transpose(1, 0, 2)
+
+
+@pytest.mark.parametrize("coupling", [{"type": "Rigid"}, {"type": "SpringDamper", "stiffness": 50.0}])
+@pytest.mark.parametrize("delay", [0.0, 0.016, 0.04])
+def test_without_errors_the_gap_of_the_trace_is_read_a_delay_late(delay, coupling):
+    env = gym.make(ID, range_sensor=RangeSensor(delay=delay), coupling=coupling, record_trace=True).unwrapped
+    env.reset(seed=3)
+    seen, action, ended = [], Always(0.8, 10.0).predict(np.zeros(10))[0], False
+    while not ended:
+        seen.append([env.sensors()[name] for name in ("time", "range", "range_age")])
+        ended = env.step(action)[2]
+    (time, gap, age), trace = np.array(seen).T, env.trace()
+    late = -(-np.round(delay / 0.016, 9) // 1) * 0.016  # whole periods
+    arrived = time >= late - 1e-9
+    assert np.isinf(gap[~arrived]).all()
+    assert np.isinf(age[~arrived]).all()
+    before = arrived & (time < env.episode_info()["approach_time"])  # then steps are whole periods
+    assert age[before] == pytest.approx(late, abs=1e-9)
+    true = np.interp(time - age, trace.time, trace.object_position - trace.tool_position)
+    assert gap[arrived] == pytest.approx(np.maximum(true[arrived], 0.0), abs=2e-6)
+    assert before.sum() > 10
+
+
+def test_mean_spread_and_dropouts_are_those_asked_for():
+    noise, share, bias, dropout = 0.004, 0.02, 0.015, 0.3
+    gap, age = readings(20, noise=noise, share=share, bias=bias, dropout=dropout)
+    fresh = gap[age == 0.0]
+    spread = noise + share * GAP
+    assert stats.kstest(fresh[::7], stats.norm(GAP + bias, spread).cdf).pvalue > 1e-3
+    assert abs(fresh.mean() - GAP - bias) < 5.0 * spread / np.sqrt(fresh.size)
+    assert abs(np.mean(age > 0.0) - dropout) < 5.0 * np.sqrt(dropout * (1.0 - dropout) / age.size)
+    for lag in (1, 2):  # neither errors nor losses follow from earlier ones
+        signs, lost = np.where(age == 0.0, np.sign(gap - GAP - bias), 0.0), (age > 0.0) - dropout
+        assert abs(np.mean(signs[lag:] * signs[:-lag])) < 5.0 / np.sqrt(signs.size)
+        assert abs(np.mean(lost[lag:] * lost[:-lag])) < 5.0 * dropout / np.sqrt(lost.size)
+    assert not np.any((age > 0.0)[:-1] & (age[1:] < age[:-1]) & (age[1:] > 0.0))  # a new reading is a fresh one
+
+
+def test_bias_that_is_drawn_stays_for_the_episode_and_is_uniform():
+    gap, _ = readings(5, bias=(-0.05, 0.05))
+    assert np.ptp(gap, axis=0) == pytest.approx(0.0, abs=1e-12)
+    assert stats.kstest(gap[0] - GAP, stats.uniform(-0.05, 0.1).cdf).pvalue > 1e-3
+    assert readings(3, noise=1.0)[0].min() == 0.0  # nothing is read below 0
+
+
+def test_sensor_leaves_motion_and_other_draws_alone():
+    sensed, plain = gym.make(ID, range_sensor=RANGE_SENSOR, force_noise=0.3), gym.make(ID, force_noise=0.3)
+    for seed in range(40, 45):
+        seen, without = (play(env, Always(0.7, 12.0), seed) for env in (sensed, plain))
+        assert_identical(seen.observations[:, :8], without.observations)
+        assert {name: seen.info["record"][name] for name in without.info["record"]} == without.info["record"]
+
+
+def test_state_in_which_more_readings_were_delivered_than_taken_is_refused():
+    batch = Batch(2, Task(range_sensor=RANGE_SENSOR))
+    batch.begin_seeded(0, {})
+    state = batch.get_state()
+    state["episodes"]["ranges_delivered"] += 1000
+    refused(lambda: batch.set_state(state), "ranges_delivered", "below ranges_taken")

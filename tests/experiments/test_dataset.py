@@ -1,10 +1,10 @@
 """Datasets of Minari: its contract, atomic writing, bit-exact replay; an operator made of tries."""
 
 import json
-import re
 import subprocess
 import sys
 import tomllib
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -13,6 +13,7 @@ import pytest
 import tomli_w
 from episodes import assert_identical
 from playing import pushed
+from refusals import refused
 
 from agents.baselines import PaperTrapezoid
 from agents.evaluate import ScenarioBatch
@@ -24,11 +25,6 @@ from impact_gym.task import Task
 minari = pytest.importorskip("minari")
 dataset = pytest.importorskip("experiments.dataset")
 COUNT = 12
-
-
-def refused(*said):
-    """What is expected of bad input: one line that says all of this."""
-    return pytest.raises(ValueError, match=".*".join(map(re.escape, said)))
 
 
 @pytest.fixture(autouse=True)
@@ -55,6 +51,9 @@ def make(source="linear-blind", **options):
 
 def rule_of(setup="linear-blind", **options):
     make(setup, who=("rule",), **options)
+
+
+check_rule = partial(dataset.check, "impact/linear-blind/rule-v0")
 
 
 def test_each_player_of_a_set_up_has_a_dataset_that_replays(capsys):
@@ -106,25 +105,21 @@ def test_failed_write_leaves_nothing_and_nothing_is_overwritten(root):
     assert not minari.list_local_datasets()
     assert not list(root.rglob("*.hdf5"))
     rule_of()
-    with refused("there is a dataset impact/linear-blind/rule-v0 already", "another --version"):
-        rule_of()
+    refused(rule_of, "there is a dataset impact/linear-blind/rule-v0 already", "another --version")
     rule_of(version=1)
     assert {*minari.list_local_datasets()} == {f"impact/linear-blind/rule-v{version}" for version in (0, 1)}
 
 
 def test_dataset_of_another_version_is_refused(tmp_path):
-    with refused("there is no dataset 'impact/no-v0'", "which has: none"):
-        dataset.check("impact/no-v0")
+    refused(lambda: dataset.check("impact/no-v0"), "there is no dataset 'impact/no-v0'", "which has: none")
     rule_of()
     file = next(tmp_path.rglob("main_data.hdf5"))
     with h5py.File(file, "a") as content:
         content["episode_3/rewards"][5] += 1e-16 + abs(content["episode_3/rewards"][5]) * 1e-15
-    with refused("rewards of episode 3 differ when replayed", "it was made with impact-gym=="):
-        dataset.check("impact/linear-blind/rule-v0")
+    refused(check_rule, "rewards of episode 3 differ when replayed", "it was made with impact-gym==")
     about = next(tmp_path.rglob("metadata.json"))
     about.write_text(about.read_text().replace("time_weight", "weight_of_time"))  # an argument that is none here
-    with refused("has an environment that is not of this package", "weight_of_time"):
-        dataset.check("impact/linear-blind/rule-v0")
+    refused(check_rule, "has an environment that is not of this package", "weight_of_time")
 
 
 RUN = "subprocess:check_output"
@@ -150,25 +145,20 @@ def test_check_imports_nothing_that_a_dataset_names(root, tmp_path, monkeypatch,
     if not spaces:
         del about["observation_space"]
     file.write_text(json.dumps(about))
-    with refused("has an environment that is not of this package", field):
-        dataset.check("impact/linear-blind/rule-v0")
+    refused(check_rule, "has an environment that is not of this package", field)
     assert not Path("evil").exists()
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"who": ("nobody",)}, ("who must be of rule, profile, policy", "'nobody'")),
-        ({"who": ("json:nothing",)}, ("no controller 'json:nothing'",)),
-        ({"who": ("rule", "rule")}, ("who must name none twice", "'rule'")),
-        ({"episodes": 0}, ("episodes must be", "at least 1", "got 0")),
-        ({"namespace": "../.."}, ("Malformed dataset ID",)),
-        ({"source": "no-such"}, ("no set-up 'no-such'",)),
-    ],
-)
+@pytest.mark.parametrize(("options", "said"), [
+    ({"who": ("nobody",)}, ("who must be of rule, profile, policy", "'nobody'")),
+    ({"who": ("json:nothing",)}, ("no controller 'json:nothing'",)),
+    ({"who": ("rule", "rule")}, ("who must name none twice", "'rule'")),
+    ({"episodes": 0}, ("episodes must be", "at least 1", "got 0")),
+    ({"namespace": "../.."}, ("Malformed dataset ID",)),
+    ({"source": "no-such"}, ("no set-up 'no-such'",)),
+])  # fmt: skip
 def test_bad_input(options, said):
-    with refused(*said):
-        make(**{"who": ("rule",), **options})
+    refused(lambda: make(**{"who": ("rule",), **options}), *said)
 
 
 def test_random_actions_are_as_many_as_the_environment_takes():
@@ -179,8 +169,7 @@ def test_random_actions_are_as_many_as_the_environment_takes():
 def test_a_set_up_of_ones_own_without_a_policy_says_so(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(tomli_w.dumps({"environment": {"coupling": {"type": "SpringDamper", "stiffness": 80.0}}}))
-    with refused("mine"):
-        make(str(path), who=("policy",))
+    refused(lambda: make(str(path), who=("policy",)), "mine")
     rule_of(path)
     assert dataset.check("impact/mine/rule-v0") == COUNT
 
@@ -219,10 +208,8 @@ def test_operator_draws_every_recording_and_a_set_up_takes_it(folder, tmp_path):
 
 
 def test_tries_that_do_not_count_or_do_not_fit_are_refused(tmp_path):
-    with refused("has no unmarked try of a person"):
-        make(tmp_path)
+    refused(lambda: make(tmp_path), "has no unmarked try of a person")
     for setup in ("teleop-rigid", "teleop-spring"):
         try_files.write(tmp_path / f"{setup}.json", pushed(lambda time: 0.4 if time < 2.0 else 0.0, setup=setup))
-    with refused("several set-ups or couplings"):
-        make(tmp_path, operator=tmp_path / "operator.toml")
+    refused(lambda: make(tmp_path, operator=tmp_path / "operator.toml"), "several set-ups or couplings")
     assert not (tmp_path / "operator.toml").exists()

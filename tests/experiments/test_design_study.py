@@ -109,10 +109,8 @@ def test_front_counts_a_later_approach_and_exceeded_limits_and_misses(small, pla
                 for k in (1, 2)]  # fmt: skip
     validation = [results(v, allowed * time, excess, allowed=allowed, seed=k, missed=sum(missed))
                   for k, (v, time, excess, *missed) in enumerate(played, 1)]  # fmt: skip
-    frames = {
-        "searches": pl.DataFrame(searches),
-        "validation": pl.concat([results(0.6, 0.30, line=PAPER), *validation]),
-    }
+    validated = pl.concat([results(0.6, 0.30, line=PAPER), *validation])
+    frames = {"searches": pl.DataFrame(searches), "validation": validated}
     (front,) = Search(replace(small, times=(allowed,))).front(frames)
     assert front.seed == seed
 

@@ -1,20 +1,17 @@
-"""What studies share: intervals over seeds and scenarios, the grid, symbols, tables."""
+"""What studies share: intervals over seeds and scenarios, the grid, symbols."""
 
 from dataclasses import astuple
 from html import unescape
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from pages import as_plain_text_has_it
 from scipy.stats import norm
 
 from agents.evaluate.play import play
 from experiments.lab import grid
-from experiments.lab.charts import save
 from experiments.lab.page import mathtext, typeset
-from experiments.lab.parts import Table, percent
-from experiments.lab.statistics import Comparison, Estimate, Resamples, along, estimate, quantile_groups, tolerated
+from experiments.lab.statistics import Comparison, Resamples, along, estimate, quantile_groups, tolerated
 from experiments.lab.study import frame_of
 
 
@@ -98,19 +95,6 @@ def test_typeset_and_mathtext_leave_neither_underscore_nor_caret(text):
     assert unescape(as_plain_text_has_it(page)).replace("(2/5)", "2/5") == text.replace("(2/5)", "2/5")
 
 
-def test_mathtext_leaves_names_of_programs_and_what_is_set_already_and_save_sets_all_else(tmp_path):
-    for text in ("$10^5$", "impact_gym", "RK45, solve_ivp", "M$_X^{-1}$"):
-        assert mathtext(text) == text
-    figure = Figure()
-    axes = figure.subplots()
-    axes.plot([0, 1], [0, 1], label="error of V_p")
-    axes.set(title="k_c", xlabel="V_p (m/s)", ylabel="v_in")
-    axes.annotate("x_r", (0.5, 0.5))
-    axes.legend()
-    drawn = save(figure, tmp_path / "figure.svg").read_text()
-    assert not [symbol for symbol in ("V_p", "k_c", "v_in", "x_r") if symbol in drawn]
-
-
 def test_grid_plays_every_contestant_in_every_place_and_gives_back_what_was_played():
     rule, slow = {"baseline": "paper-trapezoid"}, {"rule": ["ConstantSpeed", [0.5, 20.0]]}
     few, other = {"set": "test", "count": 5}, {"set": "hard", "count": 3}
@@ -128,25 +112,3 @@ def test_grid_plays_every_contestant_in_every_place_and_gives_back_what_was_play
     assert costs.to_numpy() == pytest.approx(expected)
     hard = frame.filter(change="hard", contestant="rule", weight=1.0)
     assert (hard["distance"] == play(rule, other)["distance"]).all()
-
-
-SENTENCE = "2 peaks in 2 contacts, each above a tenth of the highest"
-
-
-@pytest.mark.parametrize(("cells", "words"), [
-    (("0.1 [0, 1] m/s", "-2", "at most 3"), False),
-    (("x", "y", "0.1"), True),
-    ((SENTENCE, "1 e", SENTENCE), True),
-    (("word", "at most 3"), False),  # half of them
-])  # fmt: skip
-def test_table_tells_columns_of_numbers_from_words(cells, words):
-    assert Table("", ("name",), [(cell,) for cell in cells]).words == [words]
-
-
-def test_table_is_written_as_asked_and_knows_sentences():
-    table = Table.of("", [{"a": 1.25, "b": "word"}, {"a": -2.0, "b": "x" * 81}], {"A": "{a:.1f}", "B": "{b}"})
-    assert table.rows == [["1.2", "word"], ["-2.0", "x" * 81]]
-    assert table.long == [False, True]
-    assert Table("", ("B",), [("x" * 80,)]).long == [False]
-    assert percent(Estimate(0.123, 0.1, 0.15)) == "12.3 % [10.0, 15.0]"
-    assert percent(Estimate(0.123, 0.1, 0.15), 0) == "12 % [10, 15]"

@@ -3,6 +3,7 @@
 import re
 
 LENGTHS = 0.5, 0.4  # m, of two rods
+ELASTIC = {"joint_stiffness": (9e3, 4e3), "joint_damping": (5.0, 2.0)}  # N m/rad and N m s/rad, of their joints
 SHOULDER = '(name="shoulder".*?lower=)"-3" upper="3"'
 
 

@@ -33,14 +33,11 @@ def kept(folder):
     return {path: path.stat().st_mtime_ns for path in folder.glob("**/output.pkl")}
 
 
-def numbers(log, number, seconds=0.0, megabytes=0, below=None):
+def numbers(log, number, seconds=0.0, megabytes=0):
     """Return what a sum over many numbers rounds to, so that a result in another order would show.
 
-    Megabytes are more than a cluster sends with its answer: they stay on the node until they are fetched. Numbers that
-    are not `below` the one in a file wait.
+    Megabytes are more than a cluster sends with its answer: they stay on the node until they are fetched.
     """
-    while below and number >= int(Path(below).read_text()):
-        time.sleep(0.02)
     _called(log, number)
     time.sleep(seconds)
     drawn = np.random.default_rng(number).standard_normal((64, 64))

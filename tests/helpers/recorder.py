@@ -52,6 +52,12 @@ def scene(k_c=1e5, e=0.5, m_p=0.25, coupling=SPRING, robot=None):
     return ig.Scene(ig.Tool(0.125), ig.Object(m_p, 0.2505), ig.Contact(k_c, e), coupling, robot)
 
 
+def truths(of):
+    """What is identified where nothing else is asked for."""
+    return {"contact.stiffness": of.contact.stiffness, "contact.restitution": of.contact.restitution,
+            "object.mass": of.object.mass}  # fmt: skip
+
+
 @lru_cache
 def blow(of, motion, after):
     """Return the motion from the first touch to `after` seconds behind it."""
@@ -92,10 +98,7 @@ def log(
         values = getattr(here, name)
         if low_pass is not None:
             x = 2.0 * np.pi * low_pass * (here.time[1] - here.time[0])
-            kept, share = (
-                np.exp(-x),
-                -np.expm1(-x) / x,
-            )  # exact for a signal that is straight between points of the grid
+            kept, share = np.exp(-x), -np.expm1(-x) / x  # exact for a signal that is straight between its points
             values = lfilter([1.0 - share, share - kept], [1.0, -kept], values)
         values = np.interp(times, here.time, values, left=0.0)
         recorded[name] = values + bias + rng.normal(size=len(times)) * noise * values.max()

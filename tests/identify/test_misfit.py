@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recorder import MOTION, log, scene
+from recorder import MOTION, log, scene, truths
 
 import impact_gym as ig
 
@@ -18,11 +18,6 @@ def recorded(truth, motion, rate, before, samples, noise):
     force = np.interp(time, trace.time, trace.contact_force)
     deviation = noise * force.max()
     return {"time": time, "force": force + np.random.default_rng(0).normal(0.0, deviation, samples)}, deviation
-
-
-def numbers(of):
-    return {"contact.stiffness": of.contact.stiffness, "contact.restitution": of.contact.restitution,
-            "object.mass": of.object.mass}  # fmt: skip
 
 
 def guessed(truth, stiffness, restitution, mass):
@@ -40,7 +35,7 @@ def test_wrong_minimum_of_the_clock_is_not_taken(contact, mass, speed, later):
     blow, noise = recorded(truth, motion, 51200, 64, 360, 8e-4)
     blow["time"] += later
     fit = ig.identify(blow, guessed(truth, 1e7, 0.5, 1.0), motion, sensor=ig.Sensor(bias="estimated"))
-    assert fit.estimate == pytest.approx(numbers(truth), rel=0.01)
+    assert fit.estimate == pytest.approx(truths(truth), rel=0.01)
     assert fit.noise["force"] == pytest.approx(noise, rel=0.1)
     assert np.std(fit.residuals[0]["force"]) == pytest.approx(noise, rel=0.1)
     assert fit.warnings == ()
@@ -60,7 +55,7 @@ def test_far_guess_leads_to_the_fit_that_the_truth_leads_to(truth, motion, rate,
     fit, best = (ig.identify(blow, start, motion) for start in (guessed(truth, *guess), truth))
     assert fit.noise["force"] <= best.noise["force"] * (1.0 + 1e-3) <= 1.3 * noise
     assert fit.estimate == pytest.approx(best.estimate, rel=1e-3)
-    assert fit.estimate == pytest.approx(numbers(truth), rel=0.03)
+    assert fit.estimate == pytest.approx(truths(truth), rel=0.03)
 
 
 @pytest.mark.parametrize(("tool", "contact", "spring", "speed", "rate", "noise"), [
@@ -81,15 +76,11 @@ def test_number_fixed_at_its_estimate_fits_no_better_and_widens_no_interval(tool
             assert high / low <= (most / least) ** 1.05
 
 
-@pytest.mark.parametrize(
-    ("spoil", "words"),
-    [
-        (lambda time: 5.0 + 0.0 * time, "not tared"),
-        (lambda time: 100.0 * (time - time[0]), "drifts"),
-        (lambda time: 3.0 * np.sin(2.0 * np.pi * 300.0 * time), "not white"),
-    ],
-    ids=["untared", "drift", "hum"],
-)
+@pytest.mark.parametrize(("spoil", "words"), [
+    (lambda time: 5.0 + 0.0 * time, "not tared"),
+    (lambda time: 100.0 * (time - time[0]), "drifts"),
+    (lambda time: 3.0 * np.sin(2.0 * np.pi * 300.0 * time), "not white"),
+], ids=["untared", "drift", "hum"])  # fmt: skip
 def test_misfit_is_said(spoil, words):
     good = log(TRUTH)
     with pytest.warns(UserWarning, match="log, force") as said:
@@ -97,11 +88,6 @@ def test_misfit_is_said(spoil, words):
     assert tuple(str(each.message) for each in said) == fit.warnings
     assert any(words in text for text in fit.warnings)
     assert "95 %" not in str(fit)
-
-
-def test_log_that_fits_is_not_said_to_misfit():
-    for seed in range(4):  # UserWarning is an error in these tests
-        assert ig.identify(log(TRUTH, seed=seed), TRUTH, MOTION).warnings == ()
 
 
 def test_tool_that_lags_on_a_soft_spring_is_fitted_at_its_own_touch():

@@ -89,34 +89,14 @@ def test_pushed_contact_ends_below_the_critical_push_and_sticks_above(simulate, 
         assert pushed(simulate, restitution, push).end is None
 
 
-@pytest.mark.parametrize("restitution", [1.0, 0.5])
-@pytest.mark.parametrize("damping_ratio", [0.0, 0.2])
-@pytest.mark.parametrize("stiffness", [1e4, 1e6])
-def test_energy_in_the_frame_of_a_steady_flange_is_kept_or_lost(restitution, damping_ratio, stiffness):
-    sprung = scene(stiffness, restitution, ig.SpringDamper(300.0, damping_ratio), distance=2.0)
-    outcome = ig.simulate(sprung, CRUISE, 4.0, RTOL, trace=True)
-    trace = outcome.trace
-    energy = (
-        0.5 * TOOL_MASS * (trace.tool_velocity - trace.flange_velocity) ** 2
-        + 0.5 * OBJECT_MASS * (trace.object_velocity - trace.flange_velocity) ** 2
-        + 0.5 * 300.0 * (trace.tool_position - trace.flange_position) ** 2
-        + 0.4 * stiffness * np.maximum(trace.tool_position - trace.object_position, 0.0) ** 2.5
-    )[trace.time > 1 / 8]
-    assert outcome.contacts
-    assert np.all(np.diff(energy) < 1e-10 * energy[0])
-    if restitution == 1.0 and damping_ratio == 0.0:
-        assert energy == pytest.approx(energy[0], rel=1e-10)
-    else:
-        assert energy[-1] < 0.999 * energy[0]
-
-
 @BOTH
 @pytest.mark.parametrize("robot", [None, ig.Robot(5.225, 1.9e5, 50.4)], ids=["imposed", "robot"])
 @pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(150.0), ig.SpringDamper(300.0, 0.1), ig.Bistable()])
 def test_coupling_impulse_closes_the_budget_of_eq_22(simulate, robot, coupling):
     scenes = [(1e3, 0.1), (1e5, 0.3), (1e5, 1.0)] if simulate is slow else product([1e3, 1e5], [0.1, 0.3, 0.6, 1.0])
     for k_c, restitution in scenes:
-        outcome = simulate(scene(k_c, restitution, coupling, robot), MOTION, 1.5, 1e-9 if simulate is fast else 1e-11)
+        rtol = 1e-9 if simulate is fast else 1e-11
+        outcome = simulate(scene(k_c, restitution, coupling, robot), MOTION, 1.5, rtol=rtol)
         moving = TOOL_MASS + (robot.mass if robot and isinstance(coupling, ig.Rigid) else 0.0)
         # eq. 22 summed over the contacts, each with the restitution that it shows
         velocity = outcome.coupling_impulse / (moving + OBJECT_MASS)
@@ -178,18 +158,15 @@ def test_effective_restitution_of_each_law_is_right_to_1e_14(law):
         assert float(abs(mpmath.mpf(value) - expected)) < 1e-14 * float(expected)
 
 
-@pytest.mark.parametrize(
-    ("restitution", "hu_guo", "effective", "exact"),
-    [  # physics.md, 'Equations'
-        (0.01, 148.5, 0.00673400673, 100.000),
-        (0.05, 28.5, 0.0350877193, 20.0000),
-        (0.1, 13.5, 0.0740735324, 9.99816),
-        (0.3, 3.5, 0.2706584586, 3.08708),
-        (0.5, 1.5, 0.4877412560, 1.432750533),
-        (0.7, 0.642857, 0.6972969681, 0.634828),
-        (0.9, 0.166667, 0.8998999431, 0.166482),
-    ],
-)
+@pytest.mark.parametrize(("restitution", "hu_guo", "effective", "exact"), [  # physics.md, 'Equations'
+    (0.01, 148.5, 0.00673400673, 100.000),
+    (0.05, 28.5, 0.0350877193, 20.0000),
+    (0.1, 13.5, 0.0740735324, 9.99816),
+    (0.3, 3.5, 0.2706584586, 3.08708),
+    (0.5, 1.5, 0.4877412560, 1.432750533),
+    (0.7, 0.642857, 0.6972969681, 0.634828),
+    (0.9, 0.166667, 0.8998999431, 0.166482),
+])  # fmt: skip
 def test_damping_factor_is_that_of_the_working_notes(restitution, hu_guo, effective, exact):
     assert dissipation.damping_factor("hu-guo", restitution) == pytest.approx(hu_guo, abs=5.1e-7)
     assert ig.effective_restitution("hu-guo", restitution) == pytest.approx(effective, abs=6e-11)
@@ -227,12 +204,8 @@ def test_object_rebounds_from_a_moving_wall_with_the_restitution_of_each_law_wha
     [(1.0, 0.0), (1.0, 1.0), (1.5, 1.5), (2.0, 2.0), (2.0, 1.5), (1.5, 1.0), (1.5, 2.0), (1.2, 1.7), (1.5, 0.0)],
 )
 def test_exact_delivers_the_restitution_whatever_the_exponents(simulate, m, n):
-    for e, m_p in (
-        (0.1, 0.25),
-        (0.5, 2.5),
-        (0.9, 0.25),
-        *([(0.5, 0.25), (0.6, 0.25), (1.0, 0.25)] * (simulate is fast)),
-    ):
+    more = [(0.5, 0.25), (0.6, 0.25), (1.0, 0.25)] if simulate is fast else []
+    for e, m_p in ((0.1, 0.25), (0.5, 2.5), (0.9, 0.25), *more):
         exact = scene(1e5, e, m_p=m_p, dissipation="exact", stiffness_exponent=m, damping_exponent=n)
         (contact,) = simulate(exact, CRUISE, 1.5).contacts
         assert contact.separation_velocity == pytest.approx(e, rel=1e-9)

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from arms import LENGTHS, rods, slides
+from arms import ELASTIC, LENGTHS, rods, slides
 from scipy.integrate import solve_ivp
 
 import impact_gym as ig
@@ -22,8 +22,7 @@ START, LINE = (0.1, 1.6), (1.0, 0.5, 0.0)
 
 def elastic(folder, **options):
     """Two rods, and 0.2 m along a line."""
-    given = {"joint_stiffness": (9e3, 4e3), "joint_damping": (5.0, 2.0)} | options
-    arm = from_urdf(rods(folder), "base", "tip", **given)
+    arm = from_urdf(rods(folder), "base", "tip", **ELASTIC | options)
     return arm, arm.along(START, LINE, 0.2)
 
 

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import SHOULDER, edited, joint, link, rods, seven_joints, write
+from arms import ELASTIC, SHOULDER, edited, joint, link, rods, seven_joints, write
+from refusals import refused
 from scipy.spatial.transform import Rotation
 
 import impact_gym as ig
 from impact_gym.robot import from_urdf
 
 pytest.importorskip("mujoco", reason="the extra robot is not installed")
-ELASTIC = {"joint_stiffness": (9e3, 4e3), "joint_damping": (5.0, 2.0)}
 Q7, THERE = np.array([0.2, 0.6, -0.3, 1.1, 0.4, 0.8, -0.2]), (-1.0, 0.2, 0.0)
 COLUMNS = ("held", "effective", "composite", "stiffness", "effective_stiffness", "damping", "joint_angles")
 
@@ -81,10 +81,8 @@ def test_three_joints_in_a_plane_are_two_that_hold_and_one_that_yields(tmp_path)
     assert arm.reduction(q, (2.0, 0.0, 0.0)) == arm.reduction(q, (1.0, 0.0, 0.0))
     stretched = np.linalg.svd(J, compute_uv=False)
     assert arm.condition(q) == pytest.approx(stretched[0] / stretched[1], rel=1e-10)
-    with pytest.raises(ValueError, match="the arm cannot move along"):
-        arm.reduction(q, (0.0, 0.6, 0.8))
-    with pytest.raises(ValueError, match="too near a singularity"):
-        arm.reduction((0.3, 0.0, 0.0), (*u, 0.0))
+    refused(lambda: arm.reduction(q, (0.0, 0.6, 0.8)), "the arm cannot move along")
+    refused(lambda: arm.reduction((0.3, 0.0, 0.0), (*u, 0.0)), "too near a singularity")
 
 
 def test_numbers_of_joints_are_one_for_all_one_for_each_or_drawn_between_two(tmp_path):

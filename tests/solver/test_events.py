@@ -13,7 +13,6 @@ from scipy.optimize import brentq
 from scipy.special import beta, betainc
 
 import impact_gym as ig
-from experiments import reference
 
 ROUNDING = 1e-12  # of a clock at 1 s, over the durations below
 EVERY_TOLERANCE = pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8, 1e-10])
@@ -127,10 +126,10 @@ class Oscillator:
             return 0.0 if force < self.peak else self.summit
         return brentq(lambda t: self.force(t) - force, 0.0, self.summit, xtol=1e-15)
 
-    def run(self, threshold, rtol, simulate=ig.simulate, **options):
+    def run(self, threshold, rtol, **options):
         linear = scene(self.stiffness, self.restitution, m_p=self.mass, distance=0.2, **LINEAR)
         motion = ig.Trapezoid(self.speed, 10.0, ig.Brake(threshold * self.newton, delay=1.0))
-        return simulate(linear, motion, self.start + 2 * self.duration * self.second, rtol, **options)
+        return ig.simulate(linear, motion, self.start + 2 * self.duration * self.second, rtol, **options)
 
 
 @EVERY_TOLERANCE
@@ -163,17 +162,6 @@ def test_peak_of_a_linear_contact_under_a_push_is_that_of_the_oscillator(rtol):
         (contact,) = ig.simulate(linear, ig.Trapezoid(1e3, 20.0), (1 / push + 2) * case.second, rtol).contacts
         newton = math.sqrt(case.mass * case.stiffness) * speed
         assert contact.peak_force == pytest.approx(case.force(peak_at, push) * newton, rel=rtol)
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_reference_comes_to_the_oscillator_too(seed):
-    case = Oscillator(seed)
-    outcome = case.run(0.99 * case.force(0.0), 1e-11, reference.simulate)
-    (contact,) = outcome.contacts
-    assert outcome.detection_time == contact.start  # felt at once
-    assert contact.peak_force == pytest.approx(case.peak * case.newton, rel=1e-9)
-    assert contact.separation_velocity == pytest.approx(case.restitution * case.speed, rel=1e-9)
-    assert contact.end - contact.start == pytest.approx(case.duration * case.second, rel=1e-9)
 
 
 @EVERY_TOLERANCE

@@ -213,10 +213,7 @@ def test_critic_sees_the_true_value_of_what_is_drawn_however_narrow_its_range(ar
     envs = gym.make_vec(ID, num_envs=200, privileged=True, **more, **narrowed(arguments, width))
     observations = envs.reset(seed=1)[0]
     spec, record = envs.unwrapped.observation_spec, envs.unwrapped.batch.info()["record"]
-    hidden = ["distance_estimate"] * (not more["observe_range_noise"]) + [
-        "force_error",
-        "noise_seed",
-    ]  # without a scale
+    hidden = [*["distance_estimate"] * (not more["observe_range_noise"]), "force_error", "noise_seed"]  # have no scale
     assert [name for name in record if name not in spec] == hidden
     for name, values in record.items():
         if name not in hidden:
@@ -229,10 +226,8 @@ def test_critic_sees_the_true_value_of_what_is_drawn_however_narrow_its_range(ar
 def everything_shown():
     """The specifications of all that there is to observe."""
     more = {"privileged": True, "deflection_sensor": True, "past_readings": 3, "alarm": "reading"}
-    return [
-        ObservationSpec(Task(**options, **more, observe_range_noise="range_noise" in options))
-        for options in ALL_DRAWN.values()
-    ]
+    every = [options | more | {"observe_range_noise": "range_noise" in options} for options in ALL_DRAWN.values()]
+    return [ObservationSpec(Task(**options)) for options in every]
 
 
 @EVERY_ROW
