@@ -1,0 +1,207 @@
+"""Backends of `pieces`: heyoka, numbalsoda and diffrax, each as its makers mean it to be used, on one thread.
+
+numbalsoda's integrators know no events: they are asked for a grid of times, and where a gauge changes its sign Newton's
+method integrates from the last time on the grid again. A library that is missing is an ImportError when it is used.
+"""
+
+import math
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+
+from experiments.studies.solvers.pieces import (
+    BESIDE, GAUGES, PARAMETERS, STATE, Advance, Backend, equations, watched,
+)  # fmt: skip
+
+ABSOLUTE = 1e-2  # absolute tolerance over the relative one, of states of order one
+GRID, STRIDES = 32, (2e-3, 0.2)  # times asked for at once, and how far apart: in flight (s), in a contact (-)
+AHEAD = 1e-9  # of the independent variable, behind which the sign of a gauge that begins at zero is read
+STEPS = 16_384  # most steps of diffrax in one piece
+
+
+@cache
+def heyoka(kind: int, touching: bool, tolerance: float) -> Advance:
+    """Taylor series of the order that a tolerance asks for (Biscani, Izzo 2021)."""
+    import heyoka as hy
+
+    symbols, par = hy.make_vars(*STATE), tuple(hy.par[place] for place in range(len(PARAMETERS)))
+    derivatives, gauges = equations(kind, touching, hy.sqrt)(symbols, par)
+    way = {1: hy.event_direction.positive, -1: hy.event_direction.negative, 0: hy.event_direction.any}
+    events = [hy.t_event(gauges[place], direction=way[sign]) for place, sign in watched(kind, touching)]
+    system = [(symbol, hy.expression(0.0) + rate) for symbol, rate in zip(symbols, derivatives, strict=True)]
+    integrator = hy.taylor_adaptive(system, [0.0] * len(STATE), tol=tolerance, t_events=events)
+    names = {-1 - at: GAUGES[place] for at, (place, _) in enumerate(watched(kind, touching))}
+    names[int(hy.taylor_outcome.time_limit)] = "cut"
+    held: list[float] = []
+
+    def advance(state: list[float], parameters: list[float], limit: float) -> tuple[str, list[float]]:
+        nonlocal held
+        if state is not held:  # else it goes on from the event before, which must not come again
+            integrator.time, integrator.state[:] = 0.0, state
+            integrator.reset_cooldowns()
+        integrator.pars[:] = parameters[: len(integrator.pars)]
+        outcome = int(integrator.propagate_for(limit)[0])
+        held = integrator.state.tolist()
+        return names[outcome], held
+
+    return advance
+
+
+@cache
+def _compiled(kind: int, touching: bool) -> tuple[int, Any, Any]:
+    """Return numbalsoda's form of the equations: the address of the derivatives, and a function of both."""
+    import numba
+    from numba.np.unsafe.ndarray import to_fixed_tuple
+    from numbalsoda import lsoda_sig
+
+    rates = numba.njit(equations(kind, touching, math.sqrt))
+    n, m = len(STATE), len(PARAMETERS)
+
+    @numba.cfunc(lsoda_sig)  # type: ignore[untyped-decorator]
+    def derivatives(_: Any, state: Any, result: Any, par: Any) -> None:
+        values = rates(to_fixed_tuple(numba.carray(state, (n,)), n), to_fixed_tuple(numba.carray(par, (m,)), m))[0]
+        for i, value in enumerate(values):
+            result[i] = value
+
+    @numba.njit  # type: ignore[untyped-decorator]
+    def both(state: Any, par: Any) -> tuple[Any, Any]:
+        derivatives, gauges = rates(to_fixed_tuple(state, n), to_fixed_tuple(par, m))
+        return np.array(derivatives), np.array(gauges)
+
+    return derivatives.address, both, derivatives
+
+
+def numbalsoda(method: str, kind: int, touching: bool, tolerance: float) -> Advance:
+    """ODEPACK's LSODA or Hairer's DOP853, compiled, with the search for events compiled by Numba."""
+    places, directions = (np.array(each) for each in zip(*watched(kind, touching), strict=True))
+    address, both, _ = _compiled(kind, touching)
+    search = _search(method, kind, touching)
+
+    def advance(state: list[float], parameters: list[float], limit: float) -> tuple[str, list[float]]:
+        arrays = np.array(state), np.array(parameters), places, directions
+        place, there = search(address, *arrays, limit, STRIDES[touching], tolerance, ABSOLUTE * tolerance)
+        if place < -1:
+            raise RuntimeError(f"{method} gives up")
+        return ("cut" if place < 0 else GAUGES[place]), there.tolist()
+
+    return advance
+
+
+@cache
+def _search(method: str, kind: int, touching: bool) -> Any:
+    """Return the compiled search for the first event."""
+    import numba
+    import numbalsoda as library
+
+    solve, both = getattr(library, method), _compiled(kind, touching)[1]
+
+    @numba.njit  # type: ignore[untyped-decorator]
+    def crossing(address: Any, y: Any, par: Any, place: int, guess: float, h: float, rtol: float, atol: float) -> Any:
+        """Time and state at which a gauge is zero, from y on, by Newton's method; at most h."""
+        at, there = guess, y
+        for _ in range(20):
+            at = min(max(at, 1e-3 * AHEAD), h)
+            found, _ = solve(address, y, np.array([0.0, at]), par, rtol, atol)
+            there = found[1]
+            rates, gauges = both(there, par)
+            slope = (both(there + AHEAD * rates, par)[1][place] - gauges[place]) / AHEAD
+            change = -gauges[place] / slope
+            if abs(change) < AHEAD or not np.isfinite(change):
+                break
+            at += change
+        return at, there + change * rates
+
+    @numba.njit  # type: ignore[untyped-decorator]
+    def search(
+        address: Any, y: Any, par: Any, places: Any, ways: Any, limit: float, h: float, rtol: float, atol: float
+    ) -> Any:
+        t, begin = 0.0, both(y + AHEAD * both(y, par)[0], par)[1]
+        for _ in range(10_000):
+            times = np.minimum(h * np.arange(GRID + 1), limit - t)
+            last = np.searchsorted(times, times[-1])
+            found, success = solve(address, y, times[: last + 1], par, rtol, atol)
+            if not success or not np.isfinite(found).all():
+                return -2, y
+            for i in range(last):
+                end, first, which, there = both(found[i + 1], par)[1], np.inf, -1, y
+                for j in range(len(places)):
+                    g, g_end, way = begin[places[j]], end[places[j]], ways[j]
+                    if (g < 0.0 <= g_end and way >= 0) or (g > 0.0 >= g_end and way <= 0):
+                        step = times[i + 1] - times[i]
+                        at, state = crossing(
+                            address, found[i], par, places[j], step * g / (g - g_end), step, rtol, atol
+                        )
+                        if at < first:
+                            first, which, there = at, places[j], state
+                if which >= 0:
+                    return which, there
+                begin = end
+            t, y = t + times[-1], found[last].copy()
+            if t >= limit:
+                return -1, y
+        return -2, y
+
+    return search
+
+
+@cache
+def diffrax(kind: int, touching: bool, tolerance: float) -> Advance:
+    """Runge-Kutta of order 8 with events, compiled by JAX (Kidger 2021)."""
+    run = _diffrax_piece(kind, touching)
+
+    def advance(state: list[float], parameters: list[float], limit: float) -> tuple[str, list[float]]:
+        success, place, there = run(np.array(state), np.array(parameters), limit, tolerance)
+        if not success:
+            raise RuntimeError("diffrax gives up")
+        return ("cut" if place < 0 else GAUGES[int(place)]), np.asarray(there).tolist()
+
+    return advance
+
+
+@cache
+def _diffrax_piece(kind: int, touching: bool) -> Callable[..., Any]:
+    import diffrax as dfx
+    import jax
+    import jax.numpy as jnp
+    import optimistix
+
+    jax.config.update("jax_enable_x64", True)
+    jax.config.update("jax_cpu_enable_async_dispatch", False)  # what another thread does would not be timed
+    both, events = equations(kind, touching, jnp.sqrt), watched(kind, touching)
+
+    def rates(_: Any, state: Any, par: Any) -> Any:
+        return jnp.stack(both(tuple(state), tuple(par))[0])
+
+    def gauge(place: int, t: Any, state: Any, par: Any, **_: Any) -> Any:
+        values, sign = par
+        return jnp.where(t < AHEAD, sign[place] * BESIDE, both(tuple(state), tuple(values))[1][place])
+
+    @jax.jit
+    def run(state: Any, par: Any, limit: Any, tolerance: Any) -> Any:
+        begin = jnp.stack(both(tuple(state + AHEAD * rates(0.0, state, par)), tuple(par))[1])
+        event = dfx.Event(
+            [partial(gauge, place) for place, _ in events],
+            optimistix.Newton(1e-14, 1e-14),
+            [None if sign == 0 else sign > 0 for _, sign in events],
+        )
+        found = dfx.diffeqsolve(
+            dfx.ODETerm(lambda t, y, args: rates(t, y, args[0])), dfx.Dopri8(), 0.0, limit, None, state,
+            (par, jnp.sign(begin)), event=event, max_steps=STEPS, throw=False,
+            stepsize_controller=dfx.PIDController(tolerance, ABSOLUTE * tolerance),
+        )  # fmt: skip
+        mask = jnp.stack(found.event_mask)
+        place = jnp.where(mask.any(), jnp.array([place for place, _ in events])[jnp.argmax(mask)], -1)
+        return dfx.is_okay(found.result), place, found.ys[-1]
+
+    return run
+
+
+PEERS: dict[str, Backend] = {
+    "heyoka": heyoka,
+    "numbalsoda lsoda": partial(numbalsoda, "lsoda"),
+    "numbalsoda dop853": partial(numbalsoda, "dop853"),
+    "diffrax Dopri8": diffrax,
+}
+"""Backends by name: the library, and which of its methods."""
