@@ -12,11 +12,15 @@ from typing import Any
 import numpy as np
 
 from experiments.studies.solvers.pieces import (
-    BESIDE, GAUGES, PARAMETERS, STATE, Advance, Backend, equations, watched,
+    BESIDE, BISTABLE, GAUGES, PARAMETERS, RIGID, SPRING, STATE, Advance, Backend, equations, watched,
 )  # fmt: skip
 
 ABSOLUTE = 1e-2  # absolute tolerance over the relative one, of states of order one
-GRID, STRIDES = 32, (2e-3, 0.2)  # times asked for at once, and how far apart: in flight (s), in a contact (-)
+MOST = 64  # events of one piece
+GRID = 32  # times asked for at once
+STRIDES = {SPRING: 1e-2, BISTABLE: 2e-3, RIGID: 0.1}  # s, between them in flight: a tenth of a period at most
+STRIDE = 0.4  # likewise in a contact, in its units
+PEAK, ALARM = 1, 3  # places in GAUGES of what does not change the equations
 AHEAD = 1e-9  # of the independent variable, behind which the sign of a gauge that begins at zero is read
 STEPS = 16_384  # most steps of diffrax in one piece
 
@@ -62,8 +66,8 @@ def _compiled(kind: int, touching: bool) -> tuple[int, Any, Any]:
     @numba.cfunc(lsoda_sig)  # type: ignore[untyped-decorator]
     def derivatives(_: Any, state: Any, result: Any, par: Any) -> None:
         values = rates(to_fixed_tuple(numba.carray(state, (n,)), n), to_fixed_tuple(numba.carray(par, (m,)), m))[0]
-        for i, value in enumerate(values):
-            result[i] = value
+        for i, value in enumerate(values):  # beyond the separation nothing happens; the series there would diverge
+            result[i] = value if i == 0 or not touching or state[0] >= 0.0 else 0.0
 
     @numba.njit  # type: ignore[untyped-decorator]
     def both(state: Any, par: Any) -> tuple[Any, Any]:
@@ -79,12 +83,20 @@ def numbalsoda(method: str, kind: int, touching: bool, tolerance: float) -> Adva
     address, both, _ = _compiled(kind, touching)
     search = _search(method, kind, touching)
 
+    ahead: list[tuple[str, list[float]]] = []
+    held: list[float] = []
+
     def advance(state: list[float], parameters: list[float], limit: float) -> tuple[str, list[float]]:
-        arrays = np.array(state), np.array(parameters), places, directions
-        place, there = search(address, *arrays, limit, STRIDES[touching], tolerance, ABSOLUTE * tolerance)
-        if place < -1:
-            raise RuntimeError(f"{method} gives up")
-        return ("cut" if place < 0 else GAUGES[place]), there.tolist()
+        nonlocal held, ahead
+        cut = parameters[PARAMETERS.index("cut")]
+        if state is not held or not ahead or (touching and ahead[0][1][3] > cut):
+            arrays = np.array(state), np.array(parameters), places, directions
+            found = search(address, *arrays, limit, STRIDE if touching else STRIDES[kind], tolerance)
+            if found[-1, 0] < -1:
+                raise RuntimeError(f"{method} gives up")
+            ahead = [("cut" if place < 0 else GAUGES[int(place)], there) for place, *there in found.tolist()]
+        event, held = ahead.pop(0)
+        return event, held
 
     return advance
 
@@ -98,50 +110,56 @@ def _search(method: str, kind: int, touching: bool) -> Any:
     solve, both = getattr(library, method), _compiled(kind, touching)[1]
 
     @numba.njit  # type: ignore[untyped-decorator]
-    def crossing(address: Any, y: Any, par: Any, place: int, guess: float, h: float, rtol: float, atol: float) -> Any:
-        """Time and state at which a gauge is zero, from y on, by Newton's method; at most h."""
-        at, there = guess, y
-        for _ in range(20):
-            at = min(max(at, 1e-3 * AHEAD), h)
-            found, _ = solve(address, y, np.array([0.0, at]), par, rtol, atol)
+    def crossing(address: Any, y: Any, par: Any, place: int, rising: bool, h: float, guess: float, rtol: float) -> Any:
+        """Time and state at which a gauge is zero, from y on and before h, by Newton's method within a bracket."""
+        low, high, at, there = 0.0, h, guess, y
+        for _ in range(60):
+            found, _ = solve(address, y, np.array([0.0, at]), par, rtol, ABSOLUTE * rtol)
             there = found[1]
             rates, gauges = both(there, par)
             slope = (both(there + AHEAD * rates, par)[1][place] - gauges[place]) / AHEAD
-            change = -gauges[place] / slope
-            if abs(change) < AHEAD or not np.isfinite(change):
+            change = -gauges[place] / slope if (slope > 0.0) == rising else np.inf  # inf: of the crossing before
+            if change * change < 0.01 * rtol:  # what a step by the slope leaves
+                there = there + change * rates
                 break
-            at += change
-        return at, there + change * rates
+            if (gauges[place] < 0.0) == rising:
+                low = at
+            else:
+                high = at
+            at = at + change if low < at + change < high else 0.5 * (low + high)
+        return at, there
 
     @numba.njit  # type: ignore[untyped-decorator]
-    def search(
-        address: Any, y: Any, par: Any, places: Any, ways: Any, limit: float, h: float, rtol: float, atol: float
-    ) -> Any:
-        t, begin = 0.0, both(y + AHEAD * both(y, par)[0], par)[1]
-        for _ in range(10_000):
+    def search(address: Any, y: Any, par: Any, places: Any, ways: Any, limit: float, h: float, rtol: float) -> Any:
+        """The events up to the first one behind which the equations change: a row of place and state for each."""
+        t, begin, passed, n = 0.0, both(y + AHEAD * both(y, par)[0], par)[1], np.empty((MOST, len(y) + 1)), 0
+        roots = np.empty((len(places), len(y) + 2))
+        while n < MOST - len(places):
             times = np.minimum(h * np.arange(GRID + 1), limit - t)
             last = np.searchsorted(times, times[-1])
-            found, success = solve(address, y, times[: last + 1], par, rtol, atol)
+            found, success = solve(address, y, times[: last + 1], par, rtol, ABSOLUTE * rtol)
             if not success or not np.isfinite(found).all():
-                return -2, y
+                passed[n, 0] = -2
+                return passed[: n + 1]
             for i in range(last):
-                end, first, which, there = both(found[i + 1], par)[1], np.inf, -1, y
-                for j in range(len(places)):
-                    g, g_end, way = begin[places[j]], end[places[j]], ways[j]
+                end, m = both(found[i + 1], par)[1], 0
+                for place, way in zip(places, ways):  # noqa: B905  # Numba knows no strict
+                    g, g_end, step = begin[place], end[place], times[i + 1] - times[i]
                     if (g < 0.0 <= g_end and way >= 0) or (g > 0.0 >= g_end and way <= 0):
-                        step = times[i + 1] - times[i]
-                        at, state = crossing(
-                            address, found[i], par, places[j], step * g / (g - g_end), step, rtol, atol
-                        )
-                        if at < first:
-                            first, which, there = at, places[j], state
-                if which >= 0:
-                    return which, there
+                        guess = step * g / (g - g_end)
+                        at, there = crossing(address, found[i].copy(), par, place, g < 0.0, step, guess, rtol)
+                        roots[m, 0], roots[m, 1], roots[m, 2:], m = at, place, there, m + 1
+                for j in np.argsort(roots[:m, 0]):
+                    passed[n], n = roots[j, 1:], n + 1
+                    if roots[j, 1] != PEAK and roots[j, 1] != ALARM:
+                        return passed[:n]
                 begin = end
             t, y = t + times[-1], found[last].copy()
             if t >= limit:
-                return -1, y
-        return -2, y
+                passed[n, 0], passed[n, 1:] = -1, y
+                return passed[: n + 1]
+        passed[n, 0] = -2
+        return passed[: n + 1]
 
     return search
 
@@ -154,7 +172,7 @@ def diffrax(kind: int, touching: bool, tolerance: float) -> Advance:
     def advance(state: list[float], parameters: list[float], limit: float) -> tuple[str, list[float]]:
         success, place, there = run(np.array(state), np.array(parameters), limit, tolerance)
         if not success:
-            raise RuntimeError("diffrax gives up")
+            raise RuntimeError(f"diffrax gives up, {place}")
         return ("cut" if place < 0 else GAUGES[int(place)]), np.asarray(there).tolist()
 
     return advance
@@ -172,17 +190,19 @@ def _diffrax_piece(kind: int, touching: bool) -> Callable[..., Any]:
     both, events = equations(kind, touching, jnp.sqrt), watched(kind, touching)
 
     def rates(_: Any, state: Any, par: Any) -> Any:
-        return jnp.stack(both(tuple(state), tuple(par))[0])
+        values = both(tuple(state), tuple(par))[0]
+        going_on = (state[0] >= 0.0) if touching else True  # as above
+        return jnp.stack([values[0], *(jnp.where(going_on, value, 0.0) for value in values[1:])])
 
-    def gauge(place: int, t: Any, state: Any, par: Any, **_: Any) -> Any:
-        values, sign = par
-        return jnp.where(t < AHEAD, sign[place] * BESIDE, both(tuple(state), tuple(values))[1][place])
+    def gauge(t: Any, y: Any, args: Any, place: int, **_: Any) -> Any:
+        values, sign = args
+        return jnp.where(t < AHEAD, sign[place] * BESIDE, both(tuple(y), tuple(values))[1][place])
 
     @jax.jit
     def run(state: Any, par: Any, limit: Any, tolerance: Any) -> Any:
         begin = jnp.stack(both(tuple(state + AHEAD * rates(0.0, state, par)), tuple(par))[1])
         event = dfx.Event(
-            [partial(gauge, place) for place, _ in events],
+            [partial(gauge, place=place) for place, _ in events],
             optimistix.Newton(1e-14, 1e-14),
             [None if sign == 0 else sign > 0 for _, sign in events],
         )

@@ -79,7 +79,7 @@ def equations(kind: int, touching: bool, sqrt: Callable[[Any], Any]) -> Callable
         rate, s_dot, F = 1.0 + 0.0 * s, w, 0.0 * s
         if touching:  # not s**3, whose series heyoka divides by s, which is zero at onset
             rate, s_dot = s, 0.5 * w
-            F = pressed * k_c * length**1.5 * (s * s * s) * clamped  # paper, eq. 5 and 7
+            F = pressed * k_c * length * sqrt(length) * (s * s * s) * clamped  # paper, eq. 5 and 7
         tool = mobile * (T - F) / m_t + (1.0 - mobile) * a
         w_dot = rate * unit * (tool - F / m_p)
         slope = 1.5 * w * clamped + d * s * w_dot  # of F, without s^2
