@@ -7,12 +7,23 @@ method integrates from the last time on the grid again. A library that is missin
 import math
 from collections.abc import Callable
 from functools import cache, partial
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from experiments.studies.solvers.pieces import (
-    BESIDE, BISTABLE, GAUGES, PARAMETERS, RIGID, SPRING, STATE, Advance, Backend, equations, watched,
+    BESIDE,
+    BISTABLE,
+    GAUGES,
+    PARAMETERS,
+    RIGID,
+    SPRING,
+    STATE,
+    Advance,
+    Backend,
+    equations,
+    watched,
 )  # fmt: skip
 
 ABSOLUTE = 1e-2  # absolute tolerance over the relative one, of states of order one
@@ -25,10 +36,15 @@ AHEAD = 1e-9  # of the independent variable, behind which the sign of a gauge th
 STEPS = 16_384  # most steps of diffrax in one piece
 
 
+def _library(name: str) -> Any:
+    """Import a module of a library that may be missing, and that has no types for us."""
+    return import_module(name)
+
+
 @cache
 def heyoka(kind: int, touching: bool, tolerance: float) -> Advance:
     """Taylor series of the order that a tolerance asks for (Biscani, Izzo 2021)."""
-    import heyoka as hy
+    hy: Any = _library("heyoka")
 
     symbols, par = hy.make_vars(*STATE), tuple(hy.par[place] for place in range(len(PARAMETERS)))
     derivatives, gauges = equations(kind, touching, hy.sqrt)(symbols, par)
@@ -56,20 +72,19 @@ def heyoka(kind: int, touching: bool, tolerance: float) -> Advance:
 @cache
 def _compiled(kind: int, touching: bool) -> tuple[int, Any, Any]:
     """Return numbalsoda's form of the equations: the address of the derivatives, and a function of both."""
-    import numba
-    from numba.np.unsafe.ndarray import to_fixed_tuple
-    from numbalsoda import lsoda_sig
+    numba, lsoda_sig = _library("numba"), _library("numbalsoda").lsoda_sig
+    to_fixed_tuple = _library("numba.np.unsafe.ndarray").to_fixed_tuple
 
     rates = numba.njit(equations(kind, touching, math.sqrt))
     n, m = len(STATE), len(PARAMETERS)
 
-    @numba.cfunc(lsoda_sig)  # type: ignore[untyped-decorator]
+    @numba.cfunc(lsoda_sig)  # type: ignore[untyped-decorator]  # of a library without types
     def derivatives(_: Any, state: Any, result: Any, par: Any) -> None:
         values = rates(to_fixed_tuple(numba.carray(state, (n,)), n), to_fixed_tuple(numba.carray(par, (m,)), m))[0]
         for i, value in enumerate(values):  # beyond the separation nothing happens; the series there would diverge
             result[i] = value if i == 0 or not touching or state[0] >= 0.0 else 0.0
 
-    @numba.njit  # type: ignore[untyped-decorator]
+    @numba.njit  # type: ignore[untyped-decorator]  # of a library without types
     def both(state: Any, par: Any) -> tuple[Any, Any]:
         derivatives, gauges = rates(to_fixed_tuple(state, n), to_fixed_tuple(par, m))
         return np.array(derivatives), np.array(gauges)
@@ -80,7 +95,7 @@ def _compiled(kind: int, touching: bool) -> tuple[int, Any, Any]:
 def numbalsoda(method: str, kind: int, touching: bool, tolerance: float) -> Advance:
     """ODEPACK's LSODA or Hairer's DOP853, compiled, with the search for events compiled by Numba."""
     places, directions = (np.array(each) for each in zip(*watched(kind, touching), strict=True))
-    address, both, _ = _compiled(kind, touching)
+    address, *_ = _compiled(kind, touching)
     search = _search(method, kind, touching)
 
     ahead: list[tuple[str, list[float]]] = []
@@ -104,12 +119,9 @@ def numbalsoda(method: str, kind: int, touching: bool, tolerance: float) -> Adva
 @cache
 def _search(method: str, kind: int, touching: bool) -> Any:
     """Return the compiled search for the first event."""
-    import numba
-    import numbalsoda as library
+    numba, solve, both = _library("numba"), getattr(_library("numbalsoda"), method), _compiled(kind, touching)[1]
 
-    solve, both = getattr(library, method), _compiled(kind, touching)[1]
-
-    @numba.njit  # type: ignore[untyped-decorator]
+    @numba.njit  # type: ignore[untyped-decorator]  # of a library without types
     def crossing(address: Any, y: Any, par: Any, place: int, rising: bool, h: float, guess: float, rtol: float) -> Any:
         """Time and state at which a gauge is zero, from y on and before h, by Newton's method within a bracket."""
         low, high, at, there = 0.0, h, guess, y
@@ -129,7 +141,7 @@ def _search(method: str, kind: int, touching: bool) -> Any:
             at = at + change if low < at + change < high else 0.5 * (low + high)
         return at, there
 
-    @numba.njit  # type: ignore[untyped-decorator]
+    @numba.njit  # type: ignore[untyped-decorator]  # of a library without types
     def search(address: Any, y: Any, par: Any, places: Any, ways: Any, limit: float, h: float, rtol: float) -> Any:
         """The events up to the first one behind which the equations change: a row of place and state for each."""
         t, begin, passed, n = 0.0, both(y + AHEAD * both(y, par)[0], par)[1], np.empty((MOST, len(y) + 1)), 0
@@ -172,7 +184,7 @@ def diffrax(kind: int, touching: bool, tolerance: float) -> Advance:
     def advance(state: list[float], parameters: list[float], limit: float) -> tuple[str, list[float]]:
         success, place, there = run(np.array(state), np.array(parameters), limit, tolerance)
         if not success:
-            raise RuntimeError(f"diffrax gives up, {place}")
+            raise RuntimeError("the search for an event fails" if place >= 0 else f"more than {STEPS} steps")
         return ("cut" if place < 0 else GAUGES[int(place)]), np.asarray(there).tolist()
 
     return advance
@@ -180,11 +192,7 @@ def diffrax(kind: int, touching: bool, tolerance: float) -> Advance:
 
 @cache
 def _diffrax_piece(kind: int, touching: bool) -> Callable[..., Any]:
-    import diffrax as dfx
-    import jax
-    import jax.numpy as jnp
-    import optimistix
-
+    dfx, jax, jnp, optimistix = map(_library, ("diffrax", "jax", "jax.numpy", "optimistix"))
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_cpu_enable_async_dispatch", False)  # what another thread does would not be timed
     both, events = equations(kind, touching, jnp.sqrt), watched(kind, touching)
@@ -198,12 +206,12 @@ def _diffrax_piece(kind: int, touching: bool) -> Callable[..., Any]:
         values, sign = args
         return jnp.where(t < AHEAD, sign[place] * BESIDE, both(tuple(y), tuple(values))[1][place])
 
-    @jax.jit
+    @jax.jit  # type: ignore[untyped-decorator]  # of a library without types
     def run(state: Any, par: Any, limit: Any, tolerance: Any) -> Any:
         begin = jnp.stack(both(tuple(state + AHEAD * rates(0.0, state, par)), tuple(par))[1])
         event = dfx.Event(
             [partial(gauge, place=place) for place, _ in events],
-            optimistix.Newton(1e-14, 1e-14),
+            optimistix.Newton(1e-10, 1e-10),
             [None if sign == 0 else sign > 0 for _, sign in events],
         )
         found = dfx.diffeqsolve(

@@ -65,7 +65,7 @@ def equations(kind: int, touching: bool, sqrt: Callable[[Any], Any]) -> Callable
     mobile = 0.0 if kind == RIGID else 1.0
 
     def rates(state: Any, par: Any) -> tuple[Any, Any]:
-        s, w, v, tau, y, q = state
+        s, w, _, tau, y, q = state
         m_t, m_p, k_c, d, k_t, c_t, L0, H, x0, front, rear, k_s, c_s = par[:13]
         a, cut, alarm, length, speed, pressed, front_on, rear_on = par[13:]
         x, x_dot, T = x0 + length * y, speed * q, 0.0 * s
@@ -96,7 +96,10 @@ class Run:
     def __init__(
         self, scene: ig.Scene, motion: ig.Trapezoid, duration: float, tolerance: float, backend: Backend
     ) -> None:
+        if motion.brake is None:
+            raise ValueError("motion must have a brake, whose threshold is that of the alarm")
         law, kind = law_of(scene)
+        self.brake = motion.brake
         self.law, self.motion = dict(zip(LAW, law, strict=True)), motion
         self.distance, self.duration = scene.object.distance, duration
         self.pieces = [backend(kind, touching, tolerance) for touching in (False, True)]
@@ -107,7 +110,7 @@ class Run:
     def solve(self) -> Solution:
         """Go from event to event, and from piece to piece."""
         motion = self.motion
-        numbers = (*self.law.values(), motion.acceleration, 0.0, 1.0 / motion.brake.threshold, 1.0, 1.0, 1.0, 1.0, 0.0)
+        numbers = (*self.law.values(), motion.acceleration, 0.0, 1.0 / self.brake.threshold, 1.0, 1.0, 1.0, 1.0, 0.0)
         self.par = dict(zip(PARAMETERS, numbers, strict=True))
         self.changes = [(motion.speed / motion.acceleration, 0.0), (self.duration, math.nan)]  # s, m/s^2 from then on
         self.peak, self.detection, self.passes = 0.0, math.nan, 0
@@ -148,7 +151,7 @@ class Run:
         if event == "cut":
             par["a"] = self.changes.pop(0)[1]
         elif event == "alarm":
-            self.detection, brake, par["alarm"] = t, t + motion.brake.delay, 0.0
+            self.detection, brake, par["alarm"] = t, t + self.brake.delay, 0.0
             stop = brake + min(motion.speed, motion.acceleration * brake) / motion.deceleration
             left = [(when, a) for when, a in self.changes if when < brake or when == self.duration]
             left += [(brake, -motion.deceleration), (stop, 0.0)]
