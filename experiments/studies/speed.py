@@ -130,7 +130,11 @@ def table_of(found: pl.DataFrame, truths: pl.DataFrame) -> Table:
             approach = None if row["rival"] == CAREFUL else row[TIMES[0]]
             cells.append(cell_of(approach, row[TIMES[1]], n, row["failure"] or "not reached"))
         lines.append([f"{scene!s}, {power(float(str(error)))}", *cells])
-    return Table("µs of an approach / of a contact", ("approach, error (m/s)", OURS, *RIVALS), lines)
+    return Table(
+        "µs of an approach / of a contact",
+        ("approach, error (m/s)", OURS, *found["rival"].unique(maintain_order=True)),
+        lines,
+    )
 
 
 def cell_of(approach: float | None, contacts: float | None, n: int, otherwise: str) -> str:
@@ -143,7 +147,7 @@ def cell_of(approach: float | None, contacts: float | None, n: int, otherwise: s
 def analyse(frames: Frames, quick: bool) -> Findings:
     """Compare contenders at each error, and draw error against time and time against what it grows with."""
     truths, times = frames["truth"], frames["times"]
-    doubt, load = truths["velocity_error_doubt"].to_numpy().max(), times["load"].drop_nulls()
+    doubt, load = truths["velocity_error_doubt"].to_numpy().max(), times["load"].drop_nulls().to_numpy()
     found, names = ratios(times), [*ERRORS]
     compiled = times.group_by("rival", maintain_order=True).agg(pl.col("first_seconds").max()).iter_rows()
     compiling = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in compiled if name in PEERS and seconds)
