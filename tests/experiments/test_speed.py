@@ -129,7 +129,7 @@ def test_a_rival_takes_as_many_times_longer_as_its_cheapest_setting_whose_error_
     found = speed.ratios(cell)
     assert found["microseconds_ratio"].to_list() == [0.2, 20.0, None, None]
     assert speed.answer(found).startswith("Faster than impact_gym: heyoka takes 0.20 times as long")
-    assert "'soft' at 1e-4 m/s" in speed.answer(found)
+    assert "of 'soft' at 0.0001 m/s" in speed.answer(found)
     assert speed.answer(found.filter(error=1e-6)).startswith("No rival is faster than impact_gym")
 
 
