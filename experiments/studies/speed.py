@@ -174,7 +174,8 @@ def analyse(frames: Frames, quick: bool) -> Findings:
             "runs that end behind each contact, less runs that end before it; the median over all rivals' rows.",
             "heyoka, numbalsoda, diffrax: the same equations, written once, in the root of the penetration, where they "
             "are smooth. Only the calls of the library count, flights by it included, on one thread. Compiling is "
-            f"apart; the first call took at most (its own thread's processor time): {compiling or 'none was there'}. numbalsoda has no events for "
+            "apart; the first call took at most (its own thread's processor time): "
+            f"{compiling or 'none was there'}. numbalsoda has no events for "
             "LSODA; a compiled search on its output finds them, which counts.",
             "SciPy: RK45, DOP853, LSODA, Radau with events through the same slow solver. Only the time inside contacts "
             "counts; its flights are exact and free of charge. Equations are Python functions, as SciPy asks.",
