@@ -1,10 +1,13 @@
 """The batch as a `VecEnv` of stable-baselines3, which does not take Gymnasium's vector environments."""
 
+import warnings
 from collections.abc import Mapping, Sequence
+from functools import cache
 from itertools import cycle
 from typing import Any
 
 import numpy as np
+import torch
 from gymnasium import Wrapper
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
@@ -15,7 +18,16 @@ from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.task.episodes import reset_options
 from impact_gym.task.scenario import ScenarioRanges
+from impact_gym.threads import cores
 from impact_gym.validation import one_of
+
+
+@cache
+def warn_of_threads(threads: int, available: int) -> None:
+    """Warn, once, if torch uses more than half of the cores: that makes small networks slower, not faster."""
+    if threads > max(1, available // 2):
+        text = f"torch uses {threads} threads on {available} cores, which makes small networks several times slower:"
+        warnings.warn(f"{text} call torch.set_num_threads(1)", stacklevel=2)
 
 
 class ImpactVecEnv(VecEnv):
@@ -36,6 +48,7 @@ class ImpactVecEnv(VecEnv):
         per_slot: Sequence[Mapping[str, Any]] | None = None,
         **arguments: Any,  # those of `Task`, which checks them; the signature names them
     ) -> None:
+        warn_of_threads(torch.get_num_threads(), cores())
         mode = AutoresetMode.DISABLED  # stable-baselines3 wants a reset on the step that ends an episode: `step_wait`
         self.envs = ImpactApproachVectorEnv(
             num_envs, render_mode=render_mode, autoreset_mode=mode, threads=threads, per_slot=per_slot, **arguments

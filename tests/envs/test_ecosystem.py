@@ -5,6 +5,7 @@ import importlib.util
 import json
 import subprocess
 import sys
+import warnings
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -146,3 +147,19 @@ def test_threads_do_not_see_each_other(work):
     finally:
         sys.setswitchinterval(before)
     assert_identical(together, alone * ROUNDS)
+
+
+def test_batch_for_stable_baselines3_warns_once_where_torch_takes_more_than_half_of_the_cores():
+    sb3 = pytest.importorskip("impact_gym.envs.sb3")
+    sb3.warn_of_threads.cache_clear()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for threads, available in ((1, 1), (1, 2), (8, 16)):
+            sb3.warn_of_threads(threads, available)
+        with pytest.raises(UserWarning, match=r"2 threads on 2 cores.*set_num_threads\(1\)"):
+            sb3.warn_of_threads(2, 2)
+    with pytest.warns(UserWarning, match="9 threads on 16 cores"):
+        sb3.warn_of_threads(9, 16)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sb3.warn_of_threads(9, 16)

@@ -1,7 +1,7 @@
 """Random approaches, and hard ones, as two solvers have them that share nothing with ours.
 
 One is experiments/reference, of SciPy's integrators, at rtol 1e-11; the other heyoka's Taylor series of order 20 and
-more, see `taylor.py`.
+more, see `pieces.py`.
 """
 
 from dataclasses import replace
@@ -9,11 +9,12 @@ from itertools import product
 
 import numpy as np
 import pytest
-import taylor
 from scenes import MOTION, ROBOTS, on_rough_ground, random_approach, scene, time_unit
 
 import impact_gym as ig
 from experiments import reference
+from experiments.studies.solvers import peers
+from experiments.studies.solvers.pieces import Run
 from experiments.studies.solvers.solutions import Solution
 from impact_gym.scene import Dissipation
 
@@ -129,7 +130,7 @@ def test_simulate_agrees_with_taylor_series(coupling):
     for motion, e in product(motions, (1.0, 0.8, 0.5)):
         chain = scene(1e5, e, coupling)
         ours = Solution.of(ig.simulate(chain, motion, 1.0, rtol=1e-13), 1.0)
-        series = taylor.Run(chain, motion, 1.0, 1e-16).solve()
+        series = Run(chain, motion, 1.0, 1e-16, peers.heyoka).solve()
         assert (ours.contacts, ours.passes) == (series.contacts, series.passes)
         for name in ("velocity", "peak_force", "contact_duration", "detection_time"):
             assert getattr(ours, name) == pytest.approx(getattr(series, name), rel=1e-13)
