@@ -80,16 +80,18 @@ FILMS: Mapping[str, tuple[str, tuple[Row, ...]]] = {
         "A hand that sees the touch 200 ms late pushes the object; a brake at the arm, which feels the touch at once, "
         "stops the tool for it.",
         (Row("hand alone", "person", "teleop-rigid", "alone"),
-         Row("same hand, brake on", "policy", "teleop-rigid", "brake")),
+         Row("same hand, brake on", "warning", "teleop-rigid", "brake")),
     ),
     "hand-and-spring": (
-        "A tool on a spring gives way while the hand is still late: the object is pushed less, even without a brake.",
+        "A spring alone hardly helps a hand that is 200 ms late. With the brake as well, the light tool stops before the "
+        "object has moved a centimetre.",
         (Row("hand, rigid tool", "person", "teleop-rigid", "alone"),
          Row("hand, tool on a spring", "person", "teleop-spring", "alone"),
-         Row("spring and brake", "policy", "teleop-spring", "brake")),
+         Row("spring and brake", "warning", "teleop-spring", "brake")),
     ),
     "couplings": (
-        "The same approach with three couplings: the less mass strikes the object, the slower it leaves.",
+        "The same approach and the same brake with three couplings: the less of the arm pushes the object, the slower it "
+        "leaves.",
         (Row("rigid", "rule", "rigid-blind", "rule"),
          Row("spring and damper", "rule", "linear-blind", "rule"),
          Row("bistable mechanism", "rule", "bistable-blind", "rule")),

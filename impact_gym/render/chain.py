@@ -86,7 +86,7 @@ def draw(canvas: Canvas, history: History, state: State, view: Camera) -> None:
     _ruler(canvas, view)
     with canvas.clipped(view.box):
         if state.object_position - home > SHOWN_PUSH:
-            canvas.circle((view.x(home + radius), view.axis), radius * view.scale, GRID)
+            canvas.circle((view.x(home + radius), view.axis), radius * view.scale, PAPER)
         canvas.circle((view.x(state.object_position + radius), view.axis), radius * view.scale, OBJECT)
         if task.robot is None:
             view.block(canvas, view.left, back, 0.4 * FLANGE_HEIGHT, GRID)
