@@ -176,7 +176,8 @@ def assert_film(folder, recorded, rate):
 @pytest.mark.parametrize("distance", [0.02, 1.1])
 def test_film_of_an_episode_shows_its_pictures_in_slow_motion_for_6_to_10_seconds(distance, tmp_path):
     pytest.importorskip("moviepy")
-    env = SlowMotionVideo(gym.make(ID, render_mode="rgb_array_list"), str(tmp_path / "films"), lambda _: True)
+    env = gym.make(ID, render_mode="rgb_array_list", coupling={"type": "Rigid"}, after_alarm=0.03)
+    env = SlowMotionVideo(env, str(tmp_path / "films"), lambda _: True)
     observation, _ = env.reset(seed=2, options={"scenario": HARD_AND_HEAVY | {"distance": distance}})
     ended = False
     while not ended:
