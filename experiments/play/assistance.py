@@ -19,6 +19,8 @@ NAMES = {
     "rule": "the paper's rule",
 }  # fmt: skip
 """Assistances, with their labels on the page."""
+COUPLINGS = {"rigid": "tool fixed", "spring": "on a spring", "bistable": "bistable"}
+"""Couplings, with their labels on the page; a shipped set-up is called FAMILY-COUPLING."""
 PERSON = {"type": "Person"}
 PERIOD: float = Task.control_period  # s
 SLIDERS = {"delay": ("s", 0.0, 1.0), "jitter": ("s", 0.0, 0.05), "stiffness": ("N/m", 20.0, 2000.0)}
@@ -42,6 +44,14 @@ def playable(name: str) -> Setup:
     if (period := setup.environment.get("control_period", PERIOD)) != PERIOD:
         raise ValueError(f"{setup.called}: control_period must be {PERIOD} s to be played, got {period} s")
     return setup
+
+
+def related(setup: Setup) -> dict[str, str]:
+    """Return the set-ups of the same family by their coupling: of a shipped one all three, else itself."""
+    family, _, kind = setup.called.rpartition("-")
+    if setup.shipped and kind in COUPLINGS:
+        return {each: f"{family}-{each}" for each in COUPLINGS}
+    return {kind: setup.called}
 
 
 def environment_of(setup: Setup) -> dict[str, Any]:

@@ -21,7 +21,6 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from experiments.lab import player
-from experiments.play import contest
 from experiments.play.clock import STOPPED
 from experiments.play.session import Session
 from impact_gym.validation import number
@@ -120,12 +119,9 @@ def application(session: Session, token: str, port: int, ready: Callable[[str], 
 
     def film(request: Request) -> Response:
         try:
-            return Response(session.film(request.path_params.get("name", "")), 200, HEADERS, "text/html")
+            return JSONResponse(session.film(request.path_params.get("name", ""), "/beside/" in request.url.path), 200, HEADERS)
         except (OSError, RuntimeError, ValueError, TypeError, LookupError) as problem:
             return Response(str(problem), 404, HEADERS, "text/plain")
-
-    def reference(_: Request) -> Response:
-        return JSONResponse(contest.reference(session.setup), 200, HEADERS)
 
     @asynccontextmanager
     async def life(_: Starlette) -> AsyncIterator[None]:
@@ -138,7 +134,7 @@ def application(session: Session, token: str, port: int, ready: Callable[[str], 
         Route("/{token}/", fixed(page, "text/html")),
         Route("/{token}/play.css", fixed(styles, "text/css")),
         Route("/{token}/play.js", fixed(program, "text/javascript")),
-        Route("/{token}/film", film), Route("/{token}/film/{name}", film), Route("/{token}/reference", reference),
+        Route("/{token}/film", film), Route("/{token}/film/{name}", film), Route("/{token}/beside/{name}", film),
         WebSocketRoute("/{token}/ws", partial(_serve_page, session)),
     ]  # fmt: skip
     app = Starlette(routes=routes, lifespan=life)

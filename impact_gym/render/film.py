@@ -71,6 +71,7 @@ class History:
         at_rest = {name: 0.0 for name in State._fields} | {"object_position": info["scenario"]["distance"]}
         rows = np.vstack([list(at_rest.values()), np.column_stack([getattr(trace, name) for name in at_rest])])
         rows = rows[np.isfinite(rows).all(axis=1)]  # a solver that fails may leave others
+        self._rows = np.ascontiguousarray(rows)
         self.columns = dict(zip(at_rest, np.ascontiguousarray(rows.T), strict=True))
         self.time = self.columns["time"]
         self.now = float(self.time[-1])
@@ -86,7 +87,11 @@ class History:
 
     def at(self, time: float) -> State:
         """Return the chain at `time` (s), linear between points of the trace."""
-        return State(*(float(np.interp(time, self.time, column)) for column in self.columns.values()))
+        last = len(self.time) - 1
+        row = min(max(int(self.time.searchsorted(time, side="right")) - 1, 0), max(last - 1, 0))
+        begin, end = self._rows[row], self._rows[min(row + 1, last)]
+        share = min(max((time - begin[0]) / (end[0] - begin[0]), 0.0), 1.0) if end[0] > begin[0] else 1.0
+        return State(*(begin + share * (end - begin)).tolist())
 
     def seen(self, time: float) -> int:
         """Return how many points of the trace lie up to `time` (s)."""
