@@ -6,6 +6,8 @@ from contextlib import suppress
 from functools import cache
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from agents.evaluate.scenario_batch import TEST_SEED
 from agents.setups import load_setup
 from experiments.lab import player
@@ -15,6 +17,7 @@ from experiments.play.tries import Live, Try, replayed
 from impact_gym.render.film import History
 
 SECONDS, FIRST_SECONDS = 7.0, 10.0  # length of a film, of the one before anything is played
+BEFORE = 0.4  # s, shown before the first touch
 FIRST_FILM_SEED = TEST_SEED + 11
 SENTENCES = {
     "brake": "The brake at the arm feels the touch at once; it does not wait for you.",
@@ -109,12 +112,22 @@ def film(variants: Mapping[str, Variant], seconds: float = SECONDS, compact: boo
     scene = {"label": "one scenario for all", "number": 0, "compact": compact, **scene_of(runs)}
     for run, variant in zip(scene["runs"], variants.values(), strict=True):
         run["sentence"] = variant.sentence
-    ends = [start for start, _ in scene["clock"][1:]] + [scene["end"]]
-    whole = sum((end - start) * slower for (start, slower), end in zip(scene["clock"], ends, strict=True))
-    scene["clock"] = [[start, float(f"{slower * seconds / whole:.3g}")] for start, slower in scene["clock"]]
+    scene["clock"] = _fitted(scene, seconds)
     html = player.fragment({"contestants": list(runs), "columns": list(COLUMNS), "scenes": [scene]})
     slides = {name: None if run.info["missed"] else run.info["slide"] for name, run in runs.items()}
     return {"html": html, "slides": slides}
+
+
+def _fitted(scene: Mapping[str, Any], seconds: float) -> list[list[float]]:
+    """Return the clock of a scene in a film of `seconds`, of which a tenth goes until shortly before the first touch."""
+    touches = [run["contacts"][0][0] for run in scene["runs"] if run["contacts"]]
+    cut = max(min(touches, default=0.0) - BEFORE, 0.0)
+    starts, slower = np.array(scene["clock"]).T
+    first = int(np.searchsorted(starts, cut, side="right")) - 1
+    starts, slower = np.append(cut, starts[first + 1 :]), slower[first:]
+    pace = (0.9 if cut else 1.0) * seconds / float(np.diff(np.append(starts, scene["end"])) @ slower)
+    clock = [[round(float(start), 7), float(f"{pace * each:.3g}")] for start, each in zip(starts, slower, strict=True)]
+    return [[0.0, float(f"{0.1 * seconds / cut:.3g}")], *clock] if cut else clock
 
 
 def first_film(setup: str, latest: Try | None) -> dict[str, Any]:

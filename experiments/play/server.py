@@ -26,7 +26,7 @@ from experiments.play.session import Session
 from impact_gym.validation import number
 
 HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
-SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "chart.js", "play.js"))
+SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "settings.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
 MAX_CLIENTS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # pages, bytes, messages a second
 TIME_LIMIT = 5.0  # s, for a page that does not read and a connection without a request
