@@ -8,7 +8,7 @@ import io
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -52,7 +52,7 @@ class Row(NamedTuple):
         setup = load_setup(self.setup)
         options = {name: value for name, value in setup.environment.items() if name != "time_weight"}
         options |= HAND if "operator" in options else {}
-        controllers = {
+        controllers: dict[str, Any] = {
             "rule": PaperTrapezoid, "alone": OperatorAlone, "brake": LocalBrake,
             "policy": lambda: load_policy(self.setup),
         }  # fmt: skip
@@ -65,8 +65,8 @@ class Row(NamedTuple):
 
 FILMS: Mapping[str, tuple[str, tuple[Row, ...]]] = {
     "rule-and-profile": (
-        "The paper's rule approaches at 1 m/s and brakes when it feels the object; a tuned profile arrives as soon, but "
-        "slower where the object may stand.",
+        "The paper's rule approaches at 1 m/s and brakes when it feels the object; a tuned profile arrives as soon, "
+        "but slower where the object may stand.",
         (Row("paper's rule", "rule", "linear-blind", "rule"),
          Row("tuned profile", "profile", "linear-blind", "blind-profile")),
     ),
@@ -83,15 +83,15 @@ FILMS: Mapping[str, tuple[str, tuple[Row, ...]]] = {
          Row("same hand, brake on", "warning", "teleop-rigid", "brake")),
     ),
     "hand-and-spring": (
-        "A spring alone hardly helps a hand that is 200 ms late. With the brake as well, the light tool stops before the "
-        "object has moved a centimetre.",
+        "A spring alone hardly helps a hand that is 200 ms late. With the brake as well, the light tool stops before "
+        "the object has moved a centimetre.",
         (Row("hand, rigid tool", "person", "teleop-rigid", "alone"),
          Row("hand, tool on a spring", "person", "teleop-spring", "alone"),
          Row("spring and brake", "warning", "teleop-spring", "brake")),
     ),
     "couplings": (
-        "The same approach and the same brake with three couplings: the less of the arm pushes the object, the slower it "
-        "leaves.",
+        "The same approach and the same brake with three couplings: the less of the arm pushes the object, the slower "
+        "it leaves.",
         (Row("rigid", "rule", "rigid-blind", "rule"),
          Row("spring and damper", "rule", "linear-blind", "rule"),
          Row("bistable mechanism", "rule", "bistable-blind", "rule")),
@@ -165,8 +165,8 @@ def _draw(canvas: Canvas, row: Row, run: Run, view: chain.Camera, time: float, s
     canvas.text(touched if last else pace, (0.5 * WIDTH, top + 30.0), 28, FAINT, "center")
     words = f"object {state.object_velocity:.2f} m/s"
     if last:
-        slides = "slide" in run.info
-        words = f"slid {chain.length(run.info['slide'])}" if slides else f"leaves at {run.info['object_velocity']:.2f} m/s"
+        words = f"leaves at {run.info['object_velocity']:.2f} m/s"
+        words = f"slid {chain.length(run.info['slide'])}" if "slide" in run.info else words
     canvas.text(words, (WIDTH - 14.0, top + 28.0), 48, anchor="midright")
 
 
@@ -175,7 +175,8 @@ def film(rows: tuple[Row, ...]) -> bytes:
     first, *rest = pictures(rows)
     lengths = [round(1000 / RATE)] * len(rest) + [round(1000 * HOLD)]
     file = io.BytesIO()
-    first.save(file, "webp", save_all=True, append_images=rest, duration=lengths, loop=0, lossless=True, quality=EFFORT, method=6)
+    small = {"lossless": True, "quality": EFFORT, "method": 6}
+    first.save(file, "webp", save_all=True, append_images=rest, duration=lengths, loop=0, **small)
     return file.getvalue()
 
 

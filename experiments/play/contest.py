@@ -1,4 +1,7 @@
-"""A try played again: the same hand with other help, other couplings and no delay; and rule and policy in its scenario."""
+"""A try played again: the same hand with other help, other couplings and no delay.
+
+Beside it, in a fold of the page, rule and policy in the same scenario.
+"""
 
 import math
 from collections.abc import Mapping
@@ -119,7 +122,7 @@ def film(variants: Mapping[str, Variant], seconds: float = SECONDS, compact: boo
 
 
 def _fitted(scene: Mapping[str, Any], seconds: float) -> list[list[float]]:
-    """Return the clock of a scene in a film of `seconds`, of which a tenth goes until shortly before the first touch."""
+    """Return the clock of a scene in a film of `seconds`: a tenth of it for all until BEFORE the first touch."""
     touches = [run["contacts"][0][0] for run in scene["runs"] if run["contacts"]]
     cut = max(min(touches, default=0.0) - BEFORE, 0.0)
     starts, slower = np.array(scene["clock"]).T

@@ -118,8 +118,9 @@ def application(session: Session, token: str, port: int, ready: Callable[[str], 
         return lambda _: Response(content, 200, HEADERS, kind)
 
     def film(request: Request) -> Response:
+        name, beside = request.path_params.get("name", ""), "/beside/" in request.url.path
         try:
-            return JSONResponse(session.film(request.path_params.get("name", ""), "/beside/" in request.url.path), 200, HEADERS)
+            return JSONResponse(session.film(name, beside), 200, HEADERS)
         except (OSError, RuntimeError, ValueError, TypeError, LookupError) as problem:
             return Response(str(problem), 404, HEADERS, "text/plain")
 

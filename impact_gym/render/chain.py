@@ -138,7 +138,8 @@ def _ruler(canvas: Canvas, view: Camera) -> None:
         x = view.x(mark * step)
         canvas.lines([(x, view.ground), (x, view.ground + 7.0)], FAINT, 1.5)
         if left + 40.0 < x < left + width - 40.0:
-            canvas.text(f"{1e2 * mark * step:.4g}" + ("" if mark else " cm"), (x, view.ground + 20.0), SMALL, FAINT, "center")
+            words = f"{1e2 * mark * step:.4g}" + ("" if mark else " cm")
+            canvas.text(words, (x, view.ground + 20.0), SMALL, FAINT, "center")
 
 
 def _force(canvas: Canvas, view: Camera, state: State, radius: float) -> None:

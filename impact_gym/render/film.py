@@ -173,4 +173,4 @@ class SlowMotionVideo(RecordVideo[Any, Any]):
             kept = np.linspace(0, len(frames) - 1, min(len(frames), round(LONGEST * rate))).round().astype(int)
             missing = max(round(SHORTEST * rate) - len(kept), 0)
             self.recorded_frames = [frames[place] for place in kept] + frames[-1:] * missing
-        super().stop_recording()
+        super().stop_recording()  # type: ignore[no-untyped-call]  # Gymnasium leaves it untyped

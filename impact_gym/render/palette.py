@@ -31,7 +31,8 @@ def css() -> str:
     block = ":root:not([data-theme=light])"
     dark = f"@media screen and (prefers-color-scheme: dark) {{ {_block(block, 1)} }}"
     button = f"@media screen {{ {_block(':root[data-theme=dark]', 1)} }}"
-    drawn = [f'svg [{part}="{LIGHT[name]}" i] {{ {part}: var(--{name}); }}' for name in SERIES for part in ("stroke", "fill")]
+    parts = [(name, part) for name in SERIES for part in ("stroke", "fill")]
+    drawn = [f'svg [{part}="{LIGHT[name]}" i] {{ {part}: var(--{name}); }}' for name, part in parts]
     return "\n".join([_block(":root", 0), dark, button, *drawn])
 
 

@@ -37,7 +37,10 @@ def test_try_from_the_first_key_to_the_replay_and_a_server_that_is_stopped_and_s
         assert page.locator("#film h3").all_inner_texts() == [*names, "Same hand, no delay"]
         assert page.locator("#stick").bounding_box() == stick  # a film that comes moves it from under no finger
         assert [each.strip() for each in page.locator("#rounds button").all_inner_texts()] == [
-            "1near", "2far", "3blind and late", "free play"
+            "1near",
+            "2far",
+            "3blind and late",
+            "free play",
         ]
         page.keyboard.down("ArrowRight")
         page.wait_for_selector("body.playing")
