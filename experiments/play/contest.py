@@ -20,6 +20,7 @@ from experiments.play.tries import Live, Try, replayed
 from impact_gym.render.film import History
 
 SECONDS, FIRST_SECONDS = 7.0, 10.0  # length of a film, of the one before anything is played
+COARSE = 5.0  # times the errors of other films, so that it is there at once
 BEFORE = 0.4  # s, shown before the first touch
 FIRST_FILM_SEED = TEST_SEED + 11
 SENTENCES = {
@@ -112,7 +113,12 @@ def film(variants: Mapping[str, Variant], seconds: float = SECONDS, compact: boo
     """
     replays = {name: replayed(each.played) for name, each in variants.items()}
     runs = {name: Run(History(*each, ended=True), each[1]) for name, each in replays.items()}
-    scene = {"label": "one scenario for all", "number": 0, "compact": compact, **scene_of(runs)}
+    scene = {
+        "label": "one scenario for all",
+        "number": 0,
+        "compact": compact,
+        **scene_of(runs, COARSE if compact else 1.0),
+    }
     for run, variant in zip(scene["runs"], variants.values(), strict=True):
         run["sentence"] = variant.sentence
     scene["clock"] = _fitted(scene, seconds)

@@ -8,7 +8,7 @@ const BEAT = 60, LEAST = 6;  // ms, between two messages at the most and at the 
 const AHEAD_OF_EYES = 12;  // ms, until what is drawn now is seen
 const page = {
   hello: null, socket: null, stage: null, frame: null, came: 0, running: false, asked: false, player: false,
-  tries: [], sent: NaN, sentAt: 0, overAt: 0, round: 0, looked: false, film: 0,
+  tries: [], sent: NaN, sentAt: 0, overAt: 0, round: 0, played: null, playedRound: 0, looked: false, film: 0,
 };
 const set_up = {};  // what the buttons below Settings say
 
@@ -47,24 +47,26 @@ function steer(now) {
 }
 
 function begin() {
+  ask(options(page.hello, set_up, page.round), page.round);
+}
+
+function ask(wanted, round) {
   if (!page.player || page.running || page.asked) return;
-  page.asked = true;
-  send({begin: options(page.hello, set_up, page.round)});
-  page.sent = NaN;
+  Object.assign(page, {asked: true, played: wanted, playedRound: round, sent: NaN});
+  send({begin: wanted});
 }
 
 function end() {
   if (page.running) send({done: 1});
 }
 
+// The last try again, with the brake if nobody helped, and else without help; the settings stay as they are.
 function otherHelp() {
-  return set_up.assist === "none" ? "brake" : "none";
+  return page.tries.length && page.tries[page.tries.length - 1].assist === "none" ? "brake" : "none";
 }
 
 function again() {
-  if (!page.tries.length || page.running || page.asked) return;
-  choose({assist: otherHelp()});
-  begin();
+  if (page.tries.length) ask({...page.played || options(page.hello, set_up, page.round), assist: otherHelp()}, page.playedRound);
 }
 
 const stick = stickOf(part("stick"), {
@@ -240,7 +242,7 @@ const HEARD = {
     if (page.hello.setups[message.setup] && set_up.setup !== message.setup) choose({setup: message.setup});
     layout();
     page.stage.begin(message.radius);
-    write("state", "go on until you touch");
+    write("state", `${page.played && page.played.assist === "brake" ? "brake on: " : ""}go on until you touch`);
     part("film").replaceChildren();
     part("beside").hidden = true;
     ready();
@@ -260,7 +262,8 @@ const HEARD = {
     over();
     page.tries = [...page.tries, entry].slice(-MOST_TRIES);
     if (page.frame) page.frame.still = false;
-    if (!entry.missed && !entry.marks.length && page.round < ROUNDS.length - 1) choose(ROUNDS[++page.round].sets);
+    const next = page.playedRound === page.round && page.round < ROUNDS.length - 1;
+    if (next && !entry.missed && !entry.marks.length) choose(ROUNDS[++page.round].sets);
     else choose({});
     result(entry);
     tabulate();

@@ -11,7 +11,7 @@ from typing import Any
 
 from agents.setups import Setup
 from experiments.play import clock, contest, try_files
-from experiments.play.assistance import NAMES, SLIDERS, about, assistance, playable, record_of, related
+from experiments.play.assistance import NAMES, RANGES, about, assistance, playable, record_of, related
 from experiments.play.tries import Try
 from impact_gym.files import locked
 from impact_gym.validation import choice, flag, identifier, number, one_of
@@ -82,12 +82,12 @@ class Session:
         choice("setup", options.get("setup"), list(self.setups))
         choice("assist", options.get("assist"), list(NAMES))
         flag("seen", options.get("seen"))
-        chosen, sliders = self.setups[options["setup"]], {}
+        chosen, settings = self.setups[options["setup"]], {}
         for name, at in chosen["usual"].items():
-            unit, low, high = SLIDERS[name]
-            sliders[name] = number(name, options.get(name, at), unit, at_least=low, at_most=high)
+            unit, low, high = RANGES[name]
+            settings[name] = number(name, options.get(name, at), unit, at_least=low, at_most=high)
         slow = number("slow", options.get("slow"), "(times)", at_least=1.0, at_most=try_files.SLOWEST)
-        record, place = record_of(sliders), options.get("distance")
+        record, place = record_of(settings), options.get("distance")
         if place is not None:  # else it is drawn
             near, far = chosen["distance"]
             record["distance"] = number("distance", place, "m", at_least=near, at_most=far)
@@ -100,7 +100,7 @@ class Session:
         self.clients.append(client)
         client.enqueue({
             "kind": "hello", "setups": self.setups, "setup": self.setup, "assists": NAMES, "assist": self.assist,
-            "tries": list(self.history), **{name: limits for name, (_, *limits) in SLIDERS.items()},
+            "tries": list(self.history), **{name: limits for name, (_, *limits) in RANGES.items()},
         })  # fmt: skip
         self._send_roles()
 

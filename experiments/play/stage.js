@@ -48,7 +48,8 @@ function drawStage(svg, about, width) {
     set(tool, {x: view.x(atTool - TOOL.length)});
     couple(front, atTool - TOOL.length);
     const seen = atObject !== null;
-    for (const each of [ball, ghost]) show(each, seen);
+    show(ball, seen);
+    show(ghost, seen && home !== null && atObject - home > 5e-4);
     show(band, !seen);
     if (!seen) return;
     if (home === null) home = atObject;

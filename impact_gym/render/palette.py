@@ -7,8 +7,8 @@ own; `adaptive` lets a drawing follow them.
 import re
 
 COLOURS = {
-    "rule": ("#C75300", "#FF8A3D"), "policy": ("#0072B2", "#56A8E6"), "profile": ("#00805D", "#35C79A"),
-    "person": ("#A8457F", "#DD8BBB"), "object": ("#8A7663", "#B39D87"), "tool": ("#2E2E2C", "#DADAD6"),
+    "rule": ("#BB4F00", "#FF8A3D"), "policy": ("#0072B2", "#56A8E6"), "profile": ("#007B59", "#35C79A"),
+    "person": ("#A8457F", "#DD8BBB"), "object": ("#7D6A58", "#B39D87"), "tool": ("#2E2E2C", "#DADAD6"),
     "flange": ("#6B6B68", "#9C9C98"), "force": ("#7A4FB0", "#B794E8"), "warning": ("#8F6200", "#E69F00"),
     "alarm": ("#C1121F", "#FF7B7B"), "bg": ("#FFFFFF", "#16181B"), "panel": ("#F5F4F0", "#1F2226"),
     "grid": ("#DCDCD8", "#383B3F"), "muted": ("#5A5A57", "#ACACA8"), "fg": ("#1D1D1B", "#E9E9E6"),

@@ -105,6 +105,13 @@ def test_levels_end_in_free_play_and_a_missed_try_says_so_and_is_no_step(tab, tm
             assert this.record["uplink.delay"] == pytest.approx(0.5 * delay)
             if this.marks:
                 pytest.skip("this machine is too busy to play in time")
+            assert page.inner_text("#help").startswith("Again, with the brake")
+        begin(page, "b")  # the last level again, though the page is at the next
+        page.keyboard.press(" ")
+        until_over(page)
+        this = server.tries(7)[-1]
+        assert (this.assist, this.record["uplink.delay"]) == ("brake", pytest.approx(0.1))
+        assert page.locator("#picture circle.igw-object").is_visible()  # a missed object is shown at the end
         assert "free play" in page.inner_text("#rounds [aria-pressed=true]")
         near, far = (this.record["distance"] for this in server.tries()[1:4:2])
         assert (near, far) == (pytest.approx(0.115), pytest.approx(0.185))
