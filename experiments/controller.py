@@ -1,8 +1,9 @@
 """From a set-up to a controller: `impact-gym controller my.toml --out DIR`.
 
-Tunes the baselines, trains the seeds, writes the report and exports the median policy; each stage is the command that
-is printed. Results of a stage are kept in DIR: the same command resumes where it was stopped. `--quick` does all of it
-with a fraction of the work, as the report states.
+Tunes the baselines, trains the seeds, writes the report and exports the controller that it recommends: the paper's
+rule, a tuned baseline or the policy of the median seed. Each stage is the command that is printed. Results of a stage
+are kept in DIR: the same command resumes where it was stopped. `--quick` does all of it with a fraction of the work, as
+the report states.
 """
 
 from collections.abc import Callable
@@ -19,7 +20,9 @@ from agents.export import __main__ as export
 from agents.setups import Setup, load_setup
 from agents.train import __main__ as train
 from experiments.report import __main__ as report
+from experiments.report.matchups import PAPER, RULE
 from impact_gym.files import write_file
+from impact_gym.validation import number
 
 MADE_FOR = attrgetter("environment", "training", "tuned", "budget", "evaluation.weights")
 QUICK_BUDGET, QUICK_STEPS, QUICK_SEEDS, QUICK_SCENARIOS, QUICK_CALLS = 320, 1_000_000, 3, 200, 10_000
@@ -38,6 +41,11 @@ class ControllerOptions:
     other than for the full run."""
     processes: int = 2
     """Tunings and trainings at a time on this machine; each uses one core."""
+    time_weight: float | None = None
+    """What a second of approach costs you, m/s of the object's velocity: the controller that costs least is
+    exported. Default: the set-up's typical one, 2 unless its file says otherwise."""
+    all: bool = False
+    """Export all controllers instead of the best alone."""
     cluster: str | None = None
     """Tune, train and play on this Ray cluster instead: "ray" for the one that runs here, or its address."""
 
@@ -75,8 +83,11 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[
     tuning = tune.Tune(copies, bound=setup.bound == copy.stem, out=out / "tuned", jobs=out / "searches", **where)
     training = train.default_options(copies[0])
     training = replace(training, seeds=setup.seeds, out=out / "runs", policies=out / "policies", **where)
-    page = report.ReportOptions(copies, folder=out, out=out / "report", cluster=options.cluster)
-    exported = export.Export(str(out / "policies" / f"{copy.stem}.npz"), out / "export")
+    page = report.ReportOptions(
+        copies, folder=out, out=out / "report", cluster=options.cluster, time_weight=options.time_weight
+    )
+    if options.time_weight is not None and options.time_weight not in setup.evaluation.weights:
+        tuning = replace(tuning, weights=tuple(sorted({*setup.evaluation.weights, options.time_weight})))
     if options.quick:
         tuning = replace(tuning, bound=False, scenarios=100, budget=min(QUICK_BUDGET, setup.budget))
         steps = min(QUICK_STEPS, setup.training.steps)
@@ -84,24 +95,41 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[
                       imitation_steps=min(steps, setup.training.imitation_steps))  # fmt: skip
         training = replace(training, training=few, seeds=min(QUICK_SEEDS, setup.seeds))
         page = replace(page, count=QUICK_SCENARIOS)
-        exported = replace(exported, episodes=QUICK_SCENARIOS, calls=QUICK_CALLS)
-    return {
-        "tune": (tune.run, tuning),
-        "train": (train.run, training),
-        "report": (report.run, page),
-        "export": (export.run, exported),
-    }
+    return {"tune": (tune.run, tuning), "train": (train.run, training), "report": (report.run, page)}
+
+
+def exporting(copy: Path, options: ControllerOptions) -> export.Export:
+    """Return how to export the controller that the report recommends, or all of them."""
+    out = options.out
+    best = report.results_of(out / "report")["choices"][copy.stem]["controller"]
+    files = {name: out / "tuned" / f"{name}.json" for name in load_setup(copy).tuned}
+    policy = out / "policies" / f"{copy.stem}.npz"
+    source = files.get(best, policy if best.startswith("seed-") else RULE if best == PAPER else best)
+    exported = export.Export(str(source), out / "export", setup=None if source == policy else str(copy))
+    if options.all:
+        exported = replace(exported, controller=str(copy), setup=None, all=True, folder=out)
+    return replace(exported, episodes=QUICK_SCENARIOS, calls=QUICK_CALLS) if options.quick else exported
 
 
 def run(options: ControllerOptions) -> None:
     """Make a controller, one stage after the other."""
-    copy = copy_setup(load_setup(options.setup), options.out, options.quick)
+    setup = load_setup(options.setup)
+    if options.time_weight is not None:
+        low, high = setup.training.time_weight
+        number("time_weight", options.time_weight, "m/s per s", at_least=low, at_most=high)
+    copy = copy_setup(setup, options.out, options.quick)
     for name, (work, stage) in stages(copy, options).items():
         usual = train.default_options(str(copy)) if name == "train" else None
         print(f"$ {command_of(name, stage, usual)}", flush=True)
         work(stage)
+    last = exporting(copy, options)
+    print(f"$ {command_of('export', last)}", flush=True)
+    files = export.run(last)
     print(f"report: {(options.out / 'report' / 'index.html').resolve().as_uri()}")
-    print(f"controller: {options.out / 'export'}")
+    print(report.results_of(options.out / "report")["choices"][copy.stem]["sentence"])
+    if not options.all:
+        print("the others are not exported: the same command with --all exports each")
+    print(f"files: {', '.join(map(str, files))}")
 
 
 if __name__ == "__main__":

@@ -60,7 +60,7 @@ class FilteredProfile(RangedProfile):
         state = np.where(start, fresh, fresh if state is None else state)
         weight, place, count, newest, deflection, rate = state[:6]
         times, velocities, tools = state[6:].reshape(3, KEPT, *np.shape(time))
-        deflection, rate = self._swing(deflection, rate, velocity - np.where(start, 0.0, velocities[0]))
+        deflection, rate = self.swing(deflection, rate, velocity - np.where(start, 0.0, velocities[0]))
         times, velocities, tools = (
             np.concatenate([now[None], kept[:-1]])
             for now, kept in ((time, times), (velocity, velocities), (position + deflection, tools))
@@ -77,7 +77,7 @@ class FilteredProfile(RangedProfile):
         state = np.concatenate([np.stack([weight, place, count, newest, deflection, rate]), times, velocities, tools])
         return EstimateView(view, place - position, 1.0 / np.sqrt(weight)), state
 
-    def _swing(self, deflection: Floats, rate: Floats, gained: Floats) -> tuple[Floats, Floats]:
+    def swing(self, deflection: Floats, rate: Floats, gained: Floats) -> tuple[Floats, Floats]:
         """Return deflection (m) and rate (m/s) a control step later, in which the flange gained so much velocity (m/s).
 
         The equation of the coupling, with an even acceleration of the flange (paper, eq. 17); 0 without a spring.

@@ -2,15 +2,16 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from agents import setups
-from agents.baselines.rule import Rule
+from agents.baselines.rule import Floats, Rule
 from agents.policies import Controller
 from agents.setups import TUNED, Setup, owner, shipped_baselines
 from impact_gym.files import parsed, write_file
@@ -39,13 +40,29 @@ def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> 
 
 def tuned_rule(content: Mapping[str, Any], time_weight: float) -> Rule:
     """Return the rule in what `read_tuned` returned for a weight (m/s per s), interpolated as in `load_baseline`."""
+    weights, rule = tuned_table(content)
+    rule.parameters = interpolated(weights, rule.parameters, time_weight)
+    return rule
+
+
+def tuned_table(content: Mapping[str, Any]) -> tuple[list[float], Rule]:
+    """Return the weights (m/s per s) in what `read_tuned` returned, rising, and the rule with (weights, k) parameters.
+
+    Raises:
+        ValueError: it holds no weight, or a parameter out of its limits.
+    """
     if not content["weights"]:
         raise ValueError(f"baseline {content['baseline']!r} holds no weight: tune it")
     tuned = {float(weight): found["parameters"] for weight, found in content["weights"].items()}
     weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]  # JSON may be reordered
-    numbers = [[tuned[weight][name] for weight in weights] for name in names]
-    parameters = [np.interp(np.log(time_weight), np.log(weights), values) for values in numbers]
-    return RULES[content["rule"]].of(parameters).for_environment(content["environment"])
+    table = [[tuned[weight][name] for name in names] for weight in weights]
+    return weights, RULES[content["rule"]].of(table).for_environment(content["environment"])
+
+
+def interpolated(weights: Sequence[float], table: Floats, time_weight: ArrayLike) -> Floats:
+    """Return the parameters (..., k) for weights (...) between those of the rows of `table` (weights, k)."""
+    at, logarithms = np.log(time_weight), np.log(weights)
+    return np.stack([np.interp(at, logarithms, column) for column in table.T], axis=-1)
 
 
 def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> dict[str, Any]:

@@ -1,7 +1,8 @@
-"""Export a policy: `impact-gym export linear-blind --out DIR` writes ONNX and a C header and checks both.
+"""Export controllers: `impact-gym export linear-blind --out DIR` writes a C header, of a policy ONNX, too, and checks.
 
-Checked against the policy on NumPy over 10,000 observations drawn evenly from the observation space; how long one call
-takes is printed beside the controller's cycle. What cannot be checked here is said.
+A network is checked against the policy on NumPy over 10,000 observations drawn evenly from the observation space, a
+header in replayed episodes; how long one call takes is printed beside the control period. What cannot be checked here
+is said.
 """
 
 import ctypes
@@ -19,27 +20,35 @@ from numpy.typing import NDArray
 
 from agents.command_line import run_command
 from agents.export.c_header import has_controller, write_header
+from agents.export.contract import Subject, of_name, of_setup
 from agents.export.onnx_graph import write_onnx
 from agents.export.replay import Replay, address, compiled, logged, replay
-from agents.policies.policy import Policy, load_policy
-from impact_gym.task import Task
+from agents.policies.policy import Policy
+from agents.setups import load_setup
 from impact_gym.validation import whole
 
 Floats = NDArray[np.float32]
 AGREEMENT = 1e-6
 """Difference of actions in -1 ... 1 that is allowed beyond what rounding to float32 makes of the policy itself."""
-SAME_COMMANDS = 1e-5  # of their range
+SAME_COMMANDS = 1e-6  # of their range
 OBSERVATIONS = 10_000
 
 
 @dataclass(frozen=True)
 class Export:
-    """Write a policy as ONNX and as a C header."""
+    """Write a controller as a C header, and a policy as ONNX, too."""
 
-    policy: tyro.conf.Positional[str]
-    """Name of a shipped policy, or a file, or a run folder."""
+    controller: tyro.conf.Positional[str]
+    """Name of a shipped policy or of a baseline, or the file of one, or a run folder; with --all a set-up. A
+    tuned baseline is written for all time weights it was tuned for: the header takes one at reset."""
     out: Path
     """Folder for the files."""
+    setup: str | None = None
+    """Set-up, by name or file, for which a rule without tuning is written, and whose own baselines have names."""
+    all: bool = False
+    """Write all controllers of a set-up: its policy, its tuned baselines, and the rules without tuning."""
+    folder: Path | None = None
+    """With --all: folder with `policies` and `tuned` of the set-up. Default: where train and tune write them."""
     episodes: int = 10_000
     """How many the controller in C replays."""
     calls: int = 1_000_000
@@ -99,24 +108,36 @@ def _time(call: Callable[[], Any]) -> float:
 
 
 def run(options: Export) -> list[Path]:
-    """Write both files, check them, and return their paths.
+    """Write the files, check them, and return their paths.
 
     Raises:
-        ValueError: no such policy, a package is missing, or a file computes something else than the policy.
+        ValueError: no such controller, a package is missing, or a file computes something else than the controller.
     """
-    policy = load_policy(options.policy)
-    stem, period = Path(options.policy).stem, Task(**policy.environment).control_period
-    observed = observations(policy)
-    actions, seconds = policy.predict(observed)[0], _time(lambda: policy.predict(observed[0]))
+    if options.all:
+        found = of_setup(load_setup(options.controller), options.folder)
+    else:
+        setup = load_setup(options.setup) if options.setup else None
+        found = {Path(options.controller).stem: of_name(options.controller, setup)}
+    return [path for name, subject in found.items() for path in export(subject, options, name)]
+
+
+def export(subject: Subject, options: Export, name: str) -> list[Path]:
+    """Write and check the files of one controller, and return their paths."""
+    period, policy, header = subject.task.control_period, subject.policy, options.out / f"{name}.h"
+    write_header(subject, header)
+    with TemporaryDirectory() as folder:
+        program = compiled(subject, header, Path(folder))
+        controller = program if has_controller(subject) else None
+        played = replay(subject, controller, logged(subject, options.episodes), options.calls) if controller else None
+        print(judged_replay(header, played, period))
+        if policy is None:
+            return [header]
+        observed = observations(policy)
+        actions, seconds = policy.predict(observed)[0], _time(lambda: policy.predict(observed[0]))
+        in_c = with_c(program, observed, policy.actions) if program else None
     allowed = AGREEMENT + rounding(policy, observed, actions)
     print(f"a call of the policy on NumPy takes {_beside(seconds, period)}")
-    header, graph = write_header(policy, options.out / f"{stem}.h"), write_onnx(policy, options.out / f"{stem}.onnx")
-    with TemporaryDirectory() as folder:
-        program = compiled(policy, header, Path(folder))
-        in_c = with_c(program, observed, policy.actions) if program else None
-        controller = program if has_controller(policy) else None
-        played = replay(policy, controller, logged(policy, options.episodes), options.calls) if controller else None
-    print(judged_replay(header, played, period))
+    graph = write_onnx(subject, options.out / f"{name}.onnx")
     print(judged(header, in_c, "no C compiler is here", actions, allowed, period))
     print(judged(graph, with_onnx(graph, observed), "the package onnxruntime is missing", actions, allowed, period))
     return [header, graph]

@@ -1,11 +1,11 @@
-"""A policy as a C header: C99 or C++, no allocation, only math.h and string.h. Made for a controller's cycle.
+"""A controller as a C header: C99 or C++, no allocation, only math.h and string.h. Made for a controller's cycle.
 
-The header holds the network, `NAME_act`, and around it the whole controller, `NAME_reset` and `NAME_step`: from what
-the sensors say, in SI units, to the command. Its text is in controller.h.jinja.
+The header holds a network, `NAME_act`, or a rule, and around it the whole controller, `NAME_reset` and `NAME_step`:
+from what the sensors say, in SI units, to the command. Its text is in controller.h.jinja and rule.h.jinja.
 """
 
-import json
 import re
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,19 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from numpy.typing import NDArray
 
+from agents.baselines import Ranged, RangedProfile, Rule, detector
+from agents.baselines.detector import LEAST_NOISE, USUAL_NOISE, DetectorRule
+from agents.baselines.filtered import KEPT, LEAST_SPREAD, USUAL_SPREAD, FilteredProfile
+from agents.baselines.profile import AHEAD, KNOTS, REACTION, TIMES, BlindProfile, ConstantDeceleration, ReactingRule
+from agents.baselines.rule import DISTANCES, SLOWEST
+from agents.export.contract import Subject
 from agents.policies.policy import Policy
 from impact_gym.files import write_file
-from impact_gym.task import ActionSpec, ObservationSpec, Task
+from impact_gym.scene import SpringDamper
+from impact_gym.task import ObservationSpec
 from impact_gym.task.action import RESOLUTION
-from impact_gym.task.observation import Entry
+from impact_gym.task.observation import CURVES, Entry
+from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 from impact_gym.teleop.checks import FADE
 
 CLOCK = 1e-9  # s, within which times are the same
@@ -29,36 +37,101 @@ def identifier(name: str) -> str:
     return re.sub(r"\W", "_", re.sub(r"^(?=\d)", "policy_", name), flags=re.ASCII)
 
 
-def write_header(policy: Policy, path: Path) -> Path:
+def write_header(controller: Policy | Rule | Subject, path: Path) -> Path:
     """Write the header to `path`; its stem names what is in it."""
-    return write_file(path, header(policy, identifier(path.stem)).encode("ascii", "replace"))
+    return write_file(path, header(controller, identifier(path.stem)).encode("ascii"))
 
 
-def header(policy: Policy, name: str) -> str:
-    """Return the text of the header, every name in which begins with `name`."""
-    task, network = Task(**policy.environment), policy.network
-    layers = [layer for layer in network.layers() if layer.name != "log_std"]
-    used = sorted({"none", *([network.activation] if network.hidden else [])})
-    spec, value_of = policy.spec, values(policy.spec)
+def header(controller: Policy | Rule | Subject, name: str) -> str:
+    """Return the text of the header, every name in which begins with `name`.
+
+    Raises:
+        ValueError: it is neither a policy nor a rule, or the rule looks at what no sensor tells.
+    """
+    subject = controller if isinstance(controller, Subject) else Subject(controller)
+    task, spec, value_of = subject.task, subject.spec, values(subject.spec)
+    lines = [line for item in subject.contract.items() for line in _wrapped(*item)]
+    content = _network(subject.policy) if subject.policy else _rule(subject, name)
     return c_text(
         "controller.h.jinja",
-        policy=policy,
-        actions=ActionSpec(task).entries,
+        contract=lines,
+        actions=subject.actions,
         name=name,
         task=task,
-        network=network,
-        layers=layers,
-        widest=max(max(layer.weight.shape) for layer in layers),
-        activations={activation: C_ACTIVATIONS[activation] for activation in used},
-        controlled=has_controller(policy),
+        inputs=len(spec),
+        controlled=has_controller(subject),
         resolution=RESOLUTION,
         fade=FADE,
         clock=CLOCK,
         fields=spec.sensors,
         remembered=[field for field in ("force", "deflection") if f"{field}_1" in value_of],
-        scales=[_scale(entry, value_of[entry.id]) for entry in spec.entries] if has_controller(policy) else [],
-        lightest=spec.scale("time_weight").low,
+        scales=[_scale(entry, value_of[entry.id]) for entry in spec.entries] if has_controller(subject) else [],
+        **{"network": None, "lightest": subject.weights[0], **content},
     )
+
+
+def _network(policy: Policy) -> dict[str, Any]:
+    """Return what the template shows of a network."""
+    network = policy.network
+    layers = [layer for layer in network.layers() if layer.name != "log_std"]
+    used = sorted({"none", *([network.activation] if network.hidden else [])})
+    return {
+        "network": network,
+        "layers": layers,
+        "widest": max(max(layer.weight.shape) for layer in layers),
+        "activations": {activation: C_ACTIVATIONS[activation] for activation in used},
+        "lightest": policy.spec.scale("time_weight").low,
+    }
+
+
+def _rule(subject: Subject, name: str) -> dict[str, Any]:
+    """Return what the template shows of a rule: its parameters, what it remembers, and numbers of its file."""
+    rule: Any = subject.controller
+    if not has_controller(subject):
+        raise ValueError(f"{type(rule).__name__} looks at what no sensor tells: it cannot be exported")
+    place = {label: number for number, label in enumerate(rule.names())}
+    task, value_of = subject.task, values(subject.spec)
+    content = {
+        "place": place,
+        "weights": np.log(subject.weights).tolist(),
+        "tuned": np.atleast_2d(rule.parameters).tolist(),
+        "seen": {entry.id: _seen(entry, value_of[entry.id], name) for entry in subject.spec.entries},
+        "slowest": SLOWEST,
+        "memory": [("stretch", 1, 1.0), ("slowing", 1, 1.0)] if "stretch" in place else [],
+        "ranged": isinstance(rule, Ranged | RangedProfile),
+        "noise": {"least": LEAST_NOISE, "usual": USUAL_NOISE},
+        "fastest": VELOCITY_RANGE[1],
+        "least": ACCELERATION_RANGE[0],
+        "top": ACCELERATION_RANGE[1],
+        "tick": detector.CLOCK,
+        "placed": None,
+    }
+    if isinstance(rule, ReactingRule):
+        content |= {"after": TIMES.tolist(), "reaction": place[REACTION[0].name]}
+    if isinstance(rule, BlindProfile):
+        content["corners"] = rule.placed(KNOTS).tolist()
+    elif isinstance(rule, RangedProfile):
+        content["corners"] = AHEAD.tolist()
+    elif isinstance(rule, ConstantDeceleration) and task.scenario.distance != DISTANCES:
+        near, low = DISTANCES[0], float(rule.placed(np.array(DISTANCES[0])))
+        within = float(rule.placed(np.array(near + 1.0))) - low
+        content["placed"] = {"near": near, "low": low, "within": within}
+    if isinstance(rule, DetectorRule):
+        content["memory"] += [("raised", 1, 1e300), *((each, 1, 0.0) for each in ("total", "count", "mean", "squares"))]
+    if isinstance(rule, FilteredProfile):
+        sensor, (near, far) = task.range_sensor, task.scenario.distance
+        content["memory"] += [
+            ("weight", 1, 12.0 / max(far - near, 1e-3) ** 2), ("place", 1, 0.5 * (near + far)), ("count", 1, 0.0),
+            ("newest", 1, -1.0), ("swung", 1, 0.0), ("rate", 1, 0.0), ("times", KEPT, -1e300), ("velocities", KEPT, 0.0),
+            ("tools", KEPT, 0.0),
+        ]  # fmt: skip
+        swing = np.stack(rule.swing(*np.eye(3))) if isinstance(task.coupling, SpringDamper) else np.zeros((0, 3))
+        content["filter"] = {
+            "kept": KEPT, "readings": rule.READINGS, "noise": sensor.noise, "share": sensor.share, "bias": sensor.bias,
+            "least": LEAST_SPREAD, "usual": USUAL_SPREAD, "farthest": subject.spec.scale("range").high,
+            "swing": swing.tolist(),
+        }  # fmt: skip
+    return content
 
 
 def c_text(template: str, **content: Any) -> str:
@@ -67,13 +140,13 @@ def c_text(template: str, **content: Any) -> str:
     templates = Environment(
         loader=folder, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
-    templates.filters |= {"rows": _rows, "comment": comment}
+    templates.filters["rows"] = _rows
     return templates.get_template(template).render(**content)
 
 
-def has_controller(policy: Policy) -> bool:
-    """Whether the header holds a controller around the network: sensors tell all that the policy sees."""
-    return set(policy.spec.ids) <= set(values(policy.spec))
+def has_controller(subject: Subject) -> bool:
+    """Whether the header holds a controller, not a network alone: sensors tell all that is observed."""
+    return set(subject.spec.ids) <= set(values(subject.spec))
 
 
 def values(spec: ObservationSpec) -> dict[str, str]:
@@ -92,9 +165,20 @@ def _scale(entry: Entry, value: str) -> tuple[str, float, float, float]:
     return bent, low, gain, entry.scale.scaled_low
 
 
-def comment(text: Any) -> str:
-    """Return a text as a comment in C may hold it: a line of ASCII that neither ends it nor begins another."""
-    return re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)|(?<=\?)(?=\?)", " ", json.dumps(str(text))[1:-1])
+def _seen(entry: Entry, value: str, name: str) -> str:
+    """Return as an expression in C what an observation says of a value, as `ObservationSpec.decode` computes it."""
+    bent, low, gain, scaled_low = _scale(entry, value)
+    curve = CURVES[entry.scale.curve]
+    begin, end = (float(curve.of(each)) for each in (entry.scale.low, entry.scale.high))
+    read = f"{name}_read({name}_scaled({bent}, {low}, {gain}, {scaled_low}), {scaled_low}, {begin}, {end - begin})"
+    return {"linear": read, "log": f"exp({read})", "log1p": f"expm1({read})"}[entry.scale.curve]
+
+
+def _wrapped(name: str, value: str) -> list[str]:
+    """Return the lines of an entry of the contract; those after the first begin with spaces."""
+    return textwrap.wrap(
+        f"{name}: {value}", 118, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+    )
 
 
 def _rows(values: NDArray[np.float32]) -> str:

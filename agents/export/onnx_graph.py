@@ -5,25 +5,27 @@ from typing import Any
 
 import numpy as np
 
-from agents.policies.policy import Policy
+from agents.export.contract import Subject
 from impact_gym.files import write_file
 
 OPSET = 17
 IR_VERSION = 8  # what runtimes of 2022 and later read
 
 
-def write_onnx(policy: Policy, path: Path) -> Path:
-    """Write the graph to `path`: `observation` (n, n_obs) to `action` (n, 2), for any n.
+def write_onnx(subject: Subject, path: Path) -> Path:
+    """Write a policy's graph to `path`: `observation` (n, n_obs) to `action` (n, 2), for any n; with its contract.
 
     Raises:
-        ValueError: the package onnx is missing.
+        ValueError: it is no policy, or the package onnx is missing.
     """
+    if subject.policy is None:
+        raise ValueError(f"only a policy has a network for ONNX, got {type(subject.controller).__name__}")
     try:
         import onnx
         from onnx import TensorProto, helper, numpy_helper
     except ModuleNotFoundError as error:
         raise ValueError("ONNX needs the package onnx: pip install -c constraints.txt onnx") from error
-    network = policy.network
+    network = subject.policy.network
     nodes: list[Any] = []
     weights: dict[str, Any] = {"low": np.float32(-1.0), "high": np.float32(1.0)}
     values = "observation"
@@ -36,11 +38,11 @@ def write_onnx(policy: Policy, path: Path) -> Path:
         if layer is network.mean:
             kind, inputs, values = "Clip", [total, "low", "high"], "action"
         nodes.append(helper.make_node(kind, inputs, [values], name=values))
-    shapes = {"observation": network.inputs, "action": policy.actions}
+    shapes = {"observation": network.inputs, "action": len(subject.actions)}
     start, end = (helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", shapes[name]]) for name in shapes)
     initial = [numpy_helper.from_array(np.asarray(value), name) for name, value in weights.items()]
     graph = helper.make_graph(nodes, path.stem, [start], [end], initial)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION)
-    helper.set_model_props(model, {"command": str(policy.provenance.get("command", "unknown"))})
+    helper.set_model_props(model, subject.contract)
     onnx.checker.check_model(model)
     return write_file(path, model.SerializeToString())

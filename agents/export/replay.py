@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.export.c_header import c_text, has_controller, identifier
-from agents.policies.policy import Policy
+from agents.export.contract import Subject
 from impact_gym.envs.batch import Batch
-from impact_gym.task import ActionSpec, Task
+from impact_gym.task import ActionSpec
 
 Floats = NDArray[np.float64]
 SEED = 7_000_000  # of the episodes
@@ -40,17 +40,21 @@ class Replay(NamedTuple):
     worst: float  # s
 
 
-def logged(policy: Policy, episodes: int) -> Log:
-    """Play episodes of the policy's own environment."""
-    task = Task(**policy.environment)
+def logged(subject: Subject, episodes: int) -> Log:
+    """Play episodes of the controller's own environment, a rule at weights from below to above those it has."""
+    task = subject.task
+    if subject.policy is None:
+        task = task.changed({"time_weight": (0.8 * subject.weights[0], 1.25 * subject.weights[-1])})
     batch = Batch(episodes, task)
     batch.begin(np.arange(episodes), [np.random.default_rng(SEED)] * episodes)
+    controller, state, start = subject.at(batch.info()["time_weight"]), None, np.ones(episodes, np.bool_)
     spec = ActionSpec(task)
     steps, sensors, commands, late = np.zeros(episodes, np.int64), [], [], []
     while not (ended := batch.ended).all():
         now = batch.sensors()
         sensors.append(np.stack(list(now.values()), axis=-1))
-        actions, _ = policy.predict(batch.observations)
+        actions, state = controller.predict(batch.observations, state, start)
+        start = np.zeros(episodes, np.bool_)
         command = spec.decode(actions)
         steps += ~ended
         begun = np.where(batch.links["expired"], 0.0, now["command"]) if task.operator else np.zeros(episodes)
@@ -65,7 +69,7 @@ def logged(policy: Policy, episodes: int) -> Log:
     return Log(np.array(sensors), np.array(commands), np.array(late), steps, batch.info()["time_weight"])
 
 
-def compiled(policy: Policy, header: Path, folder: Path, *how: str, language: str = "C99") -> ctypes.CDLL | None:
+def compiled(subject: Subject, header: Path, folder: Path, *how: str, language: str = "C99") -> ctypes.CDLL | None:
     """Compile program.c.jinja around the header without a warning, with flags that say `how`; None: no compiler.
 
     Raises:
@@ -74,10 +78,9 @@ def compiled(policy: Policy, header: Path, folder: Path, *how: str, language: st
     compiler = shutil.which("g++" if language == "C++17" else "gcc") or shutil.which("cc")
     if compiler is None:
         return None
-    task = Task(**policy.environment)
-    names = {"name": identifier(header.stem), "controlled": has_controller(policy), "operator": task.operator}
-    source = c_text("program.c.jinja", **names, fields=len(policy.spec.sensors), inputs=policy.inputs,
-                    actions=ActionSpec(task).entries)  # fmt: skip
+    names = {"name": identifier(header.stem), "controlled": has_controller(subject), "network": subject.policy}
+    source = c_text("program.c.jinja", **names, fields=len(subject.spec.sensors), inputs=len(subject.spec),
+                    actions=subject.actions, operator=subject.task.operator)  # fmt: skip
     library = folder / f"policy-{language}{''.join(how)}.so"
     flags = [*LANGUAGES[language], "-O2", "-ffp-contract=off", *WARNINGS, *how, "-fPIC", "-"]
     included = ["-D_POSIX_C_SOURCE=199309L", "-include", str(header.resolve())]
@@ -93,14 +96,14 @@ def address(array: NDArray[Any]) -> ctypes.c_void_p:
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
-def replay(policy: Policy, program: ctypes.CDLL, log: Log, calls: int) -> Replay:
+def replay(subject: Subject, program: ctypes.CDLL, log: Log, calls: int) -> Replay:
     """Play a log through the controller of a compiled program, and time so many calls of it."""
     steps = log.steps.astype(np.int32)
     commands, seconds = np.zeros_like(log.commands), np.zeros(calls)
     arrays = [address(array) for array in (log.sensors, steps, log.time_weight)]
     program.play(len(steps), *arrays, address(log.late), address(commands))
     program.clocked(len(steps), *arrays, calls, address(seconds))
-    task = Task(**policy.environment)
+    task = subject.task
     span = np.ptp([task.velocity_range, task.acceleration_range], axis=1)
     played = np.arange(len(commands))[:, None] < steps
     difference = np.abs((commands - log.commands) / span)[played].max()

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from agents.setups.keys import known, table, within
-from impact_gym.task import Task, evaluation_sets
+from impact_gym.scene import SpringDamper
+from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.task import ARGUMENTS
 from impact_gym.validation import distinct, number, numbers, whole
 
@@ -21,17 +22,16 @@ AS_TRAINED = "as trained"
 COMPLIANT = {"type": "Robot", "mass": 5.225, "stiffness": 1.9e5, "damping": 50.4}  # docs/provenance.md
 VARIED: Mapping[str, Any] = {
     "reaction_delay": [0.0, 0.008, 0.016, 0.024, 0.032, 0.048, 0.064],
-    "alarm_threshold": [0.25, 0.5, 1.0, 2.0, 4.0],
+    "alarm_threshold": {"times": [0.25, 0.5, 1.0, 2.0, 4.0]},
     "force_noise": [0.0, 0.5, 1.0, 2.0, 5.0],
     "range_noise": [0.0, 0.005, 0.01, 0.02, 0.03],
     "tool_mass": {"times": [0.7, 0.85, 1.0, 1.15, 1.3]},
     "coupling.stiffness": {"times": [0.7, 0.85, 1.0, 1.15, 1.3]},
-    "coupling.stroke": [0.02],  # m, half of what the spring needs at 20 m/s^2
     "coupling.front_stop": {"times": [0.5, 1.0, 2.0, 4.0]},
-    "robot": ["rigid", COMPLIANT],
-    "scenario": [AS_TRAINED, "hard"],
+    "robot": ["rigid"],
+    "robot.stiffness": {"times": [0.5, 1.0, 2.0]},
 }
-"""What is varied unless a file says otherwise; what a set-up does not have, such as an estimate, is left out."""
+"""What is varied unless a file says otherwise, see `usual`; what a set-up does not have is left out."""
 MAY_BE_NONE = ("robot", "coupling.stroke")
 """Of that: what an environment may have though its set-up says nothing of it."""
 
@@ -50,7 +50,7 @@ class Evaluation:
     """Frozen set of the report; an environment with a scenario of its own meets as many from its own ranges."""
     scenarios: int = 2000
     """How many of it."""
-    varied: Mapping[str, Any] = field(default_factory=lambda: VARIED)
+    varied: Mapping[str, Any] = field(default_factory=lambda: usual({}, COMPLIANT))
     """What is changed, one at a time, to see whether policies hold: arguments of the environment by dotted names, each
     with a list of values or a table {times = [...]} of multiples; `scenario` with names of frozen sets."""
     nominal: Mapping[str, Any] = field(default_factory=dict)
@@ -58,8 +58,10 @@ class Evaluation:
     "rigid" is none."""
 
     @classmethod
-    def of_table(cls, content: Mapping[str, Any], environment: Mapping[str, Any]) -> "Evaluation":
-        """Return what a file's table says for an environment.
+    def of_table(
+        cls, content: Mapping[str, Any], environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None
+    ) -> "Evaluation":
+        """Return what a file's table says for an environment; `robot` is that of `usual`.
 
         Raises:
             TypeError, ValueError: a key is unknown, a value out of range, or a change makes no environment; names it.
@@ -85,7 +87,29 @@ class Evaluation:
             raise ValueError(f"evaluation.scenarios must be at most the {count} of the set, got {scenarios}")
         for name, values in table(content, "varied", "evaluation.").items():
             list(changes(name, values, environment, strict=True))
-        return cls(**given | {"scenarios": scenarios})
+        return cls(**{"varied": usual(environment, robot), **given, "scenarios": scenarios})
+
+
+def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return what is varied of an environment unless its file says otherwise: VARIED, and its own numbers.
+
+    A `robot` is tried where the environment has none, a stroke too short for the spring where it has no stops, and
+    the frozen set `hard` where objects come from the usual ranges, outside of which it lies.
+    """
+    with warnings.catch_warnings(action="ignore", category=UserWarning):
+        task = Task(**environment)
+    varied = dict(VARIED)
+    for name in ("reaction_delay", "force_noise", "range_noise"):
+        own = task.by_path()[name]
+        varied[name] = sorted({*VARIED[name], *([own] if isinstance(own, float) else [])})
+    if isinstance(task.coupling, SpringDamper) and task.coupling.stroke is None and not task.drawn:
+        needed = task.tool_mass * task.acceleration_range[1] / task.coupling.stiffness
+        varied["coupling.stroke"] = [float(f"{0.4 * needed:.2g}")]  # m
+    if robot and task.robot is None:
+        varied["robot"] = ["rigid", robot]
+    if task.scenario == ScenarioRanges():
+        varied["scenario"] = [AS_TRAINED, "hard"]
+    return varied
 
 
 @dataclass(frozen=True)

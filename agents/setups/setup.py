@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from agents.setups.evaluation import SET_UP_ARGUMENTS, Evaluation
+from agents.setups.evaluation import COMPLIANT, SET_UP_ARGUMENTS, Evaluation
 from agents.setups.keys import known, names, table, text, within
 from agents.setups.training import Training
 from impact_gym.files import named_file, parsed
@@ -194,7 +194,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         settings = Training().changed(training)
         shares = settings.nominal + sum(share for share, _ in mixed)
         number("nominal and the shares of what is mixed, in all,", shares, "-", at_most=1)
-    asked = Evaluation.of_table(evaluation, environment)
+    asked = Evaluation.of_table(evaluation, environment, COMPLIANT if path.parent == SHIPPED else None)
     if settings.nominal and not asked.nominal:
         raise ValueError(f"training.nominal must be 0 without a table [evaluation.nominal], got {settings.nominal!r}")
     setup = Setup(

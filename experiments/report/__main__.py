@@ -59,6 +59,9 @@ class ReportOptions:
     arguments of gym.make, such as your tool and coupling."""
     count: int | None = None
     """Number of scenarios. Default: as in the set-up, or all of `scenarios`."""
+    time_weight: float | None = None
+    """What a second of approach costs, m/s per s, where one controller is to be recommended. Default: the set-up's
+    typical one."""
     out: Path = REPORTS / "latest"
     """Folder for the page; results are kept in a hidden folder beside it, from which the same command resumes."""
     force: bool = False
@@ -73,6 +76,8 @@ class ReportOptions:
             whole("count", self.count, at_least=2)
         if self.processes is not None:
             whole("processes", self.processes, at_least=0)
+        if self.time_weight is not None:
+            number("time_weight", self.time_weight, "m/s per s", above=0)
         if self.setups and self.policy:
             raise ValueError("name set-ups or policies, not both")
         if self.baseline and not self.policy:
@@ -121,7 +126,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
     """
     if options.policy:
         scenarios, changes = scenarios_from(options.scenarios or "test", options.count)
-        return of_policies(options.policy, options.baseline, scenarios, changes)
+        return of_policies(options.policy, options.baseline, scenarios, changes, options.time_weight)
     setups = [load_setup(name) for name in options.setups or README]
     if not options.setups:
         setups = [setup for setup in setups if _trained(setup, options.folder or setup.folder)]
@@ -135,7 +140,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
         scenarios, changes = scenarios_from(options.scenarios or setup.evaluation.set, count)
         if changes:
             raise ValueError("scenarios with an environment of their own need --policy: set-ups have theirs")
-        matchups.append(of_setup(setup, scenarios, options.folder))
+        matchups.append(of_setup(setup, scenarios, options.folder, options.time_weight))
     return matchups
 
 
@@ -169,18 +174,18 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
     inputs = (*map(repr, matchups), bool(options.policy), compiled_from(), digest_of(*DEPENDS, *modules))
     made_from = hashlib.sha256(repr(inputs).encode()).hexdigest()
     page = options.out / "index.html"
-    if options.force or not page.is_file() or _written(options.out).get("made from") != made_from:
+    if options.force or not page.is_file() or results_of(options.out).get("made from") != made_from:
         from experiments.report.jobs import play_matchups  # takes seconds to import
 
         played = play_matchups(matchups, _kept(options), options.processes, options.cluster)
         print("writing the page", flush=True)
         with locked(options.out / MARK):
             write_folder(played, options, made_from, begun)
-    print(*_written(options.out)["sentences"], sep="\n")
+    print(*results_of(options.out)["sentences"], sep="\n")
     return page
 
 
-def _written(folder: Path) -> dict[str, Any]:
+def results_of(folder: Path) -> dict[str, Any]:
     """Return results.json of a folder; empty if it is missing or damaged."""
     with suppress(OSError, ValueError):
         return dict(json.loads((folder / RESULTS).read_text()))
@@ -215,9 +220,12 @@ def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, 
     checksum = hashlib.sha256((folder / "episodes.parquet").read_bytes()).hexdigest()
     tabs = [page.tab(results) for results in played]
     results = {
+        "choices": {tab.matchup.name: asdict(tab.choice) for tab in tabs},
         "answers": {tab.matchup.name: asdict(tab.answer) for tab in tabs},
         "ablations": {tab.matchup.name: [asdict(step) for step in tab.steps] for tab in tabs},
-        "sentences": [tab.summary for tab in tabs],
+        "sentences": [
+            sentence for tab in tabs for sentence in (f"{tab.matchup.name}: {tab.choice.sentence}", tab.summary)
+        ],
         "episodes": {"rows": len(rows), "sha256": checksum},
         "contestants": {
             matchup.name: {each.name: each.checksum for each in (*matchup.seeds, *matchup.baselines)}
@@ -239,7 +247,7 @@ def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, 
         "resamples": f"{RESAMPLES:,}",
     }
     results["figures"] = page.write(folder, about, tabs, played)
-    for name in {*_written(folder).get("figures", [])} - {*results["figures"]}:
+    for name in {*results_of(folder).get("figures", [])} - {*results["figures"]}:
         (folder / "figures" / Path(name).name).unlink(missing_ok=True)
     write_file(folder / RESULTS, json.dumps(results, indent=2) + "\n")
 

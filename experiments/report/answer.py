@@ -28,6 +28,7 @@ class Answer:
     each: tuple[float, ...]  # the same for each seed; empty if one does not reach that time
     reached: bool  # whether the front reaches that time; if not, `reduction` is at its nearest end
     later: float  # difference of that end from that time, a share of it; below 0 sooner
+    needed: float  # time weight at which the front would reach it, on the line through its last two, m/s per s
     sooner: Estimate  # of the approach time at the paper's mean V_p, a share
     beyond: str  # "": the front reaches that V_p; "slower", "faster": the object is so at every weight
     velocity: Estimate  # m/s, V_p of the policy at that time
@@ -60,6 +61,7 @@ def answer(played: Played) -> Answer:
         each=tuple(reductions(played).tolist()),
         reached=bool(nearest == time),
         later=float(nearest / time - 1.0),
+        needed=_needed(played.policy.weights, times[0], time),
         sooner=at_speed.reduction,
         beyond="slower" if fastest < velocity else "faster" if slowest > velocity else "",
         velocity=estimate(at_time.ours),
@@ -69,6 +71,14 @@ def answer(played: Played) -> Answer:
         missed=int(missed.sum()),
         episodes=missed.size,
     )
+
+
+def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
+    """Return the weight at which approach times (k,) would reach `time` (s): linear in its logarithm; nan if never."""
+    order = np.argsort(weights)[-2:] if times.min() > time else np.argsort(weights)[:2]
+    (first, last), ends = np.log(np.asarray(weights)[order]), times[order]
+    slope = (ends[1] - ends[0]) / (last - first)
+    return float(np.exp(first + (time - ends[0]) / slope)) if slope < 0.0 else np.nan
 
 
 def front(resamples: Resamples, runs: Sequence[Run]) -> Front:
@@ -212,6 +222,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
         length, direction = ("short", "later") if answer.later > 0.0 else ("long", "sooner")
         text = f"no weight makes its approach as {length} as the paper's; at the nearest, "
         text += f"{100 * abs(answer.later):.1f} % {direction}, the object leaves {change}"
+        text += f" (a time weight of about {answer.needed:.2g} would be as {length})" if answer.needed > 0.0 else ""
     if answer.beyond == "faster":
         text += "; at every weight the object leaves faster than with the paper's rule."
     else:

@@ -8,6 +8,7 @@ import polars as pl
 
 from experiments.lab.statistics import estimate
 from experiments.report.answer import Answer, in_words
+from experiments.report.choice import Choice
 from experiments.report.figures import Figure, chart_of, looks_of
 from experiments.report.matchups import IMITATES, PAPER, POLICY
 from experiments.report.played import MISSED_TOO_OFTEN, Played
@@ -16,32 +17,28 @@ from impact_gym.task.task import VELOCITY_RANGE
 WIDTH, HEIGHT = 400, 270  # pixels; on a phone the chart is scaled to 0.85 or more
 
 
-def headline(answer: Answer, played: Played) -> str:
-    """Return the answer without intervals."""
-    if played.matchup.operated:
-        return assisted(played)
-    if answer.missed > MISSED_TOO_OFTEN * answer.episodes:
-        misses = f"{answer.missed:,} of {answer.episodes:,} objects"
-        return f"The learned policy misses {misses}, so nothing is claimed for it."
+def headline(choice: Choice, answer: Answer, played: Played) -> str:
+    """Return which controller to take, and the answer at the paper's mean approach time, without intervals."""
+    return f"{choice.sentence} {assisted(played) if played.matchup.operated else at_rule_time(answer, played)}"
+
+
+def at_rule_time(answer: Answer, played: Played) -> str:
+    """Return the policy's gain at the paper's mean approach time, or the weight at which it would be as soon."""
     slower = _less(answer.reduction.value)
+    if answer.missed > MISSED_TOO_OFTEN * answer.episodes:
+        return (f"The learned policy misses {answer.missed:,} of {answer.episodes:,} objects, so nothing is claimed "
+                "for it at the time of the paper's rule.")  # fmt: skip
     if answer.reached:
-        text = f"The learned policy touches the object as soon as the paper's rule, and the object leaves {slower}."
-    elif answer.later > 0.0:
-        text = "No learned policy arrives as soon as the paper's rule; "
-        text += f"with one that is {100 * answer.later:.0f} % later the object leaves {slower}."
+        text = f"At the mean approach time of the paper's rule the object leaves {slower} with the learned policy"
     else:
-        text = (
-            f"Even at its smallest time weight the learned policy arrives {-100 * answer.later:.0f} % sooner than the "
-        )
-        text += f"paper's rule; the object leaves {slower}."
+        direction, less = ("later", "largest") if answer.later > 0.0 else ("sooner", "smallest")
+        needed = f"; a weight of about {answer.needed:.2g} would be as soon" if answer.needed > 0.0 else ""
+        text = (f"Even at its {less} time weight the learned policy arrives {100 * abs(answer.later):.0f} % "
+                f"{direction} than the paper's rule{needed}. The object leaves {slower} there")  # fmt: skip
     if answer.rival_reduction:
-        same_sign = (answer.rival_reduction.value >= 0.0) == (answer.reduction.value >= 0.0)
-        slower, rival = _less(answer.rival_reduction.value), played.matchup.rival.plain
-        slower = slower.removesuffix(" slower") if same_sign else slower
-        text += f" {rival[0].upper()}{rival[1:]}, no learning: {slower}."
-    if IMITATES in played.matchup.note:
-        text += " The policy's training began by imitating a tuned profile."
-    return text
+        text += f", with the {played.matchup.rival.plain} {_less(answer.rival_reduction.value)}"
+    imitates = " The policy's training began by imitating a tuned profile." if IMITATES in played.matchup.note else ""
+    return f"{text}.{imitates}"
 
 
 def _less(share: float) -> str:

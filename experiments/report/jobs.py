@@ -16,7 +16,7 @@ from agents.jobs import cached, digest_of
 from agents.policies import Controller
 from experiments.lab import grid
 from experiments.lab.player.films import play as replay
-from experiments.report import holds
+from experiments.report import choice, holds
 from experiments.report.matchups import Contestant, Matchup
 from experiments.report.played import Arrays, Played, Run
 from impact_gym.scene import SpringDamper
@@ -102,6 +102,9 @@ def jobs_of(matchup: Matchup) -> Iterator[ReportJob]:
         tuned = len(baseline.weights) > 1  # each weight is played with the parameters tuned for the nearest
         weights = sorted({*baseline.weights, *matchup.weights, typical}) if tuned else list(baseline.weights)
         yield ReportJob("baselines", baseline.name, of(baseline, scenarios=scenarios, weights=weights))
+    for contestant in (*matchup.baselines, matchup.policy):
+        arguments = of(contestant, scenarios=choice.scenarios(scenarios), weights=[typical])
+        yield ReportJob("choosing", contestant.name, arguments)
     if (bound := matchup.bound) is not None:
         searched = first(scenarios, len(bound.controller["clairvoyant"][f"{bound.weights[0]:g}"]))
         knowing = {**environment, "privileged": True}
@@ -195,7 +198,7 @@ def profile(controller: JSON, environment: JSON, weights: Sequence[float], dista
 
 
 MEASURES: Mapping[str, Callable[..., Any]] = {
-    "seeds": play, "as_late": play_as_late, "baselines": play, "bound": play, "varied": grid.play, "profiles": profile,
-    "travelled": travelled,
+    "seeds": play, "as_late": play_as_late, "baselines": play, "choosing": play, "bound": play, "varied": grid.play,
+    "profiles": profile, "travelled": travelled,
 }  # fmt: skip
 """The measurement of each field of `Played`."""

@@ -5,7 +5,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from agents.policies import Policy, load_ensemble, load_policy
 from agents.setups import TUNED, Setup, load_setup, same_environment, shipped, shipped_baselines
 from agents.setups.evaluation import Change, Evaluation, variants
 from impact_gym.task import ActionSpec, ObservationSpec, Task
-from impact_gym.validation import identifier, nearest
+from impact_gym.validation import identifier, nearest, number
 
 PAPER = "paper's rule"
 RULE = "paper-trapezoid"  # its name among the baselines
@@ -133,11 +133,15 @@ class Matchup:
         return variants(self.evaluation, self.environment)
 
 
-def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = None) -> Matchup:
+def of_setup(
+    setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = None, time_weight: float | None = None
+) -> Matchup:
     """Return the matchup of a set-up, with policies and tuned baselines from `folder`, by default its own.
 
+    `time_weight` (m/s per s) replaces the typical one of the set-up.
+
     Raises:
-        ValueError: there are no policies yet, or a baseline was not tuned.
+        ValueError: there are no policies yet, a baseline was not tuned, or no policy was trained for the time weight.
     """
     folder = setup.folder if folder is None else folder
     path = folder / "policies" / f"{setup.name}.npz"
@@ -146,6 +150,7 @@ def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = N
     ensemble = load_ensemble(path)
     if not setup.describes(ensemble[None].environment):
         raise ValueError(f"{path} was trained for another environment than {setup.called} says: train it anew")
+    setup = replace(setup, evaluation=typically(setup.evaluation, time_weight, ensemble[None]))
     policies = sorted(ensemble.policies, key=lambda policy: policy.seed)
     seeds = tuple(policy_contestant(f"seed-{policy.seed}", policy, setup.evaluation) for policy in policies)
     chosen, about = f"seed-{ensemble.chosen}", ensemble[None].provenance
@@ -188,8 +193,9 @@ def quick_look_note(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Con
 
 
 def of_policies(
-    paths: Sequence[str], names: Sequence[str], scenarios: Mapping[str, Any], changes: Environment
-) -> list[Matchup]:
+    paths: Sequence[str], names: Sequence[str], scenarios: Mapping[str, Any], changes: Environment,
+    time_weight: float | None = None,
+) -> list[Matchup]:  # fmt: skip
     """Return a matchup for each policy, by name or file, against the paper's rule and `names`.
 
     Without `names`, the baselines are those of the shipped set-up it was trained for, if any. `changes` are
@@ -206,7 +212,7 @@ def of_policies(
         environment, of_environment = environment_and_scenarios(arguments, scenarios)
         Policy(loaded.network, environment, {})  # raises where they do not fit
         setup = next((setup for setup in map(load_setup, shipped()) if setup.describes(trained_in)), None)
-        evaluation = setup.evaluation if setup else Evaluation()
+        evaluation = typically(setup.evaluation if setup else Evaluation.of_table({}, trained_in), time_weight, loaded)
         called = path.parent.name if path.name in ("best.npz", "final.npz") else path.stem
         name = identifier("policy", re.sub(r"[^A-Za-z0-9.-]+", "-", called)[:100].strip("-.") or "policy")
         if name in matchups:
@@ -221,10 +227,29 @@ def of_policies(
     return list(matchups.values())
 
 
-def policy_contestant(name: str, policy: Policy, evaluation: Evaluation) -> Contestant:
-    """Return a policy as a contestant; jobs contain the policy itself, so other machines need no file."""
+def typically(evaluation: Evaluation, time_weight: float | None, policy: Policy) -> Evaluation:
+    """Return an evaluation with this typical time weight (m/s per s), if one is given.
+
+    Raises:
+        ValueError: the policy was not trained for it.
+    """
+    if time_weight is None:
+        return evaluation
+    low, high = trained_weights(policy, evaluation)
+    number("time_weight", time_weight, "m/s per s", at_least=low, at_most=high)
+    return replace(evaluation, typical=time_weight)
+
+
+def trained_weights(policy: Policy, evaluation: Evaluation) -> tuple[float, float]:
+    """Return the least and the largest time weight that a policy was trained for, m/s per s."""
     trained = policy.environment.get("time_weight", evaluation.typical)
     low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
+    return float(low), float(high)
+
+
+def policy_contestant(name: str, policy: Policy, evaluation: Evaluation) -> Contestant:
+    """Return a policy as a contestant; jobs contain the policy itself, so other machines need no file."""
+    low, high = trained_weights(policy, evaluation)
     compared = sorted({*evaluation.curve, *evaluation.weights, evaluation.typical})
     weights = tuple(weight for weight in compared if low <= weight <= high) or (float(low),)
     content = policy.to_bytes()

@@ -15,7 +15,7 @@ from agents.evaluate.play import frozen_of
 from experiments.lab import page
 from experiments.lab.parts import Section, Table
 from experiments.lab.player import choose, films, fragment
-from experiments.report import ablation, answer, differences, first_screen, holds
+from experiments.report import ablation, answer, choice, differences, first_screen, holds
 from experiments.report.figures import Figure
 from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
@@ -34,6 +34,7 @@ class Tab:
 
     matchup: Matchup
     answer: answer.Answer
+    choice: choice.Choice
     steps: Sequence[ablation.Step]
     headline: str
     fails: holds.Failing
@@ -47,6 +48,7 @@ class Tab:
 def tab(played: Played) -> Tab:
     """Return the tab of a matchup."""
     matchup, steps, result = played.matchup, ablation.steps_of(played), answer.answer(played)
+    chosen = choice.choice(played)
     summary = answer.sentence(result, matchup) + ablation.sentence(steps)
     if matchup.operated:
         summary = f"{matchup.name} ({matchup.note}): {first_screen.assisted(played, intervals=True)}"
@@ -60,6 +62,7 @@ def tab(played: Played) -> Tab:
         heading = "Ablation: where the gain comes from"
         engineer.insert(0, Section(heading, [ablation.table(steps, matchup.labels)]))
         engineer.insert(0, Section("At about the paper's approach time: mean and tail", [answer.at_one_time(played)]))
+    engineer.insert(0, Section("Which controller to take", [choice.table(chosen, played)], key="choice"))
     chosen_on = next(words for kind, words in CHOSEN_ON.items() if kind in matchup.scenarios)
     note = (f"The weight for the paper's approach time was chosen on {chosen_on}, so the mean times of policy and "
             "rule differ slightly here.")  # fmt: skip
@@ -71,9 +74,9 @@ def tab(played: Played) -> Tab:
         Section("Differences by scenario", wins, folded=True, key="differences"),
     ]
     return Tab(
-        matchup, result, steps, first_screen.headline(result, played), holds.where_it_fails(played),
-        first_screen.chart(result, played), summary, engineer, statistician,
-        Markup(fragment(watch(played), f"watch-{matchup.name}")),
+        matchup, result, chosen, steps, first_screen.headline(chosen, result, played),
+        holds.where_it_fails(played, chosen.controller), first_screen.chart(result, played), summary, engineer,
+        statistician, Markup(fragment(watch(played), f"watch-{matchup.name}")),
     )  # fmt: skip
 
 

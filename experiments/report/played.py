@@ -66,6 +66,7 @@ class Played:
     seeds: dict[str, Run] = field(default_factory=dict)
     as_late: dict[str, Run] = field(default_factory=dict)  # each seed at the paper's mean approach time
     baselines: dict[str, Run] = field(default_factory=dict)
+    choosing: dict[str, Run] = field(default_factory=dict)  # baselines and median seed, on scenarios to choose on
     bound: Run | None = None
     varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # of each cell of `holds.cells`
     profiles: dict[str, Run] = field(default_factory=dict)

@@ -76,7 +76,24 @@ def test_variants_change_one_argument_each_and_leave_the_rest():
             assert task.tool_mass == pytest.approx(0.2 * change.value)
             assert task.drawn == own.drawn
     # without what this environment does not have
-    assert {change.argument for change in changed} == set(VARIED) - {"range_noise", "coupling.front_stop"}
+    asked = {*VARIED, "coupling.stroke", "scenario"} - {"range_noise", "coupling.front_stop", "robot.stiffness"}
+    assert {change.argument for change in changed} == asked
+
+
+def test_one_s_own_set_up_is_varied_around_its_own_numbers_and_not_around_the_shipped_arm():
+    own = {"robot": {"type": "Robot", "mass": 3.0, "stiffness": 8e4, "damping": 60.0}, "reaction_delay": 0.02,
+           "scenario": {"distance": [0.1, 0.3]}, "alarm_threshold": 3.0}  # fmt: skip
+    varied = Evaluation.of_table({}, own).varied
+    assert varied["robot"] == ["rigid"]
+    assert 0.02 in varied["reaction_delay"]
+    assert "scenario" not in varied  # the frozen set lies outside the usual ranges, not outside these
+    thresholds = [
+        Task(**change.environment).alarm_threshold
+        for change in changes("alarm_threshold", varied["alarm_threshold"], own)
+    ]
+    assert thresholds == [0.75, 1.5, 3.0, 6.0, 12.0]  # N
+    assert Evaluation.of_table({}, {}).varied["robot"] == ["rigid"]
+    assert len(load_setup("linear-blind").evaluation.varied["robot"]) == 2
 
 
 def test_variants_start_from_what_is_nominal():
@@ -216,7 +233,9 @@ def test_set_up_extends_another_key_by_key(tmp_path):
     mine, shipped_one = load_setup(tmp_path / "mine.toml"), load_setup("linear-ranged")
     assert mine.environment == {**shipped_one.environment, "tool_mass": 0.2, "range_noise": 0.02}
     assert mine.training == replace(shipped_one.training, steps=5_000_000)
-    assert mine.evaluation == replace(shipped_one.evaluation, typical=1.0)
+    varied = mine.evaluation.varied  # of one's own arm, not of the shipped one's
+    assert mine.evaluation == replace(shipped_one.evaluation, typical=1.0, varied=varied)
+    assert varied == Evaluation.of_table({}, mine.environment).varied
     assert (mine.title, mine.about, [*mine.tuned]) == ("Mine", "Mine", ["mine-profile"])
 
 

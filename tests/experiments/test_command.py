@@ -148,8 +148,14 @@ def test_copy_setup_keeps_a_folder_for_its_set_up(mine, tmp_path):
 def test_controller_goes_from_a_file_to_a_controller_and_keeps_what_is_done(mine, tmp_path, exit_of, capsys):
     out = tmp_path / "out"
     assert exit_of("controller", str(mine), "--out", str(out), "--quick") == 0
-    for path in ("tuned/mine-profile.json", "policies/mine.npz", "report/index.html", "export/mine.h"):
+    for path in ("tuned/mine-profile.json", "policies/mine.npz", "report/index.html"):
         assert (out / path).is_file(), path
+    (choice,) = json.loads((out / "report" / "results.json").read_text())["choices"].values()
+    exported = {"paper's rule": "paper-trapezoid"}.get(choice["controller"], choice["controller"])
+    assert [path.stem for path in (out / "export").glob("*.h")] == [
+        "mine" if exported.startswith("seed-") else exported
+    ]
+    assert choice["sentence"] in capsys.readouterr().out
     weights = json.loads((out / "tuned" / "mine-profile.json").read_text())["weights"]
     assert {entry["search"]["budget"] for entry in weights.values()} == {16}  # no more than the set-up says
     ensemble = load_ensemble(out / "policies" / "mine.npz")
@@ -163,6 +169,13 @@ def test_controller_goes_from_a_file_to_a_controller_and_keeps_what_is_done(mine
     assert exit_of("controller", str(mine), "--out", str(out), "--quick") == 0
     assert (out / "policies" / "mine.npz").read_bytes() == first
     assert "training for" not in capsys.readouterr().out
+    assert exit_of("controller", str(mine), "--out", str(out), "--quick", "--time-weight", "3", "--all") == 0
+    assert {"mine", "mine-profile", "paper-trapezoid"} <= {path.stem for path in (out / "export").glob("*.h")}
+    assert json.loads((out / "report" / "results.json").read_text())["choices"]["mine"]["time_weight"] == 3.0
+    assert "3" in json.loads((out / "tuned" / "mine-profile.json").read_text())["weights"]
+    assert "time_weight must be" in exit_of(
+        "controller", str(mine), "--out", str(out), "--quick", "--time-weight", "99"
+    )
 
 
 def test_quick_look_note_says_what_is_less_than_a_set_up_wants(mine):

@@ -81,11 +81,12 @@ def test_answer_and_ablation_follow_from_the_episodes_on_disk(folder, results, e
         assert step["velocity"]["less"]["value"] == pytest.approx(before - after)
         before = after
     page = (folder / "index.html").read_text()
-    first, second, *_ = re.findall("<table>.*?</table>", page, re.DOTALL)
-    assert "learned policy" in first
-    assert "+ the arm&#39;s limits" in second
+    chosen, at_one_time, ablation, *_ = re.findall("<table>.*?</table>", page, re.DOTALL)
+    assert "the one to take" in chosen
+    assert "learned policy" in at_one_time
+    assert "+ the arm&#39;s limits" in ablation
     assert f"{100 * answer['reduction']['value']:.1f} %" in page
-    assert f"{100 * steps[0]['velocity']['share']['value']:.1f} %" in results["sentences"][0]
+    assert f"{100 * steps[0]['velocity']['share']['value']:.1f} %" in results["sentences"][1]
 
 
 def test_episodes_match_a_batch_on_the_same_scenarios(episodes):

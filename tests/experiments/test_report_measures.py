@@ -8,10 +8,10 @@ import pytest
 from contest import COUNT, PAPER_TIME, SPEEDS, WEIGHTS, played, run
 
 from agents import Policy, load_policy
-from agents.evaluate.play import play
+from agents.evaluate.play import pairs, play
 from agents.setups import load_setup, shipped
 from agents.setups.evaluation import variants
-from experiments.report import answer, differences, first_screen, holds, jobs, matchups
+from experiments.report import answer, choice, differences, first_screen, holds, jobs, matchups
 from experiments.report.matchups import BOUND, PAPER, POLICY
 from experiments.report.played import Run
 
@@ -24,7 +24,7 @@ TOLERANCE_OF_TWO = 26.26  # one-sided 95/95 factor (M. G. Natrella, NBS Handbook
 def summary(results):
     """Return the answer, its sentence and the headline."""
     result = answer.answer(results)
-    return result, answer.sentence(result, results.matchup), first_screen.headline(result, results)
+    return result, answer.sentence(result, results.matchup), first_screen.at_rule_time(result, results)
 
 
 def test_answer_is_read_where_the_papers_rule_is():
@@ -37,13 +37,61 @@ def test_answer_is_read_where_the_papers_rule_is():
     assert "the object leaves 70.0 % [70.0, 70.0] slower at the paper's mean approach time;" in sentence
     assert "the approach is at least 33.3 % [33.3, 33.3] sooner" in sentence
     assert "The best tuned baseline, profile: 50.0 % [50.0, 50.0] slower." in sentence
-    assert headline == ("The learned policy touches the object as soon as the paper's rule, and the object leaves 70 % "
-                        "slower. Tuned profile, no learning: 50 %.")  # fmt: skip
+    assert headline == ("At the mean approach time of the paper's rule the object leaves 70 % slower with the learned "
+                        "policy, with the tuned profile 50 % slower.")  # fmt: skip
     rows = dict(answer.table(result, played()).rows)
     assert rows["V_p lower at the paper's approach time"] == "70.0 % [70.0, 70.0]"
     assert rows["V_p lower there, tuned profile"] == "50.0 % [50.0, 50.0]"
     assert rows["sooner at the paper's V_p"] == "at least 33.3 % [33.3, 33.3]"
     assert rows["95 % of trainings: at least"] == "-"
+
+
+def test_of_controllers_that_cannot_be_told_apart_the_simplest_is_taken():
+    results = played(("profile", "constant", "local-brake"))
+    everyone = (*results.matchup.baselines, results.matchup.policy)
+    order = [each.name for each in sorted(everyone, key=choice.simplicity)]
+    assert order == [PAPER, "local-brake", "constant", "profile", "seed-0"]
+    noise = np.random.default_rng(1).normal(0.0, 0.1, 400)
+    for gain, name in ((0.0, "profile"), (0.005, "profile"), (0.03, "policy")):  # m/s; standard error 0.1 / 20 m/s
+        assert (
+            choice.simplest(
+                {"rule": np.full(400, 2.0), "profile": np.ones(400), "policy": 1.0 - gain + noise - noise.mean()}
+            )
+            == name
+        )
+
+
+def test_choice_is_made_on_scenarios_of_its_own_and_judged_on_those_of_the_report():
+    results = played()
+    losses = {PAPER: 1.0 * SPEEDS + 0.6, "profile": 0.6 * SPEEDS + 0.4, "seed-0": 0.4 * SPEEDS + 0.4}  # w = 2
+    found = choice.choice(results)
+    assert (found.controller, found.time_weight, found.missed) == ("seed-0", 2.0, 0)
+    assert found.cost.value == pytest.approx(losses["seed-0"].mean())
+    assert found.below_rule.value == pytest.approx(1.0 - losses["seed-0"].mean() / losses[PAPER].mean())
+    assert found.above["profile"].value == pytest.approx(losses["profile"].mean() / losses["seed-0"].mean() - 1.0)
+    below, above = (f"{100 * each.value:.1f} % [{100 * each.low:.1f}, {100 * each.high:.1f}]"
+                    for each in (found.below_rule, found.above["profile"]))  # fmt: skip
+    assert found.sentence == (f"Best here: the learned policy, V_p + 2 T is {below} below the paper's rule; the tuned "
+                              f"profile is {above} above it.")  # fmt: skip
+    assert [row[2] == "the one to take" for row in choice.table(found, results).rows] == [False, False, False, True]
+    results.choosing["seed-0"] = results.choosing["profile"]  # no better where the choice is made
+    found = choice.choice(results)
+    assert found.controller == "profile"
+    assert "the learned policy is" in found.sentence
+    assert "below it here, but was not to be told from it where the choice was made" in found.sentence
+    results.choosing = dict.fromkeys(results.choosing, results.paper)
+    assert choice.choice(results).sentence.startswith("Best here: the paper's rule, the tuned profile is ")
+
+
+@pytest.mark.parametrize(("given", "ranges", "seed"), [
+    ({"set": "test", "count": 30}, "train", 60_000_000), ({"set": "hard", "count": 30}, "hard", 60_000_000),
+    ({"ranges": "train", "seed": 5, "count": 30}, "train", 60_000_005),
+])  # fmt: skip
+def test_scenarios_of_the_choice_come_from_the_same_ranges_and_other_seeds(given, ranges, seed):
+    drawn = choice.scenarios(given)
+    assert (pairs(drawn["ranges"]), drawn["seed"], drawn["count"]) == (pairs(ranges), seed, 2000)
+    table = {"table": {"distance": [0.2]}, "seed": 3, "count": 1}
+    assert choice.scenarios(table) == table
 
 
 def test_mean_and_tail_are_given_where_each_is_nearest_to_the_papers_time():
@@ -60,15 +108,18 @@ def test_mean_and_tail_are_given_where_each_is_nearest_to_the_papers_time():
 
 
 @pytest.mark.parametrize(("shares", "times", "said", "headline"), [
-    ((0.2, 0.4), (0.3, 0.2), "80.0 % [80.0, 80.0] slower at the paper's", "leaves 80 % slower"),  # just as late
+    ((0.2, 0.4), (0.3, 0.2), "80.0 % [80.0, 80.0] slower at the paper's", "leaves 80 % slower with"),  # just as late
     ((0.2, 0.4), (0.27, 0.2), "as long as the paper's; at the nearest, 10.0 % sooner, the object leaves 80.0 %",
-     "arrives 10 % sooner than the paper's rule; the object leaves 80 % slower"),
+     "smallest time weight the learned policy arrives 10 % sooner than the paper's rule; a weight of about 0.74 would "
+     "be as soon. The object leaves 80 % slower"),
     ((0.2, 0.4), (0.5, 0.33), "as short as the paper's; at the nearest, 10.0 % later, the object leaves 60.0 % "
-     "[60.0, 60.0] slower; at the paper's V_p the approach is at most 10.0 % [10.0, 10.0] later.",
-     "one that is 10 % later the object leaves 60 % slower"),
+     "[60.0, 60.0] slower (a time weight of about 2.3 would be as short); at the paper's V_p the approach is at most "
+     "10.0 % [10.0, 10.0] later.",
+     "largest time weight the learned policy arrives 10 % later than the paper's rule; a weight of about 2.3 would be "
+     "as soon. The object leaves 60 % slower"),
     ((1.2, 1.4), (0.4, 0.2), "30.0 % [30.0, 30.0] faster at the paper's mean approach time; at every weight the "
      "object leaves faster than with the paper's rule.",
-     "leaves 30 % faster. Tuned profile, no learning: 50 % slower."),
+     "leaves 30 % faster with the learned policy, with the tuned profile 50 % slower."),
     ((0.8, 1.4), (0.4, 0.2), "at the paper's V_p the approach is 11.1 % [11.1, 11.1] later", "leaves 10 % faster"),
 ])  # fmt: skip
 def test_answer_says_what_a_curve_does_not_reach(shares, times, said, headline):
@@ -199,7 +250,7 @@ def test_where_it_fails_needs_two_standard_errors_or_more_than_one_miss_in_a_hun
     noisy = 1.0 + ALTERNATING - ALTERNATING.mean() + more
     play_changes(results, {"tool mass: 0.125 kg": usual, "tool mass: 0.2 kg": usual | {"seed-0": noisy},
                            "tool mass: 0.3 kg": usual | {"seed-0": 0.5}}, missed)  # fmt: skip
-    assert holds.where_it_fails(results) == (worst, details)
+    assert holds.where_it_fails(results, "seed-0") == ("the learned policy", worst, details)
     (what, _, cells), (_, tried, at_worst) = holds.heat_map(results).rows
     assert (what, tried) == ("nothing", "2 tried: 0.2 kg to 0.3 kg")
     assert [cell.value for cell in cells] == ["9.00", "1.00", "2.00"]
@@ -215,14 +266,15 @@ def test_where_it_fails_names_the_mildest_change_of_each_kind_and_the_largest_lo
               "compliant robot: rigid": 1.0, ROBOT: 1.6, "reaction delay: 32 ms": 1.3}  # fmt: skip
     play_changes(results, {change: {PAPER: 1.0, "profile": 9.0, "seed-0": loss + 1e-3 * ALTERNATING}
                            for change, loss in losses.items()})  # fmt: skip
-    assert holds.where_it_fails(results) == (
+    assert holds.where_it_fails(results, "seed-0") == (
+        "the learned policy",
         "compliant robot. It is worse than the paper's rule.",
         "Worse than the paper's rule with compliant robot, tool mass (0.2 kg), reaction delay.",
     )
     place = holds.heat_map(results).rows[1][2][2]
     assert (place.value, place.note) == ("5.00", "unchanged")
     unchanged = played()
-    assert holds.where_it_fails(unchanged).worst.startswith("nowhere among 0 changes")
+    assert holds.where_it_fails(unchanged, "seed-0").worst.startswith("nowhere among 0 changes")
     assert [row[0] for row in holds.heat_map(unchanged).rows] == ["nothing"]
 
 

@@ -34,15 +34,21 @@ def run(shares, times=(0.4, 0.2), weights=WEIGHTS, missed=0, count=COUNT, **more
 
 def played(names=("profile", "constant"), seeds=((0.2, 0.4),), varied=None, **environment):
     """Constant speed 0.7, profile 0.5, policy 0.3 of the paper's V_p after its 0.3 s; shares are those of each seed."""
-    specs = {name: {"tuned": {"rule": RULES[name]}} if name in RULES else {"baseline": name} for name in names}
+    specs = {
+        name: {"tuned": {"rule": RULES[name], "parameters": [0] * (1 + ("profile" in name))}}
+        if name in RULES
+        else {"baseline": name}
+        for name in names
+    }
     rivals = [Contestant(name, spec, WEIGHTS, "") for name, spec in specs.items()]
-    policies = tuple(Contestant(f"seed-{k}", {}, WEIGHTS, "") for k in range(len(seeds)))
-    everyone = (Contestant(PAPER, {}, (2.0,), ""), *rivals)
+    policies = tuple(Contestant(f"seed-{k}", {"policy": ""}, WEIGHTS, "") for k in range(len(seeds)))
+    everyone = (Contestant(PAPER, {"baseline": "paper-trapezoid"}, (2.0,), ""), *rivals)
     evaluation = Evaluation(weights=WEIGHTS, varied=varied or {})
     matchup = Matchup("toy", environment, policies, "seed-0", everyone, {}, {}, "", evaluation)
     results = Played(matchup, seeds={f"seed-{k}": run(shares) for k, shares in enumerate(seeds)})
     results.baselines = {PAPER: run((1.0,), (PAPER_TIME,), (2.0,))}
     results.baselines |= {name: run(SHARES.get(name, (0.35, 0.45))) for name in names}
+    results.choosing = {**results.baselines, "seed-0": results.seeds["seed-0"]}
     means = {f"seed-{k}": np.mean(shares) for k, shares in enumerate(seeds)}
     results.as_late = {name: run((share,), (PAPER_TIME,), (1.4,)) for name, share in means.items()}
     return results

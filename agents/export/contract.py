@@ -1,0 +1,190 @@
+"""What is exported, and its contract: what a user has to know of it, which every exported file says in the same words."""
+
+import copy
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agents.baselines import Rule
+from agents.baselines.tuned import FIXED, interpolated, load_baseline, read_tuned, tuned_table
+from agents.policies import SHIPPED, Policy, load_policy
+from agents.policies.networks import to_arrays
+from agents.setups import TUNED, Setup, load_setup, shipped, shipped_baselines
+from agents.setups.setup import UNSAID
+from impact_gym.task import ActionSpec, ObservationSpec, Task
+from impact_gym.teleop.checks import FADE
+from impact_gym.validation import nearest
+
+FORMAT = "impact_gym controller 1"
+CALLS = (
+    "{} once in each control period, and once more at the moment of the alarm; the command holds until the next call"
+)
+RESETS = (
+    "before each approach, with its time weight, cut to the range given, the least where it is missing (NaN or "
+    "infinite); sets back the time, all readings, the alarm and all that is remembered, and commands to stay at rest"
+)
+MISSING = (
+    "a reading that is not later than the last one, or has no time, changes nothing: the last command stands; a number "
+    "that is missing (NaN or infinite) keeps its last value, at first 0, and a range at first none; {}"
+)
+ALARMS = {
+    "reading": "an alarm is on as long as it is told to be, and its clock goes on by the time",
+    "force": "an alarm once heard stays, and its clock goes on by the time",
+}
+OPERATOR = (
+    "with u the operator's command the flange goes to gain u - withdrawal; the withdrawal counts for {:g} s from an "
+    "alarm on and then fades over {:g} s; where u is 0 or missing, or none has come for {:g} s, the flange stops at "
+    "the arm's limit; a command between two calls counts at once by NAME_obey, and so does its absence, as 0"
+)
+
+
+class Subject:
+    """A controller to export: a policy, or a rule with its parameters for one time weight or several."""
+
+    def __init__(
+        self, controller: Policy | Rule, weights: Sequence[float] = (2.0,), validation: Any = None, command: str = ""
+    ) -> None:
+        """Describe a controller.
+
+        Args:
+            controller: a policy; or a rule for its environment, with parameters (k,), or (weights, k) for several.
+            weights: of a rule, m/s per s, rising: what its parameters were tuned for.
+            validation: results on validation scenarios, anything that JSON holds; of a policy its file says them.
+            command: how it was made; of a policy its file says it.
+
+        Raises:
+            ValueError: it is another kind of controller.
+        """
+        if not isinstance(controller, Policy | Rule):
+            raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
+        self.controller, self.weights = controller, [*weights]
+        self.task = controller.task if isinstance(controller, Rule) else Task(**controller.environment)
+        self.spec, self.actions = ObservationSpec(self.task), ActionSpec(self.task).entries
+        provenance = controller.provenance if isinstance(controller, Policy) else {}
+        self.command = command or str(provenance.get("command", "by hand"))
+        self.validation = validation or provenance.get("validation")
+        name = provenance.get("settings", {}).get("setup")
+        self.fails = load_setup(name).fails if name in shipped() else UNSAID
+
+    @property
+    def policy(self) -> Policy | None:
+        """The policy, if it is one."""
+        return self.controller if isinstance(self.controller, Policy) else None
+
+    def at(self, time_weight: ArrayLike) -> Policy | Rule:
+        """Return the controller for a time weight (m/s per s), or for one of each row of a batch."""
+        twin = copy.copy(self.controller)
+        if isinstance(twin, Rule) and len(self.weights) > 1:
+            twin.parameters = interpolated(self.weights, twin.parameters, time_weight)
+        return twin
+
+    @cached_property
+    def contract(self) -> dict[str, str]:
+        """What a user has to know, by name: JSON, in which no comment in C ends or begins."""
+        content = {name: _plain(value) for name, value in self._entries()}
+        digest = hashlib.sha256(json.dumps(content).encode())
+        arrays = [self.controller.parameters] if isinstance(self.controller, Rule) else []
+        for array in to_arrays(self.policy.network).values() if self.policy else arrays:
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return content | {"checksum": _plain(f"SHA-256 {digest.hexdigest()} of all of the above and the parameters")}
+
+    def _entries(self) -> Iterator[tuple[str, Any]]:
+        """Yield names and values of the contract but for its checksum."""
+        task = self.task
+        yield "format", FORMAT
+        yield "kind", "network" if self.policy else type(self.controller).__name__
+        yield "version", f"impact-gym {version('impact-gym')}"
+        yield "made_by", self.command
+        yield "calls", CALLS.format("NAME_step")
+        yield "resets", RESETS
+        yield "missing", MISSING.format(ALARMS[task.alarm])
+        if task.operator:
+            yield "operator", OPERATOR.format(task.after_alarm, FADE, task.uplink.timeout)
+        yield "control_period", {"value": task.control_period, "unit": "s"}
+        weight = task.ranges["time_weight"] if self.policy else (self.weights[0], self.weights[-1])
+        for name, (low, high), unit in (
+            ("reaction_delay", task.ranges["reaction_delay"], "s"), ("time_weight", weight, "m/s per s"),
+            ("velocity_limits", task.velocity_range, "m/s"), ("acceleration_limits", task.acceleration_range, "m/s^2"),
+        ):  # fmt: skip
+            yield name, {"low": low, "high": high, "unit": unit}
+        yield "environment", task.arguments()
+        yield "fails", self.fails
+        yield "validation", self.validation or "not said"
+        yield "sensors", self.spec.sensors
+        for place, entry in enumerate(self.spec.entries):
+            row = {"id": entry.id, "words": entry.words, "unit": entry.unit}
+            yield (
+                f"input {place}",
+                row | dict(zip(("low", "high", "scaled_low", "curve"), entry.scale[:4], strict=True)),
+            )
+        for place, action in enumerate(self.actions):
+            yield f"output {place}", action._asdict()
+
+
+def _plain(value: Any) -> str:
+    """Return JSON in ASCII that neither ends nor begins a comment in C, and has no trigraph."""
+    text = json.dumps(value, default=lambda record: {"type": type(record).__name__, **asdict(record)})
+    return text.replace("*/", "*\\u002f").replace("/*", "/\\u002a").replace("??", "?\\u003f")
+
+
+def of_baseline(name: str, setup: Setup | None = None, folder: Path = TUNED) -> Subject:
+    """Return a baseline: a fixed one for the environment of `setup`, or a tuned one from its file in `folder`.
+
+    Raises:
+        ValueError: as `load_baseline`, or it is no rule.
+    """
+    if name in FIXED:
+        rule: Any = load_baseline(name)
+        return Subject(rule.for_environment(setup.environment) if setup else rule)
+    content = read_tuned(name, folder, setup if setup and name in setup.tuned else None)
+    weights, rule = tuned_table(content)
+    found = {weight: content["weights"][weight] for weight in sorted(content["weights"], key=float)}
+    validation = {weight: each.get("validation") for weight, each in found.items()}
+    return Subject(rule, weights, validation, next(iter(found.values())).get("command", "unknown"))
+
+
+def of_name(name: str, setup: Setup | None = None) -> Subject:
+    """Return what a command line calls `name`: a baseline, fixed or tuned, its file, or a policy as `load_policy` does.
+
+    Raises:
+        ValueError: there is none, or it cannot be exported; says why.
+    """
+    if name in FIXED or name in shipped_baselines():
+        return of_baseline(name, setup if name in FIXED else None)
+    if name.endswith(".json"):
+        return of_baseline(Path(name).stem, setup, Path(name).parent)
+    if setup and name in setup.tuned:
+        return of_baseline(name, setup, setup.folder / "tuned")
+    if name.endswith(".toml"):
+        raise ValueError(f"{name} is a set-up: add --all, or name a controller")
+    if not Path(name).exists() and name not in shipped():
+        raise ValueError(nearest("controller", name, [*shipped(), *FIXED, *shipped_baselines()]))
+    return Subject(load_policy(name))
+
+
+def of_setup(setup: Setup, folder: Path | None = None) -> dict[str, Subject]:
+    """Return all controllers of a set-up by name: its policy and tuned baselines in `folder`, and the fixed rules.
+
+    What is not there yet, or cannot be played there, is left out, and a line says so.
+    """
+    folder, found = folder or setup.folder, {}
+    for name in ("paper-trapezoid", "local-brake", *(["operator-alone"] if setup.environment.get("operator") else [])):
+        found[name] = of_baseline(name, setup)
+    for name in setup.tuned:
+        try:
+            found[name] = of_baseline(name, setup, folder / "tuned")
+        except ValueError as reason:
+            print(f"{name} is left out: {reason}")
+    if (path := folder / "policies" / f"{setup.name}.npz").is_file():
+        found[setup.name] = Subject(load_policy(path))
+    else:
+        print(f"{setup.name} is left out: there is no {path}: impact-gym train {setup.called}")
+    return found

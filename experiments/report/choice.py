@@ -1,0 +1,108 @@
+"""Which controller to take at one time weight: chosen on scenarios of its own, judged on those of the report.
+
+Of controllers that cannot be told apart there the simplest is taken: the paper's rule and what has nothing to tune,
+then the tuned baseline with fewer parameters, then one's own object, then the learned policy.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from agents.evaluate.play import pairs
+from experiments.lab.parts import Table, percent
+from experiments.lab.statistics import Comparison, Estimate, Floats, estimate
+from experiments.report.matchups import PAPER, POLICY, Contestant
+from experiments.report.played import Played
+from impact_gym.task.scenario import NAMED
+
+SEED = 60_000_000  # of the first scenario; not used in training, tuning or evaluation
+COUNT = 2000
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The controller to take, and what it costs."""
+
+    controller: str  # name of the contestant
+    time_weight: float  # w, m/s per s
+    cost: Estimate  # mean of V_p + w T + cost of a miss, m/s
+    below_rule: Estimate  # the same as a share of the cost of the paper's rule, below it
+    above: Mapping[str, Estimate]  # of each other contestant: how far its cost lies above, a share
+    missed: int
+    sentence: str
+
+
+def scenarios(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the scenarios for the choice: from the ranges of those `given`; a table has none, it is used itself."""
+    if "table" in given:
+        return dict(given)
+    ranges = given["ranges"] if "ranges" in given else pairs(given["set"] if given["set"] in NAMED else "test")
+    return {"ranges": ranges, "seed": SEED + given.get("seed", 0), "count": COUNT}
+
+
+def simplicity(contestant: Contestant) -> tuple[int, int]:
+    """Return the place of a contestant among others, the simplest first."""
+    (kind,), tuned = contestant.controller, contestant.controller.get("tuned", {})
+    return ("baseline", "tuned", "object", "policy").index(kind), len(tuned.get("parameters", ()))
+
+
+def simplest(costs: Mapping[str, Floats]) -> str:
+    """Return the first name whose cost (scenarios,) cannot be told from the least mean; the simplest stand first."""
+    least = min(costs.values(), key=lambda cost: float(cost.mean()))
+    return next(name for name, cost in costs.items() if Comparison.of_means(least, cost).less.low <= 0.0)
+
+
+def choice(played: Played) -> Choice:
+    """Return the controller to take at the typical weight."""
+    matchup, weight = played.matchup, played.matchup.typical
+    contestants = sorted((*matchup.baselines, matchup.policy), key=simplicity)
+    name = simplest({each.name: played.choosing[each.name].loss(weight) for each in contestants})
+    runs = {**played.baselines, matchup.chosen: played.policy}
+    losses = {each.name: runs[each.name].loss(weight) for each in contestants}
+    below = {each: Comparison.of_means(losses[name], loss).reduction for each, loss in losses.items()}
+    above = {each: Comparison.of_means(loss, losses[name]).ratio for each, loss in losses.items() if each != name}
+    above = {each: Estimate(*(ratio - 1.0 for ratio in (e.value, e.low, e.high))) for each, e in above.items()}
+    cost, missed = estimate(played.resamples.means(losses[name])), int(runs[name].at(weight).missed.sum())
+    return Choice(name, weight, cost, below[PAPER], above, missed, _sentence(played, name, below[PAPER], above, missed))
+
+
+def called(played: Played, name: str) -> str:
+    """Return a contestant with its article, as a sentence calls it."""
+    plain = {each.name: each.plain for each in played.matchup.baselines} | {played.matchup.chosen: POLICY}
+    return plain[name] if plain[name] == name != PAPER else f"the {plain[name].removeprefix('the ')}"
+
+
+def _sentence(played: Played, name: str, below_rule: Estimate, above: Mapping[str, Estimate], missed: int) -> str:
+    matchup = played.matchup
+    compared = [f"V_p + {matchup.typical:g} T is {percent(below_rule)} below the paper's rule"]
+    beside = [each for each in dict.fromkeys((matchup.rival.name, matchup.chosen)) if each not in (name, PAPER)]
+    for each in beside:
+        words, share = called(played, each), above[each]
+        if share.low > 0.0:
+            compared.append(f"{words} is {percent(share)} above it")
+        elif share.high < 0.0:
+            less = percent(Estimate(-share.value, -share.high, -share.low))
+            compared.append(
+                f"{words} is {less} below it here, but was not to be told from it where the choice was made"
+            )
+        else:
+            compared.append(f"{words} cannot be told from it (difference {percent(share)})")
+    text = "; ".join(compared if name != PAPER else compared[1:])
+    misses = f" It misses {missed} of {played.count:,} objects." if missed else ""
+    return f"Best here: {called(played, name)}{', ' if text else ''}{text}.{misses}"
+
+
+def table(result: Choice, played: Played) -> Table:
+    """Return cost, V_p, T and misses of each contestant at the typical weight, the simplest first."""
+    matchup, weight = played.matchup, result.time_weight
+    runs, rows = {**played.baselines, matchup.chosen: played.policy}, []
+    for each in sorted((*matchup.baselines, matchup.policy), key=simplicity):
+        means, above = runs[each.name].means(weight), result.above.get(each.name)
+        cost = estimate(played.resamples.means(runs[each.name].loss(weight)))
+        beside = "the one to take" if above is None else f"{percent(above)} above"
+        numbers = f"{cost:.4f}", beside, f"{means['V']:.4f}", f"{means['T']:.4f}", str(means["missed"])
+        rows.append((matchup.labels[each.name], *numbers))
+    head = ("controller", f"V_p + {weight:g} T (m/s)", "beside the one to take", "V_p (m/s)", "T (s)", "missed")
+    drawn = played.choosing[result.controller]["missed"].shape[1]
+    caption = f"Chosen on {drawn:,} other scenarios, of those that cannot be told apart the simplest; numbers of these"
+    return Table(f"{caption} {played.count:,}, the median seed's policy, 95 % intervals over scenarios", head, rows)
