@@ -71,7 +71,7 @@ FILMS: Mapping[str, tuple[str, tuple[Row, ...]]] = {
          Row("tuned profile", "profile", "linear-blind", "blind-profile")),
     ),
     "rule-profile-policy": (
-        "The learned policy does what the tuned profile does, and no more.",
+        "The learned policy approaches as the tuned profile does, and leaves the object about as slow.",
         (Row("paper's rule", "rule", "linear-blind", "rule"),
          Row("tuned profile", "profile", "linear-blind", "blind-profile"),
          Row("learned policy", "policy", "linear-blind", "policy")),
