@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from agents.baselines import Rule
 from agents.baselines.tuned import FIXED, interpolated, load_baseline, read_tuned, tuned_table
-from agents.policies import SHIPPED, Policy, load_policy
+from agents.policies import Policy, load_policy
 from agents.policies.networks import to_arrays
 from agents.setups import TUNED, Setup, load_setup, shipped, shipped_baselines
 from agents.setups.setup import UNSAID

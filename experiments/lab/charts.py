@@ -10,6 +10,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from experiments.lab import colours
 from experiments.lab.page import mathtext
 from impact_gym.files import write_file
 from impact_gym.outcome import Trace
@@ -50,7 +51,7 @@ def save(figure: Figure, path: Path) -> Path:
     file = io.StringIO()
     canvas: Any = FigureCanvasSVG(figure)  # `print_svg` has no types; `savefig` would draw twice
     canvas.print_svg(file, metadata={"Date": None})
-    return write_file(path, palette.adaptive(file.getvalue()))
+    return write_file(path, colours.adaptive(file.getvalue()))
 
 
 def velocities(axes: Axes, trace: Trace) -> None:

@@ -18,7 +18,6 @@ from impact_gym.render import chain, strips
 from impact_gym.render.canvas import HEIGHT, WIDTH, Box, Canvas
 from impact_gym.render.film import FRAME_RATE, History, State
 from impact_gym.render.palette import ALARM, FAINT, GRID, INK, WARNING
-from impact_gym.scene import Bistable, SpringDamper
 
 if TYPE_CHECKING:
     import pygame
@@ -172,13 +171,8 @@ def _foot(canvas: Canvas, history: History, state: State) -> None:
             words = f"touched after {info['approach_time']:.3f} s, {contacts}, {words}"
         canvas.text(words + ("" if info["status"] == "ok" else f", {info['status']}"), (14.0, 520.0), 30)
         return
-    mount = "rigid coupling"
-    if isinstance(task.coupling, SpringDamper):
-        mount = f"spring {task.coupling.stiffness:.3g} N/m"
-    elif isinstance(task.coupling, Bistable):
-        mount = "bistable coupling"
     words = f"object {scenario['object_mass']:.2g} kg, {scenario['contact_stiffness']:.2g} N/m^1.5, "
-    words += f"restitution {scenario['restitution']:.2f}; {mount}" + ("" if task.robot is None else ", compliant robot")
+    words += f"restitution {scenario['restitution']:.2f}" + ("" if task.robot is None else ", compliant robot")
     canvas.text(words, (14.0, 520.0), 26, FAINT)
     if history.ended and state.time >= history.events.end:
         canvas.text("settling", (WIDTH - 14.0, 520.0), 26, FAINT, "midright")

@@ -11,6 +11,7 @@ from refusals import refused
 import impact_gym as ig
 from experiments import films
 from experiments.films import FILMS, HAND, OBJECT, RATE, SECONDS, Films, Row
+from experiments.lab import colours
 from impact_gym.render import palette
 
 pytest.importorskip("pygame")
@@ -107,7 +108,7 @@ def test_pages_and_pictures_have_no_colours_of_their_own():
 
 def test_drawing_follows_the_page_in_the_colours_of_the_palette():
     drawing = f'<svg width="1"><path style="stroke: {palette.RULE.lower()}"/><path style="stroke: #123456"/></svg>'
-    adaptive = palette.adaptive(drawing)
+    adaptive = colours.adaptive(drawing)
     assert f"stroke: var(--rule, {palette.RULE.lower()})" in adaptive
     assert "stroke: #123456" in adaptive
     dark = adaptive.split("prefers-color-scheme: dark")[1]

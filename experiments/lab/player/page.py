@@ -6,7 +6,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from jinja2.utils import htmlsafe_json_dumps
 
-from impact_gym.render import palette
+from experiments.lab import colours
 
 HERE = Path(__file__).parent
 SCRIPTS = ("svg.js", "chain.js", "loupe.js", "strips.js", "player.js")
@@ -26,7 +26,7 @@ def fragment(films: dict[str, Any], name: str = "watch") -> str:
 
 def style() -> str:
     """Return the CSS, with the colours of the palette as custom properties of the page."""
-    return f"{palette.css()}\n{(HERE / 'player.css').read_text()}"
+    return f"{colours.css()}\n{(HERE / 'player.css').read_text()}"
 
 
 def script(*more: Path) -> str:
