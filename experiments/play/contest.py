@@ -140,6 +140,6 @@ def _fitted(scene: Mapping[str, Any], seconds: float) -> list[list[float]]:
 
 
 def first_film(setup: str, latest: Try | None) -> dict[str, Any]:
-    """Return the film for those who do nothing: the latest try, or one of the set-up's operator, played again."""
+    """Return the film shown before any input: the latest try, or one of the set-up's operator, played again."""
     this = latest or scripted(setup, "none", FIRST_FILM_SEED, record_of(usual(load_setup(setup))))
     return film(again(this, "You" if latest else "A scripted hand"), FIRST_SECONDS)

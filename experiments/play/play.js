@@ -1,7 +1,7 @@
 // The page: one connection, one stick, one try at a time.
 const part = (id) => document.getElementById(id);
 const GENTLE = 0.01;  // m, below which a slide is gentle
-const IDLE = 10000;  // ms without a key or a touch, until a film is shown to who does nothing
+const IDLE = 10000;  // ms without a key or a touch, until a film is shown
 const PAUSE = 500;  // ms after a try, in which arrows begin no other one
 const MOST_TRIES = 200;  // on the chart
 const BEAT = 60, LEAST = 6;  // ms, between two messages at the most and at the least
@@ -144,7 +144,7 @@ async function fetched(where) {
   return answer.json();
 }
 
-// Show a try played again, or without a name the film for who does nothing.
+// Show a try played again, or without a name the film that is shown before any input.
 async function film(name, box = part("film"), where = "film") {
   const number = box === part("film") ? ++page.film : page.film, found = box.closest("details");
   try {
@@ -321,7 +321,7 @@ part("theme").addEventListener("click", () => {
   if (next === "system") delete root.dataset.theme; else root.dataset.theme = next;
   part("theme").textContent = `theme: ${next}`;
 });
-document.addEventListener("click", (event) => {  // by mouse or finger; who comes by keyboard stays in the film
+document.addEventListener("click", (event) => {  // by mouse or finger; after a key the focus stays, as in the film
   if (event.detail && event.target.closest("button, summary, input, select")) toStick();
 });
 for (const name of ["keydown", "pointerdown"]) addEventListener(name, () => { page.looked = true; }, {once: true});

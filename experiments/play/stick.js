@@ -38,7 +38,7 @@ function stickOf(element, on) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const way = ways[event.key], rung = {ArrowUp: 1, ArrowDown: -1}[event.key];
     const {target} = event, pressable = target.closest("button, summary, a") && ["Enter", " "].includes(event.key);
-    if (!on.playing() && (pressable || target.closest("input, select"))) return;  // only the film has such
+    if (!on.playing() && (pressable || target.closest("input, select"))) return;  // of the film
     if (!way && !rung && !actions[event.key]) return;
     event.preventDefault();
     if (event.repeat) return;
