@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions
 from experiments.lab import grid
-from experiments.lab.charts import OBJECT, SERIES, TOOL
+from experiments.lab.charts import SERIES
 from experiments.lab.parts import Picture, Section, Table, percent
 from experiments.lab.statistics import Comparison, Estimate, Front, Resamples, quantile_groups
 from experiments.lab.study import Findings, Frames
@@ -88,7 +88,7 @@ def chart(rows: Sequence[dict[str, Any]]) -> Figure:
     for row in rows:
         lines.setdefault(row["line"], []).append(row)
     others = [name for name in lines if name not in (*LABELS, PAPER)]
-    for name, colour in {**dict(zip(others, SERIES[2:], strict=False)), CHOSEN: TOOL, FRONT: OBJECT}.items():
+    for name, colour in {**dict(zip(others, SERIES[2:], strict=False)), CHOSEN: SERIES[1], FRONT: SERIES[0]}.items():
         points = ([row[measure] for row in lines[name]] for measure in ("approach_time", "object_velocity"))
         style = "s" if name == FRONT else "o-"
         axes.plot(*points, style, color=colour, label=LABELS.get(name, name), markersize=5)

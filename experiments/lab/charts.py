@@ -1,5 +1,6 @@
 """Style of all charts: colours for colour-blind readers, units on every axis, vector graphics."""
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,11 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from experiments.lab import colours
 from experiments.lab.page import mathtext
-from impact_gym.files import whole_file
+from impact_gym.files import write_file
 from impact_gym.outcome import Trace
+from impact_gym.render import palette
 
 mpl.use("agg")
 mpl.rcParams.update(
@@ -20,30 +23,35 @@ mpl.rcParams.update(
         "axes.spines.top": False,
         "axes.spines.right": False,
         "axes.grid": True,
-        "grid.color": "#dddddd",
+        "grid.color": palette.GRID,
         "grid.linewidth": 0.6,
         "lines.linewidth": 1.6,
         "font.size": 10,
         "legend.frameon": False,
+        **dict.fromkeys(("figure.facecolor", "axes.facecolor", "savefig.facecolor"), "none"),
+        **dict.fromkeys(("text.color", "axes.labelcolor", "xtick.color", "ytick.color", "axes.edgecolor"), palette.INK),
         "svg.fonttype": "none",
         "svg.hashsalt": "impact_gym",
     }
 )
 
-# Okabe and Ito (2008)
-FLANGE, TOOL, OBJECT, FORCE, COUPLING = "#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7"
-SERIES = (OBJECT, TOOL, FORCE, COUPLING, "#E69F00", "#56B4E9")
-OTHERS = "#8A8A8A"  # when no colour is left
+RULE, POLICY, PROFILE, PERSON = palette.RULE, palette.POLICY, palette.PROFILE, palette.PERSON
+FLANGE, TOOL, OBJECT, FORCE = palette.FLANGE, palette.TOOL, palette.OBJECT, palette.FORCE
+SERIES = (RULE, POLICY, PROFILE, PERSON, palette.WARNING, FORCE)
+OTHERS = FLANGE  # when no colour is left
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write `figure` as SVG, with subscripts and without a date, so that equal data give equal files."""
+    """Write `figure` as SVG, with subscripts and without a date, so that equal data give equal files.
+
+    It has no background, and is light or dark as the page around it.
+    """
     for text in figure.findobj(Text):
         text.set_text(mathtext(text.get_text()))
-    with whole_file(path) as file:
-        canvas: Any = FigureCanvasSVG(figure)  # `print_svg` has no types; `savefig` would draw twice
-        canvas.print_svg(file, metadata={"Date": None})
-    return path
+    file = io.StringIO()
+    canvas: Any = FigureCanvasSVG(figure)  # `print_svg` has no types; `savefig` would draw twice
+    canvas.print_svg(file, metadata={"Date": None})
+    return write_file(path, colours.adaptive(file.getvalue()))
 
 
 def velocities(axes: Axes, trace: Trace) -> None:

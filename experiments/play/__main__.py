@@ -19,7 +19,7 @@ class Play:
     It prints the page's address and serves until it is stopped. Every try is saved as a file.
     """
 
-    setup: Annotated[Positional[str], arg(metavar="[SETUP]")] = "teleop-spring"
+    setup: Annotated[Positional[str], arg(metavar="[SETUP]")] = "teleop-rigid"
     """Set-up with an operator, whom the player replaces: a name or a file."""
     assist: Annotated[str, arg(metavar="NAME")] = "none"
     """Assistance at the arm: none, brake, limit, policy or rule."""

@@ -19,10 +19,12 @@ NAMES = {
     "rule": "the paper's rule",
 }  # fmt: skip
 """Assistances, with their labels on the page."""
+COUPLINGS = {"rigid": "tool fixed", "spring": "on a spring", "bistable": "bistable"}
+"""Couplings, with their labels on the page; a shipped set-up is called FAMILY-COUPLING."""
 PERSON = {"type": "Person"}
 PERIOD: float = Task.control_period  # s
-SLIDERS = {"delay": ("s", 0.0, 1.0), "jitter": ("s", 0.0, 0.05), "stiffness": ("N/m", 20.0, 2000.0)}
-"""Units and ranges of the sliders: delay of the round trip, jitter of each way, stiffness of a spring."""
+RANGES = {"delay": ("s", 0.0, 1.0), "jitter": ("s", 0.0, 0.05), "stiffness": ("N/m", 20.0, 2000.0)}
+"""Units and ranges of the settings: delay of the round trip, jitter of each way, stiffness of a spring."""
 RTOL = 1e-12  # so that `simulate` and the environment agree to 1e-9
 
 
@@ -44,45 +46,53 @@ def playable(name: str) -> Setup:
     return setup
 
 
-def environment_of(setup: Setup) -> dict[str, Any]:
-    """Return a set-up's arguments without the operator, with the sliders' ranges.
+def related(setup: Setup) -> dict[str, str]:
+    """Return the set-ups of the same family by their coupling: of a shipped one all three, else itself."""
+    family, _, kind = setup.called.rpartition("-")
+    if setup.shipped and kind in COUPLINGS:
+        return {each: f"{family}-{each}" for each in COUPLINGS}
+    return {kind: setup.called}
 
-    The values of the sliders are numbers of the episode's record, so that tries with one kind of coupling share an
+
+def environment_of(setup: Setup) -> dict[str, Any]:
+    """Return a set-up's arguments without the operator, with the settings' ranges.
+
+    The values of the settings are numbers of the episode's record, so that tries with one kind of coupling share an
     environment.
     """
     environment = {name: value for name, value in setup.environment.items() if name != "operator"} | {"rtol": RTOL}
     for way in WAYS:
-        delay, jitter = [0.5 * limit for limit in SLIDERS["delay"][1:]], [*SLIDERS["jitter"][1:]]
+        delay, jitter = [0.5 * limit for limit in RANGES["delay"][1:]], [*RANGES["jitter"][1:]]
         environment[way] = {**environment.get(way, {}), "delay": delay, "jitter": jitter}
     if (coupling := environment.get("coupling", {})).get("type") == "SpringDamper":
-        environment["coupling"] = {**coupling, "stiffness": [*SLIDERS["stiffness"][1:]]}
+        environment["coupling"] = {**coupling, "stiffness": [*RANGES["stiffness"][1:]]}
     return environment
 
 
 def usual(setup: Setup) -> dict[str, float]:
-    """Return the initial sliders: delay of the round trip (s), jitter (s), stiffness of a spring (N/m)."""
+    """Return the initial settings: delay of the round trip (s), jitter (s), stiffness of a spring (N/m)."""
 
     def middle(part: str, name: str, share: float = 1.0) -> float:
-        _, low, high = SLIDERS[name]
+        _, low, high = RANGES[name]
         return float(np.clip(np.mean(setup.environment.get(part, {}).get(name, 0.0)), share * low, share * high))
 
-    sliders = {"delay": sum(middle(way, "delay", 0.5) for way in WAYS), "jitter": middle("uplink", "jitter")}
+    settings = {"delay": sum(middle(way, "delay", 0.5) for way in WAYS), "jitter": middle("uplink", "jitter")}
     spring = setup.environment.get("coupling", {}).get("type") == "SpringDamper"
-    return sliders | ({"stiffness": middle("coupling", "stiffness")} if spring else {})
+    return settings | ({"stiffness": middle("coupling", "stiffness")} if spring else {})
 
 
 def about(setup: Setup) -> dict[str, Any]:
-    """Return a set-up for the page: sliders, mechanism, ranges of distance (m) and velocity (m/s), horizon (s)."""
+    """Return a set-up for the page: settings, mechanism, ranges of distance (m) and velocity (m/s), horizon (s)."""
     task = Task(**environment_of(setup), operator=PERSON)
     return {"usual": usual(setup), "chain": chain_of(task), "distance": task.scenario.distance,
             "horizon": task.horizon, "speeds": task.velocity_range}  # fmt: skip
 
 
-def record_of(sliders: Mapping[str, float]) -> dict[str, float]:
-    """Return the values of sliders (see `usual`) as numbers of an episode's record."""
-    record = {f"{way}.delay": 0.5 * sliders["delay"] for way in WAYS}
-    record |= {f"{way}.jitter": sliders["jitter"] for way in WAYS}
-    return record | ({"coupling.stiffness": sliders["stiffness"]} if "stiffness" in sliders else {})
+def record_of(settings: Mapping[str, float]) -> dict[str, float]:
+    """Return the values of settings (see `usual`) as numbers of an episode's record."""
+    record = {f"{way}.delay": 0.5 * settings["delay"] for way in WAYS}
+    record |= {f"{way}.jitter": settings["jitter"] for way in WAYS}
+    return record | ({"coupling.stiffness": settings["stiffness"]} if "stiffness" in settings else {})
 
 
 def assistance(name: str, setup: Setup) -> Controller:

@@ -20,7 +20,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from experiments.play import contest, try_files
+from experiments.play import try_files
 from experiments.play.assistance import PERIOD, PERSON
 from experiments.play.tries import Live, Try
 from impact_gym.render.chain import object_radius
@@ -107,8 +107,7 @@ class Clock:
             while self.unsaved:  # those for which the disk was full as well
                 try_files.write(*self.unsaved[0]).with_suffix(".journal").unlink()
                 self.unsaved.pop(0)
-            beside = {name: played.result for name, played in contest.rivals_of(live.kept).items()}
-            self.send(kind="ended", entry=entry_of(path.stem, live.kept, **beside))
+            self.send(kind="ended", entry=entry_of(path.stem, live.kept))
         except (OSError, RuntimeError, ValueError) as problem:
             self.send(kind="failed", text=str(problem))
 
@@ -152,10 +151,10 @@ class Clock:
         )  # fmt: skip
 
 
-def entry_of(name: str, this: Try, **beside: dict[str, float]) -> dict[str, Any]:
-    """Return the data of a try in the page's chart and table, with the results of rule and policy `beside` it."""
+def entry_of(name: str, this: Try) -> dict[str, Any]:
+    """Return the data of a try in the page's chart and table."""
     return {"name": name, "setup": this.setup, "assist": this.assist, "delay": 2.0 * this.record["uplink.delay"],
-            "marks": this.marks, "beside": beside, **this.result}  # fmt: skip
+            "marks": this.marks, **this.result}  # fmt: skip
 
 
 def run(server: Connection, theirs: Connection) -> None:

@@ -1,23 +1,93 @@
-"""One scenario played by the paper's rule, the learned policy and a person: films side by side, and a chart."""
+"""A try played again: the same hand with other help, other couplings and no delay.
 
+Beside it, in a fold of the page, rule and policy in the same scenario.
+"""
+
+import math
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.evaluate.scenario_batch import TEST_SEED, ScenarioBatch
+from agents.evaluate.scenario_batch import TEST_SEED
 from agents.setups import load_setup
 from experiments.lab import player
 from experiments.lab.player.films import COLUMNS, Run, scene_of
-from experiments.play.assistance import assistance, environment_of, record_of, usual
+from experiments.play.assistance import COUPLINGS, PERIOD, assistance, record_of, related, usual
 from experiments.play.tries import Live, Try, replayed
 from impact_gym.render.film import History
-from impact_gym.task import Task
 
-SECONDS = 10.0  # length of the first film
-FIRST_FILM_SEED, REFERENCES = TEST_SEED + 11, 100
+SECONDS, FIRST_SECONDS = 7.0, 10.0  # length of a film, of the one before anything is played
+COARSE = 5.0  # times the errors of other films, so that it is there at once
+BEFORE = 0.4  # s, shown before the first touch
+FIRST_FILM_SEED = TEST_SEED + 11
+SENTENCES = {
+    "brake": "The brake at the arm feels the touch at once; it does not wait for you.",
+    "none": "Nobody corrects you: the arm goes on until your command to stop arrives.",
+    "rigid": "Fixed to the arm, the tool strikes with all of the arm behind it.",
+    "spring": "On a spring the light tool strikes first, and the arm pushes only through the spring.",
+    "bistable": "The mechanism snaps back at the touch and takes the tool away from the object.",
+    "delay": "Had you seen the touch at once, you would have let go that much sooner.",
+}
+
+
+class Variant(NamedTuple):
+    """A try in a film: what is different, and why that matters."""
+
+    played: Try
+    sentence: str = ""
+
+
+def scripted(setup: str, kind: str, seed: int, record: Mapping[str, float]) -> Try:
+    """Return a try of the set-up's operator with an assistance, in the scenario of a seed."""
+    operator = dict(load_setup(setup).environment["operator"])
+    return Live(Try(setup, kind, seed, dict(record), operator)).finished()
+
+
+def again(this: Try, who: str = "You") -> dict[str, Variant]:
+    """Return a try and, by name, what the same commands do with other help, other couplings and without delay."""
+    hand = "Your hand" if who == "You" else "Same hand"
+    help_name = "brake" if this.assist == "none" else "none"
+    found = {who: Variant(this)}
+    found[f"{hand}, {'brake on' if help_name == 'brake' else 'no help'}"] = Variant(
+        _changed(this, assist=help_name), SENTENCES[help_name]
+    )
+    for kind, setup in related(load_setup(this.setup)).items():
+        if setup != this.setup:
+            found[f"{hand}, {COUPLINGS[kind]}"] = Variant(_changed(this, setup=setup), SENTENCES[kind])
+    if this.record["uplink.delay"] + this.record["downlink.delay"] > 0.0 and not this.result["missed"]:
+        found[f"{hand}, no delay"] = Variant(_without_delay(this), SENTENCES["delay"])
+    return found
+
+
+def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Try:
+    """Return the try with the same commands in the same scenario, but another set-up, assistance or record."""
+    setup, record = setup or this.setup, changes.get("record", this.record)
+    known = Live(Try(setup, "none", this.seed, {})).kept.record
+    record = {name: value for name, value in record.items() if name in known}
+    if setup != this.setup:
+        record = record_of(usual(load_setup(setup))) | {
+            name: value for name, value in record.items() if not name.startswith("coupling.")
+        }
+    operator = changes.get("operator", this.operator)
+    return Live(Try(setup, assist or this.assist, this.seed, record, operator)).to_end()
+
+
+def _without_delay(this: Try) -> Try:
+    """Return the try of the same hand without a channel: what was commanded while a touch was not yet seen is cut out.
+
+    The arm then touches earlier by the uplink's delay, and the player sees it earlier by that of the downlink.
+    """
+    record, touch, operator = this.record, this.result["touch_time"], this.operator
+    silent = {f"{way}.{name}": 0.0 for way in ("uplink", "downlink") for name in ("delay", "jitter")}
+    if velocity := operator.get("velocity"):  # else it is scripted, and sees by itself
+        sent = math.floor((touch - record["uplink.delay"]) / PERIOD)
+        seen = math.ceil((touch + record["downlink.delay"]) / PERIOD)
+        kept = [*velocity[: sent + 1], *(velocity[seen:] or velocity[-1:])]
+        operator = {"type": "Replay", "time": [PERIOD * k for k in range(len(kept))], "velocity": kept}
+    return _changed(this, record=record | silent, operator=operator)
 
 
 @cache
@@ -30,43 +100,46 @@ def rivals(setup: str) -> Mapping[str, str]:
     return found
 
 
-def scripted(setup: str, kind: str, seed: int, record: Mapping[str, float]) -> Try:
-    """Return a try of the set-up's operator with an assistance, in the scenario of a seed."""
-    operator = dict(load_setup(setup).environment["operator"])
-    return Live(Try(setup, kind, seed, dict(record), operator)).finished()
+def beside(this: Try) -> dict[str, Variant]:
+    """Return rule and policy with a scripted operator in the scenario of a try, and the try, by name."""
+    scripts = {name: scripted(this.setup, kind, this.seed, this.record) for name, kind in rivals(this.setup).items()}
+    return {name: Variant(each) for name, each in {**scripts, "you": this}.items()}
 
 
-def rivals_of(this: Try) -> dict[str, Try]:
-    """Return rule and policy in the scenario of a try, by name."""
-    return {name: scripted(this.setup, kind, this.seed, this.record) for name, kind in rivals(this.setup).items()}
+def film(variants: Mapping[str, Variant], seconds: float = SECONDS, compact: bool = True) -> dict[str, Any]:
+    """Return a slow-motion film of `seconds` for the page: `html`, and by name how far the object slides, m.
+
+    A compact film has neither enlarged faces nor time histories.
+    """
+    replays = {name: replayed(each.played) for name, each in variants.items()}
+    runs = {name: Run(History(*each, ended=True), each[1]) for name, each in replays.items()}
+    scene = {
+        "label": "one scenario for all",
+        "number": 0,
+        "compact": compact,
+        **scene_of(runs, COARSE if compact else 1.0),
+    }
+    for run, variant in zip(scene["runs"], variants.values(), strict=True):
+        run["sentence"] = variant.sentence
+    scene["clock"] = _fitted(scene, seconds)
+    html = player.fragment({"contestants": list(runs), "columns": list(COLUMNS), "scenes": [scene]})
+    slides = {name: None if run.info["missed"] else run.info["slide"] for name, run in runs.items()}
+    return {"html": html, "slides": slides}
 
 
-def film(this: Try, who: str = "you", seconds: float | None = None) -> str:
-    """Return the slow-motion player of a try beside rule and policy; `seconds` is the length of the film."""
-    again = {name: replayed(each) for name, each in {**rivals_of(this), who: this}.items()}
-    runs = {name: Run(History(*each, ended=True), each[1]) for name, each in again.items()}
-    scene = {"label": "one scenario for all", "number": 0, **scene_of(runs)}
-    if seconds is not None:
-        ends = [start for start, _ in scene["clock"][1:]] + [scene["end"]]
-        whole = sum((end - start) * slower for (start, slower), end in zip(scene["clock"], ends, strict=True))
-        scene["clock"] = [[start, float(f"{slower * seconds / whole:.3g}")] for start, slower in scene["clock"]]
-    return player.fragment({"contestants": list(runs), "columns": list(COLUMNS), "scenes": [scene]})
+def _fitted(scene: Mapping[str, Any], seconds: float) -> list[list[float]]:
+    """Return the clock of a scene in a film of `seconds`: a tenth of it for all until BEFORE the first touch."""
+    touches = [run["contacts"][0][0] for run in scene["runs"] if run["contacts"]]
+    cut = max(min(touches, default=0.0) - BEFORE, 0.0)
+    starts, slower = np.array(scene["clock"]).T
+    first = int(np.searchsorted(starts, cut, side="right")) - 1
+    starts, slower = np.append(cut, starts[first + 1 :]), slower[first:]
+    pace = (0.9 if cut else 1.0) * seconds / float(np.diff(np.append(starts, scene["end"])) @ slower)
+    clock = [[round(float(start), 7), float(f"{pace * each:.3g}")] for start, each in zip(starts, slower, strict=True)]
+    return [[0.0, float(f"{0.1 * seconds / cut:.3g}")], *clock] if cut else clock
 
 
-def first_film(setup: str, latest: Try | None) -> str:
-    """Return the film shown before anything is played: the latest try, or one of the set-up's operator."""
-    who = "you" if latest else "person (scripted)"
+def first_film(setup: str, latest: Try | None) -> dict[str, Any]:
+    """Return the film shown before any input: the latest try, or one of the set-up's operator, played again."""
     this = latest or scripted(setup, "none", FIRST_FILM_SEED, record_of(usual(load_setup(setup))))
-    return film(this, who, SECONDS)
-
-
-@cache
-def reference(setup: str) -> list[dict[str, Any]]:
-    """Return the points of rule and policy on the chart: means over scenarios, with the set-up's operator."""
-    made, points = load_setup(setup), []
-    task = Task(**{**environment_of(made), "operator": made.environment["operator"], "rtol": 1e-6})
-    batch = ScenarioBatch(TEST_SEED, REFERENCES, task, threads=1, quiet=True, lenient=True)
-    for name, kind in {**rivals(setup), "scripted, alone": "none"}.items():
-        played = batch.play(assistance(kind, made), record_of(usual(made)))
-        points.append({"who": name, **{key: float(np.mean(getattr(played, key))) for key in ("done_time", "slide")}})
-    return points
+    return film(again(this, "You" if latest else "A scripted hand"), FIRST_SECONDS)

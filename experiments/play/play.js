@@ -1,13 +1,16 @@
 // The page: one connection, one stick, one try at a time.
 const part = (id) => document.getElementById(id);
-const HOLDS = {rigid: "fixed to the arm", spring: "a spring and a damper", bistable: "a bistable mechanism"};
+const GENTLE = 0.01;  // m, below which a slide is gentle
+const IDLE = 10000;  // ms without a key or a touch, until a film is shown
+const PAUSE = 500;  // ms after a try, in which arrows begin no other one
 const MOST_TRIES = 200;  // on the chart
 const BEAT = 60, LEAST = 6;  // ms, between two messages at the most and at the least
 const AHEAD_OF_EYES = 12;  // ms, until what is drawn now is seen
 const page = {
   hello: null, socket: null, stage: null, frame: null, came: 0, running: false, asked: false, player: false,
-  tries: [], means: [], sent: NaN, sentAt: 0,
+  tries: [], sent: NaN, sentAt: 0, overAt: 0, round: 0, played: null, playedRound: 0, looked: false, film: 0,
 };
+const set_up = {};  // what the buttons below Settings say
 
 function send(message) {
   if (page.socket && page.socket.readyState === WebSocket.OPEN) page.socket.send(JSON.stringify(message));
@@ -15,10 +18,6 @@ function send(message) {
 
 function say(text) {
   part("said").textContent = text;
-}
-
-function state(text) {
-  part("state").textContent = text;
 }
 
 function write(id, text) {
@@ -47,41 +46,46 @@ function steer(now) {
   }
 }
 
-function options() {
-  const of = (id) => Number(part(id).value);
-  const chosen = {setup: part("setup").value, assist: part("assist").value, delay: of("delay"), jitter: of("jitter"),
-                  slow: of("slow"), seen: !part("unseen").checked};
-  return part("stiffness-label").hidden ? chosen : {...chosen, stiffness: stiffness()};
+function begin() {
+  ask(options(page.hello, set_up, page.round), page.round);
 }
 
-function begin() {
+function ask(wanted, round) {
   if (!page.player || page.running || page.asked) return;
-  page.asked = true;
-  send({begin: options()});
-  page.sent = NaN;
+  Object.assign(page, {asked: true, played: wanted, playedRound: round, sent: NaN});
+  send({begin: wanted});
 }
 
 function end() {
   if (page.running) send({done: 1});
 }
 
+// The last try again, with the brake if nobody helped, and else without help; the settings stay as they are.
+function otherHelp() {
+  return page.tries.length && page.tries[page.tries.length - 1].assist === "none" ? "brake" : "none";
+}
+
+function again() {
+  if (page.tries.length) ask({...page.played || options(page.hello, set_up, page.round), assist: otherHelp()}, page.playedRound);
+}
+
 const stick = stickOf(part("stick"), {
+  playing: () => page.running || page.asked,
   moved: () => steer(performance.now()),
-  pressed: begin,
-  ended: end,
+  pushed: () => { if (performance.now() - page.overAt > PAUSE) begin(); },
+  begin, again, ended: end,
   level: (level) => {
     part("level").textContent = `${Math.round(100 * level)} %`;
-    if (!page.running) state(`arrows push to ${Math.round(100 * level)} %`);
+    if (!page.running) write("state", `arrows push to ${Math.round(100 * level)} %`);
   },
 });
 
-function about() {
-  return page.hello.setups[part("setup").value];
+function toStick() {
+  part("stick").focus({preventScroll: true});
 }
 
-function stiffness() {
-  const [low, high] = page.hello.stiffness;
-  return Math.round(low * (high / low) ** Number(part("stiffness").value));
+function about() {
+  return page.hello.setups[set_up.setup];
 }
 
 function layout() {
@@ -91,19 +95,32 @@ function layout() {
   if (page.frame) page.stage.update(page.frame.from);
 }
 
-function words() {
-  part("delay-value").textContent = `${Math.round(1000 * part("delay").value)} ms`;
-  part("jitter-value").textContent = `${Math.round(1000 * part("jitter").value)} ms`;
-  part("stiffness-value").textContent = `${stiffness()} N/m`;
-}
-
-function usual() {
-  const {usual: at} = about(), [low, high] = page.hello.stiffness;
-  part("stiffness-label").hidden = at.stiffness === undefined;
-  part("delay").value = at.delay;
-  part("jitter").value = at.jitter;
-  if (at.stiffness) part("stiffness").value = Math.log(at.stiffness / low) / Math.log(high / low);
-  words();
+// Change settings, and show them.
+function choose(changes) {
+  Object.assign(set_up, changes);
+  if (changes.setup) {
+    if (about().usual.stiffness === undefined) delete set_up.stiffness;
+    else set_up.stiffness = about().usual.stiffness;
+    page.frame = null;
+    layout();
+  }
+  drawSettings(page.hello, set_up, (picked, free) => {
+    if (free) page.round = ROUNDS.length - 1;
+    choose(picked);
+    toStick();
+  });
+  drawRounds(set_up, page.round, (number) => {
+    page.round = number;
+    choose(ROUNDS[number].sets);
+    toStick();
+  });
+  const help = part("help"), name = otherHelp() === "brake" ? "with the brake" : "without help";
+  const label = page.tries.length === 0 ? "Begin" : page.round < ROUNDS.length - 1 ? `Next: ${ROUNDS[page.round].name}` : "Again";
+  part("go").replaceChildren(`${label} `);
+  html("kbd", {}, part("go"), "Enter");
+  help.hidden = page.tries.length === 0;
+  help.replaceChildren(`Again, ${name} `);
+  html("kbd", {}, help, "B");
 }
 
 function draw(now) {
@@ -114,62 +131,67 @@ function draw(now) {
   if (!frame || !stage || frame.still) return;
   const share = clamp((performance.now() + AHEAD_OF_EYES - page.came) / (1000 * frame.dt || 1), 0, 1);
   stage.update(frame.from.map((from, k) => from === null || frame.to[k] === null ? frame.to[k] : from + share * (frame.to[k] - from)));
-  const speed = frame.dt ? (frame.to[0] - frame.from[0]) / frame.dt * Number(part("slow").value) : 0;
+  const speed = frame.dt ? (frame.to[0] - frame.from[0]) / frame.dt * set_up.slow : 0;
   write("speed", `${Math.round(100 * speed)} cm/s`.replace("-", "\u2212"));
   write("clock", `${Math.max(about().horizon - frame.t, 0).toFixed(1)} s left`);
   frame.still = share >= 1;
+  if (frame.still && !page.running && page.tries.length) stage.result(page.tries[page.tries.length - 1].slide);
 }
 
 async function fetched(where) {
   const answer = await fetch(where);
   if (!answer.ok) throw new Error(await answer.text());
-  return answer;
+  return answer.json();
 }
 
-async function film(name) {
-  const box = part("film");
+// Show a try played again, or without a name the film that is shown before any input.
+async function film(name, box = part("film"), where = "film") {
+  const number = box === part("film") ? ++page.film : page.film, found = box.closest("details");
   try {
-    const text = await (await fetched(name ? `film/${encodeURIComponent(name)}` : "film")).text();
-    if (page.running) return;
+    const {html: text, slides} = await fetched(name ? `${where}/${encodeURIComponent(name)}` : "film");
+    if (page.running || number !== page.film) return;
     box.innerHTML = text;
-    const heading = html("h2", {}, null, name ? "In slow motion, beside rule and policy" : "Ten seconds to look: rule, policy and a person in one scene");
-    box.prepend(heading);
-    if (name) for (const watched of box.querySelectorAll("slow-motion")) watched.start();
+    if (!found) box.prepend(html("h2", {}, null, name ? "Your own hand again" : "What a late hand does, and what helps"));
+    for (const watched of box.querySelectorAll("slow-motion")) watched.start();
+    if (!found && name) summarise(slides);
   } catch (problem) {
     box.textContent = problem.message;
   }
 }
 
-function centimetres(value) {
-  if (value < 5e-5) return "less than 0.1 mm";
-  return value < 1e-3 ? `${(1000 * value).toFixed(1)} mm` : `${(100 * value).toFixed(1)} cm`;
+// 'You: 12.2 cm. Your hand, brake on: 0.1 mm.' in the result of the last try.
+function summarise(slides) {
+  const texts = Object.entries(slides).map(([who, slide], k) => {
+    const name = k > 1 ? who.replace(/^Your hand, ./, (found) => found.slice(-1).toUpperCase()) : who;
+    return `${name}: ${slide === null ? "missed" : centimetres(slide)}.`;
+  });
+  const line = part("answer").querySelector(".again");
+  if (line) line.textContent = texts.join(" ");
+}
+
+function counted() {
+  return page.tries.filter((each) => !each.missed && !each.marks.length);
 }
 
 function result(entry) {
-  const box = part("answer");
+  const box = part("answer"), best = Math.min(...counted().map((each) => each.slide));
   box.hidden = false;
   box.replaceChildren();
-  const headline = entry.missed ? "Nothing was touched." : `It slid ${centimetres(entry.slide)}.`;
+  const headline = entry.missed ? "You did not touch it." : `It slid ${centimetres(entry.slide)}, done after ${entry.done_time.toFixed(1)} s.`;
   html("p", {class: "big"}, box, headline);
-  const others = Object.entries(entry.beside).filter(([, each]) => !each.missed)
-    .map(([who, each]) => `${who} ${centimetres(each.slide)} in ${each.done_time.toFixed(1)} s`);
-  if (others.length) html("p", {}, box, `In the same scene: ${others.join(", ")}.`);
+  const score = [];
+  if (entry.missed) score.push("Push farther: it stands in the shaded range.");
+  else score.push(entry.slide < GENTLE ? "Gentle!" : "Under 1 cm is gentle.");
+  if (Number.isFinite(best)) score.push(`Best so far: ${centimetres(best)}.`);
+  html("p", {}, box, score.join(" "));
   for (const mark of entry.marks) html("p", {class: "bad"}, box, `Does not count, ${mark}.`);
-  const list = html("dl", {}, box);
-  const rows = entry.missed ? [["done after", `${entry.done_time.toFixed(2)} s`]]
-    : [["V\u209a", `${three(entry.object_velocity)} m/s`], ["slid", centimetres(entry.slide)],
-       ["done after", `${entry.done_time.toFixed(2)} s`], ["peak force", `${newtons(entry.peak_force)} N`]];
-  for (const [name, value] of rows) {
-    const row = html("div", {}, list);
-    html("dt", {}, row, name);
-    html("dd", {}, row, value);
-  }
-  say(`${headline} ${others.join(", ")}. Press the right arrow for the next try.`);
+  html("p", {class: "again soft"}, box, entry.missed ? "" : "Your own hand is played again\u2026");
+  say(`${headline} ${score.join(" ")} Press Enter for the next try, B to try again with other help.`);
 }
 
 function tabulate() {
   part("rows").replaceChildren();
-  part("earlier").hidden = page.tries.length === 0;
+  part("earlier").hidden = part("figure").hidden = page.tries.length === 0;
   page.tries.slice(-50).reverse().forEach((each, k) => {
     const row = html("tr", {}, part("rows")), number = page.tries.length - k;
     html("td", {class: "left"}, row, String(number));
@@ -181,11 +203,12 @@ function tabulate() {
     const cell = html("td", {class: "left"}, row);
     html("button", {type: "button", "aria-label": `Watch try ${number}`}, cell, "watch").addEventListener("click", () => film(each.name));
   });
-  drawChart(part("chart"), page.tries, page.means);
+  drawChart(part("chart"), page.tries, page.hello.assists);
 }
 
 function ready() {
   part("go").disabled = !page.player || page.running;
+  part("help").disabled = part("go").disabled;
   part("end").disabled = !page.running;
 }
 
@@ -193,22 +216,11 @@ const HEARD = {
   hello(message) {
     page.hello = message;
     page.tries = message.tries;
-    for (const [id, entries] of [["setup", Object.entries(message.setups).map(([name, each]) => [name, HOLDS[each.chain.coupling]])],
-                                 ["assist", Object.entries(message.assists)]]) {
-      part(id).replaceChildren();
-      for (const [value, text] of entries) html("option", {value}, part(id), text);
-      part(id).value = message[id];
-    }
-    part("delay").max = message.delay[1];
-    part("jitter").max = message.jitter[1];
-    usual();
-    layout();
+    page.round = message.tries.length ? ROUNDS.length - 1 : 0;
+    Object.assign(set_up, message.setups[message.setup].usual, {assist: message.assist, slow: 1, seen: false});
+    choose({setup: message.setup, ...ROUNDS[page.round].sets});
     tabulate();
-    film("");
-    fetched("reference").then((answer) => answer.json()).then((means) => {
-      page.means = means;
-      tabulate();
-    }, (problem) => banner(problem.message));
+    setTimeout(() => { if (!page.looked) film(""); }, IDLE);
   },
   role(message) {
     page.player = message.player;
@@ -217,21 +229,22 @@ const HEARD = {
       banner("Another tab has the stick. You are watching.", "Take the stick", () => send({take: 1}));
     } else {
       banner(message.others ? `You have the stick; ${message.others} more ${message.others > 1 ? "tabs are" : "tab is"} watching.` : "");
+      write("state", "hold \u2192, or drag the stick");
     }
     ready();
   },
   began(message) {
-    page.running = true;
+    page.running = page.looked = true;
     page.asked = false;
     page.frame = null;
-    mode("looking", false);
     mode("playing", true);
     mode("touching", false);
-    if (page.hello.setups[message.setup] && part("setup").value !== message.setup) part("setup").value = message.setup;
+    if (page.hello.setups[message.setup] && set_up.setup !== message.setup) choose({setup: message.setup});
     layout();
     page.stage.begin(message.radius);
-    state("go on until you touch");
+    write("state", `${page.played && page.played.assist === "brake" ? "brake on: " : ""}go on until you touch`);
     part("film").replaceChildren();
+    part("beside").hidden = true;
     ready();
   },
   frame(message) {
@@ -239,28 +252,38 @@ const HEARD = {
     page.came = performance.now();
     if (message.touched && page.running && !document.body.classList.contains("touching")) {
       mode("touching", true);
-      state("touched: let go!");
+      write("state", "touched: let go!");
       say("Touched.");
+      stick.buzz();
     }
   },
   ended(message) {
+    const {entry} = message;
     over();
-    page.tries = [...page.tries, message.entry].slice(-MOST_TRIES);
-    result(message.entry);
+    page.tries = [...page.tries, entry].slice(-MOST_TRIES);
+    if (page.frame) page.frame.still = false;
+    const next = page.playedRound === page.round && page.round < ROUNDS.length - 1;
+    if (next && !entry.missed && !entry.marks.length) choose(ROUNDS[++page.round].sets);
+    else choose({});
+    result(entry);
     tabulate();
-    state("press \u2192 for the next try");
-    film(message.entry.name);
+    write("state", entry.missed ? "missed" : `slid ${centimetres(entry.slide)}`);
+    part("beside").open = false;
+    part("beside").hidden = entry.missed;
+    if (entry.missed) part("film").replaceChildren();
+    else film(entry.name);
   },
   failed(message) {
     over();
     banner(message.text);
     say(message.text);
-    state("press \u2192 to try again");
+    write("state", "press Enter to try again");
   },
 };
 
 function over() {
   page.running = page.asked = false;
+  page.overAt = performance.now();
   mode("playing", false);
   mode("touching", false);
   ready();
@@ -277,24 +300,20 @@ function connect() {
   socket.addEventListener("close", (event) => {
     page.player = false;
     over();
-    part("go").disabled = true;
-    const again = event.code !== 1012 && event.code !== 1006;
-    banner(again ? `The server closed the connection: ${event.reason || "no reason given"}.`
+    part("go").disabled = part("help").disabled = true;
+    const retry = event.code !== 1012 && event.code !== 1006;
+    banner(retry ? `The server closed the connection: ${event.reason || "no reason given"}.`
       : "The server has stopped; the tries that ended are kept. Start it again and open the address that it prints.",
-      again ? "Connect again" : "", connect);
+      retry ? "Connect again" : "", connect);
   });
 }
 
-part("go").addEventListener("click", () => {
-  begin();
-  part("stick").focus({preventScroll: true});
-});
+part("go").addEventListener("click", begin);
+part("help").addEventListener("click", again);
 part("end").addEventListener("click", end);
-for (const id of ["delay", "jitter", "stiffness"]) part(id).addEventListener("input", words);
-part("setup").addEventListener("change", () => {
-  usual();
-  page.frame = null;
-  layout();
+part("beside").addEventListener("toggle", () => {
+  const last = page.tries[page.tries.length - 1];
+  if (part("beside").open && last) film(last.name, part("beside").querySelector(".film"), "beside");
 });
 part("theme").addEventListener("click", () => {
   const order = ["system", "light", "dark"], root = document.documentElement;
@@ -302,7 +321,12 @@ part("theme").addEventListener("click", () => {
   if (next === "system") delete root.dataset.theme; else root.dataset.theme = next;
   part("theme").textContent = `theme: ${next}`;
 });
+document.addEventListener("click", (event) => {  // by mouse or finger; after a key the focus stays, as in the film
+  if (event.detail && event.target.closest("button, summary, input, select")) toStick();
+});
+for (const name of ["keydown", "pointerdown"]) addEventListener(name, () => { page.looked = true; }, {once: true});
 new ResizeObserver(layout).observe(part("picture"));
 addEventListener("pagehide", () => page.socket && page.socket.close());
 connect();
+toStick();
 requestAnimationFrame(draw);

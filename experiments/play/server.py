@@ -21,13 +21,12 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from experiments.lab import player
-from experiments.play import contest
 from experiments.play.clock import STOPPED
 from experiments.play.session import Session
 from impact_gym.validation import number
 
 HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
-SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "chart.js", "play.js"))
+SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "settings.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
 MAX_CLIENTS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # pages, bytes, messages a second
 TIME_LIMIT = 5.0  # s, for a page that does not read and a connection without a request
@@ -119,13 +118,11 @@ def application(session: Session, token: str, port: int, ready: Callable[[str], 
         return lambda _: Response(content, 200, HEADERS, kind)
 
     def film(request: Request) -> Response:
+        name, beside = request.path_params.get("name", ""), "/beside/" in request.url.path
         try:
-            return Response(session.film(request.path_params.get("name", "")), 200, HEADERS, "text/html")
+            return JSONResponse(session.film(name, beside), 200, HEADERS)
         except (OSError, RuntimeError, ValueError, TypeError, LookupError) as problem:
             return Response(str(problem), 404, HEADERS, "text/plain")
-
-    def reference(_: Request) -> Response:
-        return JSONResponse(contest.reference(session.setup), 200, HEADERS)
 
     @asynccontextmanager
     async def life(_: Starlette) -> AsyncIterator[None]:
@@ -138,7 +135,7 @@ def application(session: Session, token: str, port: int, ready: Callable[[str], 
         Route("/{token}/", fixed(page, "text/html")),
         Route("/{token}/play.css", fixed(styles, "text/css")),
         Route("/{token}/play.js", fixed(program, "text/javascript")),
-        Route("/{token}/film", film), Route("/{token}/film/{name}", film), Route("/{token}/reference", reference),
+        Route("/{token}/film", film), Route("/{token}/film/{name}", film), Route("/{token}/beside/{name}", film),
         WebSocketRoute("/{token}/ws", partial(_serve_page, session)),
     ]  # fmt: skip
     app = Starlette(routes=routes, lifespan=life)

@@ -11,13 +11,12 @@ from typing import Any
 
 from agents.setups import Setup
 from experiments.play import clock, contest, try_files
-from experiments.play.assistance import NAMES, SLIDERS, about, assistance, playable, record_of
+from experiments.play.assistance import NAMES, RANGES, about, assistance, playable, record_of, related
 from experiments.play.tries import Try
 from impact_gym.files import locked
 from impact_gym.validation import choice, flag, identifier, number, one_of
 
 MAX_ON_CHART = 200  # tries
-COUPLINGS = ("rigid", "spring", "bistable")
 
 
 class Session:
@@ -35,9 +34,7 @@ class Session:
         self.setup, self.assist, self.folder = setup.called, assist, folder
         self.clients: list[Any] = []  # the player is the first
         self.refused: Counter[str] = Counter()
-        family, _, kind = setup.called.rpartition("-")
-        names = [f"{family}-{each}" for each in COUPLINGS if setup.shipped and kind in COUPLINGS] or [setup.called]
-        self.setups = {name: about(playable(name)) for name in names}
+        self.setups = {name: about(playable(name)) for name in related(setup).values()}
         self.busy, self._speeds = False, (-1.0, 1.0)  # a try is in progress; least and largest velocity of its arm, m/s
         self._seen_at, self._newest = 0.0, -1  # time at which its last frame is shown, s; number of the newest shown
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
@@ -85,13 +82,17 @@ class Session:
         choice("setup", options.get("setup"), list(self.setups))
         choice("assist", options.get("assist"), list(NAMES))
         flag("seen", options.get("seen"))
-        chosen, sliders = self.setups[options["setup"]], {}
+        chosen, settings = self.setups[options["setup"]], {}
         for name, at in chosen["usual"].items():
-            unit, low, high = SLIDERS[name]
-            sliders[name] = number(name, options.get(name, at), unit, at_least=low, at_most=high)
+            unit, low, high = RANGES[name]
+            settings[name] = number(name, options.get(name, at), unit, at_least=low, at_most=high)
         slow = number("slow", options.get("slow"), "(times)", at_least=1.0, at_most=try_files.SLOWEST)
+        record, place = record_of(settings), options.get("distance")
+        if place is not None:  # else it is drawn
+            near, far = chosen["distance"]
+            record["distance"] = number("distance", place, "m", at_least=near, at_most=far)
         self._speeds, self._newest, self.busy = chosen["speeds"], -1, True
-        wanted = Try(options["setup"], options["assist"], secrets.randbelow(2**31), record_of(sliders), slow=slow)
+        wanted = Try(options["setup"], options["assist"], secrets.randbelow(2**31), record, slow=slow)
         self._send("play", (wanted, self.folder / f"{datetime.now():%Y%m%d-%H%M%S-%f}.json", options["seen"]))
 
     def join(self, client: Any) -> None:
@@ -99,7 +100,7 @@ class Session:
         self.clients.append(client)
         client.enqueue({
             "kind": "hello", "setups": self.setups, "setup": self.setup, "assists": NAMES, "assist": self.assist,
-            "tries": list(self.history), **{name: limits for name, (_, *limits) in SLIDERS.items()},
+            "tries": list(self.history), **{name: limits for name, (_, *limits) in RANGES.items()},
         })  # fmt: skip
         self._send_roles()
 
@@ -156,8 +157,8 @@ class Session:
         self._clock.join(20.0)
         self._lock.close()
 
-    def film(self, name: str) -> str:
-        """Return the film of a try beside rule and policy, or without a name the first film.
+    def film(self, name: str, beside: bool = False) -> dict[str, Any]:
+        """Return the film of a try played again, or `beside` rule and policy; without a name the first film.
 
         Raises:
             ValueError: no such try.
@@ -165,4 +166,5 @@ class Session:
         if not name:
             counts = [self.folder / f"{entry['name']}.json" for entry in tuple(self.history) if not entry["marks"]]
             return contest.first_film(self.setup, try_files.read(counts[-1]) if counts else None)
-        return contest.film(try_files.read(self.folder / f"{name}.json"))
+        this = try_files.read(self.folder / f"{name}.json")
+        return contest.film(contest.beside(this), compact=False) if beside else contest.film(contest.again(this))

@@ -1,5 +1,5 @@
 // The arm to scale, as the player sees it: what the server shows, and nothing that it does not.
-const STAGE = {height: 218, axis: 112, ground: 168};
+const STAGE = {height: 186, axis: 84, ground: 138};
 
 function drawStage(svg, about, width) {
   svg.replaceChildren();
@@ -13,7 +13,7 @@ function drawStage(svg, about, width) {
     node("path", {class: "somewhere-edge", d: path([[view.x(edge), 26], [view.x(edge), y]])}, band);
   }
   node("text", {class: "hint", x: view.x(0.5 * (near + far)), y: 18, "text-anchor": "middle"}, band,
-       "the object stands somewhere here");
+       "it stands somewhere here");
   node("path", {class: "igw-rule", d: path([[0, y], [width, y]])}, svg);
   const step = Math.max(round(90 / scale), 0.05);
   for (let k = 0; k * step < right; k++) {
@@ -34,6 +34,13 @@ function drawStage(svg, about, width) {
   const moved = node("path", {class: "igw-moved"}, svg);
   const movedText = node("text", {class: "igw-strong igw-object-text", y: y + 44, "text-anchor": "middle"}, svg);
   let home = null, radius = 10;
+  const measure = (atObject, text) => {
+    for (const each of [moved, movedText]) show(each, text);
+    if (!text) return;
+    set(moved, {d: path([[view.x(home), y + 3], [view.x(atObject), y + 3]])});
+    set(movedText, {x: clamp(view.x(0.5 * (home + atObject)), 70, width - 70)});
+    movedText.textContent = text;
+  };
   const update = ([atFlange, atTool, atObject]) => {
     const front = atFlange - TOOL.length - chain.rest;
     set(flange, {x: view.x(front - FLANGE.length)});
@@ -41,19 +48,18 @@ function drawStage(svg, about, width) {
     set(tool, {x: view.x(atTool - TOOL.length)});
     couple(front, atTool - TOOL.length);
     const seen = atObject !== null;
-    for (const each of [ball, ghost]) show(each, seen);
+    show(ball, seen);
+    show(ghost, seen && home !== null && atObject - home > 5e-4);
     show(band, !seen);
     if (!seen) return;
     if (home === null) home = atObject;
     set(ball, {cx: view.x(atObject) + radius, r: radius});
     set(ghost, {cx: view.x(home) + radius, r: radius});
-    const far = atObject - home > 5e-4;
-    for (const each of [moved, movedText]) show(each, far);
-    if (far) {
-      set(moved, {d: path([[view.x(home), y + 3], [view.x(atObject), y + 3]])});
-      set(movedText, {x: clamp(view.x(0.5 * (home + atObject)), 70, width - 70)});
-      movedText.textContent = `pushed ${(100 * (atObject - home)).toFixed(1)} cm`;
-    }
+    measure(atObject, atObject - home > 5e-4 ? `pushed ${centimetres(atObject - home)}` : "");
+  };
+  // What the result says, of which the last frame knows only what was seen.
+  const result = (slide) => {
+    if (home !== null && slide > 0) measure(home + slide, `slid ${centimetres(slide)}`);
   };
   const begin = (metres) => {
     home = null;
@@ -61,5 +67,5 @@ function drawStage(svg, about, width) {
   };
   begin(0.03);
   update([0, 0, null]);
-  return {update, begin};
+  return {update, begin, result};
 }

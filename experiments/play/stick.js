@@ -33,25 +33,26 @@ function stickOf(element, on) {
   }
 
   const ways = {ArrowRight: "forward", ArrowLeft: "back", d: "forward", a: "back"};
+  const actions = {Enter: on.begin, b: on.again, " ": on.ended, Escape: on.ended};
   addEventListener("keydown", (event) => {
-    const elsewhere = event.target.closest("input, select, a, button, summary, .igw, textarea");
-    if (event.ctrlKey || event.metaKey || event.altKey || elsewhere && !(element.contains(event.target))) return;
-    const way = ways[event.key];
-    if (way || ["ArrowUp", "ArrowDown", " ", "Enter"].includes(event.key)) event.preventDefault();
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const way = ways[event.key], rung = {ArrowUp: 1, ArrowDown: -1}[event.key];
+    const {target} = event, pressable = target.closest("button, summary, a") && ["Enter", " "].includes(event.key);
+    if (!on.playing() && (pressable || target.closest("input, select"))) return;  // of the film
+    if (!way && !rung && !actions[event.key]) return;
+    event.preventDefault();
     if (event.repeat) return;
     if (way) {
       held[way] = true;
-      on.pressed();
+      on.pushed();
       byKeys();
-    } else if (event.key === "ArrowUp" || event.key === "ArrowDown") {
-      level = clamp(level + (event.key === "ArrowUp" ? 1 : -1), 0, LEVELS.length - 1);
+    } else if (rung) {
+      level = clamp(level + rung, 0, LEVELS.length - 1);
       on.level(LEVELS[level]);
       byKeys();
-    } else if (event.key === "Enter") {
-      on.pressed();
-    } else if (event.key === " " || event.key === "Escape") {
-      letGo();
-      on.ended();
+    } else {
+      if (event.key === " " || event.key === "Escape") letGo();
+      actions[event.key]();
     }
   });
   addEventListener("keyup", (event) => {
@@ -73,7 +74,7 @@ function stickOf(element, on) {
     if (event.button) return;
     element.setPointerCapture(event.pointerId);
     element.focus({preventScroll: true});
-    on.pressed();
+    on.begin();
     point(event);
     event.preventDefault();
   });
@@ -85,17 +86,26 @@ function stickOf(element, on) {
     });
   }
 
+  const connected = () => navigator.getGamepads ? [...navigator.getGamepads()].filter(Boolean) : [];
+
+  function buzz() {
+    for (const {vibrationActuator: motor} of connected().slice(0, 1)) {
+      if (motor && motor.playEffect) motor.playEffect("dual-rumble", {duration: 150, strongMagnitude: 1}).catch(() => {});
+    }
+  }
+
   function poll() {
-    const pads = navigator.getGamepads ? [...navigator.getGamepads()].filter(Boolean) : [];
+    const pads = connected();
     for (const pad of pads.slice(0, 1)) {
       const x = pad.axes[0] || 0, size = Math.max(Math.abs(x) - DEAD, 0) / (1 - DEAD);
       const next = [0, 1].map((k) => Boolean(pad.buttons[k] && pad.buttons[k].pressed));
-      if (next[0] && !pressed[0] || size > 0 && sources.pad === 0) on.pressed();
+      if (next[0] && !pressed[0]) on.begin();
+      if (size > 0 && sources.pad === 0) on.pushed();
       if (next[1] && !pressed[1]) on.ended();
       pressed = next;
       sources.pad = Math.sign(x) * Math.round(1000 * Math.min(size, 1)) / 1000;
       merge();
     }
   }
-  return {poll, letGo, get value() { return value; }};
+  return {poll, letGo, buzz, get value() { return value; }};
 }

@@ -169,11 +169,15 @@ class Live:
         self.batch.set_state(state)
         return bodies
 
-    def finished(self) -> Try:
-        """Play to the end, a person's velocity being 0, and return the try with its results."""
+    def to_end(self) -> Try:
+        """Play to the end, a person's velocity being 0, and return the try without its results."""
         while not self.ended:
             self.step()
-        done = self.kept
+        return self.kept
+
+    def finished(self) -> Try:
+        """Play to the end, a person's velocity being 0, and return the try with its results."""
+        done = self.to_end()
         trace, info, *_ = replayed(done)
         motion = corners(trace)
         done.motion.update(times=list(motion.times), velocities=list(motion.velocities))

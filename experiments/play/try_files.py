@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from experiments.play.assistance import NAMES, PERIOD, SLIDERS
+from experiments.play.assistance import NAMES, PERIOD, RANGES
 from experiments.play.tries import Live, Try
 from impact_gym.files import parsed, write_file
 from impact_gym.teleop.operators import KINDS
@@ -37,7 +37,7 @@ def from_text(text: str, ended: bool = True) -> Try:
     choice("assist", this.assist, list(NAMES))
     choice("type of its operator", this.operator["type"], [kind.__name__ for kind in KINDS])
     number("slow", this.slow, "(times)", at_least=1.0, at_most=SLOWEST)
-    number("uplink.delay", this.record["uplink.delay"], "s", at_least=0.0, at_most=0.5 * SLIDERS["delay"][2])
+    number("uplink.delay", this.record["uplink.delay"], "s", at_least=0.0, at_most=0.5 * RANGES["delay"][2])
     numbers("late", this.late, "s")
     for action in this.actions:
         numbers("action", action, "-")

@@ -21,7 +21,7 @@ from agents.baselines.rule import Floats, Parameter
 from agents.evaluate import TEST_SEED, TUNING_SEED, ScenarioBatch
 from agents.setups import load_setup
 from experiments.lab import grid
-from experiments.lab.charts import FLANGE, OBJECT, TOOL
+from experiments.lab.charts import SERIES, TOOL
 from experiments.lab.grid import Contestant, Place
 from experiments.lab.parts import Picture, Section, Table, percent
 from experiments.lab.statistics import Comparison, Estimate, Resamples, estimate
@@ -188,7 +188,7 @@ def chart(lines: Sequence[Mapping[str, Any]]) -> Figure:
     """Return V_p at the paper's approach time for each prior."""
     figure = Figure(figsize=(8.0, 3.6))
     axes = figure.subplots()
-    names = (("paper's rule", FLANGE), ("steady speed, all of the arm", TOOL), ("profile: knowing where", OBJECT))
+    names = (("paper's rule", SERIES[0]), ("steady speed, all of the arm", TOOL), ("profile: knowing where", SERIES[2]))
     for place, (name, colour) in enumerate(names):
         found: list[Estimate] = [line["velocity"][place] for line in lines]
         spread = [[each.value - each.low for each in found], [each.high - each.value for each in found]]

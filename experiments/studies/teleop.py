@@ -19,7 +19,7 @@ from agents.baselines import LocalBrake, OperatorAlone
 from agents.evaluate import ScenarioBatch
 from agents.setups import load_setup
 from experiments.lab import grid
-from experiments.lab.charts import FLANGE, FORCE, OBJECT, TOOL
+from experiments.lab.charts import SERIES
 from experiments.lab.grid import Contestant, Place
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.player import films, fragment
@@ -62,7 +62,7 @@ RIVALS = {"gain": "constant gains", "brake": f"the {BRAKE}", "limit": f"the {LIM
 """Whom contestants are compared with, by columns of the table of cells."""
 WORSE = {f"{rival}_{name}": words.format(who) for rival, who in RIVALS.items() if rival != "limit"
          for name, words in {"slide": "slides further than with {}", "cost": "costs more than {}"}.items()}  # fmt: skip
-COLOURS = {ALONE: FLANGE, BRAKE: TOOL, LIMIT: FORCE, POLICY: OBJECT}
+COLOURS = {ALONE: SERIES[3], BRAKE: SERIES[4], LIMIT: SERIES[2], POLICY: SERIES[1]}
 SHOWN = {"slide": (100.0, "slide (cm)"), "done_time": (1.0, "done (s)")}
 """Rows of the figure: columns of the table of cells, their factor and words."""
 

@@ -30,6 +30,11 @@ def observation_space(spec: ObservationSpec) -> Space[Any]:
     return spaces.Box(spec.scaled_low, np.ones_like(spec.scaled_low), dtype=np.float32)
 
 
+def steps_per_second(task: Task) -> int:
+    """Return the rate of a film with a picture for each control step, in which the longest episode lasts 18 s."""
+    return min(max(round(task.horizon / task.control_period / 18.0), 1), 30)
+
+
 class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """A teleoperated tool approaches an object that it cannot see.
 
@@ -135,11 +140,12 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     time histories of the episode, read by `trace()`).
 
     ## Rendering
-    Needs the extra `render`. A picture shows the chain to scale, its velocities, the contact force, and the alarm on
-    its way to the controller. It is drawn from the trace, which is then kept; rendering changes no result. A contact is
-    over in a few steps, so "human" and "rgb_array_list" show it in slow motion with many pictures per step. Each
-    picture says how slow: 8 to 1024 times. "rgb_array" gives one picture, of the end of the step. Gymnasium's
-    `RecordVideo` keeps one picture per step in either case; `impact_gym.render.film.SlowMotionVideo` keeps all.
+    Needs the extra `render`. A picture shows flange, coupling, tool and object to scale, the gap between, the object's
+    velocity, the alarm on its way to the controller, and at the end the result. It is drawn from the trace, which is
+    then kept; rendering changes no result. A contact is over in a few steps, so "human" and "rgb_array_list" show it in
+    slow motion with many pictures per step. Each picture says how slow. `impact_gym.render.film.SlowMotionVideo` writes
+    a film of all pictures, which lasts 6 to 10 s. "rgb_array" gives one picture, of the end of the step; of these
+    Gymnasium's `RecordVideo` makes a film that is uniformly slow (`render_fps` in the metadata).
     A batch of at most 16 has "rgb_array" too: `render` returns a picture of each, and Gymnasium's `RecordVideo` for
     vector environments makes them tiles of one film.
 
@@ -171,6 +177,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         points = TRACE_POINTS if record_trace or render_mode is not None else 0
         self.task = Task(**arguments)
         self._batch = Batch(1, self.task, threads=1, trace_points=points)
+        if render_mode == "rgb_array":
+            self.metadata = {**self.metadata, "render_fps": steps_per_second(self.task)}
         self.observation_spec, self.action_spec = self._batch.spec, self._batch.action_spec
         self.observation_space = observation_space(self.observation_spec)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.action_spec),), np.float32)

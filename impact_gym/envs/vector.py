@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, observation_space
+from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, observation_space, steps_per_second
 from impact_gym.envs.state import taken
 from impact_gym.task.episodes import reset_options, skip_episodes
 from impact_gym.task.scenario import ScenarioRanges
@@ -68,6 +68,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             one_of(f"per_slot[{slot}]", changes, Mapping)
         tasks = [Task.of(f"per_slot[{slot}]", {**arguments, **changes}) for slot, changes in enumerate(changed)]
         self.batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
+        self.metadata["render_fps"] = steps_per_second(tasks[0])
         self.observation_spec, self.action_spec = self.batch.spec, self.batch.action_spec
         self.single_observation_space = observation_space(self.observation_spec)
         self.single_action_space = Box(-1.0, 1.0, (len(self.action_spec),), np.float32)

@@ -15,28 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.render import chain, strips
-from impact_gym.render.canvas import (
-    ALARM,
-    FAINT,
-    FLANGE,
-    FORCE,
-    GRID,
-    HEIGHT,
-    INK,
-    OBJECT,
-    TOOL,
-    WARNING,
-    WIDTH,
-    Canvas,
-)
+from impact_gym.render.canvas import HEIGHT, WIDTH, Box, Canvas
 from impact_gym.render.film import FRAME_RATE, History, State
-from impact_gym.scene import Bistable, SpringDamper
+from impact_gym.render.palette import ALARM, FAINT, GRID, INK, WARNING
 
 if TYPE_CHECKING:
     import pygame
 
-HOLD = 1.0  # s, for which the last picture of an episode stays
-LAMP = (WIDTH - 22.0, 19.0)  # grey, amber from the detection of the force on, red while the controller has an alarm
+HOLD = 2.0  # s, for which the last picture of an episode stays
+STAGE: Box = (0.0, 112.0, float(WIDTH), 226.0)
+STRIP: Box = (64.0, 376.0, 640.0, 98.0)
+CLOSE_UP: Box = (WIDTH - 216.0, 376.0, 200.0, 118.0)
+LAMP = (WIDTH - 22.0, 30.0)  # grey, amber from the detection of the force on, red while the controller has an alarm
 
 Frame = NDArray[np.uint8]
 
@@ -126,39 +116,48 @@ class Renderer:
             self._canvas = Canvas()
         canvas, state = self._canvas, history.at(time)
         canvas.clear()
-        chain.draw(canvas, history, state)
-        strips.draw(canvas, history, state)
+        chain.draw(canvas, history, state, chain.camera(history, STAGE))
+        strips.draw(canvas, history, state, STRIP)
+        chain.close_up(canvas, history, state, CLOSE_UP)
         _head(canvas, history, state, factor)
         _foot(canvas, history, state)
         return canvas
 
 
 def _head(canvas: Canvas, history: History, state: State, factor: float) -> None:
-    """Write time, slow motion and alarm, and below them velocities and force."""
-    pace = f"slow motion {round(factor, 1):g} x" if factor > 1.0 else f"fast motion {1.0 / factor:.2g} x"
-    canvas.text(f"t = {state.time:.4f} s", (14.0, 19.0), 26)
-    canvas.text("real time" if factor == 1.0 else pace, (190.0, 19.0), 22, FAINT)
+    """Write the object's velocity large, or at the end the verdict; and time, slow motion and alarm."""
+    over = history.ended and state.time >= history.now
+    canvas.text(verdict(history) if over else f"object {state.object_velocity:.2f} m/s", (14.0, 34.0), 58)
+    pace = f"{round(factor, 1):g} x slower" if factor > 1.0 else f"{1.0 / factor:.2g} x faster"
+    canvas.text(f"{state.time:.3f} s", (14.0, 86.0), 36, FAINT)
+    canvas.text("real time" if factor == 1.0 else pace, (140.0, 86.0), 30, FAINT)
     words, colour = alarm(history, state.time)
-    canvas.circle(LAMP, 9.0, colour)
-    canvas.text(words, (LAMP[0] - 18.0, LAMP[1]), 20, INK, "midright")
-    canvas.text(f"flange {state.flange_velocity:+.3f} m/s", (14.0, 47.0), 20, FLANGE)
-    canvas.text(f"tool {state.tool_velocity:+.3f} m/s", (199.0, 47.0), 20, TOOL)
-    canvas.text(f"object {state.object_velocity:+.3f} m/s", (384.0, 47.0), 20, OBJECT)
-    canvas.text(f"contact force {state.contact_force:.3g} N", (569.0, 47.0), 20, FORCE)
-    canvas.text(f"peak {history.peak_force(state):.3g} N", (784.0, 47.0), 20, FORCE)
+    canvas.circle(LAMP, 12.0, colour)
+    if not over:
+        canvas.text(words, (LAMP[0] - 22.0, LAMP[1]), 30, INK, "midright")
+    if history.peak_force(state) > 0.0:
+        canvas.text(f"largest force {history.peak_force(state):.3g} N", (WIDTH - 14.0, 86.0), 30, FAINT, "midright")
+
+
+def verdict(history: History) -> str:
+    """Return the result of an episode that has ended, in a few words."""
+    info = history.info
+    if info["missed"]:
+        return "missed: the object was never touched"
+    if "slide" in info:
+        return f"object slides {chain.length(info['slide'])}"
+    return f"object leaves at {info['object_velocity']:.2f} m/s"
 
 
 def alarm(history: History, time: float) -> tuple[str, str]:
     """Return what the picture says of the alarm at `time` (s), and the colour of its lamp."""
     events = history.events
     if events.alarm <= time < events.alarm_over:
-        words = f"ALARM at {events.alarm:.4f} s"
         if history.task.alarm == "reading":
-            return f"{words}, by a reading above {history.threshold:g} N", ALARM
-        return f"{words}, {1e3 * (events.alarm - events.detection):.1f} ms after {history.threshold:g} N", ALARM
+            return "alarm by a reading", ALARM
+        return f"alarm, {1e3 * (events.alarm - events.detection):.0f} ms after {history.threshold:g} N", ALARM
     if events.detection <= time < events.alarm < np.inf and history.task.alarm == "force":
-        left = 1e3 * (events.alarm - time)
-        return f"over {history.threshold:g} N; controller knows in {left:.1f} ms", WARNING
+        return f"felt; alarm in {1e3 * (events.alarm - time):.1f} ms", WARNING
     return "no alarm", GRID
 
 
@@ -166,21 +165,14 @@ def _foot(canvas: Canvas, history: History, state: State) -> None:
     """Write the scenario, or at the end the results."""
     info, scenario, task = history.info, history.info["scenario"], history.task
     if history.ended and state.time >= history.now:
-        words = "missed: nothing was touched"
+        words = f"return {sum(info['reward_terms'].values()):.2f}"
         if not info["missed"]:
-            words = f"V_p = {info['object_velocity']:.3f} m/s   approach time {info['approach_time']:.3f} s   "
-            words += f"peak force {info['peak_force']:.3g} N   contacts {info['contact_count']}"
-        failed = "" if info["status"] == "ok" else f"   {info['status']}"
-        canvas.text(words + failed + f"   return {sum(info['reward_terms'].values()):.3f}", (14.0, 520.0), 22)
+            contacts = f"{info['contact_count']} contact{'s'[: info['contact_count'] != 1]}"
+            words = f"touched after {info['approach_time']:.3f} s, {contacts}, {words}"
+        canvas.text(words + ("" if info["status"] == "ok" else f", {info['status']}"), (14.0, 520.0), 30)
         return
-    mount = "rigid coupling"
-    if isinstance(task.coupling, SpringDamper):
-        mount = f"spring {task.coupling.stiffness:.3g} N/m, damping ratio {task.coupling.damping_ratio:.2g}"
-    elif isinstance(task.coupling, Bistable):
-        mount = f"bistable coupling, barrier {1e3 * task.coupling.barrier:.3g} mJ"
-    words = f"object {scenario['object_mass']:.3g} kg at {1e3 * scenario['distance']:.0f} mm, "
-    words += f"{scenario['contact_stiffness']:.3g} N/m^1.5, restitution {scenario['restitution']:.2f}   |   "
-    words += mount + ("" if task.robot is None else ", compliant robot")
-    canvas.text(f"{words}   |   time weight {info['time_weight']:.3g} m/s per s", (14.0, 520.0), 17, FAINT)
+    words = f"object {scenario['object_mass']:.2g} kg, {scenario['contact_stiffness']:.2g} N/m^1.5, "
+    words += f"restitution {scenario['restitution']:.2f}" + ("" if task.robot is None else ", compliant robot")
+    canvas.text(words, (14.0, 520.0), 26, FAINT)
     if history.ended and state.time >= history.events.end:
-        canvas.text("settling", (WIDTH - 14.0, 520.0), 17, FAINT, "midright")
+        canvas.text("settling", (WIDTH - 14.0, 520.0), 26, FAINT, "midright")

@@ -1,4 +1,4 @@
-"""A picture to draw on with pygame: coordinates in pixels from the upper left corner, smooth edges, and the colours.
+"""A picture to draw on with pygame: coordinates in pixels from the upper left corner, smooth edges.
 
 Shapes are drawn at twice the size and scaled down; text is then written over them at its own size.
 """
@@ -15,6 +15,8 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
+from impact_gym.render.palette import INK, PAPER
+
 if TYPE_CHECKING:
     import pygame
 
@@ -25,17 +27,12 @@ WIDTH, HEIGHT = 960, 540
 OVERSAMPLING = 2
 FARTHEST = 1 << 14  # pixels; pygame cannot hold coordinates far beyond
 
-# Okabe and Ito (2008), as in the report's charts
-FLANGE, TOOL, OBJECT, FORCE, COUPLING = "#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7"
-WARNING, ALARM = "#E69F00", "#C1121F"
-PAPER, PANEL, GRID, FAINT, INK = "#FFFFFF", "#F5F5F2", "#DDDDDD", "#767676", "#1A1A1A"
-
 
 class Canvas:
-    """One picture of WIDTH x HEIGHT pixels, drawn anew for each frame."""
+    """One picture, drawn anew for each frame."""
 
-    def __init__(self) -> None:
-        """Make an empty picture; needs no display.
+    def __init__(self, width: int = WIDTH, height: int = HEIGHT) -> None:
+        """Make an empty picture of so many pixels; needs no display.
 
         Raises:
             DependencyNotInstalled: pygame is not installed; says how to install it.
@@ -48,7 +45,8 @@ class Canvas:
         except ImportError as error:
             raise DependencyNotInstalled("rendering needs pygame: pip install 'impact-gym[render]'") from error
         self.pygame.font.init()
-        self._surface: pygame.Surface = self.pygame.Surface((WIDTH * OVERSAMPLING, HEIGHT * OVERSAMPLING), 0, 32)
+        self.size = width, height
+        self._surface: pygame.Surface = self.pygame.Surface((width * OVERSAMPLING, height * OVERSAMPLING), 0, 32)
         self._texts: list[tuple[str, Point, int, str, str]] = []
         self._font = cache(partial(self.pygame.font.Font, None))  # pygame's own font, the same on every machine
 
@@ -58,15 +56,15 @@ class Canvas:
         self._texts.clear()
 
     def picture(self) -> "pygame.Surface":
-        """Return what has been drawn, WIDTH x HEIGHT."""
-        picture: pygame.Surface = self.pygame.transform.smoothscale(self._surface, (WIDTH, HEIGHT))
+        """Return what has been drawn."""
+        picture: pygame.Surface = self.pygame.transform.smoothscale(self._surface, self.size)
         for text, (x, y), size, colour, anchor in self._texts:
             image = self._font(size).render(text, True, colour)
             picture.blit(image, image.get_rect(**{anchor: (round(x), round(y))}))
         return picture
 
     def pixels(self) -> NDArray[np.uint8]:
-        """Return what has been drawn as a new array (HEIGHT, WIDTH, 3)."""
+        """Return what has been drawn as a new array (height, width, 3)."""
         return np.ascontiguousarray(self.pygame.surfarray.array3d(self.picture()).transpose(1, 0, 2))
 
     @contextmanager

@@ -1,4 +1,4 @@
-"""The chain to scale, seen by a camera that keeps tool and object in view: flange, coupling, tool, object.
+"""The chain to scale, seen by a camera that stands still: flange, coupling, tool, object, and the gap between.
 
 Positions and displacements are to scale. The model has no sizes of bodies, so these are chosen here; the object is a
 ball of 1500 kg/m^3, and a bistable mechanism has its own dimensions.
@@ -7,38 +7,40 @@ ball of 1500 kg/m^3, and a bistable mechanism has its own dimensions.
 import math
 from typing import NamedTuple
 
-from impact_gym.render.canvas import COUPLING, FAINT, FLANGE, FORCE, INK, OBJECT, PAPER, TOOL, WIDTH, Box, Canvas, Point
-from impact_gym.render.canvas import PANEL as BACKGROUND
+from impact_gym.render.canvas import Box, Canvas, Point
 from impact_gym.render.film import History, State
+from impact_gym.render.palette import FAINT, FLANGE, FORCE, GRID, INK, OBJECT, PAPER, TOOL
+from impact_gym.render.palette import PANEL as BACKGROUND
 from impact_gym.scene import Bistable, SpringDamper
 from impact_gym.task import Task
 
-PANEL: Box = (0.0, 64.0, float(WIDTH), 208.0)
-CLOSE_UP: Box = (WIDTH - 174.0, 310.0, 160.0, 158.0)
-
-TOOL_LENGTH, TOOL_HEIGHT = 0.024, 0.018  # m
-FLANGE_LENGTH, FLANGE_HEIGHT = 0.016, 0.024  # m
-BAR = 0.004  # m, thickness of a rigid coupling
+TOOL_LENGTH, TOOL_HEIGHT = 0.034, 0.03  # m
+FLANGE_LENGTH, FLANGE_HEIGHT = 0.016, 0.052  # m
+BAR = 0.006  # m, thickness of a rigid coupling
 CLEARANCE = 0.004  # m, half the length of a bistable slider, and the thickness of its stops
 SHORTEST_SPRING = 0.002  # m, drawn where the tool has passed the flange
 BASE_LENGTH, ROBOT_LENGTH = 0.008, 0.03  # m, of the block at the imposed motion and of the robot's spring
-OBJECT_SHOWN = 0.06  # m, of the object behind its face
-MARGIN = 0.006  # m
+ROOM = 0.2  # m, beyond the object, into which it may be pushed
+MARGIN = 0.02  # m
 DENSITY, LARGEST_RADIUS = 1500.0, 0.5  # kg/m^3, m
-NAME, SMALL = 17, 15  # pixels, sizes of text
+TEXT, SMALL = 30, 24  # pixels, sizes of text: legible at half the size
 LARGEST_SPAN = 3.0  # m; an object farther away is outside the picture
+RULER, DISTANCE = 34.0, 56.0  # pixels, below the ground, and above all bodies for what is measured there
+SHOWN_PUSH = 5e-4  # m, from which on it is said how far the object was pushed
 
 
 class Camera(NamedTuple):
     """Where a position lies in the picture."""
 
+    box: Box
     left: float  # m, at the left edge
     scale: float  # pixels per m
     axis: float  # pixels from above, of the line along which all bodies move
+    ground: float  # pixels from above
 
     def x(self, position: float) -> float:
         """Return the column of `position` (m), pixels."""
-        return (position - self.left) * self.scale
+        return self.box[0] + (position - self.left) * self.scale
 
     def block(self, canvas: Canvas, back: float, front: float, height: float, colour: str) -> None:
         """Draw a block from `back` to `front` across the line, all in m."""
@@ -61,37 +63,35 @@ def object_radius(mass: float) -> float:
     return min(math.cbrt(0.75 * mass / (math.pi * DENSITY)), LARGEST_RADIUS)
 
 
-def camera(task: Task, state: State) -> Camera:
-    """Return the camera for a state; it has no memory, so it moves and zooms as smoothly as the bodies move."""
-    behind = TOOL_LENGTH + rest_length(task) + FLANGE_LENGTH
-    back = min(state.flange_position - behind, state.tool_position - TOOL_LENGTH)
-    if task.robot is not None:
-        back = min(back, state.command_position - behind - ROBOT_LENGTH - BASE_LENGTH)
-    left = back - MARGIN
-    right = max(state.object_position + OBJECT_SHOWN, state.tool_position + MARGIN)  # a tool may sink into the object
-    span = min(right - left, LARGEST_SPAN)
-    scale, axis = PANEL[2] / span, PANEL[1] + 0.48 * PANEL[3]
-    if isinstance(task.coupling, Bistable):
-        axis = PANEL[1] + 0.64 * PANEL[3]
-        largest = (0.64 * PANEL[3] - 10.0) / task.coupling.height  # at which the pivot is still inside
-        if scale > largest:
-            left -= 0.5 * (PANEL[2] / largest - span)
-            scale = largest
-    return Camera(left, scale, axis)
+def camera(history: History, box: Box) -> Camera:
+    """Return the camera for an episode: it stands still, with the whole approach and some room behind the object."""
+    task, scenario = history.task, history.info["scenario"]
+    behind = TOOL_LENGTH + rest_length(task) + FLANGE_LENGTH + MARGIN
+    behind += 0.0 if task.robot is None else ROBOT_LENGTH + BASE_LENGTH
+    radius = object_radius(scenario["object_mass"])
+    span = min(behind + scenario["distance"] + 2.0 * radius + ROOM, LARGEST_SPAN)
+    half = max(min(radius, 0.1), 0.5 * FLANGE_HEIGHT)
+    scale, ground = min(box[2] / span, (box[3] - RULER - DISTANCE) / (2.0 * half)), box[1] + box[3] - RULER
+    return Camera(box, -behind - 0.5 * (box[2] / scale - span), scale, ground - half * scale, ground)
 
 
-def draw(canvas: Canvas, history: History, state: State) -> None:
-    """Draw the panel of the chain and the close-up of the faces."""
-    task, view = history.task, camera(history.task, state)
+def draw(canvas: Canvas, history: History, state: State, view: Camera) -> None:
+    """Draw the chain, the ground with a ruler, and the gap, or how far the object was pushed."""
+    task, home = history.task, history.info["scenario"]["distance"]
     radius, tool_back = object_radius(history.info["scenario"]["object_mass"]), state.tool_position - TOOL_LENGTH
     front = state.flange_position - TOOL_LENGTH - rest_length(task)
     back, base = front - FLANGE_LENGTH, state.command_position - state.flange_position + front
     base -= FLANGE_LENGTH + ROBOT_LENGTH
-    canvas.rectangle(PANEL, BACKGROUND)
+    canvas.rectangle(view.box, BACKGROUND)
     _ruler(canvas, view)
-    with canvas.clipped(PANEL):
+    with canvas.clipped(view.box):
+        if state.object_position - home > SHOWN_PUSH:
+            canvas.circle((view.x(home + radius), view.axis), radius * view.scale, PAPER)
         canvas.circle((view.x(state.object_position + radius), view.axis), radius * view.scale, OBJECT)
-        if task.robot is not None:
+        if task.robot is None:
+            view.block(canvas, view.left, back, 0.4 * FLANGE_HEIGHT, GRID)
+        else:
+            view.block(canvas, view.left, base - BASE_LENGTH, 0.4 * FLANGE_HEIGHT, GRID)
             view.block(canvas, base - BASE_LENGTH, base, FLANGE_HEIGHT, FAINT)
             ends = (view.x(base), view.axis), (view.x(back), view.axis)
             _spring(canvas, *ends, 0.1 * FLANGE_HEIGHT * view.scale, FAINT, 6)
@@ -105,28 +105,41 @@ def draw(canvas: Canvas, history: History, state: State) -> None:
         view.block(canvas, tool_back, state.tool_position, TOOL_HEIGHT, TOOL)
         if state.contact_force > 0.0:
             _force(canvas, view, state, radius)
-    below_flange, below_tool = (view.axis + 0.5 * height * view.scale + 10.0 for height in (FLANGE_HEIGHT, TOOL_HEIGHT))
-    canvas.text("flange", (view.x(0.5 * (back + front)), below_flange), NAME, FLANGE, "center")
-    canvas.text("tool", (view.x(0.5 * (tool_back + state.tool_position)), below_tool), NAME, TOOL, "center")
-    if task.robot is not None:
-        canvas.text("robot", (view.x(base + 0.5 * ROBOT_LENGTH), below_tool), NAME, FAINT, "center")
-    middle = min(view.x(state.object_position + radius), WIDTH - 40.0)
-    canvas.text("object", (middle, view.axis + 28.0), NAME, PAPER, "center")
-    _close_up(canvas, history, state, radius)
+    _distance(canvas, view, state, home)
+
+
+def length(metres: float) -> str:
+    """Return a length in words, with its unit."""
+    return f"{1e3 * metres:.1f} mm" if abs(metres) < 0.01 else f"{1e2 * metres:.1f} cm"
+
+
+def _distance(canvas: Canvas, view: Camera, state: State, home: float) -> None:
+    """Draw a line for the gap before the touch, or for the way that the object was pushed, and its length."""
+    left, _, width, _ = view.box
+    pushed = state.object_position - home
+    begin, end, words = state.tool_position, state.object_position, "gap"
+    if pushed > SHOWN_PUSH or state.penetration >= 0.0:
+        begin, end, words = home, state.object_position, "pushed"
+    y = 2.0 * view.axis - view.ground - 14.0
+    ends = [min(max(view.x(place), left + 2.0), left + width - 2.0) for place in (begin, end)]
+    canvas.lines([(ends[0], y), (ends[1], y)], INK, 2.0)
+    for x in ends:
+        canvas.lines([(x, y - 7.0), (x, y + 7.0)], INK, 2.0)
+    middle = min(max(0.5 * sum(ends), left + 90.0), left + width - 110.0)
+    canvas.text(f"{words} {length(end - begin)}", (middle, y - 20.0), TEXT, INK, "center")
 
 
 def _ruler(canvas: Canvas, view: Camera) -> None:
-    """Draw the ground with a mark every round distance, and a bar of that length with its figure."""
-    ground = PANEL[1] + PANEL[3] + 6.0
-    length = round_length(110.0 / view.scale)
-    canvas.lines([(0.0, ground), (WIDTH, ground)], FAINT, 1.0)
-    for mark in range(math.ceil(view.left / length), math.floor((view.left + WIDTH / view.scale) / length) + 1):
-        x = view.x(mark * length)
-        canvas.lines([(x, ground - 4.0), (x, ground + 4.0)], FAINT, 1.0)
-        if 210.0 < x < WIDTH - 30.0:
-            canvas.text(f"{1e3 * mark * length:.4g} mm", (x, ground + 13.0), SMALL, FAINT, "center")
-    canvas.rectangle((14.0, ground + 11.0, length * view.scale, 4.0), INK)
-    canvas.text(f"{1e3 * length:.4g} mm", (20.0 + length * view.scale, ground + 13.0), SMALL)
+    """Draw the ground with a mark and its position every round distance."""
+    left, _, width, _ = view.box
+    step = round_length(150.0 / view.scale)
+    canvas.lines([(left, view.ground), (left + width, view.ground)], FAINT, 1.5)
+    for mark in range(math.ceil(view.left / step), math.floor((view.left + width / view.scale) / step) + 1):
+        x = view.x(mark * step)
+        canvas.lines([(x, view.ground), (x, view.ground + 7.0)], FAINT, 1.5)
+        if left + 40.0 < x < left + width - 40.0:
+            words = f"{1e2 * mark * step:.4g}" + ("" if mark else " cm")
+            canvas.text(words, (x, view.ground + 20.0), SMALL, FAINT, "center")
 
 
 def _force(canvas: Canvas, view: Camera, state: State, radius: float) -> None:
@@ -156,7 +169,7 @@ def _spring_damper(canvas: Canvas, view: Camera, front: float, back: float, rest
     """Draw a spring above a damper from the flange's `front` to the tool's `back`; `rest` is the relaxed length, m."""
     half, end = 0.5 * TOOL_HEIGHT * view.scale, max(back, front + SHORTEST_SPRING)
     above, below, reach = view.axis - 0.5 * half, view.axis + 0.5 * half, 0.25 * half
-    _spring(canvas, (view.x(front), above), (view.x(end), above), 0.35 * half, COUPLING, 9)
+    _spring(canvas, (view.x(front), above), (view.x(end), above), 0.35 * half, INK, 9)
     mouth = min(front + 0.5 * rest, end)
     piston = view.x(min(max(end - 0.6 * rest, front + 0.001), mouth))
     opening, bottom = view.x(mouth), view.x(front)
@@ -183,19 +196,20 @@ def _bistable(canvas: Canvas, view: Camera, front: float, back: float, mechanism
     canvas.dashes((pivot[0], pivot[1]), (pivot[0], sill), FAINT)
     canvas.rectangle((slider[0], view.axis - 0.3 * thick, view.x(back) - slider[0], 0.6 * thick), TOOL)
     canvas.rectangle((slider[0] - thick, view.axis - thick, 2.0 * thick, 2.0 * thick), TOOL)
-    _spring(canvas, pivot, slider, 0.6 * thick, COUPLING, 7)
+    _spring(canvas, pivot, slider, 0.6 * thick, INK, 7)
     for joint in (pivot, slider):
         canvas.circle(joint, 4.0, FLANGE)
         canvas.circle(joint, 2.0, PAPER)
 
 
-def _close_up(canvas: Canvas, history: History, state: State, radius: float) -> None:
-    """Draw the faces enlarged, such that the hardest impact that can be commanded still fits."""
-    left, top, width, height = CLOSE_UP
+def close_up(canvas: Canvas, history: History, state: State, box: Box) -> None:
+    """Draw the faces enlarged, such that the hardest impact that can be commanded still fits, and the force."""
+    left, top, width, height = box
     scale = 0.4 * width / min(max(history.impact_depth(history.task.velocity_range[1]), 1e-9), 1.0)
-    face, middle, radius = left + 0.4 * width, top + 0.5 * height, radius * scale
-    with canvas.clipped(CLOSE_UP):
-        canvas.rectangle(CLOSE_UP, BACKGROUND)
+    radius = object_radius(history.info["scenario"]["object_mass"]) * scale
+    face, middle = left + 0.4 * width, top + 0.5 * height
+    with canvas.clipped(box):
+        canvas.rectangle(box, BACKGROUND)
         rows = [0.5 * height * step / 12.0 for step in range(-12, 13)]
         rim = [(face + radius - math.sqrt(max(radius * radius - y * y, 0.0)), middle + y) for y in rows]
         rear = face + radius if radius < 0.5 * height else left + width
@@ -205,15 +219,10 @@ def _close_up(canvas: Canvas, history: History, state: State, radius: float) -> 
             canvas.rectangle((left, top, tool - left, height), TOOL)
         if state.penetration > 0.0:
             canvas.dashes((face, top), (face, top + height), PAPER)
-            pressed = f"pressed {1e3 * state.penetration:.2f} mm"
-            canvas.text(pressed, (left + width - 6.0, top + 10.0), SMALL, PAPER, "midright")
-    right, bottom = left + width, top + height
-    canvas.lines([(left, top), (right, top), (right, bottom), (left, bottom), (left, top)], FAINT, 1.0)
-    length = round_length(0.3 * width / scale)
-    below = bottom + 12.0
-    canvas.rectangle((left, below - 2.0, length * scale, 4.0), INK)
-    canvas.text(f"{1e3 * length:.3g} mm", (left + 6.0 + length * scale, below), SMALL)
-    canvas.text("faces, enlarged", (right, below), SMALL, FAINT, "midright")
+    words = "touch, enlarged" if state.penetration <= 0.0 else f"pressed {1e3 * state.penetration:.2f} mm"
+    canvas.text(words, (left + 0.5 * width, top - 16.0), SMALL, INK, "center")
+    if state.contact_force > 0.0:
+        canvas.text(f"{state.contact_force:.3g} N", (left + width - 8.0, top + 20.0), TEXT, PAPER, "midright")
 
 
 def round_length(longest: float) -> float:

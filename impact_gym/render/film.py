@@ -13,13 +13,15 @@ from impact_gym.task.episodes import EpisodeState
 from impact_gym.task.task import Task
 
 FRAME_RATE = 30  # 1/s
-FLIGHT_FACTOR = 8  # slow motion without contact
+FLIGHT_FACTOR = 8  # slow motion without contact, for an episode of at most HORIZON
+HORIZON = 1.2  # s; a longer episode runs faster, down to real time
+SHORTEST, LONGEST = 6.0, 10.0  # s, of a film
 CONTACT_FACTOR = 32  # slow motion at least, while tool and object touch
 LARGEST_FACTOR = 1024  # slow motion at most
 SMALLEST_FACTOR = 0.25  # fast motion, for a long settling
 FRAMES_PER_IMPACT = 16  # in the time that an elastic Hertz impact of the bodies takes
-FRAMES_PER_FOLD = 8  # while the time to or since the touch grows e-fold
-SETTLING_FRAMES = 90  # after the end, without impacts, at most
+FRAMES_PER_FOLD = 6  # while the time to or since the touch grows e-fold
+SETTLING_FRAMES = 45  # after the end, without impacts, at most
 SLOWEST_IMPACT = 1e-3  # m/s
 
 
@@ -69,6 +71,7 @@ class History:
         at_rest = {name: 0.0 for name in State._fields} | {"object_position": info["scenario"]["distance"]}
         rows = np.vstack([list(at_rest.values()), np.column_stack([getattr(trace, name) for name in at_rest])])
         rows = rows[np.isfinite(rows).all(axis=1)]  # a solver that fails may leave others
+        self._rows = np.ascontiguousarray(rows)
         self.columns = dict(zip(at_rest, np.ascontiguousarray(rows.T), strict=True))
         self.time = self.columns["time"]
         self.now = float(self.time[-1])
@@ -84,7 +87,11 @@ class History:
 
     def at(self, time: float) -> State:
         """Return the chain at `time` (s), linear between points of the trace."""
-        return State(*(float(np.interp(time, self.time, column)) for column in self.columns.values()))
+        last = len(self.time) - 1
+        row = min(max(int(self.time.searchsorted(time, side="right")) - 1, 0), max(last - 1, 0))
+        begin, end = self._rows[row], self._rows[min(row + 1, last)]
+        share = min(max((time - begin[0]) / (end[0] - begin[0]), 0.0), 1.0) if end[0] > begin[0] else 1.0
+        return State(*(begin + share * (end - begin)).tolist())
 
     def seen(self, time: float) -> int:
         """Return how many points of the trace lie up to `time` (s)."""
@@ -112,7 +119,8 @@ class History:
         state = self.at(time)
         begun = int(np.searchsorted(self.touches, time, side="right"))
         touching = begun > 0 and time < self.partings[begun - 1]
-        interval = 1.0 / (FRAME_RATE * (CONTACT_FACTOR if touching else FLIGHT_FACTOR))
+        flight = min(max(FLIGHT_FACTOR * HORIZON / self.task.horizon, 1.0), FLIGHT_FACTOR)
+        interval = 1.0 / (FRAME_RATE * (CONTACT_FACTOR if touching else flight))
         if self.ended and time >= self.events.end:
             interval = max(interval, (self.now - self.events.end) / SETTLING_FRAMES)
         away, speed = math.inf, 1.0
@@ -144,9 +152,9 @@ class History:
 class SlowMotionVideo(RecordVideo[Any, Any]):
     """Gymnasium's `RecordVideo` with all pictures of each step, of which Gymnasium's own keeps the last one.
 
-    Use it in the same way, on an environment made with `render_mode="rgb_array_list"`; in mode "rgb_array", or with
-    `RecordVideo` itself, a film has a picture per step: about twice slower than real time, so that a contact lasts a
-    few pictures. Needs moviepy, which the extra `render` brings.
+    Use it in the same way, on an environment made with `render_mode="rgb_array_list"`. The film of an episode lasts
+    SHORTEST to LONGEST seconds: pictures of a longer one are left out evenly, and the last picture of a shorter one
+    stays. Needs moviepy, which the extra `render` brings.
 
     Example:
         >>> env = gym.make("ImpactApproach-v0", render_mode="rgb_array_list")
@@ -157,3 +165,12 @@ class SlowMotionVideo(RecordVideo[Any, Any]):
     def _capture_frame(self) -> None:
         frames: Any = self.env.render()
         self.recorded_frames += frames if isinstance(frames, list) else [frames]
+
+    def stop_recording(self) -> None:
+        """Save the film of what was recorded."""
+        frames, rate = self.recorded_frames, self.frames_per_sec
+        if frames:
+            kept = np.linspace(0, len(frames) - 1, min(len(frames), round(LONGEST * rate))).round().astype(int)
+            missing = max(round(SHORTEST * rate) - len(kept), 0)
+            self.recorded_frames = [frames[place] for place in kept] + frames[-1:] * missing
+        super().stop_recording()  # type: ignore[no-untyped-call]  # Gymnasium leaves it untyped

@@ -17,9 +17,10 @@ from rendered import HARD_AND_HEAVY, SHAPE, history_of, play
 from stable_baselines3.common.vec_env import VecVideoRecorder
 from tasks import EVERYTHING_DRAWN
 
+from agents.baselines import PaperTrapezoid
 from impact_gym.envs import IDS
-from impact_gym.render import HOLD, Renderer, canvas, chain
-from impact_gym.render.film import FRAME_RATE, FRAMES_PER_IMPACT, SlowMotionVideo
+from impact_gym.render import HOLD, Renderer
+from impact_gym.render.film import FRAME_RATE, FRAMES_PER_IMPACT, LONGEST, SHORTEST, SlowMotionVideo
 from impact_gym.sb3 import ImpactVecEnv
 
 pytest.importorskip("pygame")
@@ -39,17 +40,19 @@ def no_waiting(monkeypatch):
 def test_every_mode_of_every_id_passes_gymnasiums_check(name, no_waiting):
     env = gym.make(name, render_mode="rgb_array")
     assert set(env.metadata["render_modes"]) == {"human", "rgb_array", "rgb_array_list"}
-    assert env.metadata["render_fps"] == FRAME_RATE
+    task = task_of(env)
+    assert env.metadata["render_fps"] == pytest.approx(task.horizon / task.control_period / 18.0, abs=0.5)
+    assert gym.make(name, render_mode="rgb_array_list").metadata["render_fps"] == FRAME_RATE
     check_env(env.unwrapped)  # also makes one of every mode and renders it
     env.close()
 
 
 @pytest.mark.parametrize("name", APPROACHES)
-def test_contact_fills_many_pictures_as_far_apart_as_the_factor_says_and_the_camera_keeps_up(name):
+def test_contact_fills_many_pictures_as_far_apart_as_the_factor_says(name):
     env = gym.make(name, record_trace=True)
     for seed in range(5):
         _, results = play(env, seed=seed)
-        played, task = history_of(env), task_of(env)
+        played = history_of(env)
         times, factors = np.array(list(played.film(0.0))).T
         assert np.diff(times, prepend=0.0)[:-1] == pytest.approx(1.0 / (FRAME_RATE * factors[:-1]), rel=1e-6)
         assert times[-1] == played.now
@@ -57,14 +60,7 @@ def test_contact_fills_many_pictures_as_far_apart_as_the_factor_says_and_the_cam
         inside = (times > played.touches[0]) & (times < played.partings[0])
         assert inside.sum() >= FRAMES_PER_IMPACT - 2
         assert factors[inside][1:].min() >= 32.0  # the first may have been chosen before the touch
-        states = [played.at(time) for time in times]
-        views = [chain.camera(task, state) for state in states]
-        places = [
-            (view.x(at.tool_position), view.x(at.object_position)) for view, at in zip(views, states, strict=True)
-        ]
-        assert 0.0 < np.min(places) < np.max(places) < canvas.WIDTH
-        assert np.abs(np.diff(places, axis=0))[:, 0].max() < 25.0
-        assert np.abs(np.diff(np.log([view.scale for view in views]))).max() < 0.05
+        assert 6.0 < len(times) / FRAME_RATE + HOLD < 13.0  # s
 
 
 @pytest.mark.parametrize("mode", ["rgb_array_list", "human"])
@@ -165,29 +161,36 @@ def test_calls_of_render_that_can_draw_nothing_are_named(make):
         assert env.render() is None
 
 
-def assert_film(folder, recorded):
-    """The only film in a folder shows what was recorded, pictures (height, width, 3)."""
+def assert_film(folder, recorded, rate):
+    """The only film in a folder shows what was recorded, pictures (height, width, 3), at so many per s."""
     clips, ffmpeg = pytest.importorskip("moviepy"), pytest.importorskip("imageio_ffmpeg")
     (film,) = folder.glob("*.mp4")
     assert len(recorded) - ffmpeg.count_frames_and_secs(film)[0] in (0, 1)  # moviepy's rounding may lose the last
     with clips.VideoFileClip(str(film)) as clip:
-        assert clip.fps == FRAME_RATE
+        assert clip.fps == rate
         for place in (0, len(recorded) // 2, len(recorded) - 3):
-            picture = clip.get_frame((place + 0.5) / FRAME_RATE)
+            picture = clip.get_frame((place + 0.5) / rate)
             assert np.abs(picture.astype(int) - recorded[place]).mean() < 5.0  # the codec loses a little
 
 
-def test_film_of_an_episode_is_its_pictures_in_slow_motion(tmp_path):
+@pytest.mark.parametrize("distance", [0.02, 1.1])
+def test_film_of_an_episode_shows_its_pictures_in_slow_motion_for_6_to_10_seconds(distance, tmp_path):
     pytest.importorskip("moviepy")
-    env = gym.make(ID, render_mode="rgb_array_list")
-    env = SlowMotionVideo(env, str(tmp_path / "films"), episode_trigger=lambda number: number == 0)
-    env.reset(seed=2, options={"scenario": SHORT["scenario"]})
-    for _ in range(6):
-        env.step(encode(1.0, 8.0))
+    env = gym.make(ID, render_mode="rgb_array_list", coupling={"type": "Rigid"}, after_alarm=0.03)
+    env = SlowMotionVideo(env, str(tmp_path / "films"), lambda _: True)
+    observation, _ = env.reset(seed=2, options={"scenario": HARD_AND_HEAVY | {"distance": distance}})
+    ended = False
+    while not ended:
+        observation, _, ended, *_ = env.step(PaperTrapezoid().predict(observation)[0])
     recorded = list(env.recorded_frames)
     env.close()
-    assert len(recorded) > 40
-    assert_film(tmp_path / "films", recorded)
+    if distance < 0.1:
+        film = recorded + recorded[-1:] * (round(SHORTEST * FRAME_RATE) - len(recorded))
+    else:
+        assert len(recorded) > LONGEST * FRAME_RATE
+        film = [recorded[k] for k in np.linspace(0, len(recorded) - 1, round(LONGEST * FRAME_RATE)).round().astype(int)]
+    assert len(film) / FRAME_RATE in (SHORTEST, LONGEST)
+    assert_film(tmp_path / "films", film, FRAME_RATE)
 
 
 @pytest.mark.parametrize("stable", [False, True], ids=["Gymnasium", "stable-baselines3"])
@@ -208,4 +211,4 @@ def test_film_of_a_batch_has_a_tile_for_each_slot(stable, tmp_path):
     env.close()
     assert np.shape(tiles) == (7, 4, *SHAPE)
     assert np.any(np.array(tiles[1:]) != tiles[:-1], axis=(2, 3, 4)).all()
-    assert_film(tmp_path / "films", [np.vstack([np.hstack(four[:2]), np.hstack(four[2:])]) for four in tiles])
+    assert_film(tmp_path / "films", [np.vstack([np.hstack(four[:2]), np.hstack(four[2:])]) for four in tiles], 4)

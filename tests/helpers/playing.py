@@ -159,7 +159,10 @@ def begin(page, key="Enter"):
 
 
 def until_over(page):
-    """Wait until the try is over and its film is there."""
-    page.wait_for_selector("#answer:not([hidden])", timeout=20000)
-    page.wait_for_selector("#film h2:has-text('In slow motion')", timeout=20000)
-    page.wait_for_selector("#film .igw-panel")
+    """Wait until the try is over and its result is there."""
+    page.wait_for_selector("body:not(.playing) #answer:not([hidden])", timeout=20000)
+
+
+def pressed(page, name):
+    """Return the text of the button that is chosen of a setting."""
+    return page.locator(f"[data-set={name}][aria-pressed=true]").text_content()

@@ -71,7 +71,6 @@ def test_each_step_comes_when_it_is_due_and_slower_where_that_is_asked(hand, slo
     entry = hand.play(push, slow=slow, assist="brake", jitter=0.01)["entry"]
     (this, *_), frames = hand.kept(), hand.frames
     assert (entry["name"], entry["marks"]) == ("a", [])
-    assert {*entry["beside"]} == {"paper's rule"}  # nothing was trained for this set-up
     assert entry.items() >= this.result.items()
     assert len(this.late) == len(this.actions) == len(frames) - 1 > 20
     assert np.abs(this.late).max() < 1e-9

@@ -83,15 +83,53 @@ def test_file_that_would_not_end_is_refused(tmp_path):
         refused(lambda name=name: try_files.read(tmp_path / f"{name}.json"), "must be a file of at most")
 
 
-def test_rule_and_policy_play_the_scene_of_a_try_and_the_first_film_lasts_ten_seconds():
+def hand(setup=SETUP, delay=0.2, reaction=0.2, **asked):
+    """Return the try of a hand that lets go a reaction time (s) after it sees the touch."""
+    live, until = Live(wanted(setup=setup, seed=3, delay=delay, jitter=0.0, **asked)), math.inf
+    while not live.ended:
+        if until == math.inf and live.batch.bodies().touched[0]:
+            until = live.time + 0.5 * delay + reaction
+        live.step(0.3 if live.time < until else 0.0)
+    return live.finished()
+
+
+@pytest.mark.parametrize("setup", ["teleop-rigid", SETUP])
+def test_same_hand_without_delay_with_the_brake_or_another_coupling_does_what_it_would_have_done(setup):
+    this = hand(setup)
+    again = contest.again(this)
+    slides = contest.film(again)["slides"]
+    kinds = {"rigid": "tool fixed", "spring": "on a spring", "bistable": "bistable"}
+    others = [f"Your hand, {label}" for kind, label in kinds.items() if not setup.endswith(kind)]
+    assert [*slides] == ["You", "Your hand, brake on", *others, "Your hand, no delay"]
+    assert slides["You"] == pytest.approx(this.result["slide"], abs=1e-9)
+    for name, variant in again.items():
+        if "no delay" not in name:
+            assert variant.played.operator == this.operator  # the same commands
+    for name in ("object_mass", "contact_stiffness", "restitution", "distance", "friction"):
+        assert {variant.played.record[name] for variant in again.values()} == {this.record[name]}
+    truth = hand(setup, delay=0.0).result["slide"]  # of the hand that really sees the touch at once
+    assert slides["Your hand, no delay"] == pytest.approx(truth, abs=1e-3)
+    assert slides["You"] - truth > 0.03
+    assert slides["Your hand, brake on"] < 0.5 * slides["You"]
+    assisted = contest.again(hand(setup, assist="brake"))
+    assert "Your hand, no help" in assisted
+    assert contest.film(assisted)["slides"]["Your hand, no help"] == pytest.approx(slides["You"], abs=1e-9)
+
+
+def test_rule_and_policy_play_the_scene_of_a_try_and_films_last_as_long_as_said():
     this = pushed(lambda _: 0.3, assist="brake", seed=3, delay=0.4, stiffness=200.0)
-    rivals = contest.rivals_of(this)
-    assert {name: each.assist for name, each in rivals.items()} == {"paper's rule": "rule", "learned policy": "policy"}
-    assert all(this.record.items() <= each.record.items() for each in rivals.values())
-    for latest, who in ((None, "person (scripted)"), (this, "you")):
-        text = contest.first_film(SETUP, latest)
-        scene = json.loads(text.split("igw-films", 1)[1].split(">", 1)[1].split("</script>")[0])["scenes"][0]
-        ends = [start for start, _ in scene["clock"][1:]] + [scene["end"]]
-        length = sum((end - start) * slower for (start, slower), end in zip(scene["clock"], ends, strict=True))
-        assert length == pytest.approx(10.0, rel=0.01)
-        assert [run["name"] for run in scene["runs"]] == [*rivals, who]
+    rivals = contest.beside(this)
+    assert {name: each.played.assist for name, each in rivals.items()} == {
+        "paper's rule": "rule", "learned policy": "policy", "you": "brake",
+    }  # fmt: skip
+    assert all(this.record.items() <= each.played.record.items() for each in rivals.values())
+    films = {10.0: contest.first_film(SETUP, None), contest.SECONDS: contest.film(rivals, compact=False)}
+    for seconds, film in films.items():
+        scene = json.loads(film["html"].split("igw-films", 1)[1].split(">", 1)[1].split("</script>")[0])["scenes"][0]
+        starts, slower = np.transpose(scene["clock"])
+        assert np.diff([*starts, scene["end"]]) @ slower == pytest.approx(seconds, rel=0.01)
+        assert starts[0] == 0.0
+        assert (np.diff([*starts, scene["end"]]) > 0.0).all()
+        first = min(run["contacts"][0][0] for run in scene["runs"])
+        assert slower[np.searchsorted(starts, first, side="right") - 1] > slower[0]  # slow where it touches
+        assert [run["name"] for run in scene["runs"]] == [*film["slides"]]

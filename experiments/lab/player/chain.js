@@ -1,7 +1,7 @@
 // Flange, coupling, tool and object. Positions are to scale; sizes of the bodies are not.
 const TOOL = {length: 0.034, height: 0.03}, FLANGE = {length: 0.016, height: 0.052}, CLEARANCE = 0.004;  // m
 const LOUPE = {width: 166, height: 74};
-const BEHIND = 0.02, AHEAD = 66;  // m, pixels
+const BEHIND = 0.02, NEAR = 0.1, AHEAD = 66;  // m, m before the object in a compact film, pixels
 
 function massText(scene) {
   return `${three(scene.scenario.object_mass)} kg`;
@@ -15,12 +15,13 @@ function massFits(scene, scale) {
 function viewOf(scene, width) {
   const most = (name) => Math.max(...scene.runs.map((run) => run.chain[name] || 0));
   const behind = TOOL.length + most("rest") + FLANGE.length;
-  const left = Math.min(scene.limits.rearmost, 0) - behind - BEHIND;
+  const rearmost = scene.compact ? Math.max(scene.scenario.distance - NEAR, 0) : Math.min(scene.limits.rearmost, 0);
+  const left = rearmost - behind - BEHIND;
   const right = scene.limits.farthest + 2 * scene.radius;
   const scale = (width - AHEAD) / (right - left);
   const above = Math.max(scene.radius, 0.5 * FLANGE.height, most("height") + 0.006) * scale + 8;
   const below = Math.max(scene.radius * scale + (massFits(scene, scale) ? 0 : 13), 0.5 * FLANGE.height * scale) + 6;
-  const axis = LOUPE.height + 14 + Math.max(above, 30);
+  const axis = (scene.compact ? 22 : LOUPE.height + 14) + Math.max(above, 30);
   return {left, scale, width, axis, ground: axis + Math.max(below, 26), height: axis + Math.max(below, 26) + 36,
           x: (position) => (position - left) * scale};
 }
@@ -90,7 +91,7 @@ function ruler(svg, view, scene, radius) {
   for (let k = Math.ceil(view.left / step); k * step < last; k++) {
     const x = view.x(k * step);
     node("path", {class: "igw-rule", d: path([[x, y], [x, y + 5]])}, svg);
-    const text = `${Math.round(1000 * k * step)}${k === 0 ? " mm" : ""}`.replace("-", "\u2212");
+    const text = `${Math.round(1000 * k * step) / 10}${k === 0 ? " cm" : ""}`.replace("-", "\u2212");
     if (x > 16 && x < view.width - 14) {
       node("text", {class: "igw-small", x, y: y + 17, "text-anchor": "middle"}, svg, text);
     }
@@ -131,7 +132,7 @@ function drawChain(svg, scene, run, view) {
   const speedText = node("text", {class: "igw-strong igw-object-text", y: y - 9}, svg);
   const moved = node("path", {class: "igw-moved"}, svg);
   const movedText = node("text", {class: "igw-strong igw-object-text", y: view.ground + 33}, svg);
-  const loupe = drawLoupe(svg, scene, view);
+  const loupe = scene.compact ? () => {} : drawLoupe(svg, scene, view);
   return (state, seen) => {
     for (const each of [seenTool, seenBall]) show(each, seen);
     if (seen) {  // the operator's delayed view
@@ -174,7 +175,7 @@ function drawChain(svg, scene, run, view) {
     if (far > 5e-4) {
       set(moved, {d: path([[home, view.ground + 4], [face, view.ground + 4]])});
       set(movedText, {x: clamp(0.5 * (home + face), 60, view.width - 60), "text-anchor": "middle"});
-      movedText.textContent = `pushed ${1000 * far < 9.95 ? (1000 * far).toFixed(1) : Math.round(1000 * far)} mm`;
+      movedText.textContent = `pushed ${centimetres(far)}`;
     }
     loupe(state, at);
   };

@@ -21,8 +21,10 @@ POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005
 """Allowed errors, as shares of the largest position, speed, force and penetration."""
 
 
-def thin(columns: Mapping[str, NDArray[np.float64]], limits: Mapping[str, float]) -> NDArray[np.int64]:
-    """Return the rows to keep, in order: linear interpolation between them is within the allowed errors.
+def thin(
+    columns: Mapping[str, NDArray[np.float64]], limits: Mapping[str, float], coarse: float = 1.0
+) -> NDArray[np.int64]:
+    """Return the rows to keep, in order: linear interpolation between them is within `coarse` times the allowed errors.
 
     The row with the largest error is added next, until all are within limits or MOST are kept; begins and ends of
     contacts are always kept.
@@ -41,7 +43,7 @@ def thin(columns: Mapping[str, NDArray[np.float64]], limits: Mapping[str, float]
     while len(rows) < min(MOST, len(time)):
         missed = np.max([np.abs(row - np.interp(time, time[rows], row[rows])) for row in values], axis=0)
         worst = int(np.argmax(missed))
-        if missed[worst] <= 1.0:
+        if missed[worst] <= coarse:
             break
         rows = sorted({*rows, worst})
     return np.array(rows)
@@ -139,17 +141,17 @@ class Run:
         return last.object_position + last.object_velocity * max(end - last.time, 0.0)
 
 
-def clock(runs: Sequence[Run], end: float) -> list[list[float]]:
+def clock(runs: Sequence[Run], end: float, coarse: float = 1.0) -> list[list[float]]:
     """Return [start (s), slow-motion factor] of each stretch of a film until `end` (s): the largest factor of all runs.
 
-    Factors are those of the environment's own films.
+    Factors are those of the environment's own films, taken at every picture, or `coarse` times less often.
     """
     time, stretches = 0.0, list[list[float]]()
     while time < end:
         slower = max(run.history.factor(time) for run in runs)
         if not stretches or slower != stretches[-1][1]:
             stretches.append([round(time, DECIMALS["time"]), slower])
-        time += 1.0 / (FRAME_RATE * slower)
+        time += coarse / (FRAME_RATE * slower)
     return stretches
 
 
@@ -204,8 +206,11 @@ def play(
     return Run(History(env.trace(), info, Task(**options), env.episode_state(), ended=True), info)
 
 
-def scene_of(runs: Mapping[str, Run]) -> dict[str, Any]:
-    """Return one scenario: its clock, the common scales of all panels, and the contestants' histories."""
+def scene_of(runs: Mapping[str, Run], coarse: float = 1.0) -> dict[str, Any]:
+    """Return one scenario: its clock, the common scales of all panels, and the contestants' histories.
+
+    For a film that must be there soon, errors may be `coarse` times larger.
+    """
     ends = [run.contacts[-1][1] + AFTER if run.contacts else run.history.now for run in runs.values()]
     end = round(max(ends), DECIMALS["time"])
     histories = {name: run.until(end) for name, run in runs.items()}
@@ -224,19 +229,19 @@ def scene_of(runs: Mapping[str, Run]) -> dict[str, Any]:
         "scenario": scenario,
         "radius": object_radius(scenario["object_mass"]),
         "end": end,
-        "clock": clock(list(runs.values()), end),
+        "clock": clock(list(runs.values()), end, coarse),
         "limits": limits,
-        "runs": [_run(name, run, histories[name], limits) for name, run in runs.items()],
+        "runs": [_run(name, run, histories[name], limits, coarse) for name, run in runs.items()],
     }
 
 
-def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float]) -> dict[str, Any]:
+def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float], coarse: float) -> dict[str, Any]:
     alarm, digits = float(run.history.events.alarm), DECIMALS["time"]
     operated = {}
     if run.history.task.operator:  # delay of the operator's view, s
         delay = run.info["record"].get("downlink.delay", run.history.task.downlink.delay)
         operated = {"late": delay, **{name: run.info[name] for name in ("slide", "done_time")}}
-    rows = thin(columns, limits)
+    rows = thin(columns, limits, coarse)
     rows = rows[np.append(True, np.diff(np.round(columns["time"][rows], digits)) > 0.0)]
     return {
         "name": name,

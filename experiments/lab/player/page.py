@@ -6,6 +6,8 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from jinja2.utils import htmlsafe_json_dumps
 
+from experiments.lab import colours
+
 HERE = Path(__file__).parent
 SCRIPTS = ("svg.js", "chain.js", "loupe.js", "strips.js", "player.js")
 
@@ -23,8 +25,8 @@ def fragment(films: dict[str, Any], name: str = "watch") -> str:
 
 
 def style() -> str:
-    """Return the CSS; it takes the colours --bg, --fg, --muted, --grid, --paper, --learned, --accent of the page."""
-    return (HERE / "player.css").read_text()
+    """Return the CSS, with the colours of the palette as custom properties of the page."""
+    return f"{colours.css()}\n{(HERE / 'player.css').read_text()}"
 
 
 def script(*more: Path) -> str:

@@ -43,7 +43,7 @@ function watch(root, gone) {
     const time = clock.time(film);
     for (const panel of panels) {
       const state = stateAt(panel.run, time);
-      panel.update(state, panel.run.late ? stateAt(panel.run, Math.max(time - panel.run.late, 0)) : null);
+      panel.update(state, panel.run.late && !scene.compact ? stateAt(panel.run, Math.max(time - panel.run.late, 0)) : null);
       panel.strip.move(state);
       panel.state.textContent = phase(state, panel.run);
       panel.state.classList.toggle("igw-touching", state.contact >= 0);
@@ -110,7 +110,7 @@ function watch(root, gone) {
     const when = Math.abs(late) < 0.5 ? "at the same time"
       : `${Math.abs(late).toFixed(0)} ms ${late > 0 ? "later" : "sooner"}`;
     const than = policy.object_velocity < baseline.object_velocity ? "slower" : "faster";
-    return `In this scenario the object leaves ${share} % ${than} on the right, touched ${when}.`;
+    return `In this scenario the object leaves ${share} % ${than} with the ${policy.name}, touched ${when}.`;
   }
 
   function marks() {
@@ -153,17 +153,19 @@ function watch(root, gone) {
       + `contact stiffness ${of.contact_stiffness.toPrecision(2).replace("e+", "e")} N/m^1.5, `
       + `restitution ${of.restitution.toFixed(2)}.`;
     part("verdict").textContent = verdict();
+    root.classList.toggle("igw-compact", Boolean(scene.compact));
     where.replaceChildren();
     panels = scene.runs.map((each, k) => {
       const box = html("article", {class: `igw-panel igw-who-${k}`}, where);
       const head = html("header", {}, box);
       html("h3", {}, head, each.name);
       const slides = each.slide === undefined ? `leaves it at ${three(each.object_velocity)} m/s`
-        : `it slides ${(100 * each.slide).toFixed(1)} cm, done after ${each.done_time.toFixed(1)} s`;
+        : `it slides ${centimetres(each.slide)}, done after ${each.done_time.toFixed(1)} s`;
       html("strong", {}, head, each.missed ? "missed" : slides);
       html("p", {class: "igw-facts"}, head, each.contacts.length ? `touch ${Math.round(1000 * each.approach_time)} ms`
         + ` \u00b7 peak ${newtons(each.peak_force)} N`
         + ` \u00b7 ${each.contact_count} contact${each.contact_count === 1 ? "" : "s"}` : "");
+      if (each.sentence) html("p", {class: "igw-sentence"}, head, each.sentence);
       const chain = node("svg", {class: "igw-chain", role: "img"}, box);
       const state = html("p", {class: "igw-state", "aria-hidden": "true"}, box);
       html("p", {class: "igw-strip-name", "aria-hidden": "true"}, box, each.name);

@@ -44,6 +44,12 @@ function newtons(value) {
   return value >= 100 ? value.toFixed(0) : value >= 10 ? value.toFixed(1) : value.toFixed(2);
 }
 
+// A length in words.
+function centimetres(value) {
+  if (value < 5e-5) return "less than 0.1 mm";
+  return value < 1e-3 ? `${(1000 * value).toFixed(1)} mm` : `${(100 * value).toFixed(1)} cm`;
+}
+
 // The largest of 1, 2 and 5 times a power of ten that is not above `most`.
 function round(most) {
   const decade = Math.pow(10, Math.floor(Math.log10(most) + 1e-9));

@@ -9,7 +9,7 @@ import polars as pl
 
 import impact_gym as ig
 from experiments.lab import scenes
-from experiments.lab.charts import FLANGE, OBJECT, SERIES, TOOL
+from experiments.lab.charts import FLANGE, SERIES
 from experiments.lab.scenes import BRAKE, LINEAR, MECHANISM, MOTION, OBJECT_MASS, STEADY, scene
 from experiments.lab.study import Row
 from experiments.studies.paper.layouts import Panels, mark
@@ -17,7 +17,10 @@ from experiments.studies.paper.runs import Numbers, changes, enclose_changes, wh
 from impact_gym.scene import Coupling
 
 COUPLINGS: dict[str, Coupling] = {"rigid": ig.Rigid(), "spring": LINEAR, "bistable": MECHANISM}
-STYLES = {"rigid": (FLANGE, "tool fixed"), "spring": (TOOL, "linear, k_t = 50 N/m"), "bistable": (OBJECT, "bistable")}
+STYLES = {
+    "rigid": (SERIES[1], "tool fixed"), "spring": (SERIES[4], "linear, k_t = 50 N/m"),
+    "bistable": (SERIES[3], "bistable"),
+}  # fmt: skip
 OBJECTS = {"light": 0.25, "heavy": 1.0}  # kg
 DELAYS = np.array([0, 4, 8, 12, 16, 20, 30, 40, 50, 75, 100, 125, 150, 200, 250, 300, 400, 500]) / 1000  # s
 STIFFNESS = np.logspace(2, 8, 25)  # N/m^1.5
@@ -184,7 +187,7 @@ def _draw_beyond_objects(frame: pl.DataFrame, axes: Panels) -> None:
         axes.semilogx(rows["object_mass"], rows["as_it_is"], color=colour, label=f"{size:g} x the radius")
         axes.semilogx(rows["object_mass"], rows["changed"], "--", color=colour)
     axes.plot([], [], "--", color="black", label="H and front stop changed by up to 10 %")
-    axes.axvline(OBJECT_MASS, color="#888888", linewidth=0.8, linestyle=":")
+    axes.axvline(OBJECT_MASS, color=FLANGE, linewidth=0.8, linestyle=":")
     axes.annotate("paper", (OBJECT_MASS, 2.0), (3, 0), textcoords="offset points", fontsize=8)
 
 
@@ -229,7 +232,7 @@ def _draw_beyond_speed(frame: pl.DataFrame, grid: Panels) -> None:
     for axes in grid:
         mark(axes, [], [], marker="D", label="number of snap-throughs changes")
         for speed, before, after in changes(where(frame, coupling="bistable"), "speed", "passes"):
-            axes.axvline(speed, color="#888888", linewidth=0.8, linestyle=":")
+            axes.axvline(speed, color=FLANGE, linewidth=0.8, linestyle=":")
             axes.annotate(f"{before} to {after}", (speed, 0.0), (3, 3), textcoords="offset points", size=8, rotation=90)
         axes.set_ylim(0.0, 1.25 * axes.get_ylim()[1])  # room for the legend
 

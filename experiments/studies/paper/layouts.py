@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
 
-from experiments.lab.charts import COUPLING, FORCE, SERIES, velocities
+from experiments.lab.charts import FORCE, PERSON, SERIES, velocities
 from experiments.lab.parts import Picture
 from experiments.studies.paper.runs import runs_of
 from experiments.studies.paper.statements import DATA
@@ -42,7 +42,7 @@ def velocities_and_forces(frame: pl.DataFrame, grid: Panels) -> None:
     for (upper, lower), run in zip(grid.T, runs_of(frame), strict=True):
         velocities(upper, run.trace)
         lower.plot(run.trace.time, run.trace.contact_force, color=FORCE, label="contact force on the object")
-        lower.plot(run.trace.time, run.trace.coupling_force, color=COUPLING, label="force of the coupling on the tool")
+        lower.plot(run.trace.time, run.trace.coupling_force, color=PERSON, label="force of the coupling on the tool")
     lower.figure.legend(loc="outside lower center", ncols=2, handles=lower.get_lines()[:2])
 
 

@@ -76,7 +76,7 @@ def _draw_figure_03(frame: pl.DataFrame, grid: Panels) -> None:
             rows = where(frame, restitution=restitution)
             axes.semilogx(rows["tool_mass"], rows[column], color=colour, label=f"e = {restitution:g}")
         for mass in (TOOL_MASS, scenes.ROBOT_AND_TOOL):
-            axes.axvline(mass, color="#888888", linewidth=0.8, linestyle=":")
+            axes.axvline(mass, color=FLANGE, linewidth=0.8, linestyle=":")
             placing = {"xytext": (-3, 4), "textcoords": "offset points", "rotation": 90, "ha": "right", "va": "bottom"}
             axes.annotate(f"{mass:g} kg", (mass, 0.0), xycoords=("data", "axes fraction"), fontsize=8, **placing)
 
@@ -243,7 +243,7 @@ def _draw_beyond_contact(frame: pl.DataFrame, grid: Panels) -> None:
     for (law, label), colour in zip(LAWS.items(), (OBJECT, TOOL), strict=True):
         rows = where(frame, case=law)
         right.plot(rows["nominal"], rows["delivered"], color=colour, label=label)
-    right.plot([0.0, 1.0], [0.0, 1.0], color="#888888", linewidth=0.8, linestyle="--", label="what is asked for")
+    right.plot([0.0, 1.0], [0.0, 1.0], color=FLANGE, linewidth=0.8, linestyle="--", label="what is asked for")
 
 
 def _ends(rows: dict[str, Array]) -> tuple[float, float]:

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 
 import impact_gym as ig
-from experiments.lab.charts import COUPLING, OBJECT, SERIES, velocities
+from experiments.lab.charts import FLANGE, OBJECT, PERSON, SERIES, velocities
 from experiments.lab.scenes import HOLD, LINEAR, MECHANISM, MOTION, scene
 from experiments.lab.study import Row
 from experiments.studies.paper.layouts import Panels, impulses, velocities_and_forces
@@ -28,14 +28,14 @@ def figure_22() -> list[Row]:
 
 def _draw_figure_22(frame: pl.DataFrame, axes: Panels) -> None:
     for low, high in ((-60.0, 1e3 * MECHANISM.rear_stop), (1e3 * MECHANISM.front_stop, 60.0)):
-        axes.axvspan(low, high, color="#E69F00", alpha=0.15, linewidth=0)
+        axes.axvspan(low, high, color=SERIES[4], alpha=0.15, linewidth=0)
         axes.annotate("barred by a stop", (0.5 * (low + high), 1.55), ha="center", va="bottom", fontsize=8)
     for colour, height in zip(SERIES, HEIGHTS, strict=False):
         rows = where(frame, height=height)
         used = height == MECHANISM.height
         label = f"H = {1e3 * height:g} mm" + (" (used)" if used else "")
         axes.plot(1e3 * rows["position"], rows["force"], color=colour, linewidth=2.4 if used else 1.3, label=label)
-    axes.axhline(HOLD, color="#888888", linewidth=0.8, linestyle=":")
+    axes.axhline(HOLD, color=FLANGE, linewidth=0.8, linestyle=":")
     axes.annotate(f"m_t a = {HOLD:g} N", (-58.0, HOLD), (0, 3), textcoords="offset points", fontsize=8)
 
 
@@ -70,7 +70,7 @@ def _draw_figure_23(frame: pl.DataFrame, grid: Panels) -> None:
     (top, bottom), (bistable, linear) = grid[:, 0], runs_of(frame)
     placing: dict[str, Any] = {"xytext": (-6, 0), "textcoords": "offset points", "ha": "right", "fontsize": 8}
     _, snap = _slider(bistable.trace)
-    top.axvline(snap, color=COUPLING, linestyle=":", linewidth=1.0)
+    top.axvline(snap, color=PERSON, linestyle=":", linewidth=1.0)
     top.annotate("slider passes\nthe alignment", (snap, -0.25), **placing)
     highest = 1.15 * max(bistable.peak_force, linear.peak_force)
     bottom.set_ylim(-3.0, highest)  # shared with (d)

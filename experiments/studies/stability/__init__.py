@@ -14,6 +14,7 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from experiments.lab.charts import SERIES
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Row, Study
 from experiments.studies.solvers import approaches
@@ -27,7 +28,7 @@ HANG = 120.0  # s, without an answer of ours
 EVERY, FIRST = 50, 17  # one scene in so many is judged by the independent solver: 2 %; the scenes are random themselves
 PATIENCE = 60.0  # s of processor time for each method of the truth
 SHOWN = 200  # failures on the page
-COUPLINGS = {"rigid": "#0072B2", "spring": "#E69F00", "bistable": "#CC79A7"}
+COUPLINGS = {"rigid": SERIES[1], "spring": SERIES[4], "bistable": SERIES[3]}
 
 
 def cells_of_storm(quick: bool, _: Frames) -> Iterator[Cell]:

@@ -1,0 +1,34 @@
+"""The palette on a page: custom properties for its style sheet, and drawings that are light or dark as the page is."""
+
+import re
+
+from impact_gym.render import palette
+
+SERIES = "rule", "policy", "profile", "person", "object", "tool", "flange", "force", "warning"
+
+
+def css() -> str:
+    """Return the colours as custom properties `--NAME` of a page that is light or dark, as the reader or a button says.
+
+    Drawings in the page that have colours of the light palette as attributes follow.
+    """
+    block = ":root:not([data-theme=light])"
+    dark = f"@media screen and (prefers-color-scheme: dark) {{ {_block(block, 1)} }}"
+    button = f"@media screen {{ {_block(':root[data-theme=dark]', 1)} }}"
+    parts = [(name, part) for name in SERIES for part in ("stroke", "fill")]
+    drawn = [f'svg [{part}="{palette.LIGHT[name]}" i] {{ {part}: var(--{name}); }}' for name, part in parts]
+    return "\n".join([_block(":root", 0), dark, button, *drawn])
+
+
+def adaptive(drawing: str) -> str:
+    """Return an SVG drawing in colours of the light palette that is light or dark as the page around it."""
+    names = {light.lower(): name for name, light in palette.LIGHT.items()}
+    pattern = re.compile("|".join(names), re.IGNORECASE)
+    drawing = pattern.sub(lambda found: f"var(--{names[found[0].lower()]}, {found[0]})", drawing)
+    dark = f"@media (prefers-color-scheme: dark) {{ {_block(':root', 1)} }}"
+    return re.sub(r"(<svg\b[^>]*>)", lambda found: f"{found[0]}<style>{dark}</style>", drawing, count=1)
+
+
+def _block(selector: str, scheme: int) -> str:
+    values = " ".join(f"--{name}: {colours[scheme].lower()};" for name, colours in palette.COLOURS.items())
+    return f"{selector} {{ {values} color-scheme: {('light', 'dark')[scheme]}; }}"
