@@ -141,10 +141,7 @@ def materials() -> str:
     def span(of: tuple[float, float] | None) -> str:
         return " to ".join(f"{value:.3g}" for value in sorted(set(of or ())))
 
-    rows = [
-        [f"`{name}`", *map(span, (one.young, one.poisson, one.restitution))]
-        for name, one in ig.MATERIALS.items()
-    ]
+    rows = [[f"`{name}`", *map(span, (one.young, one.poisson, one.restitution))] for name, one in ig.MATERIALS.items()]
     return table("Material|E (Pa)|Poisson's ratio|Restitution, like bodies or far stiffer other", rows)
 
 
