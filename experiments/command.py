@@ -28,9 +28,11 @@ COMMANDS: Mapping[str, Mapping[str, Command]] = {
         "check": Command("agents.check", ("train",), "check a set-up (a TOML file) and say what follows from it"),
         "tune": Command("agents.tune", ("train",), "tune the baselines of a set-up"),
         "train": Command("agents.train", ("train",), "train a policy for a set-up, or several seeds"),
-        "controller": Command("experiments.controller", ("train", "report"), "all in one: tune, train, report, export"),
+        "controller": Command(
+            "experiments.controller", ("train", "report"), "all in one: tune, train, report, export the best"
+        ),
         "report": Command("experiments.report", ("report",), "compare policies and baselines, on a page"),
-        "export": Command("agents.export", ("train",), "write a policy as a controller in C and as ONNX"),
+        "export": Command("agents.export", ("train",), "write any controller in C, a policy as ONNX, too"),
         "policies": Command("experiments.policies", (), "list the shipped policies and what they are for"),
         "play": Command("experiments.play", ("play",), "steer the tool in the browser, alone or assisted"),
         "identify": Command("impact_gym.identify", (), "fit mass, stiffness and restitution to measured blows"),

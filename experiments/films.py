@@ -1,4 +1,4 @@
-"""`impact-gym films`: short films of several controllers with the same object, one below the other, for docs and talks.
+"""`python -m experiments.films`: short films of several controllers with the same object, one below the other.
 
 The object is the middle of the ranges that the set-ups draw from. All rows have one scale and one clock, which runs
 slower around each touch.

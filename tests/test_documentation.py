@@ -29,7 +29,10 @@ BLOCK = re.compile(r"^```(\w*)(?: title=\"(.+?)\")?\n(.*?)^```$", re.DOTALL | re
 LISTED = {file.read_text() for file in (ROOT / "docs/examples").glob("*.py")}
 """What is shown of docs/examples has tests of its own."""
 FILES, SHOWN = ("toml", "json", "c", "python"), ("text", "diff")
-UNDER_WAY = {module for name, module in MODULES.items() if name not in ("check", "policies")} | {"experiments.loop"}
+UNDER_WAY = {module for name, module in MODULES.items() if name not in ("check", "policies")} | {
+    "experiments.films",
+    "experiments.loop",
+}
 """These take minutes; what they do has tests of its own."""
 ELSEWHERE = {"git", "source", "tensorboard", "cleanrl/ppo_continuous_action.py", "rl_zoo3.train"}
 """Not ours, or nothing to run here; rl_zoo3 is run by tests/envs/test_ecosystem.py."""

@@ -98,15 +98,32 @@ def test_wrapped_batch_returns_what_gymnasiums_workers_return_that_import_the_pa
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, reason="rl_zoo3 is not installed; see docs/examples")
-def test_rl_zoo3_trains_from_its_command_line_with_the_set_up_of_the_documentation_and_learns(tmp_path):
+def trained_by_rl_zoo3(algorithm, steps, folder):
+    """What rl_zoo3 trains with the settings of the documentation: the settings in its file, and its folder."""
     # not imported here: it replaces Gymnasium's TimeLimit by its own
-    arguments = (f"-m rl_zoo3.train --algo ppo --env {ID} --gym-packages impact_gym -n 65536 --seed 3 --eval-freq -1 "
-                 f"--num-threads 1 --device cpu -conf docs/examples/rl_zoo3.yml -f {tmp_path}")  # fmt: skip
+    arguments = (f"-m rl_zoo3.train --algo {algorithm} --env {ID} --gym-packages impact_gym -n {steps} --seed 3 "
+                 f"--eval-freq -1 --num-threads 1 --device cpu -conf docs/examples/rl_zoo3-{algorithm}.yml "
+                 f"-f {folder}")  # fmt: skip
     subprocess.run([sys.executable, *arguments.split()], cwd=ROOT, check=True, capture_output=True)
-    folder = tmp_path / "ppo" / f"{ID}_1"
-    with zipfile.ZipFile(folder / f"{ID}.zip") as model:
-        settings = json.loads(model.read("data"))
+    run = folder / algorithm / f"{ID}_1"
+    with zipfile.ZipFile(run / f"{ID}.zip") as model:
+        return json.loads(model.read("data")), run
+
+
+WITHOUT_ZOO = pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, reason="rl_zoo3 is not installed")
+
+
+@WITHOUT_ZOO
+@pytest.mark.parametrize("algorithm", ["sac", "td3"])
+def test_rl_zoo3_takes_the_settings_of_algorithms_with_a_replay_buffer(algorithm, tmp_path):
+    settings, _ = trained_by_rl_zoo3(algorithm, 4200, tmp_path)
+    assert (settings["n_envs"], settings["gamma"], settings["tau"]) == (16, 1.0, 0.02)
+    assert settings["_n_updates"] > 0
+
+
+@WITHOUT_ZOO
+def test_rl_zoo3_trains_from_its_command_line_with_the_set_up_of_the_documentation_and_learns(tmp_path):
+    settings, folder = trained_by_rl_zoo3("ppo", 65536, tmp_path)
     assert (settings["n_envs"], settings["num_timesteps"]) == (64, 65536)
     monitors = [np.loadtxt(file, delimiter=",", skiprows=2, ndmin=2) for file in folder.glob("*.monitor.csv")]
     episodes = np.concatenate(monitors)  # return, length, and time (s) by the clock on the wall
