@@ -135,11 +135,8 @@ def table_of(found: pl.DataFrame, truths: pl.DataFrame) -> Table:
             approach = None if row["rival"] == CAREFUL else row[TIMES[0]]
             cells.append(cell_of(approach, row[TIMES[1]], n, row["failure"] or "not reached"))
         lines.append([f"{scene!s}, {power(float(str(error)))}", *cells])
-    return Table(
-        "µs of an approach / of a contact",
-        ("approach, error (m/s)", OURS, *found["rival"].unique(maintain_order=True)),
-        lines,
-    )
+    head = ("approach, error (m/s)", OURS, *found["rival"].unique(maintain_order=True))
+    return Table("µs of an approach / of a contact", head, lines)
 
 
 def cell_of(approach: float | None, contacts: float | None, n: int, otherwise: str) -> str:

@@ -114,10 +114,10 @@ WITHOUT_ZOO = pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, re
 
 
 @WITHOUT_ZOO
-@pytest.mark.parametrize("algorithm", ["sac", "td3"])
-def test_rl_zoo3_takes_the_settings_of_algorithms_with_a_replay_buffer(algorithm, tmp_path):
-    settings, _ = trained_by_rl_zoo3(algorithm, 4200, tmp_path)
-    assert (settings["n_envs"], settings["gamma"], settings["tau"]) == (16, 1.0, 0.02)
+@pytest.mark.parametrize(("algorithm", "envs", "steps"), [("sac", 16, 4200), ("td3", 128, 10_400)])
+def test_rl_zoo3_takes_the_settings_of_algorithms_with_a_replay_buffer(algorithm, envs, steps, tmp_path):
+    settings, _ = trained_by_rl_zoo3(algorithm, steps, tmp_path)
+    assert (settings["n_envs"], settings["gamma"], settings["tau"]) == (envs, 1.0, 0.02)
     assert settings["_n_updates"] > 0
 
 

@@ -34,17 +34,13 @@ def grown(quantity: str, values: Sequence[float]) -> list[Row]:
 
 def timing(quantity: str, value: float) -> float:
     """Return the mean time of an approach, s, of so many calls as take at least LEAST s."""
-    chain, duration, rtol = scene(1e5, 0.7, SPRING), 1.5, 1e-8
+    stiffness, rtol = value if quantity == "stiffness" else 1e5, value if quantity == "rtol" else 1e-8
+    mass = value * TOOL_MASS if quantity == "mass ratio" else OBJECT_MASS
+    chain, duration = scene(stiffness, 0.7, SPRING, object_mass=mass), 1.5
     if quantity == "contacts":
         multiple = approach_of("multiple")
         chain = multiple.scene
         duration = ig.simulate(*multiple.run).contacts[int(value) - 1].end or duration
-    elif quantity == "stiffness":
-        chain = scene(value, 0.7, SPRING)
-    elif quantity == "mass ratio":
-        chain = scene(1e5, 0.7, SPRING, object_mass=value * TOOL_MASS)
-    elif quantity == "rtol":
-        rtol = value
     masses, calls, begun = np.full(int(value) if quantity == "rows" else 1, OBJECT_MASS), 0, thread_time()
     while not calls or thread_time() - begun < LEAST:
         if quantity == "rows":

@@ -36,16 +36,10 @@ AHEAD = 1e-9  # of the independent variable, behind which the sign of a gauge th
 STEPS = 16_384  # most steps of diffrax in one piece
 
 
-def _library(name: str) -> Any:
-    """Import a module of a library that may be missing, and that has no types for us."""
-    return import_module(name)
-
-
 @cache
 def heyoka(kind: int, touching: bool, tolerance: float) -> Advance:
     """Taylor series of the order that a tolerance asks for (Biscani, Izzo 2021)."""
-    hy: Any = _library("heyoka")
-
+    hy = import_module("heyoka")
     symbols, par = hy.make_vars(*STATE), tuple(hy.par[place] for place in range(len(PARAMETERS)))
     derivatives, gauges = equations(kind, touching, hy.sqrt)(symbols, par)
     way = {1: hy.event_direction.positive, -1: hy.event_direction.negative, 0: hy.event_direction.any}
@@ -72,8 +66,8 @@ def heyoka(kind: int, touching: bool, tolerance: float) -> Advance:
 @cache
 def _compiled(kind: int, touching: bool) -> tuple[int, Any, Any]:
     """Return numbalsoda's form of the equations: the address of the derivatives, and a function of both."""
-    numba, lsoda_sig = _library("numba"), _library("numbalsoda").lsoda_sig
-    to_fixed_tuple = _library("numba.np.unsafe.ndarray").to_fixed_tuple
+    numba, lsoda_sig = import_module("numba"), import_module("numbalsoda").lsoda_sig
+    to_fixed_tuple = import_module("numba.np.unsafe.ndarray").to_fixed_tuple
 
     rates = numba.njit(equations(kind, touching, math.sqrt))
     n, m = len(STATE), len(PARAMETERS)
@@ -119,7 +113,11 @@ def numbalsoda(method: str, kind: int, touching: bool, tolerance: float) -> Adva
 @cache
 def _search(method: str, kind: int, touching: bool) -> Any:
     """Return the compiled search for the first event."""
-    numba, solve, both = _library("numba"), getattr(_library("numbalsoda"), method), _compiled(kind, touching)[1]
+    numba, solve, both = (
+        import_module("numba"),
+        getattr(import_module("numbalsoda"), method),
+        _compiled(kind, touching)[1],
+    )
 
     @numba.njit  # type: ignore[untyped-decorator]  # of a library without types
     def crossing(address: Any, y: Any, par: Any, place: int, rising: bool, h: float, guess: float, rtol: float) -> Any:
@@ -192,7 +190,7 @@ def diffrax(kind: int, touching: bool, tolerance: float) -> Advance:
 
 @cache
 def _diffrax_piece(kind: int, touching: bool) -> Callable[..., Any]:
-    dfx, jax, jnp, optimistix = map(_library, ("diffrax", "jax", "jax.numpy", "optimistix"))
+    dfx, jax, jnp, optimistix = map(import_module, ("diffrax", "jax", "jax.numpy", "optimistix"))
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_cpu_enable_async_dispatch", False)  # what another thread does would not be timed
     both, events = equations(kind, touching, jnp.sqrt), watched(kind, touching)
