@@ -35,6 +35,8 @@ PLAIN = {
     "ConstantSpeed": "tuned constant speed",
     "DetectorProfile": "tuned profile with a detector",
     "DetectorRanged": "tuned profile over the estimate with a detector",
+    "FilteredProfile": "tuned profile over filtered readings",
+    "FirstReadingProfile": "tuned profile over the first reading",
     "Ranged": "tuned braking towards the estimate",
     "RangedProfile": "tuned profile over the estimate",
     "local-brake": "the local brake",
