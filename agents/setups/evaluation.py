@@ -109,11 +109,11 @@ def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None
     if isinstance(task.coupling, SpringDamper) and task.coupling.stroke is None and not task.drawn:
         needed = task.tool_mass * task.acceleration_range[1] / task.coupling.stiffness
         varied["coupling.stroke"] = [float(f"{0.4 * needed:.2g}")]  # m
-    if robot and task.robot is None:
-        varied["robot"] = ["rigid", robot]
+    if task.robot is None:
+        varied["robot"] = ["rigid", robot] if robot else []
     if task.scenario == ScenarioRanges():
         varied["scenario"] = [AS_TRAINED, "hard"]
-    return varied
+    return {name: values for name, values in varied.items() if values}
 
 
 @dataclass(frozen=True)
