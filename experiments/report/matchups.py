@@ -15,7 +15,7 @@ import numpy as np
 from agents.baselines.bound import FROZEN, bound_of
 from agents.baselines.tuned import FIXED, read_tuned
 from agents.evaluate.controllers import controller_of, try_out
-from agents.evaluate.play import environment_and_scenarios
+from agents.evaluate.play import environment_and_scenarios, pairs
 from agents.evaluate.scenario_batch import TEST_SEED
 from agents.policies import Policy, load_ensemble, load_policy
 from agents.provenance import digest_of
@@ -173,8 +173,9 @@ def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED
     its_own = setup.bound == setup.name
     parameters_at = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
     searched = min(map(len, parameters_at.values()), default=0)
-    first = scenarios.get("set") == FROZEN or (scenarios.get("seed") == TEST_SEED and its_own)
-    if not first or not 0 < searched <= scenarios["count"]:
+    own = pairs(setup.environment.get("scenario", "test"))
+    same = its_own and scenarios.get("seed") == TEST_SEED and scenarios.get("ranges") == own
+    if not (same or scenarios.get("set") == FROZEN) or not 0 < searched <= scenarios["count"]:
         return None
     spec = {f"{weight:g}": parameters[:searched].tolist() for weight, parameters in parameters_at.items()}
     checksum = hashlib.sha256(json.dumps(spec).encode()).hexdigest()

@@ -95,6 +95,15 @@ def test_scenarios_of_the_choice_come_from_the_same_ranges_and_other_seeds(given
     assert choice.scenarios(table) == table
 
 
+@pytest.mark.parametrize(("scenarios", "holds_there"), [
+    ({"set": "test", "count": 64}, True), ({"set": "test", "count": 63}, False), ({"set": "hard", "count": 64}, False),
+    ({"ranges": pairs("test"), "seed": 2_000_000, "count": 64}, True),
+    ({"ranges": pairs({"distance": [0.2, 0.4]}), "seed": 2_000_000, "count": 64}, False),
+])  # fmt: skip
+def test_bound_is_shown_only_for_the_scenarios_that_were_searched(scenarios, holds_there):
+    assert (matchups.clairvoyant(load_setup("linear-blind"), scenarios) is not None) == holds_there
+
+
 def test_mean_and_tail_are_given_where_each_is_nearest_to_the_papers_time():
     results = played()
     results.baselines["profile"] = run((0.4, 0.6), (0.4, 0.31), missed=3)
