@@ -74,11 +74,12 @@ def answer(played: Played) -> Answer:
 
 
 def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
-    """Return the weight at which approach times (k,) would reach `time` (s): linear in its logarithm; nan if never."""
+    """Return the weight at which approach times (k,) would reach `time` (s): linear in its logarithm; nan if far."""
     order = np.argsort(weights)[-2:] if times.min() > time else np.argsort(weights)[:2]
     (first, last), ends = np.log(np.asarray(weights)[order]), times[order]
     slope = (ends[1] - ends[0]) / (last - first)
-    return float(np.exp(first + (time - ends[0]) / slope)) if slope < 0.0 else np.nan
+    log = first + (time - ends[0]) / slope if slope < 0.0 else np.inf
+    return float(np.exp(log)) if abs(log) < np.log(100.0) else np.nan
 
 
 def front(resamples: Resamples, runs: Sequence[Run]) -> Front:
