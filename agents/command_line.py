@@ -5,6 +5,7 @@ import multiprocessing
 import re
 import shlex
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -139,6 +140,7 @@ def progress(title: str, total: int, begun: int = 0) -> "tqdm[Any]":
     """
     from tqdm import tqdm
 
+    tqdm.set_lock(threading.RLock())  # its own is a semaphore of all processes, which a worker that is ended leaks
     if sys.stderr.isatty() and multiprocessing.parent_process() is None:
         return tqdm(total=total, initial=begun, desc=title, smoothing=0.02)
     lines: Any = {"file": _Lines(), "bar_format": FORM, "mininterval": LINE_EVERY, "delay": LINE_EVERY, "miniters": 1}

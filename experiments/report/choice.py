@@ -5,7 +5,7 @@ then the tuned baseline with fewer parameters, then one's own object, then the l
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from agents.evaluate.play import pairs
@@ -29,7 +29,7 @@ class Choice:
     below_rule: Estimate  # the same as a share of the cost of the paper's rule, below it
     above: Mapping[str, Estimate]  # of each other contestant: how far its cost lies above, a share
     missed: int
-    sentence: str
+    sentence: str = ""
 
 
 def scenarios(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -63,7 +63,8 @@ def choice(played: Played) -> Choice:
     above = {each: Comparison.of_means(loss, losses[name]).ratio for each, loss in losses.items() if each != name}
     above = {each: Estimate(*(ratio - 1.0 for ratio in (e.value, e.low, e.high))) for each, e in above.items()}
     cost, missed = estimate(played.resamples.means(losses[name])), int(runs[name].at(weight).missed.sum())
-    return Choice(name, weight, cost, below[PAPER], above, missed, _sentence(played, name, below[PAPER], above, missed))
+    found = Choice(name, weight, cost, below[PAPER], above, missed)
+    return replace(found, sentence=_sentence(played, found))
 
 
 def called(played: Played, name: str) -> str:
@@ -72,24 +73,23 @@ def called(played: Played, name: str) -> str:
     return plain[name] if plain[name] == name != PAPER else f"the {plain[name].removeprefix('the ')}"
 
 
-def _sentence(played: Played, name: str, below_rule: Estimate, above: Mapping[str, Estimate], missed: int) -> str:
-    matchup = played.matchup
-    compared = [f"V_p + {matchup.typical:g} T is {percent(below_rule)} below the paper's rule"]
-    beside = [each for each in dict.fromkeys((matchup.rival.name, matchup.chosen)) if each not in (name, PAPER)]
-    for each in beside:
-        words, share = called(played, each), above[each]
+def _sentence(played: Played, found: Choice) -> str:
+    matchup, name, rule = played.matchup, found.controller, found.controller == PAPER
+    less = "" if rule else f", {percent(found.below_rule)} less than the paper's rule"
+    compared = [f"It costs V_p + {found.time_weight:g} T = {found.cost.value:.3f} m/s{less}"]
+    for each in dict.fromkeys((matchup.rival.name, matchup.chosen)):
+        if each in (name, PAPER):
+            continue
+        words, share = called(played, each), found.above[each]
         if share.low > 0.0:
-            compared.append(f"{words} is {percent(share)} above it")
+            compared.append(f"{words} {percent(share)} more")
         elif share.high < 0.0:
-            less = percent(Estimate(-share.value, -share.high, -share.low))
-            compared.append(
-                f"{words} is {less} below it here, but was not to be told from it where the choice was made"
-            )
+            fewer = percent(Estimate(-share.value, -share.high, -share.low))
+            compared.append(f"{words} {fewer} less here, but no less where the choice was made")
         else:
             compared.append(f"{words} cannot be told from it (difference {percent(share)})")
-    text = "; ".join(compared if name != PAPER else compared[1:])
-    misses = f" It misses {missed} of {played.count:,} objects." if missed else ""
-    return f"Best here: {called(played, name)}{', ' if text else ''}{text}.{misses}"
+    misses = f" It misses {found.missed} of {played.count:,} objects." if found.missed else ""
+    return f"Best here: {called(played, name)}. {'; '.join(compared)}.{misses}"
 
 
 def table(result: Choice, played: Played) -> Table:
