@@ -98,7 +98,7 @@ def _nearest_minimum(frame: pl.DataFrame, case: str) -> Numbers:
 def _numbers_figure_13(frame: pl.DataFrame) -> Numbers:
     rigid, compliant, frozen, along = (Run(frame, case) for case in ("a", "b", "frozen", "along"))
     commanded, time = rigid.trace.command_velocity, rigid.trace.time
-    friction_loss = FRICTION * GRAVITY * np.ptp(compliant.first_contact.time)
+    friction = {run.final_velocity: FRICTION * GRAVITY * np.ptp(run.first_contact.time) for run in (rigid, compliant)}
     return {
         "rigid": rigid, "compliant": compliant, "frozen": frozen, "along": along,
         "contact_ends": rigid.during_contact.time[-1],
@@ -106,8 +106,8 @@ def _numbers_figure_13(frame: pl.DataFrame) -> Numbers:
         "minimum": _nearest_minimum(frame, "b"), "minimum_along": _nearest_minimum(frame, "along"),
         "times": compliant.final_velocity / scenes.MOTION.speed,
         "lower": 100.0 * (1.0 - compliant.final_velocity / rigid.final_velocity),
-        "friction": FRICTION * scenes.OBJECT_MASS * GRAVITY, "friction_loss": friction_loss,
-        "friction_share": friction_loss / compliant.final_velocity,
+        "friction": FRICTION * scenes.OBJECT_MASS * GRAVITY, "friction_loss": max(friction.values()),
+        "friction_share": max(loss / velocity for velocity, loss in friction.items()),
         "slide": float(sliding_distance(compliant.final_velocity, FRICTION)),
         "change": abs(frozen.final_velocity - along.final_velocity),
         "impact_change": abs(frozen.impact_velocity - along.impact_velocity),
