@@ -72,7 +72,10 @@ function again() {
 const stick = stickOf(part("stick"), {
   playing: () => page.running || page.asked,
   moved: () => steer(performance.now()),
-  pushed: () => { if (performance.now() - page.overAt > PAUSE) begin(); },
+  pushed: () => {
+    if (performance.now() - page.overAt > PAUSE) begin();
+    return page.running || page.asked;
+  },
   begin, again, ended: end,
   level: (level) => {
     part("level").textContent = `${Math.round(100 * level)} %`;

@@ -4,7 +4,7 @@ const ZERO = 1 / 3, DEAD = 0.12, LEVELS = [0.1, 0.2, 0.4, 0.6, 0.8, 1];
 function stickOf(element, on) {
   const knob = element.querySelector(".knob"), push = element.querySelector(".push");
   const sources = {keys: 0, pointer: 0, pad: 0}, held = {forward: false, back: false};
-  let level = 3, value = 0, pressed = [];
+  let level = 3, value = 0, pressed = [], released = true;
 
   function merge() {
     const next = sources.pointer || sources.keys || sources.pad;
@@ -100,7 +100,8 @@ function stickOf(element, on) {
       const x = pad.axes[0] || 0, size = Math.max(Math.abs(x) - DEAD, 0) / (1 - DEAD);
       const next = [0, 1].map((k) => Boolean(pad.buttons[k] && pad.buttons[k].pressed));
       if (next[0] && !pressed[0]) on.begin();
-      if (size > 0 && sources.pad === 0) on.pushed();
+      if (size === 0) released = true;
+      else if (released) released = !on.pushed();  // until a try begins: the page may not be ready yet
       if (next[1] && !pressed[1]) on.ended();
       pressed = next;
       sources.pad = Math.sign(x) * Math.round(1000 * Math.min(size, 1)) / 1000;
