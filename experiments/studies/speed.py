@@ -129,7 +129,7 @@ def table_of(found: pl.DataFrame, truths: pl.DataFrame) -> Table:
     for (scene, error), rows in found.group_by("scene", "error", maintain_order=True):
         n = max(truths.filter(scene=scene)["contacts"].item(), 1)
         ours = rows.select(pl.col(f"{by}_ours").min() for by in TIMES).row(0)
-        cells = [words(*ours, "-")]
+        cells = [words(ours[0], ours[1], "-")]
         for row in rows.iter_rows(named=True):
             approach = None if row["rival"] == CAREFUL else row[TIMES[0]]
             cells.append(words(approach, row[TIMES[1]], row["failure"] or "not reached"))

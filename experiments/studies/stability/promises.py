@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import numpy as np
 import polars as pl
 
 SLOWEST = 50.0  # ms
@@ -31,12 +32,12 @@ class Promise(NamedTuple):
 
     def finding(self, rows: pl.DataFrame) -> str:
         """Return how many rows break it, and the median and the largest number."""
-        count, numbers = self.broken(rows).height, rows.filter(self.about).select(number=self.number)["number"]
+        count = self.broken(rows).height
         broken = [f"{count} of {rows.height} scenes do not"] if count else []
-        if numbers.dtype == pl.Boolean or not (numbers := numbers.drop_nulls()).len():
+        numbers = rows.filter(self.about).select(number=self.number)["number"].drop_nulls().to_numpy()
+        if numbers.dtype == bool or not (numbers := numbers[np.isfinite(numbers)]).size:
             return "".join(broken)
-        largest = numbers.filter(numbers.is_finite()).max()
-        return ", ".join([*broken, f"median {numbers.fill_nan(None).median():.2g}", f"largest {largest:.3g}"])
+        return ", ".join([*broken, f"median {np.median(numbers):.2g}", f"largest {numbers.max():.3g}"])
 
 
 CREATED = pl.col("energy_created") - pl.col("energy_doubt")
@@ -83,8 +84,8 @@ def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
     error = (pl.col("object_velocity") - pl.col("true_velocity")).abs() / size
     alike = (pl.col("velocity_error") <= AGREEMENT) & (pl.col("passes") == pl.col("true_passes"))
     numbers = [
-        pl.col(name).map_elements(lambda value, digits=digits: f"{value:.{digits}e}", pl.String)
-        for name, digits in (("object_velocity", 8), ("true_velocity", 8), ("velocity_error", 1))
+        pl.col(name).map_elements(form.format, pl.String)
+        for name, form in (("object_velocity", "{:.8e}"), ("true_velocity", "{:.8e}"), ("velocity_error", "{:.1e}"))
     ]
     words = "V_p {}, not {} m/s ({}); {} contacts, not {}; {} snap-throughs, not {}"
     different = pl.format(words, *numbers, "contacts", "true_contacts", "passes", "true_passes")
@@ -94,7 +95,7 @@ def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
 
 def over_agreement(judged: pl.DataFrame, unknown: int) -> Verdict:
     """Return the verdict on the agreement with the independent solver, which failed in `unknown` scenes."""
-    apart, middle = judged.filter(pl.col("apart") != "").height, judged["velocity_error"].fill_nan(None).median()
+    apart, errors = judged.filter(pl.col("apart") != "").height, judged["velocity_error"].drop_nans().to_numpy()
     words = f"{apart} of {judged.height} do not, the independent solver failed in {unknown}"
-    words += "" if middle is None else f", median {middle:.1e}"
+    words += f", median {np.median(errors):.1e}" if errors.size else ""
     return Verdict("V_p within 1e-6 of the independent solver, on 2 %", words, judged.height > 0 and apart == 0)
