@@ -161,7 +161,7 @@ def test_readme_is_short_its_links_lead_to_files_and_its_results_are_in_the_docu
     assert links
     assert [link for link in links if not (ROOT / link).is_file()] == []
     shares = re.findall(r"\d+\.\d %", text)
-    assert len(shares) == 8
+    assert len(shares) == 4
     assert [share for share in shares if share not in results] == []
 
 
