@@ -6,8 +6,7 @@ with the text; tests/experiments/test_paper_study.py asserts its verdicts.
 """
 
 import pytest
-from golden import OBJECT_VELOCITIES
-from solvers import BOTH
+from scenes import BOTH, OBJECT_VELOCITIES
 
 import impact_gym as ig
 from experiments.lab.scenes import DURATION, MOTION, scene
