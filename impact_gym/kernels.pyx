@@ -50,8 +50,11 @@ include "task/records.pxi"
 include "task/draw.pxi"
 include "task/alarm.pxi"
 include "task/settle.pxi"
+include "task/observation.pxi"
 include "task/episode.pxi"
 include "task/range_sensor.pxi"
+include "teleop/channel.pxi"
+include "teleop/operator.pxi"
 include "teleop/link.pxi"
 
 GRAVITY = STANDARD_GRAVITY
