@@ -1,4 +1,4 @@
-"""A tool approaches an object: how to move and brake so that it arrives soon and does not shoot the object away."""
+"""A tool approaches an object: how should it move and brake to arrive early without pushing the object away fast?"""
 
 from impact_gym import beside, sources
 

@@ -1,4 +1,4 @@
-"""Rows on all cores, by threads: compiled loops release the interpreter lock."""
+"""Work on rows by several threads: compiled loops release the interpreter lock."""
 
 import os
 from collections.abc import Callable
@@ -14,7 +14,7 @@ def cores() -> int:
 
 
 def over_rows(run: Callable[[int, int], object], rows: int, threads: int, smallest: int) -> None:
-    """Call `run(first, last)` for pieces of `rows`, each of at least `smallest` rows, on up to `threads` threads."""
+    """Call `run(first, last)` on up to `threads` threads, each for a piece of at least `smallest` of the `rows`."""
     pieces = max(1, min(threads, rows // smallest))
     (first, last), *others = pairwise(rows * piece // pieces for piece in range(pieces + 1))
     if others and os.getpid() not in _pools:  # a forked child makes its own pool

@@ -26,23 +26,23 @@ cdef inline void contact_rows(const Piece *now, const double *x, double[WIDTH] *
 
 
 cdef void rigid_jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
-    """Write d(rates)/d(state), all else being zero."""
+    """Write d(rates)/d(state); entries not written stay zero."""
     contact_rows(now, x, J)
     J[RATE][ROOT] = now.push + now.ground - now.share * J[IMPULSE][ROOT]
     J[RATE][RATE] = -now.share * J[IMPULSE][RATE]
 
 
 cdef double gap_closes(double gap, double speed, double acceleration) noexcept nogil:
-    """Time (s) until gap - speed t - acceleration t^2 / 2 falls to zero from above; inf if never.
+    """Return the time (s) until gap - speed t - acceleration t^2 / 2 falls to zero from above; inf if never.
 
-    A gap of zero that opens counts as open, one that closes as closed. No difference of nearly equal numbers is taken.
+    A gap of zero that opens counts as open, one that closes as closed. There is no cancellation.
     """
     cdef double square = speed * speed + 2.0 * acceleration * gap
     if square < 0.0:
         return INFINITY
     if speed > 0.0:
         return 2.0 * gap / (speed + sqrt(square)) if gap > 0.0 else 0.0
-    if acceleration > 0.0:  # not closing yet, or just opened: back once the acceleration has turned it
+    if acceleration > 0.0:  # not closing yet, or just opened: it closes after the acceleration has reversed the motion
         return (sqrt(square) - speed) / acceleration
     return INFINITY
 

@@ -1,8 +1,8 @@
-"""One episode, one row of a batch: its beginning, its control steps and its end. Every front end runs these kernels."""
+"""The episode of a row: beginning, control steps and end, for every front end."""
 
 
 cpdef int64_t readings_in_transit(double reaction_delay, double control_period) noexcept nogil:
-    """Number of readings between sensor and controller at t = 0."""
+    """Return the number of readings in transit from sensor to controller at t = 0."""
     return <int64_t> floor(reaction_delay / control_period + 1e-9)
 
 
@@ -38,12 +38,12 @@ cdef double snap(double time, double onto) noexcept nogil:
 
 
 cdef void sample(const Run *run, Row *row) noexcept nogil:
-    """Read the sensors now; the controller gets the reading `reaction_delay` later.
+    """Read the sensors; the reading reaches the controller `reaction_delay` later.
 
-    The sensors are read one delay before each possible observation. Those times are known a delay ahead, because the
-    alarm, which shifts the control steps, comes a delay after its cause. Each reading carries its time. An observation
-    gets the last reading that is due; a reading for an observation that does not come (at the horizon, while an alarm
-    is in transit) is skipped. An alarm by the readings comes with an observation and shifts nothing.
+    The sensors are read one delay before each possible observation. These times are known one delay in advance: the
+    alarm, which shifts the control steps, arrives one delay after its cause. Each reading has its time, and an
+    observation gets the last one that has arrived. A reading is skipped if its observation does not occur (at the
+    horizon, while an alarm is in transit). An alarm by the readings coincides with an observation and shifts nothing.
     """
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
@@ -70,9 +70,9 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
 
 
 cdef void receive(Row *row) noexcept nogil:
-    """Deliver the oldest reading in transit to the controller, with the sensor's errors; no force is negative.
+    """Deliver the oldest reading in transit to the controller, with the sensor's errors; negative forces become 0.
 
-    Where readings raise the alarm, a force above the threshold does so, unless the alarm is on.
+    With an alarm by readings, a force above the threshold raises it, unless it is on.
     """
     cdef Episode *episode = row.episode
     cdef Sensors *sensors = &episode.sensors
@@ -98,7 +98,7 @@ cdef void receive(Row *row) noexcept nogil:
 
 
 cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
-    """Play one control step: decode the action, move, read the sensors, and at the end settle. Return the reward."""
+    """Play one control step: decode the action, move, read the sensors, settle if it is the last. Return the reward."""
     cdef const Task *task = row.task
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
@@ -137,9 +137,9 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
 
 
 cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
-    """Move the flange to the end of the control step and read the sensors meanwhile.
+    """Move the flange to the end of the control step, and read the sensors on the way.
 
-    With an operator the link turns the action into a command, again at each event of the link.
+    With an operator the link gives the command, anew at each of its events.
     """
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
@@ -164,7 +164,7 @@ cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
             add_to_withheld_share(row, chain.time - begun)
         if status < 0:
             episode.status = status
-            if not begun <= chain.time <= until:  # nan or worse
+            if not begun <= chain.time <= until:  # nan, or outside the step
                 chain.time = until
             break
         if status == TOUCHED:

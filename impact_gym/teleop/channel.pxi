@@ -38,7 +38,7 @@ cdef double mean_delay(const ChannelNumbers *channel, const Table *trace) noexce
 
 cdef bint is_lost(Row *row, const ChannelNumbers *channel, int64_t *was_lost, int64_t stream,
                   int64_t count) noexcept nogil:
-    """Return whether the `count`-th packet is lost: a share `loss` of all packets, in runs of mean length `burst` (Gilbert 1960)."""
+    """Return whether the `count`-th packet is lost: a share `loss` of all, in runs of mean length `burst` (Gilbert 1960)."""
     cdef double share = channel.loss
     if share == 0.0:
         return False
