@@ -1,4 +1,4 @@
-"""A tool approaches an object: how should it move and brake to arrive early without pushing the object away fast?"""
+"""A simulator and an environment of one collision: a tool should reach an object early and push it away slowly."""
 
 from impact_gym import beside, sources
 

@@ -152,11 +152,6 @@ class Bistable(Parameters, path="coupling"):
         return math.sqrt((self.free_length - self.height) * (self.free_length + self.height))
 
     @property
-    def equilibria(self) -> tuple[float, float, float]:
-        """Equilibria without stops, m: stable, unstable, stable."""
-        return -self.stroke, 0.0, self.stroke
-
-    @property
     def rest(self) -> float:
         """Position of the slider at t = 0, pressed against the front stop, m."""
         return float(rest_of(self.stiffness, self.free_length, self.height, self.front_stop, self.stop_stiffness))
@@ -242,19 +237,15 @@ class RobotTable(Parameters, path="robot"):
                 )
 
     @property
+    @lru_cache(maxsize=64)  # noqa: B019  # it may keep 64 tables
     def splines(self) -> Any:
         """The three parameters as a `scipy.interpolate.CubicSpline` of the position."""
-        return _splines(self.position, self.mass, self.stiffness, self.damping)
+        return CubicSpline(self.position, np.array([self.mass, self.stiffness, self.damping]).T)
 
     def at(self, position: float) -> Robot:
         """Return the robot with its parameters at `position` (m)."""
         x = number("position", position, "m")
         return Robot(*map(float, self.splines(min(max(x, self.position[0]), self.position[-1]))))
-
-
-@lru_cache(maxsize=64)
-def _splines(position: tuple[float, ...], *columns: tuple[float, ...]) -> Any:
-    return CubicSpline(position, np.array(columns).T)
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,9 +18,9 @@ from impact_gym.outcome import Advice, Advised, Array, ContactRecord, Model, Out
 from impact_gym.quantities import QUANTITIES
 from impact_gym.robot import Approach, Arm
 from impact_gym.robot.approach import Mass
-from impact_gym.scene import Bistable, Rigid, Robot, RobotTable, Scene, SpringDamper, warn_of_stroke
+from impact_gym.scene import Bistable, Rigid, RobotTable, Scene, SpringDamper, warn_of_stroke
 from impact_gym.task.nested import flatten, parts, replaced
-from impact_gym.threads import cores, over_rows
+from impact_gym.threads import CORES, over_rows
 from impact_gym.to_kernel import LOCAL_SHARE, STATUS_MESSAGES, approach_to_kernel, to_bytes
 from impact_gym.validation import WrongTypeError, array, number, one_of, shown, whole
 
@@ -117,7 +117,7 @@ def sweep(
     one_of("motion", motion, Trapezoid)
     one_of("varied", varied, Mapping)
     rtol = QUANTITIES["rtol"].check(rtol)
-    threads = cores() if threads is None else whole("threads", threads, at_least=1)
+    threads = CORES if threads is None else whole("threads", threads, at_least=1)
     template = {**parts(scene), "motion": motion}
     known = list(flatten(template))
     for name in varied:
@@ -135,10 +135,8 @@ def sweep(
     if approaches:
         tables = np.concatenate([table for _, table in approaches])
         plans = np.array([plan for plan, _ in approaches], APPROACH)
-
-        def run(first: int, last: int) -> None:
-            approach_rows(plans, tables, chains, first, last, LOCAL_SHARE * rtol, MAX_STEPS, NOTHING_RECORDED)
-
+        limits = {"tolerance": LOCAL_SHARE * rtol, "max_steps": MAX_STEPS, "recorder": NOTHING_RECORDED}
+        run = partial(approach_rows, plans, tables, chains, **limits)
         over_rows(run, len(approaches), threads, APPROACHES_PER_THREAD)
     chains = chains.reshape(shape)
     results = {field: chains[name] for field, name in _OUTCOMES.items()}

@@ -1,6 +1,7 @@
 """The batch behind every front end: arrays with a row for each environment, stepped by compiled code."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import PLACES, Task
 from impact_gym.teleop.operators import Person
-from impact_gym.threads import cores, over_rows
+from impact_gym.threads import CORES, over_rows
 from impact_gym.validation import array, fits_memory, number, one_of, whole
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ class Batch:
         if len(tasks) not in {1, size}:
             raise ValueError(f"a batch of {size} rows needs one task for all or {size} of them, got {len(tasks)}")
         self.tasks, self.size = tasks, size
-        self.threads = cores() if threads is None else whole("threads", threads, at_least=1)
+        self.threads = CORES if threads is None else whole("threads", threads, at_least=1)
         self.max_steps = max_steps
         self.spec = ObservationSpec.of_rows(tasks)
         delays = [(each.longest("reaction_delay"), each.control_period) for each in tasks]
@@ -132,8 +133,9 @@ class Batch:
         vars(self).update(state)
         self._make_rows()
 
-    def set_scenario(self, ranges: ScenarioRanges) -> None:
-        """Draw scenarios from `ranges` from the next episode on; ValueError: all their objects are out of reach."""
+    def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
+        """Draw scenarios from other ranges from the next episode on; ValueError: all objects are out of reach."""
+        ranges = ScenarioRanges.of(scenario)
         for task in self.tasks:
             task.check_distance(ranges.distance[0])
         for name, (low, high) in ranges.by_id().items():
@@ -180,11 +182,7 @@ class Batch:
         if not np.isfinite(values).all():
             wrong = values[~np.isfinite(values).all(axis=1)][0]
             raise ValueError(f"action must be finite (no unit), got {wrong}: nothing was moved")
-
-        def run(first: int, last: int) -> None:
-            self._rows.step(values, skip, first, last)
-
-        over_rows(run, self.size, self.threads, ROWS_PER_THREAD)
+        over_rows(partial(self._rows.step, values, skip), self.size, self.threads, ROWS_PER_THREAD)
 
     def set_operator_velocity(self, velocities: ArrayLike) -> None:
         """Let the operators command `velocities` (m/s) from now on, one for all rows or (size,).

@@ -28,12 +28,11 @@ def vector_rewards(batch: Batch) -> Rewards:
     w of the episode, the scalar reward is w * (-T) - V_p - force_weight * force.
     """
     forced = np.resize([task.force_weight > 0.0 for task in batch.tasks], batch.size)
-
-    def so_far(terms: NDArray[Any]) -> Rewards:
+    totals = []
+    for terms in (batch.episodes["terms_before"], batch.episodes["terms"]):
         force = [terms["force"] * forced] if forced.any() else []
-        return np.stack([terms["time"], terms["speed"] + terms["miss"], *force], axis=1)
-
-    return so_far(batch.episodes["terms_before"]) - so_far(batch.episodes["terms"])
+        totals.append(np.stack([terms["time"], terms["speed"] + terms["miss"], *force], axis=1))
+    return totals[0] - totals[1]
 
 
 def soonest(task: Task, distance: float) -> float:

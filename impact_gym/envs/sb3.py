@@ -17,8 +17,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.task.episodes import reset_options
-from impact_gym.task.scenario import ScenarioRanges
-from impact_gym.threads import cores
+from impact_gym.threads import CORES
 from impact_gym.validation import one_of
 
 
@@ -48,12 +47,13 @@ class ImpactVecEnv(VecEnv):
         per_slot: Sequence[Mapping[str, Any]] | None = None,
         **arguments: Any,  # those of `Task`, which checks them; the signature names them
     ) -> None:
-        warn_of_threads(torch.get_num_threads(), cores())
+        warn_of_threads(torch.get_num_threads(), CORES)
         mode = AutoresetMode.DISABLED  # `step_wait` resets on the step that ends an episode
         self.envs = ImpactApproachVectorEnv(
             num_envs, render_mode=render_mode, autoreset_mode=mode, threads=threads, per_slot=per_slot, **arguments
         )
-        self.observation_spec = self.envs.observation_spec
+        self.observation_spec, self.set_scenario = self.envs.observation_spec, self.envs.set_scenario
+        self.get_state, self.set_state = self.envs.get_state, self.envs.set_state  # between steps
         self._actions: NDArray[Any] = np.zeros((num_envs, len(self.envs.batch.action_spec)), np.float32)
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
         self.metadata = self.envs.metadata
@@ -61,10 +61,6 @@ class ImpactVecEnv(VecEnv):
     def get_images(self) -> list[NDArray[np.uint8] | None]:
         """Return a picture (540, 960, 3) of each environment."""
         return list(self.envs.render() or ())
-
-    def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
-        """Draw scenarios from other ranges from the next episodes on."""
-        self.envs.set_scenario(scenario)
 
     def reset(self) -> VecEnvObs:
         """Begin an episode in every slot, with the last arguments of `seed` and `set_options`."""
@@ -98,14 +94,6 @@ class ImpactVecEnv(VecEnv):
                 infos[row] |= info | {"terminal_observation": last, "TimeLimit.truncated": cut}
             self.envs.begin(None, ended)
         return batch.observations.copy(), rewards, ended, infos
-
-    def get_state(self) -> dict[str, Any]:
-        """Return a copy of the whole state; call it between steps."""
-        return self.envs.get_state()
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Restore a state that `get_state` returned."""
-        self.envs.set_state(state)
 
     def close(self) -> None:
         """Do nothing; a batch holds no resources."""

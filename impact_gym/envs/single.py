@@ -189,7 +189,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
         """Draw scenarios from other ranges from the next episode on."""
-        self._batch.set_scenario(ScenarioRanges.of(scenario))
+        self._batch.set_scenario(scenario)
 
     def episode_info(self) -> dict[str, Any]:
         """Return the entries of the final `info` with their present values."""

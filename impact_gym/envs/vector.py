@@ -17,7 +17,6 @@ from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, observation_space, steps_per_second
 from impact_gym.envs.state import taken
 from impact_gym.task.episodes import reset_options, skip_episodes
-from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
 from impact_gym.validation import array, choice, one_of, shown, whole
 
@@ -35,7 +34,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     `infos["final_obs"]` and `infos["final_info"]`) or DISABLED (reset by `options={"reset_mask": ...}`);
     `render_mode`: None or, for at most 16 environments, "rgb_array"; `threads`, which changes no result; and
     `per_slot`: for each slot a mapping of the arguments in which it differs. All slots must have the same observation.
-    `max_episode_steps` truncates episodes.
+    `max_episode_steps` truncates episodes. The methods `set_scenario`, `sensors` and `command` are those of `Batch`.
     """
 
     @with_task_arguments()
@@ -67,7 +66,8 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         for slot, changes in enumerate(changed):
             one_of(f"per_slot[{slot}]", changes, Mapping)
         tasks = [Task.of(f"per_slot[{slot}]", {**arguments, **changes}) for slot, changes in enumerate(changed)]
-        self.batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
+        self.batch = batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
+        self.set_scenario, self.sensors, self.command = batch.set_scenario, batch.sensors, batch.set_operator_velocity
         self.metadata["render_fps"] = steps_per_second(tasks[0])
         self.observation_spec, self.action_spec = self.batch.spec, self.batch.action_spec
         self.single_observation_space = observation_space(self.observation_spec)
@@ -84,10 +84,6 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self._ended = self._none.copy()
         self._begun = self._none.copy()
         self._skipped = self._none
-
-    def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
-        """Draw scenarios from other ranges from the next episodes on."""
-        self.batch.set_scenario(ScenarioRanges.of(scenario))
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -178,14 +174,6 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         if not self._begun.all():
             raise ResetNeeded("some slots have no episode under way: call reset before render")
         return tuple(renderer.render(self.batch.history(slot)) for slot, renderer in enumerate(self._renderers))
-
-    def command(self, velocities: Any) -> None:
-        """Let the operators, which must be `Person`, command `velocities` (m/s), one for all slots or (num_envs,)."""
-        self.batch.set_operator_velocity(velocities)
-
-    def sensors(self) -> dict[str, NDArray[np.float64]]:
-        """Return the sensor values in SI units, arrays (num_envs,); see `ImpactApproachEnv.sensors`."""
-        return self.batch.sensors()
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of the whole state, generators included."""

@@ -34,24 +34,15 @@ _PLACES = places(EPISODE)
 
 
 class Entry(NamedTuple):
-    """One number of the observation."""
+    """One number of the observation; its scaled value is scaled_low + gain * (curve(value) - offset)."""
 
     id: str
     words: str
     unit: str
     scale: Scale
     argument: str  # of the environment, which adds it; or "always"
-
-    @property
-    def place(self) -> int:
-        """Its index in the compiled record of an episode, counted in numbers."""
-        return _PLACES.get(f"sensors.{self.id}", _PLACES.get(f"drawn.{self.id}", -1))
-
-    @property
-    def affine(self) -> tuple[float, float]:
-        """Offset and gain: the scaled value is scaled_low + gain * (curve(value) - offset)."""
-        low, high = map(CURVES[self.scale.curve].at, (self.scale.low, self.scale.high))
-        return low, (1.0 - self.scale.scaled_low) / (high - low)
+    place: int  # index in the compiled record of an episode, counted in numbers
+    affine: tuple[float, float]  # offset and gain
 
 
 class ObservationSpec:
@@ -59,7 +50,7 @@ class ObservationSpec:
 
     `ids` and `entries` are in the order of the observation: first the numbers for an actor,
     `observation[..., spec.actor]`, then the true values that `privileged` appends. A critic gets all of them,
-    `observation[..., spec.critic]`.
+    `observation[..., spec.critic]`. `sensors` are the observed ids without past readings and time weight, time first.
     """
 
     def __init__(self, task: Task, drawn: Iterable[str] | None = None) -> None:
@@ -76,6 +67,8 @@ class ObservationSpec:
         self.actor, self.critic = slice(0, len(shown)), slice(0, len(self.entries))
         self.scaled_low = np.array([entry.scale.scaled_low for entry in self.entries], np.float32)
         self._index = {name: place for place, name in enumerate(self.ids)}
+        known = [entry.id for entry in self.entries[self.actor] if entry.argument != "past_readings"]
+        self.sensors = sorted((name for name in known if name != "time_weight"), key=lambda name: name != "time")
 
     @classmethod
     def of_rows(cls, tasks: Sequence[Task]) -> "ObservationSpec":
@@ -131,18 +124,12 @@ class ObservationSpec:
             curved = CURVES[entry.scale.curve].of(np.asarray(value, np.float64))
         return np.clip(entry.scale.scaled_low + gain * (curved - low), entry.scale.scaled_low, 1.0)
 
-    @property
-    def sensors(self) -> list[str]:
-        """Observed ids except past readings and the time weight, time first."""
-        known = [entry.id for entry in self.entries[self.actor] if entry.argument != "past_readings"]
-        return sorted((name for name in known if name != "time_weight"), key=lambda name: name != "time")
-
     def to_kernel(self) -> NDArray[Any]:
         """Return the entries for the compiled program (n,), ENTRY."""
-        rows = []
-        for entry in self.entries:
-            low, gain = entry.affine
-            rows.append((entry.place, CURVES[entry.scale.curve].code, low, entry.scale.scaled_low, gain))
+        rows = [
+            (entry.place, CURVES[entry.scale.curve].code, entry.affine[0], entry.scale.scaled_low, entry.affine[1])
+            for entry in self.entries
+        ]
         return np.array(rows, ENTRY)
 
 
@@ -176,6 +163,8 @@ def _entry(row: Quantity, task: Task) -> Entry:
     if scale.ends:
         low, high = task.ends(scale.ends)
         scale = scale._replace(low=low, high=high)
+    begin, end = map(CURVES[scale.curve].at, (scale.low, scale.high))
     argument = row.observed if _actor_sees(row, task) else "privileged"
     words = f"{row.words} minus flange position" if row.from_flange else row.words
-    return Entry(row.id, words, row.unit, scale, argument)
+    place = _PLACES.get(f"sensors.{row.id}", _PLACES.get(f"drawn.{row.id}", -1))
+    return Entry(row.id, words, row.unit, scale, argument, place, (begin, (1.0 - scale.scaled_low) / (end - begin)))

@@ -43,8 +43,7 @@ class Link(NamedTuple):
         for name in ("speed", "creep"):
             if (fastest := self.ends("operator", name)[1]) > high:
                 raise ValueError(f"operator.{name} must be at most that of the arm, {high:g} m/s, got {fastest:g} m/s")
-        _, velocities = np.split(self.operator.table, 2)
-        for velocity in velocities:
+        for velocity in getattr(self.operator, "velocity", ()):
             if not low <= velocity <= high:
                 raise ValueError(f"Replay.velocity must be {low:g} to {high:g} m/s, as the arm's, got {velocity:g} m/s")
         if 0.0 < (length := getattr(self.operator, "length", 0.0)) < horizon:
@@ -74,7 +73,7 @@ class Link(NamedTuple):
             numbers = record["numbers"][part]
             for name in numbers.dtype.names or ():
                 numbers[name] = getattr(getattr(self, part), name, None) or 0.0
-        tables = [self.operator.table, self.uplink.table, self.downlink.table]
+        tables = [getattr(self.operator, "table", np.empty(0)), self.uplink.table, self.downlink.table]
         for name, points in zip(("replay", *WAYS), tables, strict=True):
             times, values = np.split(points, 2)
             length = times[-1] if len(times) else 0.0

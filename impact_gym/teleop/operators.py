@@ -25,11 +25,6 @@ class Commander(Parameters, path="operator"):
 
     __slots__ = ()
 
-    @property
-    def table(self) -> NDArray[np.float64]:
-        """Recorded times (s), then as many commands (m/s); empty without a recording."""
-        return np.empty(0)
-
 
 @dataclass(frozen=True, slots=True)
 class Replay(Commander):
