@@ -50,8 +50,8 @@ class Trapezoid(Parameters, path="motion"):
 class Motion(Parameters, path="motion"):
     """Any motion from rest: a constant acceleration between each two points; the last velocity is held."""
 
-    times: Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e12)]  # rising, from 0
-    velocities: Annotated[tuple[float, ...], SI("m/s", at_least=-1e9, at_most=1e9)]  # at each, the first 0
+    times: Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e12)]  # rising from 0
+    velocities: Annotated[tuple[float, ...], SI("m/s", at_least=-1e9, at_most=1e9)]  # one for each time, the first 0
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)

@@ -114,7 +114,7 @@ class Advice:
     quantity: Advised
     tolerance: float  # -, relative
     model: Model
-    tried: tuple[Model, ...]  # the full one first
+    tried: tuple[Model, ...]  # the full model first
 
     def __str__(self) -> str:
         head = f"{self.quantity} within {self.tolerance:g} in {len(self.model.errors)} scenes: {self.model.name}"

@@ -58,7 +58,7 @@ class Quantity:
 
     id: str
     words: str  # for people
-    unit: str  # "-" where there is none
+    unit: str  # "-" without a unit
     limits: Limits = Limits()
     draw: Draw | None = None
     observed: str = ""  # "always", or the argument of the environment that adds it; "": by a critic only, if drawn

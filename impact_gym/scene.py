@@ -134,17 +134,13 @@ class Bistable(Parameters, path="coupling"):
                 f"Bistable.height must be below Bistable.free_length = {self.free_length!r} m, got {self.height!r} m: "
                 "a spring that is not compressed at its alignment has one stable position"
             )
-        if not self.rear_stop < self.front_stop:
-            raise ValueError(f"Bistable.rear_stop must be below Bistable.front_stop = {self.front_stop!r} m, got "
-                             f"{self.rear_stop!r} m")  # fmt: skip
         stroke = self.stroke
         if not 0 < self.front_stop < stroke:
-            raise ValueError(
-                f"Bistable.front_stop must be above 0 and below the stroke {stroke:.6g} m, got {self.front_stop!r} m"
-            )
+            allowed = f"above 0 and below the stroke {stroke:.6g} m"
+            raise ValueError(f"Bistable.front_stop must be {allowed}, got {self.front_stop!r} m")
         if not -stroke < self.rear_stop < 0:
-            raise ValueError(f"Bistable.rear_stop must be above minus the stroke, {-stroke:.6g} m, and below 0, got "
-                             f"{self.rear_stop!r} m")  # fmt: skip
+            allowed = f"above minus the stroke, {-stroke:.6g} m, and below 0"
+            raise ValueError(f"Bistable.rear_stop must be {allowed}, got {self.rear_stop!r} m")
 
     @property
     def stroke(self) -> float:

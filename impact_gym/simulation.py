@@ -212,7 +212,7 @@ def advise(
         seen.append(simpler)
         try:
             values, taken = run(simpler)
-        except (RuntimeError, ValueError):  # the simpler model may be impossible in a possible scene
+        except (RuntimeError, ValueError):  # a simpler model can be invalid for a valid scene
             tried.append(Model(name, simplify, np.full(len(sample), math.inf), 0.0))
             continue
         gap = np.abs(values - exact)
@@ -238,8 +238,9 @@ def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scen
     robots: dict[str, Any] = {"robot rigid": None}
     if line is None:
         robots = {"": "its own", f"robot {FROZEN}": "its own", **robots}
-    for mass in get_args(Mass) if line else ():
-        robots[f"robot one mass, {mass}"] = robots[f"robot one mass, {mass}, {FROZEN}"] = line.robot_table(mass)
+    else:
+        for mass in get_args(Mass):
+            robots[f"robot one mass, {mass}"] = robots[f"robot one mass, {mass}, {FROZEN}"] = line.robot_table(mass)
     for (name, robot), (tool, of_tool) in product(robots.items(), TOOLS.items()):
         if name or tool:
             yield ", ".join(filter(None, (name, tool))), partial(_simplified, robot, name.endswith(FROZEN), of_tool)

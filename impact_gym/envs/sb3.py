@@ -45,7 +45,7 @@ class ImpactVecEnv(VecEnv):
         render_mode: str | None = None,
         threads: int | None = None,
         per_slot: Sequence[Mapping[str, Any]] | None = None,
-        **arguments: Any,  # those of `Task`, which checks them; the signature names them
+        **arguments: Any,  # arguments of `Task`, see `with_task_arguments`
     ) -> None:
         warn_of_threads(torch.get_num_threads(), CORES)
         mode = AutoresetMode.DISABLED  # `step_wait` resets on the step that ends an episode

@@ -161,7 +161,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     that are off by default, and faster code, do not change the version.
     """
 
-    metadata = {  # noqa: RUF012  # declared so by gymnasium.Env
+    metadata = {  # noqa: RUF012  # as in gymnasium.Env
         "render_modes": ["human", "rgb_array", "rgb_array_list"],
         "render_fps": 30,
     }
@@ -285,5 +285,5 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._renderer.close()
 
 
-if ImpactApproachEnv.__doc__:  # there is none under python -OO
+if ImpactApproachEnv.__doc__:  # None under python -OO
     ImpactApproachEnv.__doc__ = filled(ImpactApproachEnv.__doc__)

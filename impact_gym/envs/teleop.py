@@ -80,5 +80,5 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     """
 
 
-if ImpactTeleopEnv.__doc__:  # there is none under python -OO
+if ImpactTeleopEnv.__doc__:  # None under python -OO
     ImpactTeleopEnv.__doc__ = filled(ImpactTeleopEnv.__doc__)

@@ -30,8 +30,6 @@ PLACES = places(RECORD)
 """Index of each number of an episode in its record, by id."""
 MOUNT_IDS = tuple(row.id for row in SET_UP if row.id.partition(".")[0] in ("tool_mass", "coupling", "robot"))
 """Ids of the numbers of the mount: tool, coupling and robot."""
-WORST_OF_STROKE = {"tool_mass": 1, "coupling.stiffness": 0, "coupling.stroke": 0}
-"""The end of each range (0 low, 1 high) at which the tool comes closest to its stop."""
 
 PARTS: Mapping[str, tuple[Any, ...]] = {
     "coupling": get_args(Coupling), "robot": (Robot,), "range_sensor": (RangeSensor,),
@@ -180,7 +178,6 @@ class Task:
         object.__setattr__(self, name, value)
 
     def _check_choices(self) -> None:
-        """Check the arguments that are choices, flags or whole numbers, and those that exclude each other."""
         choice("dissipation", self.dissipation, ("hu-guo", "exact", "fixed"))
         choice("alarm", self.alarm, ("force", "reading"))
         law: Any = self.dissipation
@@ -208,11 +205,10 @@ class Task:
         way = self.check_distance(near)
         if far > self.reach:
             warnings.warn(f"scenario.distance ends at {far:g} m, but {way}: the rest is missed", stacklevel=3)
-        worst = {name: self.drawn[name][end] for name, end in WORST_OF_STROKE.items() if name in self.drawn}
         if isinstance(self.coupling, SpringDamper):
-            numbers = {name.removeprefix("coupling."): value for name, value in worst.items() if name != "tool_mass"}
-            mass = worst.get("tool_mass", self.tool_mass)
-            warn_of_stroke(replace(self.coupling, **numbers), mass, self.acceleration_range[1])
+            drawn = {name: self.drawn.get(f"coupling.{name}") for name in ("stiffness", "stroke")}
+            lowest = {name: ends[0] for name, ends in drawn.items() if ends}
+            warn_of_stroke(replace(self.coupling, **lowest), self.longest("tool_mass"), self.acceleration_range[1])
 
     def check_distance(self, near: float, field: str = "scenario.distance") -> str:
         """Raise ValueError if objects from `near` (m) on are out of reach; return the reach in words."""
@@ -272,14 +268,14 @@ class Task:
             numbers["range_sensor"][name] = getattr(self.range_sensor, name, 0.0)
         if self.robot is None:
             for name in ROBOT_NUMBERS:
-                numbers["robot"][name] = math.inf  # for a critic, beside rows with a robot
+                numbers["robot"][name] = math.inf  # a rigid robot, for a critic
         for row in SET_UP:
             if "." not in row.id:
                 numbers[row.id] = getattr(self, row.id) or 0.0
         draws = []
         for name, (low, high) in self.ranges.items():
             law: Any = QUANTITIES[name].draw
-            source = -1 - law.place if law.own_stream else law.place  # a uniform number; < 0: of stream -1 - source
+            source = -1 - law.place if law.own_stream else law.place  # index, or < 0: stream -1 - source
             draws.append((PLACES[name], source, QUANTITIES[name].by_ratio(low), low, high))
         action = ActionSpec(self)
         same = ("control_period", "horizon", "after_alarm", "missed_cost", "force_weight")

@@ -12,7 +12,7 @@ from impact_gym.teleop.channels import LOST, WAYS, Channel
 from impact_gym.teleop.operators import KINDS, Operator
 from impact_gym.validation import Range
 
-LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # the larger of so many control periods and s: median spacing of a trace
+LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, s: the larger limits the spacing of a trace
 FADE: float = WITHDRAWAL_FADE  # s, in which a withdrawal fades to 0
 
 

@@ -34,8 +34,8 @@ class Replay(Commander):
     (0, n) each episode draws one of n recordings.
     """
 
-    time: Instants  # rising, from 0
-    velocity: Annotated[tuple[float, ...], SI("m/s", at_least=-1e3, at_most=1e3)]  # at each
+    time: Instants  # rising from 0
+    velocity: Annotated[tuple[float, ...], SI("m/s", at_least=-1e3, at_most=1e3)]  # one for each time
     recording: float = 0.0  # -, rounded down
     length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = 0.0  # at least the horizon; 0: one recording
 
