@@ -269,6 +269,6 @@ def warn_of_stroke(coupling: Coupling, tool_mass: float, acceleration: float) ->
         if rest > coupling.stroke:
             warnings.warn(
                 f"SpringDamper.stroke is {coupling.stroke:g} m, but under {acceleration:g} m/s^2 the tool's place of "
-                f"rest is {rest:.3g} m away: it lies on its stop whenever the arm accelerates",
+                f"rest is {rest:.3g} m away: a stop holds the tool whenever the arm accelerates",
                 stacklevel=4,
             )

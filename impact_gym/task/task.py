@@ -191,7 +191,7 @@ class Task:
             raise ValueError("range_bias and observe_range_noise must be 0 and False without an estimate (range_noise)")
         if self.range_sensor is not None:
             if self.range_noise is not None:
-                raise ValueError(f"range_noise must be None beside a range_sensor, got {self.range_noise:g} m")
+                raise ValueError(f"range_noise must be None with a range_sensor, got {self.range_noise:g} m")
             number("range_sensor.delay", self.longest("range_sensor.delay"), "s", at_most=self.horizon)
         self._put("past_readings", whole("past_readings", self.past_readings, at_least=0))
         number("past_readings", self.past_readings, "-", at_most=PAST_READINGS)

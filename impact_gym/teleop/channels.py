@@ -53,7 +53,7 @@ class Channel(Parameters, path="uplink"):
                 raise ValueError(f"Channel.trace must have 2 packets or more that arrive, got {len(self.delays)}")
             for name in ("delay", "jitter", "tail", "tail_share"):
                 if value := getattr(self, name):
-                    raise ValueError(f"Channel.{name} must be 0 beside a trace, which has all delays, got {value!r}")
+                    raise ValueError(f"Channel.{name} must be 0 with a trace, which gives all delays, got {value!r}")
         if self.loss > (most := self.burst / (1.0 + self.burst)):
             raise ValueError(f"Channel.loss must be at most {most:g} with bursts of {self.burst:g}, got {self.loss!r}")
 

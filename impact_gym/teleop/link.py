@@ -35,23 +35,21 @@ class Link(NamedTuple):
         """Raise ValueError if the arm cannot follow the operator, or an episode would not end or see a packet."""
         low, high = velocity_range
         if low > 0.0:
-            raise ValueError(
-                f"velocity_range must not begin above 0 m/s with an operator, who stops by 0, got {low:g} m/s"
-            )
+            raise ValueError(f"velocity_range must not begin above 0 m/s with an operator, got {low:g} m/s")
         if not friction or self.drawn.get("friction", (1.0, 1.0))[0] == 0.0:
             raise ValueError("friction must be above 0 (no unit) with an operator: else an object never rests")
         for name in ("speed", "creep"):
             if (fastest := self.ends("operator", name)[1]) > high:
-                raise ValueError(f"operator.{name} must be at most that of the arm, {high:g} m/s, got {fastest:g} m/s")
+                raise ValueError(f"operator.{name} must be at most {high:g} m/s, as the arm, got {fastest:g} m/s")
         for velocity in getattr(self.operator, "velocity", ()):
             if not low <= velocity <= high:
-                raise ValueError(f"Replay.velocity must be {low:g} to {high:g} m/s, as the arm's, got {velocity:g} m/s")
+                raise ValueError(f"Replay.velocity must be {low:g} to {high:g} m/s, as the arm, got {velocity:g} m/s")
         if 0.0 < (length := getattr(self.operator, "length", 0.0)) < horizon:
             raise ValueError(f"Replay.length must be at least the horizon, {horizon:g} s, got {length!r} s")
         for way in WAYS:
             self._check_delay(way, horizon, control_period)
         if (timeout := self.downlink.timeout) != Channel().timeout:
-            raise ValueError(f"downlink.timeout must be left out: the uplink's alone stops the arm, got {timeout:g} s")
+            raise ValueError(f"downlink.timeout must be left out: only the uplink's stops the arm, got {timeout:g} s")
 
     def _check_delay(self, way: str, horizon: float, control_period: float) -> None:
         channel: Channel = getattr(self, way)
@@ -63,7 +61,7 @@ class Link(NamedTuple):
             raise ValueError(f"{way}.{of} must be below the horizon, {horizon:g} s, got {late:g} s{note}")
         apart = float(np.median(np.diff([time for time, _ in channel.trace]))) if channel.trace else 0.0
         if apart > (most := max(LONGEST_SPACING * control_period, SLOWEST_PING)):
-            raise ValueError(f"{way}.trace must have a packet each {most:g} s or more often beside a control period of "
+            raise ValueError(f"{way}.trace must have a packet each {most:g} s or more often with a control period of "
                              f"{control_period:g} s, got one each {apart:g} s: is it in ms?")  # fmt: skip
 
     def to_kernel(self, record: NDArray[Any], begin: int) -> list[NDArray[np.float64]]:
