@@ -40,10 +40,11 @@ class Link(NamedTuple):
             raise ValueError("friction must be above 0 (no unit) with an operator: else an object never rests")
         for name in ("speed", "creep"):
             if (fastest := self.ends("operator", name)[1]) > high:
-                raise ValueError(f"operator.{name} must be at most {high:g} m/s, as the arm, got {fastest:g} m/s")
+                raise ValueError(f"operator.{name} must be at most the arm's {high:g} m/s, got {fastest:g} m/s")
         for velocity in getattr(self.operator, "velocity", ()):
             if not low <= velocity <= high:
-                raise ValueError(f"Replay.velocity must be {low:g} to {high:g} m/s, as the arm, got {velocity:g} m/s")
+                allowed = f"within the arm's {low:g} to {high:g} m/s"
+                raise ValueError(f"Replay.velocity must be {allowed}, got {velocity:g} m/s")
         if 0.0 < (length := getattr(self.operator, "length", 0.0)) < horizon:
             raise ValueError(f"Replay.length must be at least the horizon, {horizon:g} s, got {length!r} s")
         for way in WAYS:
