@@ -51,7 +51,7 @@ cpdef Contact contact_of(double stiffness, double damping, double m, double n, d
 
 
 cdef inline bint is_hertz(const Contact *law) noexcept nogil:
-    """Whether m = n = 3/2."""
+    """Return whether m = n = 3/2."""
     return law.twice_m == 3 and law.twice_n == 3
 
 

@@ -23,12 +23,12 @@ cdef struct Mechanism:
 
 
 cpdef inline double bistable_force(double stiffness, double free_length, double height, double x) noexcept nogil:
-    """Force of the spring on the slider along its path, N: k (L0 - L) x / L, L = sqrt(H^2 + x^2) (paper, eq. 23-24)."""
+    """Return the force of the spring on the slider along its path, N: k (L0 - L) x / L, L = sqrt(H^2 + x^2) (paper, eq. 23-24)."""
     return stiffness * (free_length / sqrt(height * height + x * x) - 1.0) * x
 
 
 cdef inline double spring_slope(const Mechanism *law, double x) noexcept nogil:
-    """Derivative of the spring's force by the position, N/m: k (L0 H^2 / L^3 - 1), or -k."""
+    """Return the derivative of the spring's force by the position, N/m: k (L0 H^2 / L^3 - 1), or -k."""
     cdef double L
     if law.linear:
         return -law.stiffness
@@ -37,13 +37,13 @@ cdef inline double spring_slope(const Mechanism *law, double x) noexcept nogil:
 
 
 cpdef inline double bistable_energy(double stiffness, double free_length, double height, double x) noexcept nogil:
-    """Elastic energy of the spring, J."""
+    """Return the elastic energy of the spring, J."""
     cdef double squeeze = free_length - sqrt(height * height + x * x)
     return 0.5 * stiffness * squeeze * squeeze
 
 
 cdef inline double mechanism_pull(const Mechanism *law, int pressed, double stretch, double stretch_rate) noexcept nogil:
-    """Force on the tool, N: the spring (paper, eq. 23) and the stop that is `pressed`."""
+    """Return the force on the tool, N: the spring (paper, eq. 23) and the stop that is `pressed`."""
     cdef double pull, x = law.rest + stretch
     if law.linear:
         pull = -law.stiffness * x - law.damping * stretch_rate
@@ -55,7 +55,7 @@ cdef inline double mechanism_pull(const Mechanism *law, int pressed, double stre
 
 
 cdef inline double stop_place(const Mechanism *law, int stop) noexcept nogil:
-    """Position of a stop, m."""
+    """Return the position of a stop, m."""
     return law.front_stop if stop == FRONT else law.rear_stop
 
 
@@ -84,14 +84,14 @@ cdef inline double stiffness_bound(const Mechanism *law) noexcept nogil:
 
 
 cdef inline double spring_energy(const Mechanism *law, double x) noexcept nogil:
-    """Elastic energy of the spring, J."""
+    """Return the elastic energy of the spring, J."""
     if law.linear:
         return 0.5 * law.stiffness * x * x
     return bistable_energy(law.stiffness, law.free_length, law.height, x)
 
 
 cdef inline double mechanism_energy(const Mechanism *law, double stretch) noexcept nogil:
-    """Energy of spring and stops, J."""
+    """Return the energy of spring and stops, J."""
     cdef double x = law.rest + stretch
     cdef double depth = max(max(x - law.front_stop, law.rear_stop - x), 0.0)
     return spring_energy(law, x) + 0.5 * law.stop_stiffness * depth * depth

@@ -2,7 +2,7 @@
 
 
 cdef inline double coupling_energy(const Law *law, double stretch) noexcept nogil:
-    """Energy of the coupling, J."""
+    """Return the energy of the coupling, J."""
     if law.stops:
         return mechanism_energy(&law.mechanism, stretch)
     return 0.5 * law.stiffness * stretch * stretch

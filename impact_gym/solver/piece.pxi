@@ -64,12 +64,12 @@ cdef inline double object_velocity(const Chain *chain) noexcept nogil:
 
 
 cdef inline double tool_velocity(const Chain *chain) noexcept nogil:
-    """Velocity of the tool, m/s."""
+    """Return the velocity of the tool, m/s."""
     return chain.flange_velocity + chain.deflection_rate
 
 
 cdef inline double tool_position(const Chain *chain) noexcept nogil:
-    """Position of the tool, m."""
+    """Return the position of the tool, m."""
     return chain.flange_position + chain.deflection
 
 
@@ -79,10 +79,10 @@ cdef inline double flange_velocity(const Law *law, const Chain *chain) noexcept 
 
 
 cdef inline double flange_position(const Law *law, const Chain *chain) noexcept nogil:
-    """Position of the flange, m."""
+    """Return the position of the flange, m."""
     return tool_position(chain) if law.with_tool else chain.flange_position + chain.flange_offset
 
 
 cdef inline double parallel(double first, double second) noexcept nogil:
-    """Reduced mass of two bodies, kg."""
+    """Return the reduced mass of two bodies, kg."""
     return first * second / (first + second)

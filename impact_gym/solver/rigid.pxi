@@ -6,7 +6,7 @@ cdef struct RigidRates:
 
 
 cdef inline RigidRates rigid_rates(const Piece *now, double z, double w) noexcept nogil:
-    """d/ds of z, w, time and impulse (paper, eq. 6, second line)."""
+    """Return d/ds of z, w, time and impulse (paper, eq. 6, second line)."""
     cdef RigidRates rates
     rates.p = impulse_rate(&now.contact, z, w)
     rates.z = 0.5 * w
@@ -48,7 +48,7 @@ cdef double gap_closes(double gap, double speed, double acceleration) noexcept n
 
 
 cdef void rigid_drift(Chain *chain, double acceleration, double ground, double time) noexcept nogil:
-    """Move `chain` through `time` (s) of flight, exactly, while the object slows down by `ground` (m/s^2)."""
+    """Move `chain` exactly through `time` (s) of flight; `ground` (m/s^2) is the deceleration of the object."""
     chain.penetration += time * (chain.penetration_rate + 0.5 * (acceleration + ground) * time)
     chain.penetration_rate += (acceleration + ground) * time
     chain.flange_position += time * (chain.flange_velocity + 0.5 * acceleration * time)

@@ -9,7 +9,7 @@ cdef struct SpringRates:
 
 
 cdef inline SpringRates spring_rates(const Piece *now, double z, double w, double y, double v) noexcept nogil:
-    """d/ds of z, w, time, impulse, deflection, its rate and its integral (paper, eq. 17-18)."""
+    """Return d/ds of z, w, time, impulse, deflection, its rate and its integral (paper, eq. 17-18)."""
     cdef SpringRates rates
     cdef double pull = z * (now.pull_y * y + now.pull_y_dot * v)
     rates.p = impulse_rate(&now.contact, z, w)
