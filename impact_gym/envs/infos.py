@@ -1,6 +1,6 @@
 """The infos of episodes: numbers of their records under the names of the documentation."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -59,7 +59,8 @@ class Infos:
 
     def infos(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
         """Return the info of each of `rows`."""
-        values = zip(*(column.tolist() for column in self._columns(episodes, chains, rows)), strict=True)
+        numbers, others = self._values(episodes, chains, rows)
+        values = zip(*numbers.tolist(), *(column.tolist() for column in others), strict=True)
         infos = [filled(self._layout, of_row) for of_row in values]
         for row, info in zip(rows.tolist(), infos, strict=True):
             for name in self._not_drawn[row % len(self._not_drawn)]:
@@ -70,19 +71,21 @@ class Infos:
 
     def columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> dict[str, Any]:
         """Return the infos of `rows` as arrays (size,), with zeros and None in other rows."""
-        columns = []
-        for some in self._columns(episodes, chains, rows):
-            column = np.full(len(episodes), None if some.dtype == object else 0, some.dtype)
+        numbers, others = self._values(episodes, chains, rows)
+        columns = np.zeros((len(numbers), len(episodes)))
+        columns[:, rows] = numbers
+        blank = [np.full(len(episodes), None if some.dtype == object else 0, some.dtype) for some in others]
+        for column, some in zip(blank, others, strict=True):
             column[rows] = some
-            columns.append(column)
-        return filled(self._layout, columns)
+        return filled(self._layout, (*columns, *blank))
 
-    def _columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> Iterator[NDArray[Any]]:
-        """Yield each entry (k,) of the infos of `rows` (k,)."""
-        yield from episodes.view(np.float64).reshape(len(episodes), -1)[rows, self._numbers]
+    def _values(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> tuple[Records, list[Records]]:
+        """Return the entries of the infos of `rows` (k,): those in the record of an episode (n, k), and others (k,)."""
+        numbers = episodes.view(np.float64).reshape(len(episodes), -1)[rows, self._numbers]
         count, status = chains["contacts"][rows], episodes["status"][rows].tolist()
-        yield from (chains["peak_force"][rows], count, (episodes["terminated"][rows] == 1) & (count == 0))
-        yield np.array([STATUS_MESSAGES.get(code, "ok") for code in status], object)
+        missed = (episodes["terminated"][rows] == 1) & (count == 0)
+        messages = np.array([STATUS_MESSAGES.get(code, "ok") for code in status], object)
+        return numbers, [chains["peak_force"][rows], count, missed, messages]
 
 
 def filled(layout: Mapping[str, Any], values: Sequence[Any]) -> dict[str, Any]:
