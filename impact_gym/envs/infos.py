@@ -71,10 +71,10 @@ class Infos:
 
     def columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> dict[str, Any]:
         """Return the infos of `rows` as arrays (size,), with zeros and None in other rows."""
-        numbers, others = self._values(episodes, chains, rows)
-        columns = np.zeros((len(numbers), len(episodes)))
+        size, (numbers, others) = len(episodes), self._values(episodes, chains, rows)
+        columns = np.zeros((len(numbers), size))
         columns[:, rows] = numbers
-        blank = [np.full(len(episodes), None if some.dtype == object else 0, some.dtype) for some in others]
+        blank = [np.zeros(size), np.zeros(size, np.int64), np.zeros(size, np.bool_), np.full(size, None)]
         for column, some in zip(blank, others, strict=True):
             column[rows] = some
         return filled(self._layout, (*columns, *blank))
@@ -82,9 +82,10 @@ class Infos:
     def _values(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> tuple[Records, list[Records]]:
         """Return the entries of the infos of `rows` (k,): those in the record of an episode (n, k), and others (k,)."""
         numbers = episodes.view(np.float64).reshape(len(episodes), -1)[rows, self._numbers]
-        count, status = chains["contacts"][rows], episodes["status"][rows].tolist()
+        count, status, messages = chains["contacts"][rows], episodes["status"][rows], np.full(len(rows), "ok", object)
+        for row in np.flatnonzero(status):
+            messages[row] = STATUS_MESSAGES[int(status[row])]
         missed = (episodes["terminated"][rows] == 1) & (count == 0)
-        messages = np.array([STATUS_MESSAGES.get(code, "ok") for code in status], object)
         return numbers, [chains["peak_force"][rows], count, missed, messages]
 
 
