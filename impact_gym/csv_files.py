@@ -8,6 +8,7 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -96,7 +97,7 @@ def _decoded(content: bytes) -> str:
             text = content.decode(("utf-16-be", "utf-16-le")[zeros.index(True)]) if any(zeros) else utf_8(content)
     except UnicodeDecodeError:
         text = content.decode("latin-1")
-    text = re.sub("\r\n?", "\n", text)
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
     if strange := re.search(r"[\x00-\x08\x0e-\x1f]", text):
         raise ValueError(f"line {text.count(chr(10), 0, strange.start()) + 1} must be text, got {strange[0]!r}")
     return text
@@ -106,23 +107,12 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
     lines = text[:FIRST_CHARACTERS].split("\n")[:FIRST_LINES]
     layout = _layout(lines)
     sources, heads = _sources(lines, layout, wanted, unnamed)
-
-    def number(name: str, value: str) -> float:
-        if not value and (empty := wanted[name].empty) is not None:
-            return empty
-        if not NUMBERS[layout.decimal].fullmatch(value):
-            raise ValueError(f"line {k}: {name} must be a number, got {shown(value)}")
-        return float(value.replace(",", "."))
-
-    rows, places = [], {name: source.place for name, source in sources.items()}
-    for k, line in enumerate(text.split("\n")[layout.first :], layout.first + 1):
-        if line.strip() and not line.lstrip().startswith(COMMENTS):
-            row = _split(line, layout.separator)
-            if max(places.values()) >= len(row):
-                raise ValueError(f"line {k} must have {layout.least} values, got {shown(line)}")
-            rows.append([number(name, row[place]) for name, place in places.items()])
-    values = np.array(rows).T
-    columns = {name: values[n] * (source.scale or 1.0) for n, (name, source) in enumerate(sources.items())}
+    rows = {
+        k: line for k, line in enumerate(text.split("\n")[layout.first :], layout.first + 1)
+        if line.strip() and not line.lstrip().startswith(COMMENTS)
+    }  # fmt: skip
+    values = _numbers(rows, layout, {name: (source.place, wanted[name].empty) for name, source in sources.items()})
+    columns = {name: values[:, n] * (source.scale or 1.0) for n, (name, source) in enumerate(sources.items())}
     said = ", ".join(
         f"{name} ({wanted[name].unit}) from {shown(source.head) if source.head else f'column {source.place + 1}'}"
         + ("" if source.scale else " without a unit")
@@ -133,9 +123,33 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
     return Table(columns, f"{said}; not used: {', '.join(rest)}" if rest else said)
 
 
+def _numbers(
+    rows: Mapping[int, str], layout: _Layout, sources: Mapping[str, tuple[int, float | None]]
+) -> NDArray[np.float64]:
+    """Return the numbers in `rows`, by line, as (rows, columns); `sources` are places and values of empty fields."""
+    if layout.decimal == "." and not any('"' in line for line in rows.values()):
+        places = [place for place, _ in sources.values()]
+        with suppress(ValueError):  # the loop below finds the line, or an allowed empty field
+            return np.loadtxt(rows.values(), comments=None, delimiter=layout.separator, usecols=places, ndmin=2)
+    table = []
+    for k, line in rows.items():
+        row, values = _split(line, layout.separator), list[float]()
+        for name, (place, empty) in sources.items():
+            if place >= len(row):
+                raise ValueError(f"line {k} must have {layout.least} values, got {shown(line)}")
+            if NUMBERS[layout.decimal].fullmatch(row[place]):
+                values.append(float(row[place].replace(",", ".")))
+            elif row[place] or empty is None:
+                raise ValueError(f"line {k}: {name} must be a number, got {shown(row[place])}")
+            else:
+                values.append(empty)
+        table.append(values)
+    return np.array(table)
+
+
 def _split(line: str, separator: str | None) -> list[str]:
-    if separator is None:
-        return line.split()
+    if separator is None or '"' not in line:
+        return [field.strip() for field in line.split(separator)]
     return [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
 
 
