@@ -233,7 +233,7 @@ def test_indistinguishable_names_a_filter_longer_than_the_blow():
         f"contact.restitution: any value above {low:.3g} fits equally well, because the filter takes 32 ms"
         in restitution
     )
-    assert "contact.restitution and object.mass: a larger one with a smaller other" in pair
+    assert "contact.restitution and object.mass: a larger contact.restitution with a smaller object.mass" in pair
 
 
 def test_correlation_is_that_of_the_scene_and_hardly_of_the_noise():

@@ -10,8 +10,6 @@ from scipy.integrate import solve_ivp
 
 import impact_gym as ig
 from impact_gym.robot import all_joints, from_urdf
-from impact_gym.robot.drive import Path
-from impact_gym.robot.equations import Equations
 
 pytest.importorskip("mujoco", reason="the extra robot is not installed")
 COUPLINGS = (ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable())
@@ -56,17 +54,6 @@ def test_stiffer_joints_come_to_a_rigid_robot_as_one_over_their_stiffness(tmp_pa
         arm = from_urdf(rods(tmp_path), "base", "tip", **stiffer)
         off.append(all_joints.simulate(arm, approach, scene, PAPERS, duration=0.3, rtol=1e-11).object_velocity - rigid)
     assert np.array(off[:-1]) / off[1:] == pytest.approx([10.0, 10.0, 10.0], rel=0.02)
-
-
-def test_jacobian_is_the_derivative_of_the_rates_by_the_joints(tmp_path):
-    """At rest, where no torque acts: the mass matrix then does not count."""
-    arm, approach = elastic(tmp_path)
-    made = Equations(arm, approach, SCENE, Path(ig.Motion((0.0, 1.0), (0.0, 0.0))))
-    assert (made.path.at(1.0), made.damping) == ((0.0, 0.0, 0.0), 0.0)  # the motors stand
-    y, ours = made.begin(0.1), made.jacobian(0.0, made.begin(0.1))
-    steps = 1e-6 * np.eye(len(y))[:4]
-    by_columns = [made.rates(0.0, y + step, False) - made.rates(0.0, y - step, False) for step in steps]
-    np.testing.assert_allclose(ours[:4, :4], np.transpose(by_columns)[:4] / 2e-6, rtol=1e-6, atol=1e-4)
 
 
 def test_weight_hangs_the_joints_and_coriolis_is_small_but_there(tmp_path):
