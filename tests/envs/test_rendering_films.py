@@ -77,7 +77,7 @@ def test_modes_show_a_picture_of_each_instant_of_one_go_and_change_no_result(mod
     inside = (instants[:, 0] > contact.touches[0]) & (instants[:, 0] < contact.partings[0])
     assert inside.sum() >= FRAMES_PER_IMPACT - 2
     assert instants[-1, 0] == contact.now > contact.events.end
-    last = renderer.picture(contact, *instants[-1])
+    last = renderer.draw(contact, *instants[-1]).pixels()
     env = gym.make(ID, render_mode=mode, **SHORT)
     pictures, results = play(env)
     assert_identical(results, expected)

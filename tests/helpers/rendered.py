@@ -33,7 +33,7 @@ def history_of(env, ended=True):
 
 def drawn(env, time):
     """The picture of any instant of the episode that `env` has played."""
-    return Renderer("rgb_array").picture(history_of(env), time, 8.0)
+    return Renderer("rgb_array").draw(history_of(env), time, 8.0).pixels()
 
 
 def is_colour(pixels, name):
