@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.files import parsed, utf_8
+from impact_gym.files import parsed
 from impact_gym.validation import shown
 
 SCALES: Mapping[str, Mapping[str, float]] = {
@@ -90,11 +90,10 @@ def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str
 
 def _decoded(content: bytes) -> str:
     zeros = [len(content) > 1 and not any(content[k:100:2]) for k in (0, 1)]
+    marked = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    encoding = "utf-16" if marked else ("utf-16-be", "utf-16-le")[zeros.index(True)] if any(zeros) else "utf-8-sig"
     try:
-        if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-            text = content.decode("utf-16")
-        else:
-            text = content.decode(("utf-16-be", "utf-16-le")[zeros.index(True)]) if any(zeros) else utf_8(content)
+        text = content.decode(encoding)
     except UnicodeDecodeError:
         text = content.decode("latin-1")
     text = text.replace("\r\n", "\n").replace("\r", "\n")

@@ -33,13 +33,12 @@ def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -
 LARGEST = 100_000_000  # bytes of a user's file
 
 
-def utf_8(content: bytes) -> str:
-    """Return the text with line feeds as line ends, without the byte order mark that Excel writes."""
-    return io.TextIOWrapper(io.BytesIO(content), "utf-8-sig").read()
-
-
-def parsed(path: Path, kind: str, parse: Callable[[str], Content], decode: Callable[[bytes], str] = utf_8) -> Content:
+def parsed(
+    path: Path, kind: str, parse: Callable[[str], Content], decode: Callable[[bytes], str] | None = None
+) -> Content:
     """Return what `parse` makes of the text of a regular file; a device or a pipe might never end.
+
+    Without `decode` the text is UTF-8; its line ends become line feeds, and a byte order mark is left out.
 
     Raises:
         ValueError: the file does not exist, is no regular file, is larger than `LARGEST`, is no text, or `parse`
@@ -52,7 +51,7 @@ def parsed(path: Path, kind: str, parse: Callable[[str], Content], decode: Calla
             content = file.read(LARGEST + 1)
         if len(content) > LARGEST:
             raise ValueError(f"it must have at most {LARGEST:,} bytes")
-        return parse(decode(content))
+        return parse(decode(content) if decode else io.TextIOWrapper(io.BytesIO(content), "utf-8-sig").read())
     except (OSError, ValueError, TypeError, AttributeError, LookupError, RecursionError, csv.Error) as error:
         raise ValueError(f"{path} is not read as {kind}: {reason(error)}") from error
 

@@ -47,17 +47,12 @@ class Fit:
         Raises:
             ValueError: no start leads to a blow, or a free number changes nothing.
         """
-        first = slice(STARTS)
-        starts = scatter(model)[first]
-        _refuse_idle(model, starts)
-        return cls.polished(model, as_good(model, race(model, starts + _past_first_blow(model, first))))
+        return cls.polished(model, as_good(model, _minima(model, 0)))
 
     def again(self) -> "Fit":
         """Return the best fit from STARTS further starts and the known minima, or this fit without a new minimum."""
-        model, more = self.model, slice(STARTS, 2 * STARTS)
-        known = [Point(self.misfit, self.x), *self.others]
-        minima = race(model, scatter(model)[more] + _past_first_blow(model, more))
-        good = as_good(model, distinct(model, known + minima))
+        model, known = self.model, [Point(self.misfit, self.x), *self.others]
+        good = as_good(model, distinct(model, known + _minima(model, STARTS)))
         is_new = {id(point) for point in good} - {id(point) for point in known}
         return self.polished(model, good) if is_new else self
 
@@ -110,6 +105,20 @@ def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
     return fit, ends
 
 
+def _minima(model: Model, after: int) -> list[Point]:
+    """Return rough minima from the STARTS starting points `after` others, and from fits to the first blow alone.
+
+    Later blows add many local minima. Idle starting points are refused, see `_refuse_idle`.
+    """
+    which = slice(after, after + STARTS)
+    starts, first = scatter(model)[which], model.of_first_blow()
+    if not after:
+        _refuse_idle(model, starts)
+    if first.samples < model.samples:
+        starts += [point.x for point in race(first, scatter(first)[which])]
+    return race(model, starts)
+
+
 def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
     """Refuse if no start has a blow, or if a free number does not change the residuals."""
     if not points:
@@ -141,12 +150,6 @@ def _extra_blows(fit: Fit) -> str:
             return (f"{log.name} has {len(blows)} blows, at {times} s, the scene makes no more than "
                     f"{len(blows) - sum(extra)} of them: cut it to one blow, or give each blow as a log")  # fmt: skip
     return ""
-
-
-def _past_first_blow(model: Model, starts: slice) -> list[Array]:
-    """Return minima of a fit to the first blow alone; later blows add many local minima."""
-    first = model.of_first_blow()
-    return [point.x for point in race(first, scatter(first)[starts])] if first.samples < model.samples else []
 
 
 def _estimate_noise(model: Model, x: Array) -> bool:

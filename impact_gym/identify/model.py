@@ -62,14 +62,9 @@ class Coordinate:
             return min(math.log(size / (1.0 - size)) if size < 1.0 else LARGEST_LOGIT, LARGEST_LOGIT)
         return math.log(size)
 
-    def clipped(self, u: float) -> float:
-        """Return `u`, limited to the reach."""
-        low, high = self.reach
-        return min(max(u, low), high)
-
     def number(self, u: float) -> float:
         """Return the number at coordinate `u`, which is limited to the reach."""
-        u = self.clipped(u)
+        u = float(np.clip(u, *self.reach))
         return 1.0 / (1.0 + math.exp(-u)) if self.name == RESTITUTION else self.sign * math.exp(u)
 
     def end(self, u: float | None, side: int) -> float:
@@ -146,8 +141,10 @@ class Model:
 
     def __post_init__(self) -> None:
         columns = [(k, name) for k, log in enumerate(self.logs) for name in log.columns]
-        self.biased = [(k, name) for k, name in columns if self.sensors[name].bias == "estimated"]
-        self.size = len(self.free) + len(self.logs) + len(self.biased)
+        biased = [(k, name) for k, name in columns if self.sensors[name].bias == "estimated"]
+        first = len(self.free) + len(self.logs)
+        self.bias_places = {key: place for place, key in enumerate(biased, first)}  # of columns of logs, in x
+        self.size = first + len(biased)
         ends = np.cumsum([len(self.logs[k].time) for k, _ in columns])
         self.samples = int(ends[-1])
         begins = [0, *ends[:-1]]
@@ -244,12 +241,8 @@ class Model:
         bias = np.zeros(self.samples)
         for (k, name), slot in self.slots.items():
             known = self.sensors[name].bias
-            bias[slot] = x[self.bias_place(k, name)] if known == "estimated" else known
+            bias[slot] = x[self.bias_places[k, name]] if known == "estimated" else known
         return bias
-
-    def bias_place(self, k: int, name: str) -> int:
-        """Return which entry of x is the bias of a column of log k."""
-        return len(self.free) + len(self.logs) + self.biased.index((k, name))
 
     def scales(self) -> Array:
         """Return the noise of each sample (n,)."""
@@ -271,6 +264,6 @@ class Model:
                 columns[:, i] = (self._predict(there)[0] - here) / step
         for (k, name), slot in self.slots.items():
             columns[slot, len(self.free) + k] = -slopes[slot]
-            if (k, name) in self.biased:
-                columns[slot, self.bias_place(k, name)] = 1.0
+            if (k, name) in self.bias_places:
+                columns[slot, self.bias_places[k, name]] = 1.0
         return columns / self.scales()[:, None]

@@ -68,7 +68,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 
     def put(name: str, u: float) -> None:
         if name in places:
-            x[places[name]] = model.free[places[name]].clipped(u)
+            x[places[name]] = np.clip(u, *model.free[places[name]].reach)
 
     points = []
     for restitution in RESTITUTIONS if RESTITUTION in places else RESTITUTIONS[:1]:
@@ -116,8 +116,8 @@ def start_at(model: Model, point: Array, share: float) -> Point:
             misfit, delay, biases = _align(model, scene, log, trace, share)
             x[len(point) + k] = log.time[0] + delay
             for name, bias in biases.items():
-                if (k, name) in model.biased:
-                    x[model.bias_place(k, name)] = bias
+                if (k, name) in model.bias_places:
+                    x[model.bias_places[k, name]] = bias
             total += misfit
     except (ValueError, RuntimeError):
         return Point(np.inf, x, is_minimum=False)
@@ -182,7 +182,7 @@ def descend(
     )  # fmt: skip
     end = full(solution.x)
     for i, number in enumerate(model.free):
-        end[i] = number.clipped(end[i])
+        end[i] = np.clip(end[i], *number.reach)
     return Point(2.0 * float(solution.cost), end, solution.status > 0)
 
 
@@ -196,24 +196,20 @@ def race(model: Model, starts: Sequence[Array]) -> list[Point]:
     for _ in range(ROUNDS):
         before = [point.misfit for point in points]
         points = [p if p.is_minimum else descend(model, p.x, None, ROUGH, ROUND_EVALUATIONS) for p in points]
-        least, good = min((point.misfit for point in points), default=math.inf), _good_misfit(model, points)
+        least = min((point.misfit for point in points), default=math.inf)
+        good = {id(point) for point in as_good(model, points)}
         gaps = [(1.0 - MIN_GAP_REDUCTION) * (misfit - least) for misfit in before]
         points = distinct(model, [
             point for point, gap in zip(points, gaps, strict=True)
-            if point.is_minimum or point.misfit < good or point.misfit - least < gap
+            if point.is_minimum or id(point) in good or point.misfit - least < gap
         ])  # fmt: skip
     return points
 
 
 def as_good(model: Model, points: Sequence[Point]) -> list[Point]:
     """Return the points with a misfit near the least misfit."""
-    good = _good_misfit(model, points)
-    return [point for point in points if point.misfit < good]
-
-
-def _good_misfit(model: Model, points: Sequence[Point]) -> float:
     least = min((point.misfit for point in points), default=math.inf)
-    return least + GOOD_MISFIT * (1.0 + least / model.samples)
+    return [point for point in points if point.misfit < least + GOOD_MISFIT * (1.0 + least / model.samples)]
 
 
 def distinct(model: Model, points: Sequence[Point]) -> list[Point]:

@@ -133,7 +133,7 @@ def _head(canvas: Canvas, history: History, state: State, factor: float) -> None
     canvas.circle(LAMP, 12.0, colour)
     if not over:
         canvas.text(words, (LAMP[0] - 22.0, LAMP[1]), 30, INK, "midright")
-    forces = history.columns["contact_force"][: history.seen(state.time)]
+    forces = history.columns["contact_force"][: np.searchsorted(history.time, state.time, side="right")]
     if (largest := max(float(forces.max()), state.contact_force)) > 0.0:
         canvas.text(f"largest force {largest:.3g} N", (WIDTH - 14.0, 86.0), 30, FAINT, "midright")
 

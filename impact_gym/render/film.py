@@ -93,10 +93,6 @@ class History:
         share = min(max((time - begin[0]) / (end[0] - begin[0]), 0.0), 1.0) if end[0] > begin[0] else 1.0
         return State(*(begin + share * (end - begin)).tolist())
 
-    def seen(self, time: float) -> int:
-        """Return the number of points of the trace up to `time` (s)."""
-        return int(np.searchsorted(self.time, time, side="right"))
-
     def impact_depth(self, speed: float) -> float:
         """Return the largest penetration in an elastic Hertz impact at `speed` (m/s), m (Johnson 1985, eq. 11.23)."""
         stiffness = self.info["scenario"]["contact_stiffness"]

@@ -17,7 +17,8 @@ def draw(canvas: Canvas, history: History, state: State, box: Box) -> None:
     """Draw the velocities up to the time of `state` in `box`, with names and units around it."""
     left, top, width, height = box
     start = max(state.time + AHEAD - WINDOW, 0.0)  # s
-    seen = slice(max(int(np.searchsorted(history.time, start)) - 1, 0), history.seen(state.time))
+    first, end = np.searchsorted(history.time, start), np.searchsorted(history.time, state.time, side="right")
+    seen = slice(max(int(first) - 1, 0), int(end))
     so_far = np.array([history.columns[name][: seen.stop] for name in BODIES])
     high = max(history.task.velocity_range[1], math.ceil(2.0 * float(so_far.max())) / 2.0) + 0.1
     low = min(0.0, math.floor(2.0 * float(so_far.min())) / 2.0) - 0.1

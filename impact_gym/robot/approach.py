@@ -75,11 +75,6 @@ class Approach(Parameters):
         array.flags.writeable = False
         object.__setattr__(self, name, array)
 
-    @property
-    def x(self) -> Array:
-        """Coordinate x of the flange in the base's frame, m, for each place."""
-        return np.asarray(self.start[0] + self.position * self.direction[0])
-
     def robot_table(self, mass: Mass | None = None) -> RobotTable:
         """Return the robot with parameters that vary along the line, with one of its three masses.
 
