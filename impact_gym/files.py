@@ -91,7 +91,7 @@ def writing(what: str) -> Iterator[None]:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[IO[bytes]]:
-    """Write `path` atomically: yield a new file beside it, which then replaces it. Of a link the target is replaced.
+    """Write `path` atomically: yield a new file in its folder, then rename it to `path`, or to the target of a link.
 
     Raises:
         OSError: `path` is a folder, a device or a pipe; it stays unchanged.

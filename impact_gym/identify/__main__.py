@@ -58,7 +58,7 @@ equal motions. With --out setup.toml the table is also written to setup.held-out
 """
 
 PLACES = {row.path: ("scenario", row.id) for row in SCENARIO} | {row.path: (row.id,) for row in SET_UP if row.path}
-"""Keys in `[environment]` of the scene's numbers; those of coupling and robot have the same names there."""
+"""Keys in `[environment]` of the scene's numbers; numbers of coupling and robot have the same names there."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

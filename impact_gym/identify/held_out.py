@@ -76,7 +76,7 @@ def hold_out(
     log: Sequence[Any], scene: Scene, motion: Trapezoid | Sequence[Trapezoid],
     free: Iterable[str] | Mapping[str, Any] = FREE, sensor: Sensor | Mapping[str, Sensor] | None = None,
 ) -> HeldOut:  # fmt: skip
-    """Fit every other log and predict the rest, then the reverse; the arguments are those of `identify`.
+    """Fit every other log and predict the rest, then the reverse; takes the arguments of `identify`.
 
     Raises:
         TypeError, ValueError: as `identify`; or there are too few logs, their columns differ, or they have neither an

@@ -26,7 +26,7 @@ READ = {
     "tool_acceleration": Column("m/s^2", r"(tool|hammer) (acceleration|accel|acc)", needs_unit=True),
     "object_acceleration": Column("m/s^2", r"(object|target) (acceleration|accel|acc)", needs_unit=True),
 }
-"""Columns that a log may have beside `time` (s), and their names in files."""
+"""Columns that a log may have in addition to `time` (s), and their names in files."""
 UNITS = {name: column.unit for name, column in READ.items()}
 COLUMNS = ", ".join(f"{name} ({unit})" for name, unit in UNITS.items())
 

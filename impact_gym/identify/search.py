@@ -1,7 +1,7 @@
 """Starting points of a fit, and least squares from several of them; the worst fits are dropped on the way.
 
-The free numbers of a starting point are those of the given scene, of a scene with the impulse and width of the measured
-blow, or of a point of a Latin hypercube over the searched ranges. Start of the motion and biases have the least misfit.
+A starting point has the free numbers of the given scene, of a scene with the impulse and width of the measured blow, or
+of a point of a Latin hypercube over the searched ranges. Start of the motion and biases have the least misfit.
 """
 
 import math
@@ -158,7 +158,7 @@ def descend(
     model: Model, x: Array, fixed: int | None = None, tolerance: float = FINE,
     evaluations: int = ROUNDS * ROUND_EVALUATIONS,
 ) -> Point:  # fmt: skip
-    """Return the result of least squares from x with x[fixed] constant, after at most so many `evaluations`."""
+    """Return the result of least squares from x with x[fixed] constant and at most this number of `evaluations`."""
     free = np.delete(np.arange(model.size), [] if fixed is None else [fixed])
     x = x.copy()
     if not np.all(np.isfinite(x)):

@@ -32,7 +32,7 @@ class Canvas:
     """A picture that is drawn anew for each frame."""
 
     def __init__(self, width: int = WIDTH, height: int = HEIGHT) -> None:
-        """Make an empty picture of so many pixels; needs no display.
+        """Make an empty picture of this size in pixels; needs no display.
 
         Raises:
             DependencyNotInstalled: pygame is not installed; says how to install it.

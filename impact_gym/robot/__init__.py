@@ -12,7 +12,7 @@ The rest computes such a table and needs MuJoCo, the extra `robot`:
     all_joints.simulate(arm, approach, scene)  the same blow with all joints; shows the error of the table
 
 Kinematics and limits of the Viper are public data. Its inertia and joint stiffness are estimates: at a given pose m_r
-is uncertain by tens of per cent and k_r by a factor. The default pose is chosen such that both agree with the paper.
+is uncertain by tens of per cent and k_r by a factor. With the default pose both agree with the paper.
 """
 
 import warnings
@@ -60,7 +60,7 @@ def from_urdf(
         ImportError: MuJoCo is not installed.
 
     Warns:
-        UserWarning: a link that the arm moves has inertia but no mass, so its inertia is left out; a joint beside the
+        UserWarning: a link that the arm moves has inertia but no mass, so its inertia is left out; a joint outside the
             arm mimics a joint of the arm, but is held at zero; or a joint has limits beyond 10 rad or 100 m.
     """
     choice("inertia", inertia, ("given", "balanced"))

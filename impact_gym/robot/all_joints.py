@@ -51,7 +51,7 @@ def simulate(
     """Simulate an approach of `arm` with all its joints along the line of `approach`; the scene has no robot.
 
     Args:
-        arm: the arm of which `approach` is the table.
+        arm: the arm that `approach` describes.
         approach: the line, and the motors' angles along it.
         scene: tool, object, contact and coupling; without friction, and with equal exponents of the contact.
         motion: of the motors along the line.
@@ -101,7 +101,7 @@ def simulate(
 
 
 def _run(equations: Equations, duration: float, rtol: float, status: str) -> Blow:
-    """Integrate from event to event; `status` is that of a run that is not ended early."""
+    """Integrate from event to event; the result has this `status` unless the run ends early."""
     scene, path, servo, touching, t = equations.scene, equations.path, equations.servo, False, 0.0
     y, d = equations.begin(scene.object.distance), damping_factor(scene.contact.dissipation, scene.contact.restitution)
     touches, parted, impact, rotation, undetected = list[float](), list[float](), None, np.eye(3), True

@@ -32,7 +32,7 @@ Mass = Literal["held", "effective", "composite"]
 class Approach(Parameters):
     """The flange on a straight line at constant orientation; the arrays have a row for each place.
 
-    The masses are those of the robot without a tool, whose mass is added (paper: 'simply adds').
+    The masses are without a tool; a tool's mass is added (paper: 'simply adds').
     """
 
     position: Annotated[Array, SI("m")]  # of the imposed motion from its start, rising from 0
@@ -89,7 +89,7 @@ class Approach(Parameters):
         return RobotTable(*(tuple(map(float, column)) for column in columns))
 
     def at(self, position: float, mass: Mass | None = None) -> Robot:
-        """Return the robot with constant parameters, those at `position` (m) of the line."""
+        """Return the robot with constant parameters, as at `position` (m) of the line."""
         return self.robot_table(mass).at(position)
 
 

@@ -134,8 +134,8 @@ class Arm:
     def dynamics(self, angles: Array, rates: Array, coriolis: bool, gravity: bool) -> tuple[Array, Array, Array]:
         """Return the flange's position, the first three rows of J(q), and the torques of velocity and weight, (n,).
 
-        The torques are those of centrifugal and Coriolis forces, and of gravity. `accelerations` then holds for these
-        angles, until the next call.
+        The torques come from centrifugal and Coriolis forces and from gravity. `accelerations` uses the angles of the
+        last call.
         """
         self._move(angles)
         self._mujoco.mj_crb(self._model, self._data)
@@ -167,12 +167,12 @@ class Arm:
     def reduction(self, angles: ArrayLike, direction: ArrayLike) -> dict[str, float]:
         """Return the row of an `Approach` at these joint angles, by the names of its columns.
 
-        Mass, damping and stiffness are elements (1,1) of the Cartesian matrices (paper, eq. 12-16): those of a flange
-        that is *held* in its other directions. A flange that is free in them is lighter and softer. The effective mass
-        is what an impulse along the line meets at first; the effective stiffness is static force over deflection along
-        the line. By Cauchy-Schwarz they never exceed the held ones. The composite mass is the mass of all links as one
-        free rigid body; an arm under stiff position control behaves nearly like that (Wang, Dehio and Kheddar, arXiv
-        2202.12646).
+        Mass, damping and stiffness are elements (1,1) of the Cartesian matrices (paper, eq. 12-16). They describe a
+        flange that is *held* in its other directions; a flange that is free in them is lighter and softer. The
+        effective mass is what an impulse along the line meets at first; the effective stiffness is static force over
+        deflection along the line. By Cauchy-Schwarz they never exceed the held mass and stiffness. The composite mass
+        is the mass of all links as one free rigid body; an arm under stiff position control behaves nearly like that
+        (Wang, Dehio and Kheddar, arXiv 2202.12646).
 
         For an arm with more joints than held directions A_X = (J A^-1 J')^-1.
 

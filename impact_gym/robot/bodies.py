@@ -1,6 +1,6 @@
 """The bodies of an arm: each is a joint, and the links behind it that are welded together as one rigid body.
 
-Only the sum of such links is checked, as a frame or a point payload needs no inertia of its own.
+Only the sum of such links is checked, as a frame or a point payload may have no inertia.
 """
 
 import importlib

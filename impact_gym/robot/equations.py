@@ -26,8 +26,8 @@ class Unfinished(Exception):  # noqa: N818 a status, not an error
 class Equations:
     """The equations of motion.
 
-    The state is: angles and rates of the joints; with a servo, also those of the motors; position and velocity of the
-    tool and of the object; impulse on the object.
+    The state is: angles and rates of the joints; with a servo, angles and rates of the motors; position and velocity of
+    the tool and of the object; impulse on the object.
     """
 
     def __init__(

@@ -24,11 +24,11 @@ pytestmark = pytest.mark.usefixtures("no_display")
     {}, {"coupling": ig.Bistable()}, {"coupling": ig.Rigid()}, {"robot": ROBOT},
     {"coupling": ig.Rigid(), "robot": ROBOT},
 ], ids=str)  # fmt: skip
-def test_tool_flange_and_spring_are_drawn_where_the_trace_has_them(options):
+def test_tool_flange_and_object_are_drawn_at_their_positions(options):
     env = gym.make(ID, record_trace=True, **options)
     play(env, seed=4, scenario=HARD_AND_HEAVY)
     history, task = history_of(env), task_of(env)
-    first, view = history.touches[0], chain.camera(history, STAGE)  # the camera stands still
+    first, view = history.touches[0], chain.camera(history, STAGE)  # the camera is fixed
     deflection = history.columns["tool_position"] - history.columns["flange_position"]
     shortest = float(history.time[np.argmin(deflection)])
     for time in (0.5 * first, 0.99 * first, first, shortest, history.events.alarm + 0.02, history.now):
@@ -56,11 +56,9 @@ def test_tool_flange_and_spring_are_drawn_where_the_trace_has_them(options):
 def test_lamp_is_amber_from_the_detection_on_and_red_from_the_alarm_on():
     env = gym.make(ID, record_trace=True, reaction_delay=0.03)
     _, results = play(env, scenario=HARD_AND_HEAVY)
-    told = next(
-        0.75 * (float(result[0][2]) + 1.0) for result in results if result[0][3] == 1.0
-    )  # s, of the observation
+    observed = next(0.75 * (float(seen[2]) + 1.0) for seen, *_ in results if seen[3] == 1.0)  # s
     history, (x, y) = history_of(env), map(round, LAMP)
-    assert history.events.alarm == pytest.approx(told, abs=2e-7)
+    assert history.events.alarm == pytest.approx(observed, abs=2e-7)
     assert np.interp(history.events.detection, history.time, history.columns["contact_force"]) == pytest.approx(
         1.0, rel=1e-6
     )

@@ -31,7 +31,7 @@ def identified(seed=0):
 
 
 def assert_near(fit, of, widths=2.0):
-    """Each estimate within so many half widths of its 95 % interval."""
+    """Each estimate is within `widths` half widths of its 95 % interval from the truth."""
     for name, truth in truths(of).items():
         low, high = fit.interval[name]
         assert low < fit.estimate[name] < high
@@ -264,8 +264,8 @@ def test_95_percent_intervals_contain_the_truth_as_often_as_they_should():
         noise, bias, known = log_uniform(rng, 0.01, 0.1), rng.choice([0.0, rng.normal(0.0, 0.5)]), rng.random() < 0.5
         noises = {name: noise * values.max() for name, values in log(truth, noise=0.0, **logged).items()}
         offset = "estimated" if bias else 0.0
-        told = noises if known else dict.fromkeys(columns)
-        sensor = {name: ig.Sensor(logged["rate"], low_pass, offset, told[name]) for name in columns}
+        given = noises if known else dict.fromkeys(columns)
+        sensor = {name: ig.Sensor(logged["rate"], low_pass, offset, given[name]) for name in columns}
         recorded = log(truth, noise=noise, bias=bias, seed=seed, **logged)
         fit = ig.identify(recorded, scene(1e5, 0.5, 0.25, *chain), motion, sensor=sensor)
         held.append([low <= truths(truth)[name] <= high for name, (low, high) in fit.interval.items()])

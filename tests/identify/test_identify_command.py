@@ -58,7 +58,7 @@ def test_set_up_is_printed_and_a_number_of_the_coupling_may_be_free(identify, tm
 def test_hold_out_prints_predictions_and_writes_them_beside_the_set_up(identify, capsys):
     slow = log(TRUTH, motion=SLOW, seed=1)
     logs, speeds = [slow, log(TRUTH, seed=2), slow], ("speed = 1.0", "speed = [1.0, 0.5, 1.0, 0.5]")
-    with pytest.warns(UserWarning, match="force"):  # stiffness and mass of the file are not those of the log
+    with pytest.warns(UserWarning, match="force"):  # the log has another stiffness and mass than the file
         folder = identify("--free", "contact.restitution", "--hold-out", logs=logs, change=speeds)
     comments, _, rest = capsys.readouterr().out.partition("\ntitle")
     assert all(line.startswith("# ") for line in comments.splitlines())

@@ -12,7 +12,7 @@ TRUTH = scene(1e5, 0.4)
 
 
 def recorded(truth, motion, rate, before, samples, noise):
-    """A log with so many samples, `before` of them before the touch; the noise is relative to the peak."""
+    """A log with `samples`, `before` of them before the touch; the noise is relative to the peak."""
     time = ig.simulate(truth, motion, 20.0).contacts[0].start + (np.arange(samples) - before) / rate
     trace = ig.simulate(truth, motion, time[-1], trace=True).trace
     force = np.interp(time, trace.time, trace.contact_force)

@@ -32,7 +32,7 @@ def sliding(folder):
 
 @pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda each: type(each).__name__)
 def test_two_slides_are_the_chain_with_one_mass_on_a_spring(coupling, tmp_path):
-    """Nothing turns, so every mass is that of both carriages and the compiled solver has the same equations."""
+    """Nothing rotates: every mass is the mass of both carriages, and the compiled solver has the same equations."""
     (arm, approach), scene = sliding(tmp_path), replace(SCENE, coupling=coupling)
     assert arm.units == ("m", "m")
     ours = ig.simulate(replace(scene, robot=ig.Robot(5.225, 1.9e5, 50.4)), PAPERS, duration=0.4)
@@ -164,9 +164,7 @@ def test_all_results_are_those_of_an_independent_simulation(tmp_path):
     assert ours.peak_force == pytest.approx(max(force(t, y, chi) for t, y in looked), rel=1e-5)
     assert ours.sideways == pytest.approx(max(abs(x * u[1] - y * u[0]) for x, y in away), rel=1e-3)
     assert ours.turn == pytest.approx(max(abs(y[:2].sum() - met[:2].sum()) for _, y in looked), rel=1e-3)
-    assert (
-        abs(away[-1][0] * u[1] - away[-1][1] * u[0]) < 0.9 * ours.sideways
-    )  # largest during the contact, not at its end
+    assert abs(away[-1][0] * u[1] - away[-1][1] * u[0]) < 0.9 * ours.sideways  # not largest at the end of the contact
 
 
 def test_motion_beyond_the_line_and_too_many_evaluations_have_a_status(tmp_path):
@@ -180,7 +178,7 @@ def test_motion_beyond_the_line_and_too_many_evaluations_have_a_status(tmp_path)
     assert short.status == "more than 100 evaluations of the equations"
 
 
-def test_advise_names_the_cheapest_mass_beside_all_joints(tmp_path):
+def test_advise_compares_one_mass_with_all_joints_and_names_the_cheapest(tmp_path):
     arm, approach = elastic(tmp_path, joint_stiffness=(9e4, 4e4))
     advice = ig.advise(SCENE, PAPERS, 0.05, duration=0.3, arm=(arm, approach))
     true = all_joints.simulate(arm, approach, SCENE, PAPERS, duration=0.3).object_velocity
