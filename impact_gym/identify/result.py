@@ -57,19 +57,24 @@ class Identified:
         for number, (u_low, u_high) in zip(free, ends, strict=True):
             low, high = sorted((number.end(u_low, -1), number.end(u_high, 1)))
             interval[number.name] = (low, high)
-        words, doubts = tuple(_words(fit, interval, correlation)), tuple(misfits(fit))
+        doubts = tuple(misfits(fit))
         for doubt in doubts:
             warnings.warn(doubt, stacklevel=3)
-        bias, residuals = (
-            [{name: samples[model.slots[k, name]] for name in log.columns} for k, log in enumerate(model.logs)]
-            for samples in (model.biases(fit.x), -model.residuals(fit.x) * model.scales())
-        )
+        biases, residuals = model.biases(fit.x), -model.residuals(fit.x) * model.scales()
+        slots = [{name: model.slots[k, name] for name in log.columns} for k, log in enumerate(model.logs)]
         return cls(
-            {number.name: number.number(u) for number, u in zip(free, fit.x, strict=False)}, interval, correlation,
-            model.scene_at(fit.x), words, doubts, tuple(fit.x[len(free) : len(free) + len(model.logs)].tolist()),
-            dict(model.noise), tuple({name: float(each[0]) for name, each in log.items()} for log in bias),
-            tuple(residuals), fit,
-        )  # fmt: skip
+            estimate={number.name: number.number(u) for number, u in zip(free, fit.x, strict=False)},
+            interval=interval,
+            correlation=correlation,
+            scene=model.scene_at(fit.x),
+            indistinguishable=tuple(_words(fit, interval, correlation)),
+            warnings=doubts,
+            start=tuple(fit.x[len(free) : len(free) + len(model.logs)].tolist()),
+            noise=dict(model.noise),
+            bias=tuple({name: float(biases[slot.start]) for name, slot in log.items()} for log in slots),
+            residuals=tuple({name: residuals[slot] for name, slot in log.items()} for log in slots),
+            fit=fit,
+        )
 
     def plot(self) -> Any:
         """Return a Matplotlib figure of each column: measured and fitted values, and residual over noise."""
