@@ -49,7 +49,7 @@ class Column(NamedTuple):
     unit: str  # SI, one of SCALES
     names: str  # regular expression of its names in lower case, words separated by one blank
     needs_unit: bool = False  # the file must name the unit, as several are usual
-    empty: float | None = None  # value of an empty field, nan or inf; None: an empty field is refused
+    may_be_empty: bool = False  # an empty field is nan; otherwise it is refused
 
 
 class Table(NamedTuple):
@@ -110,7 +110,7 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
         k: line for k, line in enumerate(text.split("\n")[layout.first :], layout.first + 1)
         if line.strip() and not line.lstrip().startswith(COMMENTS)
     }  # fmt: skip
-    values = _numbers(rows, layout, {name: (source.place, wanted[name].empty) for name, source in sources.items()})
+    values = _numbers(rows, layout, {name: source.place for name, source in sources.items()}, wanted)
     columns = {name: values[:, n] * (source.scale or 1.0) for n, (name, source) in enumerate(sources.items())}
     said = ", ".join(
         f"{name} ({wanted[name].unit}) from {shown(source.head) if source.head else f'column {source.place + 1}'}"
@@ -123,26 +123,23 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
 
 
 def _numbers(
-    rows: Mapping[int, str], layout: _Layout, sources: Mapping[str, tuple[int, float | None]]
+    rows: Mapping[int, str], layout: _Layout, places: Mapping[str, int], wanted: Mapping[str, Column]
 ) -> NDArray[np.float64]:
-    """Return the numbers (rows, columns) in lines by their number; `sources`: place, and value of an empty field."""
+    """Return the numbers (rows, columns) at some places of lines, which have their line numbers as keys."""
     if layout.decimal == "." and not any('"' in line for line in rows.values()):
-        places = [place for place, _ in sources.values()]
-        with suppress(ValueError):  # the loop below finds the line, or an allowed empty field
-            return np.loadtxt(rows.values(), comments=None, delimiter=layout.separator, usecols=places, ndmin=2)
+        with suppress(ValueError):  # a wrong line, or an empty field: see below
+            return np.loadtxt(
+                rows.values(), comments=None, delimiter=layout.separator, usecols=[*places.values()], ndmin=2
+            )
     table = []
     for k, line in rows.items():
-        row, values = _split(line, layout.separator), list[float]()
-        for name, (place, empty) in sources.items():
-            if place >= len(row):
-                raise ValueError(f"line {k} must have {layout.least} values, got {shown(line)}")
-            if NUMBERS[layout.decimal].fullmatch(row[place]):
-                values.append(float(row[place].replace(",", ".")))
-            elif row[place] or empty is None:
+        row = _split(line, layout.separator)
+        if max(places.values()) >= len(row):
+            raise ValueError(f"line {k} must have {layout.least} values, got {shown(line)}")
+        for name, place in places.items():
+            if not NUMBERS[layout.decimal].fullmatch(row[place]) and (row[place] or not wanted[name].may_be_empty):
                 raise ValueError(f"line {k}: {name} must be a number, got {shown(row[place])}")
-            else:
-                values.append(empty)
-        table.append(values)
+        table.append([float(row[place].replace(",", ".") or "nan") for place in places.values()])
     return np.array(table)
 
 
