@@ -19,7 +19,7 @@ LOST = 1e6  # s, delay of a lost packet: longer than any episode
 USUAL_DELAY = 1.0  # s, above it a trace file must state the unit
 TRACE_COLUMNS = {
     "time": Column("s", r"((rel|relative|elapsed|send|sent) )?(time ?stamp|time|at)s?|t|sent"),
-    "delay": Column("s", r"((one way|network|packet) )?(delay|latency|owd)s?", empty=np.nan),
+    "delay": Column("s", r"((one way|network|packet) )?(delay|latency|owd)s?", may_be_empty=True),
 }
 
 
