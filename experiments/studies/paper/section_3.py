@@ -17,7 +17,7 @@ COMPONENTS = {"held": "effective", "damping": None, "stiffness": "effective_stif
 def figure_11() -> pl.DataFrame:
     """Simulate the approach of Fig. 13b; positions in the base frame of our robot model."""
     outcome, trace = scenes.simulate_with_trace(scenes.scene(1e5, 1.0, robot=scenes.ROBOT))
-    position = default_approach().x[0] + trace.command_position
+    position = default_approach().start[0] + trace.command_position
     columns = {"time": trace.time, "position": position, "velocity": trace.command_velocity}
     events = {"impact": outcome.contacts[0].start, "detection": outcome.detection_time}
     return pl.DataFrame({**columns, **events})
