@@ -13,7 +13,7 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from numpy.typing import NDArray
 
-from agents.baselines import FilteredProfile, Rule, detector, filtered, profile
+from agents.baselines import FilteredProfile, Rule, filtered, profile
 from agents.baselines import rule as rules
 from agents.export.contract import Subject
 from agents.policies.policy import Policy
@@ -96,7 +96,6 @@ def _rule(subject: Subject, name: str) -> dict[str, Any]:
         "seen": {entry.id: _seen(entry, value_of[entry.id], name) for entry in subject.spec.entries},
         "swing": np.stack(rule.swing(*np.eye(3))).tolist() if isinstance(rule, FilteredProfile) and spring else None,
         "profile": profile,
-        "detector": detector,
         "filtered": filtered,
         "rules": rules,
         "fastest": VELOCITY_RANGE[1],

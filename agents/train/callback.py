@@ -87,7 +87,7 @@ class TrainingCallback(BaseCallback):
             self._write_row()
         if self._due("checkpoint", training.checkpoint_every):
             self._count_time()
-            checkpoint.write(self._folder / "checkpoint.npz", self.model, self._environments, self.kept)
+            checkpoint.write(self._folder / "checkpoint.npz", self.model, self._environments, self.kept, training)
 
     def _on_training_end(self) -> None:
         self._check_weights()

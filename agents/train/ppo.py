@@ -204,7 +204,7 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
     model.set_logger(log)
     saved = folder / "checkpoint.npz"
     if saved.is_file():
-        callback.kept |= checkpoint.restore(saved, model, environments)
+        callback.kept |= checkpoint.restore(saved, model, environments, training)
         print(f"resuming at step {model.num_timesteps:,} of {training.whole_steps:,} steps")
     else:
         print(f"training for {training.whole_steps:,} steps; torch uses {training.threads} thread(s)")

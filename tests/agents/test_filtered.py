@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from agents.baselines.filtered import LEAST_SPREAD, FilteredProfile, FirstReadingProfile
+from agents.baselines.filtered import FilteredProfile, FirstReadingProfile
+from agents.baselines.profile import LEAST_SPREAD
 from agents.baselines.rule import View
 from agents.evaluate.controllers import controller_of
 from impact_gym.envs.batch import Batch

@@ -108,13 +108,12 @@ def test_train_and_resume_leave_alone_what_is_done(whole):
     assert {file.name: file.read_bytes() for file in whole.iterdir()} == before
 
 
-@pytest.mark.parametrize("changes", [{"width": 24}, {"envs": 8}], ids=str)
-def test_resume_refuses_the_checkpoint_of_another_training(part, changes):
+@pytest.mark.parametrize(("setting", "before", "now"), [("width", 16, 24), ("envs", 16, 8)])
+def test_resume_refuses_the_checkpoint_of_another_training(part, setting, before, now):
     record = read(part, "config.json")
-    record["settings"] |= changes
+    record["settings"][setting] = now
     (part / "config.json").write_text(json.dumps(record))
-    with pytest.raises(ValueError, match="checkpoint of another training"):
-        resume(part)
+    refused(lambda: resume(part), "of another training", f"{setting} is {before} in the checkpoint, got {now}")
 
 
 def test_resume_refuses_a_folder_that_is_no_run_or_under_way(part, tmp_path):
