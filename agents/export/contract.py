@@ -1,4 +1,4 @@
-"""What is exported, and its contract: what a user has to know, which every exported file says in the same words."""
+"""Controllers to export, and their contract: facts for the user, in the same words in every exported file."""
 
 import copy
 import hashlib
@@ -56,33 +56,30 @@ class Subject:
         """Describe a controller.
 
         Args:
-            controller: a policy; or a rule for its environment, with parameters (k,), or (weights, k) for several.
-            weights: of a rule, m/s per s, rising: what its parameters were tuned for.
-            validation: results on validation scenarios, anything that JSON holds; of a policy its file says them.
-            command: how it was made; of a policy its file says it.
+            controller: a policy; or a rule for its environment, with parameters (k,), or (weights, k) for several
+                time weights.
+            weights: time weights for which a rule was tuned, m/s per s, ascending.
+            validation: results on validation scenarios, as JSON; default: those in the policy's file.
+            command: command that made the controller; default: the one in the policy's file.
 
         Raises:
-            ValueError: it is another kind of controller.
+            ValueError: the controller is neither a policy nor a rule.
         """
         if not isinstance(controller, Policy | Rule):
             raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
         self.controller, self.weights = controller, [*weights]
         self.task = controller.task
         self.spec, self.actions = ObservationSpec(self.task), ActionSpec(self.task).entries
-        provenance = controller.provenance if isinstance(controller, Policy) else {}
+        self.policy = controller if isinstance(controller, Policy) else None
+        provenance = self.policy.provenance if self.policy else {}
         self.command = command or todays(str(provenance.get("command", "by hand")))
         self.validation = validation or provenance.get("validation")
         settings = provenance.get("settings", {})
         name = settings.get("setup", settings.get("preset"))
         self.fails = load_setup(name).fails if name in shipped() else UNSAID
 
-    @property
-    def policy(self) -> Policy | None:
-        """The policy, if it is one."""
-        return self.controller if isinstance(self.controller, Policy) else None
-
     def at(self, time_weight: ArrayLike) -> Policy | Rule:
-        """Return the controller for a time weight (m/s per s), or for one of each row of a batch."""
+        """Return the controller for a time weight (m/s per s), or for the time weight of each row of a batch."""
         twin = copy.copy(self.controller)
         if isinstance(twin, Rule) and len(self.weights) > 1:
             twin.parameters = interpolated(self.weights, twin.parameters, time_weight)
@@ -90,7 +87,7 @@ class Subject:
 
     @cached_property
     def contract(self) -> dict[str, str]:
-        """What a user has to know, by name: JSON, in which no comment in C ends or begins."""
+        """The entries of the contract by name, as JSON that can stand in a comment in C; see `_plain`."""
         content = {name: _plain(value) for name, value in self._entries()}
         digest = hashlib.sha256(json.dumps(content).encode())
         arrays = [self.controller.parameters] if isinstance(self.controller, Rule) else []
@@ -99,7 +96,7 @@ class Subject:
         return content | {"checksum": _plain(f"SHA-256 {digest.hexdigest()} of all of the above and the parameters")}
 
     def _entries(self) -> Iterator[tuple[str, Any]]:
-        """Yield names and values of the contract but for its checksum."""
+        """Yield names and values of the contract, except its checksum."""
         task = self.task
         yield "format", FORMAT
         yield "kind", "network" if self.policy else type(self.controller).__name__
@@ -133,16 +130,16 @@ class Subject:
 
 
 def _plain(value: Any) -> str:
-    """Return JSON in ASCII that neither ends nor begins a comment in C, and has no trigraph."""
+    """Return JSON in ASCII that neither begins nor ends a comment in C, and has no trigraph."""
     text = json.dumps(value, default=lambda record: {"type": type(record).__name__, **asdict(record)})
     return text.replace("*/", "*\\u002f").replace("/*", "/\\u002a").replace("??", "?\\u003f")
 
 
 def of_baseline(name: str, setup: Setup | None = None, folder: Path = TUNED) -> Subject:
-    """Return a baseline: a fixed one for the environment of `setup`, or a tuned one from its file in `folder`.
+    """Return a baseline: one without parameters for the environment of `setup`, or a tuned one from `folder`.
 
     Raises:
-        ValueError: as `load_baseline`, or it is no rule.
+        ValueError: as `load_baseline`, or the baseline is no rule.
     """
     if name in FIXED:
         rule: Any = load_baseline(name)
@@ -156,10 +153,10 @@ def of_baseline(name: str, setup: Setup | None = None, folder: Path = TUNED) -> 
 
 
 def of_name(name: str, setup: Setup | None = None) -> Subject:
-    """Return what a command line calls `name`: a baseline, fixed or tuned, its file, or a policy as `load_policy` does.
+    """Return the controller with this name: a baseline, the file of a tuned one, or a policy as for `load_policy`.
 
     Raises:
-        ValueError: there is none, or it cannot be exported; says why.
+        ValueError: there is no such controller, or it cannot be exported; says why.
     """
     if name in FIXED or name in shipped_baselines():
         return of_baseline(name, setup if name in FIXED else None)
@@ -175,9 +172,9 @@ def of_name(name: str, setup: Setup | None = None) -> Subject:
 
 
 def of_setup(setup: Setup, folder: Path | None = None) -> dict[str, Subject]:
-    """Return all controllers of a set-up by name: its policy and tuned baselines in `folder`, and the fixed rules.
+    """Return all controllers of a set-up by name: its policy and tuned baselines in `folder`, and the other rules.
 
-    What is not there yet, or cannot be played there, is left out, and a line says so.
+    A controller that does not exist yet, or cannot play the set-up, is left out, and a line says so.
     """
     folder, found = folder or setup.folder, {}
     for name in ("paper-trapezoid", "local-brake", *(["operator-alone"] if setup.environment.get("operator") else [])):

@@ -215,8 +215,3 @@ def load_policy(name: str | Path, seed: int | None = None) -> Policy:
         ValueError: as `load_ensemble`, or there is no such seed.
     """
     return load_ensemble(name)[seed]
-
-
-def policy_from_bytes(content: bytes) -> Policy:
-    """Return the policy in the bytes of `Policy.to_bytes`."""
-    return Ensemble.unpacked(*archive.load(io.BytesIO(content), FORMAT))[None]

@@ -14,16 +14,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from episodes import assert_identical
-from policies import KINDS, made_up_policy
+from policies import KINDS, made_up_policy, observations
 
 from agents import load_policy, load_setup
 from agents.baselines.tuned import FIXED, RULES, read_tuned
 from agents.export import __main__ as exporting
-from agents.export.__main__ import AGREEMENT, Export, Form
+from agents.export.__main__ import AGREEMENT, Export, judged, judged_replay, network_in_onnx, rounding
 from agents.export.c_header import header, identifier, write_header
 from agents.export.contract import Subject, of_name
 from agents.export.onnx_graph import write_onnx
-from agents.export.replay import LANGUAGES, WARNINGS, Replay, address, compiled, logged, replay
+from agents.export.replay import LANGUAGES, WARNINGS, Replay, address, compiled, logged, network_in_c, replay
 from agents.policies import SHIPPED
 from agents.setups import shipped_baselines
 from impact_gym.envs import IDS
@@ -49,11 +49,11 @@ def test_run_writes_both_forms_and_says_how_they_agree_and_what_cannot_be_checke
     options = Export(saved, tmp_path / "out", episodes=300, calls=1000)
     assert [file.name for file in exporting.run(options)] == ["my policy-2.h", "my policy-2.onnx"]
     printed = capsys.readouterr().out
-    assert (printed.count("cycle of 16 ms"), printed.count("differs by at most")) == (3, 2)
+    assert (printed.count("16,000 us"), printed.count("differs from the policy by at most")) == (1, 2)
     monkeypatch.setenv("PATH", str(tmp_path))
     exporting.run(options)
     printed = capsys.readouterr().out
-    assert "my policy-2.h: not checked, no C compiler is here" in printed
+    assert "my policy-2.h: its network is not checked, no C compiler is here" in printed
     assert "my policy-2.h: its controller is not checked: no C compiler" in printed
 
 
@@ -62,31 +62,27 @@ def test_run_writes_both_forms_and_says_how_they_agree_and_what_cannot_be_checke
 def test_forms_compute_what_the_network_does_in_double_precision(tmp_path, kind):
     """Every part is exercised: actions at their limits would compare limits."""
     policy = made_up_policy(**KINDS[kind])
-    seen = exporting.observations(policy)
-    assert len(seen) == 10_000
+    seen = observations(policy)
     original = policy.predict(seen)[0]
     assert (np.abs(original) < 1.0).any(axis=0).all()
-    rounding = exporting.rounding(policy, seen, original)
-    assert rounding < AGREEMENT
-    for form in (
-        exporting.with_c(
-            compiled(Subject(policy), write_header(policy, tmp_path / "it.h"), tmp_path), seen, policy.actions
-        ),
-        exporting.with_onnx(write_onnx(Subject(policy), tmp_path / "it.onnx"), seen),
-    ):
-        assert np.abs(form.actions - original).max() <= AGREEMENT + rounding
-        assert exporting.rounding(policy, seen, form.actions) < 1.5 * AGREEMENT
+    own = rounding(policy, seen, original)
+    assert own < AGREEMENT
+    program = compiled(Subject(policy), write_header(policy, tmp_path / "it.h"), tmp_path)
+    onnx = write_onnx(Subject(policy), tmp_path / "it.onnx")
+    for actions in (network_in_c(program, seen, policy.actions), network_in_onnx(onnx, seen)):
+        assert np.abs(actions - original).max() <= AGREEMENT + own
+        assert rounding(policy, seen, actions) < 1.5 * AGREEMENT
 
 
 def test_judged_refuses_a_form_that_computes_something_else(tmp_path):
     """In one action of 10,000, by little more than rounding."""
-    actions, form = np.zeros((10_000, 2), np.float32), Form(np.zeros((10_000, 2), np.float32), 1e-6)
-    assert "differs by at most 0.0e+00" in exporting.judged(tmp_path, form, "", actions, 1e-6, 0.016)
-    form.actions[-1, 1] += 2e-6
+    actions, computed = np.zeros((2, 10_000, 2), np.float32)
+    assert "by at most 0.0e+00" in judged(tmp_path, computed, "", actions, 1e-6)
+    computed[-1, 1] += 2e-6
     with pytest.raises(ValueError, match="differs from the policy by 2"):
-        exporting.judged(tmp_path, form, "", actions, 1e-6, 0.016)
-    with pytest.raises(ValueError, match=r"commands otherwise, by 2.0e-05 of the range"):
-        exporting.judged_replay(tmp_path, Replay(3, 9, 2e-5, 1e-6, 1e-6), 0.016)
+        judged(tmp_path, computed, "", actions, 1e-6)
+    with pytest.raises(ValueError, match=r"commands differ by 2.0e-05 of the range"):
+        judged_replay(tmp_path, Replay(3, 9, 2e-5, 1e-6, 1e-6), 0.016)
 
 
 def test_headers_of_two_policies_can_stand_in_one_program_twice(tmp_path):
