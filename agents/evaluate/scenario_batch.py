@@ -160,7 +160,7 @@ class Validation:
     """
 
     def __init__(self, task: Task, weights: Sequence[float], scenarios: int, **options: Any) -> None:
-        """Take the first `scenarios` of the set at each of the time `weights` (m/s per s); `options`: of `ScenarioBatch`."""
+        """Take the first `scenarios` of the set, each at all `weights` (m/s per s). `options`: of `ScenarioBatch`."""
         self.weights, count = tuple(weights), min(scenarios, evaluation_sets.load("validation").count)
         options |= {"copies": len(self.weights), "time_weight": self.weights, "lenient": True}
         self.batch = ScenarioBatch.of("validation", count, task, **options)
@@ -180,7 +180,7 @@ WITHIN_STEP = (0.25, 0.5, 0.75, 1.0)
 
 
 class Travel:
-    """Largest deflection of the tool in each row, m: `deflection` until the first touch, `stroke` in the whole episode."""
+    """Largest deflection of the tool in each row, m: `deflection` until the first touch, `stroke` over the episode."""
 
     def __init__(self, rows: int) -> None:
         self.deflection, self.stroke = np.zeros(rows), np.zeros(rows)
