@@ -184,9 +184,9 @@ GENTLE = {"coupling": ig.Bistable(), "acceleration_range": (1.0, 8.0)}
 @pytest.mark.parametrize(("environment", "words"), [
     ({}, []), (GENTLE, []),
     ({"scenario": {"distance": (0.2, 1.7)}}, ["ends at a flange position of 0.75"]),
-    ({"scenario": {"distance": (0.01, 0.3)}}, ["from 10 mm on, where the tool can be before the first reading"]),
-    ({"coupling": ig.Bistable()}, ["holds the tool up to 8.38 m/s^2, the arm can make 20: above that"]),
-    (GENTLE | {"robot": ig.Robot(5.0, 1e5, 50.0)}, ["8, and a compliant robot swings to 2 times that and more"]),
+    ({"scenario": {"distance": (0.01, 0.3)}}, ["10 mm ahead: the tool can get there before the first reading"]),
+    ({"coupling": ig.Bistable()}, ["holds the tool up to 8.38 m/s^2, the arm can make 20: above 8.38"]),
+    (GENTLE | {"robot": ig.Robot(5.0, 1e5, 50.0)}, ["8, and a compliant robot overshoots to 2 times that and more"]),
 ], ids=str)  # fmt: skip
 def test_warnings_name_what_goes_wrong_in_some_episodes(environment, words):
     sentences = feasible.warnings(Task(**environment))
