@@ -153,7 +153,7 @@ def test_tunings_at_the_same_time_keep_each_others_weights(noisy, tmp_path):
 def test_tune_does_anew_what_was_tuned_otherwise_or_for_another_environment(noisy, tmp_path, capsys):
     first = tune(noisy)[0].read_bytes()
     path = tune(replace(noisy, seed=9))[0]
-    assert "tuned anew at ['1', '4']: it was tuned with other settings" in capsys.readouterr().out
+    assert "tuned again at ['1', '4']: it was tuned with other settings" in capsys.readouterr().out
     second = path.read_bytes()
     (tmp_path / "noisy.toml").write_text(NOISY.replace("[baselines", "tool_mass = 0.2\n[baselines"))
     tune(replace(noisy, seed=9))
