@@ -95,15 +95,10 @@ def compiled(subject: Subject, header: Path, folder: Path, *how: str, language: 
     return ctypes.CDLL(str(library))
 
 
-def address(array: NDArray[Any]) -> ctypes.c_void_p:
-    """Return the address of a contiguous array's numbers, for C."""
-    return array.ctypes.data_as(ctypes.c_void_p)
-
-
 def network_in_c(program: ctypes.CDLL, observed: NDArray[np.float32], size: int) -> NDArray[np.float32]:
     """Return the actions (n, `size`) of a compiled header's network for observations (n, n_obs)."""
     actions = np.empty((len(observed), size), np.float32)
-    program.act(len(observed), address(observed), address(actions))
+    program.act(len(observed), observed.ctypes, actions.ctypes)
     return actions
 
 
@@ -111,9 +106,9 @@ def replay(subject: Subject, program: ctypes.CDLL, log: Log, calls: int) -> Repl
     """Play a log through the controller of a compiled program, and time this number of calls."""
     steps = log.steps.astype(np.int32)
     commands, seconds = np.zeros_like(log.commands), np.zeros(calls)
-    arrays = [address(array) for array in (log.sensors, steps, log.time_weight)]
-    program.play(len(steps), *arrays, address(log.late), address(commands))
-    program.clocked(len(steps), *arrays, calls, address(seconds))
+    arrays = log.sensors.ctypes, steps.ctypes, log.time_weight.ctypes
+    program.play(len(steps), *arrays, log.late.ctypes, commands.ctypes)
+    program.clocked(len(steps), *arrays, calls, seconds.ctypes)
     task = subject.task
     span = np.ptp([task.velocity_range, task.acceleration_range], axis=1)
     played = np.arange(len(commands))[:, None] < steps

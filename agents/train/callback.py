@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import CSVOutputFormat, KVWriter, TensorBoardOutputFormat
+from stable_baselines3.common.logger import CSVOutputFormat, TensorBoardOutputFormat
 from torch.utils.tensorboard.writer import SummaryWriter
 
 from agents.evaluate import Validation
@@ -163,7 +163,7 @@ class TrainingCallback(BaseCallback):
         self.logger.dump(step=self.num_timesteps)
 
 
-class _Csv(CSVOutputFormat):
+class CsvLog(CSVOutputFormat):
     """Continues a file after its row for `steps`, and drops later rows: a resumed training logs these again."""
 
     def __init__(self, path: Path, steps: int) -> None:
@@ -183,14 +183,9 @@ def _steps(line: str, columns: list[str]) -> float:
     return float(row.get(STEPS) or "inf")
 
 
-class _TensorBoard(TensorBoardOutputFormat):
+class TensorBoardLog(TensorBoardOutputFormat):
     """Makes TensorBoard drop the values that an interrupted run logged after its checkpoint."""
 
     def __init__(self, folder: Path, steps: int) -> None:
         self.writer = SummaryWriter(log_dir=str(folder), purge_step=steps + 1 if steps else None)
         self._is_closed = False
-
-
-def outputs(folder: Path, steps: int) -> list[KVWriter]:
-    """Return the writers of the log in `folder`, for a run that has made `steps` steps."""
-    return [_Csv(folder / "progress.csv", steps), _TensorBoard(folder, steps)]

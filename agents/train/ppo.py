@@ -28,7 +28,7 @@ from agents.setups.feasible import warnings
 from agents.setups.keys import within
 from agents.setups.training import SLOTS
 from agents.train import checkpoint
-from agents.train.callback import CollapsedError, OnValidation, TrainingCallback, outputs
+from agents.train.callback import CollapsedError, CsvLog, OnValidation, TensorBoardLog, TrainingCallback
 from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
 from agents.train.scaling import ScaledRewards
@@ -93,10 +93,6 @@ class Run:
         made |= {"mixed": self.setup.mixed} if self.setup.mixed else {}
         return json.loads(json.dumps(made))
 
-    def record(self) -> dict[str, Any]:
-        """Return the content of `config.json`, with which the run can be repeated."""
-        return {"command": self.command, **self.made_for(), **revision(), **circumstances(*PACKAGES)}
-
     @classmethod
     def of_record(cls, settings: Mapping[str, Any]) -> "Run":
         """Return the run with the settings of `made_for`; ValueError: this version does not have one of them."""
@@ -154,7 +150,7 @@ def train(run: Run, out: Path | None = None, on_validation: OnValidation | None 
     stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
     folder = out or Path("runs") / f"{stamp}-{run.setup.name}-seed{run.seed}"
     folder.mkdir(parents=True)
-    record = run.record()
+    record = {"command": run.command, **run.made_for(), **revision(), **circumstances(*PACKAGES)}
     write_file(folder / "config.json", json.dumps(record, indent=2) + "\n")
     return _to_its_end(folder, run, record, on_validation)
 
@@ -209,11 +205,12 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
         print(f"resuming at step {model.num_timesteps:,} of {training.whole_steps:,} steps")
     else:
         print(f"training for {training.whole_steps:,} steps; torch uses {training.threads} thread(s)")
-    log.output_formats = outputs(folder, model.num_timesteps)
+    done = model.num_timesteps
+    log.output_formats = [CsvLog(folder / "progress.csv", done), TensorBoardLog(folder, done)]
     title = f"{run.setup.name}, seed {run.seed}"
-    with closing(log), closing(progress(title, training.whole_steps, model.num_timesteps)) as callback.bar:
+    with closing(log), closing(progress(title, training.whole_steps, done)) as callback.bar:
         model.learn(
-            training.whole_steps - model.num_timesteps,
+            training.whole_steps - done,
             callback=callback,
             log_interval=None,  # type: ignore[arg-type]  # None: the callback writes the log (stable-baselines3 2.9)
             reset_num_timesteps=not saved.is_file(),

@@ -46,7 +46,8 @@ def train_seeds(
         if not (folders[seed] / KEPT[-1]).is_file():
             for name, content in files.items():
                 write_file(folders[seed] / name, content)
-        print(f"{setup.name}: seed {seed} scored {score(load_policy(folders[seed])):.4f} m/s", flush=True)
+        score = load_policy(folders[seed]).provenance["validation"]["score"]
+        print(f"{setup.name}: seed {seed} scored {score:.4f} m/s", flush=True)
 
     where: dict[str, Any] = {"processes": processes, "cluster": cluster, "title": setup.name}
     cached(train_one, arguments, out / "results", done=fill, **where)
@@ -54,14 +55,10 @@ def train_seeds(
     return Ensemble(trained, median(trained).seed).save(policies / f"{setup.name}.npz")
 
 
-def score(policy: Policy) -> float:
-    """Return a policy's mean cost on the validation set, m/s."""
-    return float(policy.provenance["validation"]["score"])
-
-
 def median(policies: list[Policy]) -> Policy:
     """Return the policy with the median score; of the two middle ones, the worse one."""
-    return sorted(policies, key=lambda policy: (score(policy), policy.seed))[len(policies) // 2]
+    ordered = sorted(policies, key=lambda policy: (policy.provenance["validation"]["score"], policy.seed))
+    return ordered[len(policies) // 2]
 
 
 def train_one(folder: str, made_for: Mapping[str, Any]) -> dict[str, bytes]:

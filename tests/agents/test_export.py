@@ -23,7 +23,7 @@ from agents.export.__main__ import AGREEMENT, Export, judged, judged_replay, net
 from agents.export.c_header import header, identifier, write_header
 from agents.export.contract import Subject, of_name
 from agents.export.onnx_graph import write_onnx
-from agents.export.replay import LANGUAGES, WARNINGS, Replay, address, compiled, logged, network_in_c, replay
+from agents.export.replay import LANGUAGES, WARNINGS, Replay, compiled, logged, network_in_c, replay
 from agents.policies import SHIPPED
 from agents.setups import shipped_baselines
 from impact_gym.envs import IDS
@@ -296,7 +296,7 @@ def replayed(program, sensors, steps, weights, late=None):
     commands = np.zeros((*sensors.shape[:2], 2))
     late = np.full(sensors.shape[:2], np.nan) if late is None else late
     arrays = np.ascontiguousarray(sensors), np.asarray(steps, np.int32), np.asarray(weights, float), late, commands
-    program.play(len(weights), *map(address, arrays))
+    program.play(len(weights), *(array.ctypes for array in arrays))
     return commands
 
 
