@@ -15,6 +15,7 @@ from agents.baselines.profile import KNOTS, REACTION
 from agents.baselines.rule import View
 from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
 from agents.evaluate import RESULTS, ScenarioBatch
+from agents.export.contract import of_name
 from agents.setups import owner, shipped_baselines
 from agents.tune import CLEAN_ALARM
 from impact_gym.envs.single import observation_space
@@ -149,17 +150,33 @@ def test_load_baseline_interpolates_over_the_logarithm_of_the_weight(tmp_path):
 @pytest.mark.parametrize(("changes", "reason"), [
     ({"weights": {}, "sha256": "as it was"}, "was altered"), ({"parameters": []}, "another table of parameters"),
     ({"environment": {"range_noise": 0.02}}, "another environment"), (None, "damaged"),
+    ({"format": "impact_gym tuned baseline 0"}, "was tuned for another format"),
 ], ids=str)  # fmt: skip
 def test_load_baseline_refuses_what_was_not_written_with_the_remedy(tmp_path, changes, reason):
     refused(lambda: load_baseline("ranged", 2.0, tmp_path), "was not tuned", "impact-gym tune linear-ranged")
     path = write_tuned("ranged", {"2": parameters_of(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
     if changes:
-        content = {name: value for name, value in json.loads(path.read_text()).items() if name != "sha256"} | changes
-        checksum = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-        path.write_text(json.dumps({"sha256": checksum} | content))
+        rewrite(path, changes)
     else:
         path.write_text(path.read_text()[:100])
-    refused(lambda: load_baseline("ranged", 2.0, tmp_path), reason, "impact-gym tune linear-ranged")
+    for read in (lambda: load_baseline("ranged", 2.0, tmp_path), lambda: of_name(str(path))):
+        refused(read, reason, "impact-gym tune linear-ranged")
+
+
+def rewrite(path, changes):
+    """Change a tuned file, with its checksum."""
+    content = {name: value for name, value in json.loads(path.read_text()).items() if name != "sha256"} | changes
+    checksum = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    path.write_text(json.dumps({"sha256": checksum} | content))
+
+
+def test_tuned_file_without_weights_or_beyond_limits_is_refused(tmp_path):
+    path = write_tuned("ranged", {"2": parameters_of(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
+    weights = json.loads(path.read_text())["weights"]
+    weights["2"]["parameters"]["top speed"] = 9.0
+    for changes, says in (({"weights": {}}, "holds no weight"), ({"weights": weights}, "at most 1.5 m/s, got 9")):
+        rewrite(path, changes)
+        refused(lambda: of_name(str(path)), says)
 
 
 @pytest.mark.parametrize("name", shipped_baselines())
