@@ -1,4 +1,4 @@
-"""The baselines do what they say, and what tuning leaves behind is what is loaded."""
+"""The baselines do what their docstrings say, and `load_baseline` returns what tuning has written."""
 
 import hashlib
 import json
@@ -26,13 +26,13 @@ STAY = [0.0] * (len(REACTION) - 1) + [20.0]
 
 
 def drawn(rule, rows, seed=0):
-    """Return parameters evenly drawn within their limits."""
+    """Return parameters drawn uniformly within their limits."""
     low, high = (np.array([getattr(parameter, side) for parameter in rule.PARAMETERS]) for side in ("low", "high"))
     return np.random.default_rng(seed).uniform(low, high, (rows, len(low)))
 
 
 def observations(environment, rows=200):
-    """Return observations drawn evenly, those of every second row after the alarm."""
+    """Return observations drawn uniformly; in every second row the alarm is on."""
     spec = ObservationSpec(Task(**environment))
     box = observation_space(spec)
     seen = np.random.default_rng(1).uniform(box.low, box.high, (rows, len(spec))).astype(np.float32)
@@ -41,7 +41,7 @@ def observations(environment, rows=200):
 
 
 def flange(controller, environment, **record):
-    """Return the flange's path, and the approach time (s) of an episode that drew `record`."""
+    """Return the flange's path and the approach time (s) of an episode with the numbers `record`."""
     env = gym.make(ID, record_trace=True, **environment)
     info = play(env, controller, seed=3, record=record).info
     trace = env.unwrapped.trace()
@@ -71,8 +71,8 @@ def test_blind_profile_is_followed_as_far_as_the_limits_allow():
     assert np.abs((np.diff(velocity) / np.maximum(steps, 1e-12))[steps > 1e-6]).max() <= 20.0 + 1e-6
     settled = position > 0.05  # 0.8 m/s at 20 m/s^2 takes 16 mm, and a control period
     off = np.abs(velocity[settled] - np.interp(position[settled], KNOTS, speeds))
-    # between two commands the velocity is linear in time, over a corner too; the sharpest is 3.3 1/s to 2.5 1/s the
-    # other way, which 13 mm of a period turn into 0.04 m/s
+    # between two commands the velocity is linear in time, also across a corner of the profile; at the sharpest corner,
+    # from 3.3 1/s to -2.5 1/s, this makes up to 0.04 m/s within the 13 mm of a control period
     assert off.max() < 0.04
     assert off[np.abs(position[settled][:, None] - KNOTS).min(axis=1) > 0.013].max() < 0.01
 
@@ -93,7 +93,9 @@ def test_clairvoyant_goes_by_the_true_gap():
     rule = Clairvoyant([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 10.0, 20.0, *STAY])
     velocity, _ = rule.approach(View(seen, env.unwrapped.observation_spec))
     far = np.sqrt(0.6**2 + 2 * 10.0 * (0.2718 - 0.04))
-    assert velocity == pytest.approx(min(1.5, far), abs=1e-6)  # not there within a period: what it goes for
+    assert velocity == pytest.approx(
+        min(1.5, far), abs=1e-6
+    )  # the commanded velocity, which it does not reach within a period
     assert rule.speed(np.array([-0.015, 0.0, 0.015, 0.1])) == pytest.approx([0.45, 0.3, 0.15, 0.1])
 
 
@@ -113,10 +115,10 @@ def test_rule_by_position_goes_where_the_objects_stand(name):
     rule = load_baseline(name, 2.0)
     farther = rule.for_task(Task(scenario={"distance": [0.3, 0.7]}))  # twice as far, and twice as wide
     x = np.linspace(0.15, 0.35, 9)
-    if name == "blind-profile":  # it has the same speeds there
+    if name == "blind-profile":  # the same speeds at the corresponding places
         x = np.array([0.08, 0.12, *x])
         assert farther.speed(2.0 * x) == pytest.approx(rule.speed(x))
-    else:  # it has the same deceleration, and as much farther to go
+    else:  # the same deceleration over a longer distance
         assert farther.speed(2.0 * rule["end"] - x) == pytest.approx(rule.speed(rule["end"] - x))
     env = gym.make(ID, scenario={"object_mass": 1.0}, render_mode="rgb_array", record_trace=True)
     assert np.array_equal(rule.for_environment(env.spec.kwargs).speed(x), rule.speed(x))
@@ -131,7 +133,7 @@ def test_rule_follows_its_profile_in_the_environments_control_period():
 
 
 def parameters_of(rule, seed):
-    """Return what a tuned file holds of a search."""
+    """Return the entry of a tuned file for a weight."""
     return {"parameters": dict(zip(rule.names(), drawn(rule, 1, seed)[0].tolist(), strict=True))}
 
 
@@ -164,7 +166,7 @@ def test_load_baseline_refuses_what_was_not_written_with_the_remedy(tmp_path, ch
 
 
 def rewrite(path, changes):
-    """Change a tuned file, with its checksum."""
+    """Change a tuned file, and its checksum too unless `changes` has one."""
     content = {name: value for name, value in json.loads(path.read_text()).items() if name != "sha256"} | changes
     checksum = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
     path.write_text(json.dumps({"sha256": checksum} | content))
@@ -181,17 +183,19 @@ def test_tuned_file_without_weights_or_beyond_limits_is_refused(tmp_path):
 
 @pytest.mark.parametrize("name", shipped_baselines())
 def test_shipped_baseline_beats_the_papers_rule_at_its_weight_and_misses_next_to_nothing(name):
-    """With an operator it beats him alone."""
+    """With an operator the rival is the operator alone."""
     content, setup = read_tuned(name), owner(name)
     rival = OperatorAlone() if "operator" in content["environment"] else PaperTrapezoid()
-    poor = isinstance(content["environment"].get("range_noise"), list)  # estimates off by up to 30 mm and more
+    poor = isinstance(
+        content["environment"].get("range_noise"), list
+    )  # standard deviation of the estimate: up to 30 mm
     assert content["rule"] == setup.tuned[name].rule
     for weight in map(float, content["weights"]):
         task = Task(**content["environment"] | (CLEAN_ALARM if setup.tuned[name].clean_alarm else {}))
         batch = ScenarioBatch.of("validation", 100, task, time_weight=[weight])
         players = (each.for_task(task) for each in (load_baseline(name, weight), rival))
         ours, theirs = (batch.play(each) for each in players)
-        assert ours.missed.sum() <= (1 if poor else 0)  # of 100, what the report still takes for a claim
+        assert ours.missed.sum() <= (1 if poor else 0)  # of 100: the report still claims this
         assert ours.loss(weight).mean() < theirs.loss(weight).mean()
 
 

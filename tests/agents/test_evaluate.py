@@ -1,4 +1,4 @@
-"""Controllers played through numbered scenarios: the same for all of them, whatever is played beside."""
+"""Controllers play numbered scenarios: the same for all of them, whatever the other scenarios are."""
 
 import runpy
 import shutil
@@ -21,7 +21,7 @@ from impact_gym.task import Task, evaluation_sets
 
 @pytest.mark.parametrize("make", [PaperTrapezoid, made_up_policy])
 def test_evaluate_gives_a_scenario_the_same_result_whatever_its_neighbours(make):
-    """To the last bit; scenarios follow from the seed alone, and what an environment plays alone is the same."""
+    """To the last bit. The seed alone determines the scenarios, and a single environment gets the same results."""
     controller, env = make(), gym.make(ID, scenario="test")
     many, few = (ScenarioBatch(TEST_SEED + k, n).play(controller) for k, n in ((0, 60), (41, 7)))
     other = ScenarioBatch(TEST_SEED, 60).play(ConstantSpeed(1.5, 20.0))
@@ -54,7 +54,7 @@ OWN = {"scenario": {"distance": [0.1, 0.3]}, "coupling": {"type": "Bistable"}}
 @pytest.mark.parametrize("environment", [{}, {"range_noise": 0.01}, OWN], ids=str)
 @pytest.mark.parametrize("rule", [ConstantSpeed(0.8, 12.0), Always(0.0, 10.5)])
 def test_validation_plays_what_evaluation_plays(rule, environment):
-    """One plays a frozen set, at all weights in one batch, the other what seeds draw, at one weight; or misses it."""
+    """Validation plays a frozen set at all weights in one batch, evaluation draws from seeds at one weight."""
     scores = Validation(Task(**environment), WEIGHTS, scenarios=40).score(rule)
     for place, weight in enumerate(WEIGHTS):
         episodes = ScenarioBatch(VALIDATION_SEED, 40, Task(**environment, time_weight=weight)).play(rule)
@@ -74,7 +74,7 @@ def test_seeds_of_evaluation_tuning_and_training_lie_one_above_the_other():
 
 
 def test_shipped_policy_beats_the_papers_rule_on_both_objectives():
-    """On scenarios that training never saw: at most half the object velocity, and no later."""
+    """On scenarios that no training has: at most half the object velocity, and no later."""
     learned, paper = map(ScenarioBatch(TEST_SEED, 300).play, (load_policy("linear-blind"), PaperTrapezoid()))
     assert not learned.missed.any()
     assert learned.object_velocity.mean() <= 0.5 * paper.object_velocity.mean()
@@ -114,7 +114,7 @@ def test_play_takes_a_controller_by_its_name_and_says_what_cannot_predict():
 
 
 def test_tuned_profile_is_fast_at_the_places_it_was_tuned_for_wherever_it_is_played():
-    """It is given in shares of those places, so what a batch is told of its own must not move them."""
+    """Its positions are relative to the distances of its own set-up; those of a batch must not move them."""
     own = load_setup("linear-wide").environment
     elsewhere = {name: value for name, value in own.items() if name != "scenario"}
     scenarios = {"seed": TEST_SEED, "count": 20, "ranges": own["scenario"]}

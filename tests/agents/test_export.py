@@ -1,4 +1,4 @@
-"""Exported policies compute what the policy computes."""
+"""`impact-gym export`: its files, their contract and its checks; networks in C and ONNX equal the policy's."""
 
 import importlib.util
 import json
@@ -51,7 +51,7 @@ def test_run_writes_both_forms_and_says_how_they_agree_and_what_cannot_be_checke
 @needs_onnx
 @pytest.mark.parametrize("kind", KINDS)
 def test_forms_compute_what_the_network_does_in_double_precision(tmp_path, kind):
-    """Every part is exercised: actions at their limits would compare limits."""
+    """Some actions lie within their limits: equal limits would prove nothing."""
     policy = made_up_policy(**KINDS[kind])
     seen = observations(policy)
     original = policy.predict(seen)[0]
@@ -66,7 +66,7 @@ def test_forms_compute_what_the_network_does_in_double_precision(tmp_path, kind)
 
 
 def test_judged_refuses_a_form_that_computes_something_else(tmp_path):
-    """In one action of 10,000, by little more than rounding."""
+    """If one action of 10,000 differs by a little more than rounding."""
     actions, computed = np.zeros((2, 10_000, 2), np.float32)
     assert "by at most 0.0e+00" in judged(tmp_path, computed, "", actions, 1e-6)
     computed[-1, 1] += 2e-6
@@ -77,7 +77,7 @@ def test_judged_refuses_a_form_that_computes_something_else(tmp_path):
 
 
 def entries(text):
-    """The contract in the comment of a header: JSON by name; later lines of an entry begin with spaces."""
+    """Return the contract in the comment of a header: JSON by name. Later lines of an entry begin with spaces."""
     lines = text.partition("\n\n")[2].partition("\n\n")[0].replace("\n    ", " ").splitlines()
     return dict(line.split(": ", 1) for line in lines)
 
@@ -125,7 +125,7 @@ def test_names_in_c_are_those_of_files():
 @needs_onnx
 @pytest.mark.parametrize("name", ["linear-ranged", "linear-robust", "teleop-spring"])
 def test_loader_of_the_page_runs_onnx_from_its_metadata_alone(tmp_path, name):
-    """Commands of 50 episodes, from readings in SI units."""
+    """It returns the commands of 50 episodes from readings in SI units."""
     (code,) = re.findall(r'```python title="loader.py"\n(.*?)```', PAGE.read_text(), re.DOTALL)
     exec(code, loader := {})
     subject, policy = of_name(name), load_policy(name)

@@ -42,12 +42,12 @@ CONTROLLERS_SHIPPED = [
 
 @pytest.mark.parametrize("name", CONTROLLERS_SHIPPED)
 def test_every_shipped_controller_commands_in_c_what_it_does_in_numpy(tmp_path, name):
-    """300 episodes; rules at time weights from below to above those they were tuned for."""
+    """In 300 episodes; for rules, time weights reach beyond the tuned ones."""
     assert_commands_alike(tmp_path, of_name(name))
 
 
 def assert_commands_alike(folder, subject):
-    """Within 1e-6 of the range, or a step of the grid that commands lie on."""
+    """Assert a difference below 1e-6 of the range, or below one step of the grid on which commands lie."""
     log = logged(subject, 300)
     assert log.commands[..., 0].std() > 0.01
     program = compiled(subject, write_header(subject, folder / "it.h"), folder)
@@ -76,7 +76,7 @@ RULES_IN_C = {
 
 @pytest.mark.parametrize(("rule", "environment"), RULES_IN_C.values(), ids=RULES_IN_C)
 def test_rule_commands_in_c_what_it_does_in_numpy_whatever_its_parameters(tmp_path, rule, environment):
-    """Three sets near the start of tuning, for three time weights."""
+    """With three sets of parameters near the start values, for three time weights."""
     limits, rng = RULES[rule].PARAMETERS, np.random.default_rng(1)
     low, high, start = np.array([(each.low, each.high, each.start) for each in limits]).T
     table = np.clip(start + 0.1 * rng.normal(size=(3, len(limits))) * (high - low), low, high)
@@ -92,7 +92,7 @@ CONTROLLERS = {
                               "range_noise": [0.002, 0.03], "observe_range_noise": True},
     "past forces": {"past_readings": 2},
     "its own arm": {"velocity_range": [-0.2, 0.6], "acceleration_range": [0.5, 4.0], "tool_mass": [0.3, 0.5],
-                    "reaction_delay": [0.0, 0.05], "time_weight": [0.05, 50.0]},  # beyond what is observed
+                    "reaction_delay": [0.0, 0.05], "time_weight": [0.05, 50.0]},  # beyond the observed range
     "an operator": TELEOP,
     "an operator whose commands get lost": TELEOP | {
         "uplink": {"delay": 0.096, "loss": 0.4, "burst": 8.0, "timeout": 0.096}, "alarm": "reading"},
@@ -110,14 +110,14 @@ def test_controller_compiles_without_a_warning_and_commands_what_the_policy_comm
     for language, level in product(LANGUAGES if shutil.which("g++") else ["C99"], ("-O0", "-O2", "-O3")):
         program = compiled(Subject(policy), file, tmp_path, level, language=language)
         played = replay(Subject(policy), program, log, calls=1000)
-        assert played.difference < 1e-5  # a command is on a grid, and may fall on the next point of it
+        assert played.difference < 1e-5  # a command lies on a grid, and may be the next point of the grid
         assert 0.0 < played.usual <= played.worst
         commands.append(replayed(program, log.sensors, log.steps, log.time_weight, log.late))
     assert_identical(commands, commands[:1] * len(commands))
 
 
 def replayed(program, sensors, steps, weights, late=None):
-    """Commands (steps, rows, 2) of a compiled controller for readings (steps, rows, fields)."""
+    """Return the commands (steps, rows, 2) of a compiled controller for readings (steps, rows, fields)."""
     commands = np.zeros((*sensors.shape[:2], 2))
     late = np.full(sensors.shape[:2], np.nan) if late is None else late
     arrays = np.ascontiguousarray(sensors), np.asarray(steps, np.int32), np.asarray(weights, float), late, commands
@@ -129,7 +129,7 @@ FIELDS = ["time", "position", "velocity", "alarm", "time_since_alarm", "force", 
 
 
 def faulty_readings(seed, steps=60):
-    """Readings (steps, fields) of a bad line: late, repeated, without a time, incomplete, with alarms at random."""
+    """Return faulty readings (steps, fields): late, repeated, without a time, incomplete, with random alarms."""
     rng = np.random.default_rng(seed)
     low, high = [0.0, 0.0, -0.5, 0.0, 0.0, -5.0, 0.0, -0.1], [0.0, 0.3, 1.5, 0.0, 0.1, 20.0, 20.0, 0.4]
     readings = rng.uniform(low, high, (steps, len(FIELDS)))
@@ -144,9 +144,9 @@ def faulty_readings(seed, steps=60):
 
 
 def observed_by_hand(history, field, by_reading):
-    """What a controller observes of a field, from all readings that it has taken, the last one in the end.
+    """Return the observed value of a field after the accepted readings `history`.
 
-    A missing number is the last that there was. An alarm stays, unless it follows the readings, and its clock goes on.
+    A missing number keeps its last value. Without `by_reading` an alarm stays on; the time since the alarm continues.
     """
     values = [reading[field] for reading in history if np.isfinite(reading[field])]
     last = values[-1] if values else 0.0
@@ -167,7 +167,11 @@ def observed_by_hand(history, field, by_reading):
     return observed_by_hand(before, field, by_reading) + now["time"] - before[-1]["time"] if on_before else 0.0
 
 
-NOT_TOLD = ["-U__FAST_MATH__", "-U__FINITE_MATH_ONLY__", "-U__ASSOCIATIVE_MATH__"]  # as by a compiler that has none
+NOT_TOLD = [
+    "-U__FAST_MATH__",
+    "-U__FINITE_MATH_ONLY__",
+    "-U__ASSOCIATIVE_MATH__",
+]  # as with a compiler that does not define them
 HOW = [["-O2"], ["-Ofast", *NOT_TOLD], ["-ffinite-math-only", *NOT_TOLD]]
 
 
@@ -187,7 +191,7 @@ def test_controller_takes_faulty_readings_as_the_header_says(tmp_path, environme
     for seed in range(8):
         readings = faulty_readings(seed)
         commands = replayed(program, readings[:, None], [60], [weight])
-        history, expected = [], [np.array([0.0, 20.0])]  # at first to stay at rest
+        history, expected = [], [np.array([0.0, 20.0])]  # before the first reading: stay at rest
         for reading in (dict(zip(FIELDS, values, strict=True)) for values in readings):
             if not np.isfinite(reading["time"]) or (history and reading["time"] <= history[-1]["time"]):
                 expected.append(expected[-1])
@@ -209,7 +213,7 @@ def test_controller_takes_faulty_readings_as_the_header_says(tmp_path, environme
 
 @pytest.mark.parametrize("how", HOW, ids=" ".join)
 def test_controller_in_c_stops_where_the_operator_is_silent_and_withdraws_after_an_alarm_alone(tmp_path, how):
-    """A gain of 1 and all of the withdrawal, by the biases of the last layer; the alarm comes at 1.5 s."""
+    """The biases of the last layer command a gain of 1 and the full withdrawal; the alarm comes at 1.5 s."""
     policy = made_up_policy(environment=IDS["ImpactTeleop-v0"])
     policy.network.mean.weight[:], policy.network.mean.bias[:] = 0.0, [2.0, 0.0, 2.0]
     program = compiled(Subject(policy), write_header(policy, tmp_path / "it.h"), tmp_path, *how)
@@ -217,7 +221,7 @@ def test_controller_in_c_stops_where_the_operator_is_silent_and_withdraws_after_
     fields = dict.fromkeys(policy.spec.sensors, np.zeros(150)) | {"time": time, "alarm": time >= 1.5}
     fields["time_since_alarm"] = np.maximum(time - 1.5, 0.0)
     fields["command"] = np.where(np.abs(time - 0.5) < 0.02, math.nan, 0.2)
-    fields["command_age"] = 0.1 + np.clip(time - 1.0, 0.0, 0.3) * (time < 1.3)  # none comes from 1.0 to 1.3 s
+    fields["command_age"] = 0.1 + np.clip(time - 1.0, 0.0, 0.3) * (time < 1.3)  # no command comes from 1.0 to 1.3 s
     fields["command_age"][[40, 44, 48]] = -math.inf, math.nan, math.inf
     late = np.where(np.isin(np.arange(150), (20, 22)), math.inf, math.nan)[:, None]
     commands = replayed(program, np.stack(list(fields.values()), axis=-1)[:, None], [150], [2.0], late)

@@ -1,4 +1,4 @@
-"""Calls are done once, stored, and done again only where their result is missing or damaged."""
+"""Calls run once and are stored; they run again only if their result is missing or damaged."""
 
 import json
 import os
@@ -30,7 +30,7 @@ LOCAL = {"processes": 2}
 
 @pytest.fixture
 def log(tmp_path):
-    """Where each call that is begun leaves a line."""
+    """The file in which each started call writes a line."""
     return tmp_path / "log"
 
 
@@ -41,21 +41,21 @@ def listed(log, count=6, **more):
 DRIVER = """
 import signal, cluster_work
 from agents.jobs import cached
-signal.signal(signal.SIGINT, signal.default_int_handler)  # else ignored where pytest is in the background
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background process would ignore it
 if __name__ == "__main__":
     cached(cluster_work.numbers, {given!r}, {folder!r}, processes={processes})
 """
 
 
 def driver(folder, given, processes):
-    """Start a process that calls `numbers`."""
+    """Start a process in which `cached` calls `numbers`."""
     (folder / "driver.py").write_text(DRIVER.format(given=given, folder=str(folder / "results"), processes=processes))
-    path = os.pathsep.join(map(str, (HELPERS, ROOT)))  # these sources, whatever is installed
+    path = os.pathsep.join(map(str, (HELPERS, ROOT)))  # these sources instead of installed ones
     return subprocess.Popen([sys.executable, folder / "driver.py"], env=os.environ | {"PYTHONPATH": path})
 
 
 def descendants(pid):
-    """The processes below one, as the kernel lists them."""
+    """Return the descendants of a process, from the kernel's list."""
     below = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     return [int(child) for child in below] + [deeper for child in below for deeper in descendants(int(child))]
 
@@ -71,7 +71,7 @@ def alive(pid):
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="reads the list of processes where Linux keeps it")
 def test_killed_command_leaves_no_process(log, tmp_path, how):
-    """What it has stored is not computed again: tests/test_stopped.py."""
+    """That stored results are not computed again is tested in tests/test_stopped.py."""
     with driver(tmp_path, listed(log, 4, seconds=600.0), 2) as run:
         while len(calls(log)) < 2:
             assert run.poll() is None, "the command ended too soon"
@@ -115,7 +115,7 @@ def test_ray_results_equal_local_ones_to_the_bit_though_a_node_was_killed(tmp_pa
     path = os.pathsep.join(map(str, (HELPERS, ROOT)))
     environment |= {"RAY_USAGE_STATS_ENABLED": "0", "PYTHONPATH": path, "PYTHONWARNINGS": "default"}
     folder = tmp_path / "there"
-    folder.mkdir()  # where the script runs: Ray's workers on this machine look for modules where it does
+    folder.mkdir()  # the script runs there: Ray's workers look for modules in its folder
     with (tmp_path / "printed").open("w") as printed:
         streams = {"stdout": printed, "stderr": printed}
         command = [sys.executable, "-m", "job_cases", folder]
@@ -127,14 +127,14 @@ def test_ray_results_equal_local_ones_to_the_bit_though_a_node_was_killed(tmp_pa
         (cluster_work.played, job_cases.scenarios(folder), job_cases.scenarios(tmp_path)),
         (numbers, job_cases.large(folder), job_cases.large(tmp_path, seconds=0.0)),
     ):
-        stored = cached(function, there, folder / "results", processes=0)  # needs no cluster any more
+        stored = cached(function, there, folder / "results", processes=0)  # without a cluster
         computed = cached(function, here, tmp_path / "here", processes=0)
         for first, second in zip(stored, computed, strict=True):
-            assert first.pop("where") != second.pop("where")  # the sources, and kernels, that were sent
+            assert first.pop("where") != second.pop("where")  # files of the sources and kernels that were sent
             first.pop("threads", None), second.pop("threads", None)
         assert_identical(stored, computed)
     assert calls(folder / "log") == before
-    assert any(before.count(number) > 1 for number in outcome["unfetched"])  # done there, and again elsewhere
+    assert any(before.count(number) > 1 for number in outcome["unfetched"])  # first on the lost node, then on another
     assert "1 of 2 jobs failed" in outcome["failed"]
     assert "ArithmeticError: no result for 1" in outcome["failed"]
     assert "ray start --head" in outcome["none"]
@@ -163,7 +163,7 @@ def test_results_have_the_same_bits_whatever_the_order_and_the_processes(log, tm
         assert each.pop("threads") == ["1", "1", "1", "1"]
     assert_identical(here, backwards[::-1])
     assert_identical(here, again)
-    assert (os.environ["OMP_NUM_THREADS"], "MKL_NUM_THREADS" in os.environ) == ("7", False)  # this process's own
+    assert (os.environ["OMP_NUM_THREADS"], "MKL_NUM_THREADS" in os.environ) == ("7", False)  # of this process
 
 
 def test_equal_calls_are_done_once_and_each_has_a_result_of_its_own(log, tmp_path):
@@ -173,12 +173,12 @@ def test_equal_calls_are_done_once_and_each_has_a_result_of_its_own(log, tmp_pat
     assert calls(log) == [1, 0, 2]
     assert [result["number"] for result in results] == [0, 1, 0, 1, 2]
     assert results[0] is not results[2]
-    assert [place for place, _ in seen] == [1, 3, 0, 2, 4]  # what was stored comes first
+    assert [place for place, _ in seen] == [1, 3, 0, 2, 4]  # stored results come first
     assert all(result is results[place] for place, result in seen)
 
 
 def flipped(content):
-    """One bit in the middle of what is stored."""
+    """Return the content with one bit flipped in the middle."""
     half = len(content) // 2
     return content[:half] + bytes([content[half] ^ 1]) + content[half + 1 :]
 
@@ -204,7 +204,7 @@ def test_damaged_result_is_computed_anew(log, tmp_path, capsys, damage):
 
 
 def test_two_commands_may_share_a_folder(log, tmp_path):
-    """The second begins when the first has stored one result, and goes on with what there is."""
+    """The second begins when the first has stored one result, and uses that result."""
     others = []
 
     def meanwhile(*_):
@@ -219,16 +219,18 @@ def test_two_commands_may_share_a_folder(log, tmp_path):
 
 def test_late_call_is_ended_and_its_failure_stored_where_something_stands_for_it(log, tmp_path):
     given = [{"log": str(log), "number": 3, "seconds": 600.0}, {"log": str(log), "number": 4}]
-    for _ in range(2):  # the second time nothing is begun
+    for _ in range(2):  # the second time no call starts
         late, done = cached(numbers, given, tmp_path, seconds=1.0, failed=lambda _, reason: reason, **LOCAL)
         assert (late, done["number"]) == ("no answer within 1 s", 4)
         assert sorted(calls(log)) == [3, 4]
     bad = [{"log": str(log), "number": 1, "bad": [1]}]
     (failed,) = cached(fails_on, bad, tmp_path, processes=0, failed=lambda _, reason: reason)
     assert failed == "ArithmeticError: no result for 1"
-    with pytest.raises(JobsFailedError, match="ArithmeticError"):  # whoever wants results tries once more
+    with pytest.raises(JobsFailedError, match="ArithmeticError"):  # without `failed`, failed calls run again
         cached(fails_on, bad, tmp_path, processes=0)
-    assert cached(slow_to_load.at_once, [{}], tmp_path, seconds=0.7, **LOCAL) == [1.0]  # importing does not count
+    assert cached(slow_to_load.at_once, [{}], tmp_path, seconds=0.7, **LOCAL) == [
+        1.0
+    ]  # the limit does not include the import
 
 
 @pytest.mark.parametrize("processes", [0, 1])
@@ -297,7 +299,7 @@ def test_progress_in_a_log_is_silent_for_30_s_and_then_a_line_at_a_time(capsys):
     bar.close()
     assert capsys.readouterr().err == ""
     bar = progress("tuning", 3)
-    bar.start_t -= 31.0  # as if it had taken as long
+    bar.start_t -= 31.0  # as if 31 s had passed
     bar.last_print_t -= 31.0
     bar.update(2)
     bar.update(1)

@@ -1,4 +1,4 @@
-"""Set-ups: what is shipped is whole, a file means what it says, and what `impact-gym check` says follows from it."""
+"""Set-ups: shipped ones are complete, files are read as written, and `impact-gym check` prints true statements."""
 
 import math
 import sys
@@ -32,7 +32,7 @@ def test_load_setup_finds_all_that_is_shipped_for_a_set_up(name):
     assert {*setup.against} <= {*setup.tuned, *shipped_baselines(), *FIXED}
     assert all(owner(baseline) == setup for baseline in setup.tuned)
     setup.environment["tool_mass"] = 9.0
-    assert load_setup(name).environment.get("tool_mass") != 9.0  # nobody can change a set-up for all
+    assert load_setup(name).environment.get("tool_mass") != 9.0  # a caller cannot change the set-up of other callers
 
 
 def test_same_environment_whatever_is_left_to_defaults_or_written_as():
@@ -53,7 +53,7 @@ def test_load_setup_makes_what_a_file_says(mine):
     task, training = Task(**setup.environment), setup.training
     assert {*task.drawn} == {"tool_mass", "coupling.stiffness", "robot.stiffness", "range_noise"}
     assert (task.velocity_range, task.scenario.object_mass) == ((-0.2, 0.6), (0.2, 1.0))
-    assert [*setup.tuned] == ["mine-profile"] == [*setup.against]  # what is usual, where the file says nothing
+    assert [*setup.tuned] == ["mine-profile"] == [*setup.against]  # the defaults of a file without [baselines]
     assert setup.tuned["mine-profile"].rule == "RangedProfile"
     assert setup.folder == Path("runs/mine")
     assert (training.steps, training.rollout, setup.seeds, setup.budget) == (2000, 16, 2, 16)
@@ -76,7 +76,6 @@ def test_variants_change_one_argument_each_and_leave_the_rest():
         elif change.argument == "tool_mass":
             assert task.tool_mass == pytest.approx(0.2 * change.value)
             assert task.drawn == own.drawn
-    # without what this environment does not have
     missing = {"range_noise", "coupling.front_stop", "robot.stiffness"}
     missing |= {name for name in VARIED if name.startswith("range_sensor")}
     asked = {*VARIED, "coupling.stroke", "scenario"} - missing
@@ -89,7 +88,7 @@ def test_one_s_own_set_up_is_varied_around_its_own_numbers_and_not_around_the_sh
     varied = Evaluation.of_table({}, own).varied
     assert varied["robot"] == ["rigid"]
     assert 0.02 in varied["reaction_delay"]
-    assert "scenario" not in varied  # the frozen set lies outside the usual ranges, not outside these
+    assert "scenario" not in varied  # the frozen set lies outside the default ranges, but not outside of these
     thresholds = [
         Task(**change.environment).alarm_threshold
         for change in changes("alarm_threshold", varied["alarm_threshold"], own)
@@ -120,7 +119,7 @@ def test_changes_leave_out_what_makes_no_environment():
 
 
 def behind_in_far_flight(task, acceleration, duration):
-    """How far the tool of a chain that only accelerates is behind what is commanded, m, over the time."""
+    """Return the lag of the tool behind the command over time, m, while the flange accelerates."""
     chain = scene(coupling=task.coupling, robot=task.robot, m_t=task.tool_mass, distance=1e6)
     trace = ig.simulate(chain, ig.Trapezoid(1e3, acceleration), duration, trace=True).trace
     return trace.command_position - trace.tool_position
@@ -160,7 +159,7 @@ def test_check_needs_pygame_for_the_picture_alone(monkeypatch, capsys, tmp_path)
 
 @pytest.mark.parametrize(("acceleration", "speed"), [(20.0, 1.5), (2.0, 0.4), (1.5, 10.0)])
 def test_reached_is_as_far_as_an_arm_gets_before_the_end(acceleration, speed):
-    """At full acceleration the flange touches what stands a hair nearer than that, and misses what stands beyond."""
+    """At full acceleration the flange touches an object 0.1 % nearer than that, and misses one 0.1 % farther."""
     arm = {"acceleration_range": (1.0, acceleration), "velocity_range": (-0.1, speed), "coupling": {"type": "Rigid"}}
     env, reach = gym.make("ImpactApproach-v0", scenario={"distance": 0.1}, **arm), Task(scenario="train", **arm).reach
     for share, missed in ((0.999, False), (1.001, True)):
@@ -203,7 +202,7 @@ TIMES = (0.1 + 0.5 / 0.25 + 0.25 / 16.0) / (0.1 + 0.2 + 0.2)
     ('type = "Replay", time = [0.0, 0.1], velocity = [0.1, 0.0]', ["misses 500", "comes after nan to nan times"]),
 ], ids=["steady", "stops short"])  # fmt: skip
 def test_lines_say_how_late_an_operator_is_beside_each_way(tmp_path, operator, words):
-    """The touch comes after delay + distance / speed + speed / (2 * 8 m/s^2), the delay of a trace on average."""
+    """The touch comes after mean delay + distance / speed + speed / (2 * 8 m/s^2)."""
     (tmp_path / "far.toml").write_text(LATE % operator)
     (tmp_path / "delays.csv").write_text("0,0.1\n1,0.1\n")
     printed = "\n".join(check.lines(load_setup(tmp_path / "far.toml")))
@@ -211,7 +210,7 @@ def test_lines_say_how_late_an_operator_is_beside_each_way(tmp_path, operator, w
 
 
 def test_set_up_extends_another_key_by_key(tmp_path):
-    """A file beside it or a shipped one; baselines and words are its own."""
+    """A set-up extends a file beside it, which extends a shipped one; it keeps its own baselines and words."""
     (tmp_path / "arm.toml").write_text("""extends = "linear-ranged"
         [environment]
         tool_mass = 0.2
@@ -226,7 +225,7 @@ def test_set_up_extends_another_key_by_key(tmp_path):
     mine, shipped_one = load_setup(tmp_path / "mine.toml"), load_setup("linear-ranged")
     assert mine.environment == {**shipped_one.environment, "tool_mass": 0.2, "range_noise": 0.02}
     assert mine.training == replace(shipped_one.training, steps=5_000_000)
-    varied = mine.evaluation.varied  # of one's own arm, not of the shipped one's
+    varied = mine.evaluation.varied  # defaults for the user's arm, not for the shipped one
     assert mine.evaluation == replace(shipped_one.evaluation, typical=1.0, varied=varied)
     assert varied == Evaluation.of_table({}, mine.environment).varied
     assert (mine.title, mine.about, [*mine.tuned]) == ("Mine", "Mine", ["mine-profile"])

@@ -1,4 +1,4 @@
-"""Searches find optima that are known; tuning keeps what it found, and does anew what was found for something else."""
+"""Searches find known optima; tuning keeps its results, and repeats a search if its settings or task have changed."""
 
 import json
 import sys
@@ -43,7 +43,7 @@ SPANS = np.array([4.0, 100.0, 0.02])
 
 
 def bowl(candidates):
-    """Rosenbrock's valley around each optimum, in shares of the ranges."""
+    """Return Rosenbrock's function around each optimum, with each parameter over its range."""
     x = 1.0 + (candidates - OPTIMA) / SPANS
     return np.sum(5.0 * (x[..., 1:] - x[..., :-1] ** 2) ** 2 + (1.0 - x[..., :-1]) ** 2, axis=-1)
 
@@ -55,7 +55,7 @@ def test_minimise_finds_the_optimum_of_each_problem_within_the_limits():
     assert result.generations < 200
     seen = list[np.ndarray]()
     few = minimise(lambda x: seen.append(bowl(x)) or seen[-1], SPACE, problems=3, generations=15)
-    assert np.array_equal(few.loss, np.min(seen, axis=(0, 1)))  # the best of all, not of the last
+    assert np.array_equal(few.loss, np.min(seen, axis=(0, 1)))  # the best of all generations, not of the last one
     beyond = minimise(lambda x: np.sum((x / SPANS - 5.0) ** 2, axis=-1), SPACE, generations=80).parameters[0]
     assert beyond == pytest.approx([3.0, 100.0, 0.01], rel=1e-3)
     assert (beyond <= [3.0, 100.0, 0.01]).all()
@@ -64,7 +64,7 @@ def test_minimise_finds_the_optimum_of_each_problem_within_the_limits():
 def test_minimise_repeats_with_its_seed_whatever_the_global_generator():
     runs = []
     for seed, other in ((1, 5), (1, 6), (2, 5)):
-        np.random.seed(other)  # noqa: NPY002 - the one that must not matter
+        np.random.seed(other)  # noqa: NPY002 - the search must not use it
         state = np.random.get_state()[1].copy()  # noqa: NPY002
         runs.append(minimise(bowl, SPACE, 3, generations=15, seed=seed).parameters)
         assert np.array_equal(np.random.get_state()[1], state)  # noqa: NPY002
@@ -74,11 +74,13 @@ def test_minimise_repeats_with_its_seed_whatever_the_global_generator():
 
 def test_jittery_moves_every_candidate_alike_in_the_same_scenario_by_as_much_as_it_says():
     jittery = Jittery(Always(0.5, 10.5), 0.01, 5000, np.random.default_rng(1))
-    first, second = (jittery.predict(np.zeros((3 * 5000, 8)))[0] for _ in range(2))  # commands in the middle
+    first, second = (
+        jittery.predict(np.zeros((3 * 5000, 8)))[0] for _ in range(2)
+    )  # commands in the middle of their range
     assert np.array_equal(first[:5000], first[5000:10000])
     assert np.array_equal(first[:5000], first[10000:])
     assert np.abs(np.corrcoef(first[:5000, 0], second[:5000, 0])[0, 1]) < 4.0 / np.sqrt(5000)
-    assert first[:5000].std() / 2.0 == pytest.approx(0.01, rel=0.04)  # of a range that is 2 wide
+    assert first[:5000].std() / 2.0 == pytest.approx(0.01, rel=0.04)  # the range is 2 wide
 
 
 NOISY = """[environment]
@@ -93,7 +95,7 @@ SEARCH = {"scenarios": 8, "budget": 24, "population": 8, "seed": 1}
 
 @pytest.fixture
 def noisy(tmp_path):
-    """A tuning of two weights for a set-up whose baseline asks for all that can be asked, in this process."""
+    """Options to tune two weights in this process; the set-up's baseline has all options."""
     path = tmp_path / "noisy.toml"
     path.write_text(NOISY)
     return Tune((str(path),), weights=(1.0, 4.0), processes=0, out=tmp_path, jobs=tmp_path / "jobs", **SEARCH)
@@ -118,7 +120,7 @@ def test_tune_searches_as_the_set_up_asks_and_keeps_how(noisy, tmp_path):
 
 
 def test_tune_prefers_a_gentle_touch_to_none_however_little_time_costs():
-    """1.2 s without a touch are cheaper at 0.05 m/s per s than any blow, but a miss costs 2 m/s."""
+    """At 0.05 m/s per s, 1.2 s without a touch cost less than any impact, but a miss costs 2 m/s."""
     found = tune_one("ConstantSpeed", {}, 0.05, 1e-5, 0.0, **SEARCH | {"scenarios": 20, "budget": 80})
     assert found["validation"]["missed"] == 0
     assert 0.05 * 1.2 < found["train"] < 2.0
@@ -133,7 +135,7 @@ def test_tune_keeps_what_is_there_and_ends_as_if_it_had_not_been_stopped(noisy, 
     (parts,) = tune(replace(noisy, out=tmp_path / "parts", jobs=tmp_path / "others"))
     assert parts.read_bytes() == whole
     weights = read_tuned("noisy-speed", tmp_path, setup)["weights"]
-    weights["1"]["parameters"]["speed"] = 0.123  # which no search finds
+    weights["1"]["parameters"]["speed"] = 0.123  # no search finds this number
     write_tuned("noisy-speed", weights, setup, tmp_path)
     marked = path.read_bytes()
     tune(noisy)
@@ -177,7 +179,7 @@ def test_bound_of_is_below_every_baseline_that_is_shipped(name, weight):
     for baseline in setup.against:
         blind = of(count=count, task=setup.task).play(load_baseline(baseline, weight)).loss(weight)
         assert known.mean() < blind.mean()
-        assert np.mean(known < blind) > 0.9  # in single scenarios a search may end in the wrong valley
+        assert np.mean(known < blind) > 0.9  # in single scenarios a search may end in a local minimum
 
 
 def test_search_of_the_bound_prefers_a_gentle_touch_to_none_however_little_time_costs():
@@ -196,7 +198,7 @@ def test_search_bounds_finds_what_knowing_the_scenario_is_worth_and_keeps_it(tmp
     blind = ScenarioBatch.of("test", 4, time_weight=[1.0]).play(load_baseline("blind-profile", 1.0))
     assert not known.missed.any()
     assert known.loss(1.0).mean() < blind.loss(1.0).mean()
-    fastest = np.sqrt(2 * known.scenario["distance"] / 20.0)  # at full acceleration all the way
+    fastest = np.sqrt(2 * known.scenario["distance"] / 20.0)  # s, at full acceleration
     assert (known.approach_time > fastest - 0.02).all()  # the tool may swing ahead of the flange
     bound.write_bound(setup, {1.0: 0.5 * parameters}, tmp_path, generations=25)
     assert search_bounds(wanted, **size) == [path]
@@ -207,7 +209,7 @@ def test_read_bound_refuses_what_is_of_another_search(tmp_path):
     setup = load_setup("linear-blind")
     path = bound.write_bound(setup, {2.0: np.zeros((3, 13))}, tmp_path)
     assert bound.read_bound(setup, tmp_path)[2.0].shape == (3, 13)
-    assert bound.bound_of(setup, tmp_path) == {}  # which has no 0.7, 1 and 4
+    assert bound.bound_of(setup, tmp_path) == {}  # the weights 0.7, 1 and 4 are missing
     refused(lambda: bound.read_bound(setup, tmp_path, generations=2), "for another environment or for other parameters")
     path.with_name("clairvoyant-rigid-blind.npz").write_bytes(path.read_bytes())
     refused(lambda: bound.read_bound(load_setup("rigid-blind"), tmp_path), "for another environment")
