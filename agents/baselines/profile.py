@@ -33,6 +33,8 @@ class ReactingRule(Rule):
     Without the parameter ACCELERATION a rule follows its profile with the environment's default limit.
     """
 
+    OVER = "position"  # observed number at which the profile is read; a distance ahead is a negative position
+
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the command of `approach` until the alarm, and then the command of the reaction."""
         velocity, acceleration = self.approach(view)
@@ -45,11 +47,8 @@ class ReactingRule(Rule):
     def approach(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the profile's velocity (m/s) one control period ahead, and the acceleration (m/s^2) towards it."""
         most = self[ACCELERATION.name] if ACCELERATION in self.PARAMETERS else ACCELERATION_RANGE[1]
-        return follow(self.profile(view), self.position(view), view["velocity"], most, self.task.control_period)
-
-    def position(self, view: View) -> Floats:
-        """Return the position (m) at which the profile is read: here the flange's."""
-        return view["position"]
+        position = view[self.OVER] if self.OVER == "position" else -view[self.OVER]
+        return follow(self.profile(view), position, view["velocity"], most, self.task.control_period)
 
     def profile(self, view: View) -> Callable[[Floats], Floats]:
         """Return the function from position (m) to speed (m/s); a rule may let it depend on the observation."""
@@ -131,10 +130,7 @@ class Ranged(ReactingRule):
         Parameter("margin", "m", -0.05, 0.05, 0.0),
         *REACTION,
     )
-
-    def position(self, view: View) -> Floats:
-        """Return the flange's position (m) relative to the estimated place of the object."""
-        return -view["distance_estimate"]
+    OVER = "distance_estimate"
 
     def speed(self, position: Floats) -> Floats:
         """Return the speed (m/s) at `position` (m) relative to the estimated place."""
@@ -155,7 +151,7 @@ class RangedProfile(ReactingRule):
         ACCELERATION,
         *REACTION,
     )
-    position = Ranged.position
+    OVER = "distance_estimate"
 
     def speed(self, position: Floats) -> Floats:
         """Return the broken line's speed (m/s) at `position` (m) relative to the estimated place."""
@@ -192,13 +188,10 @@ class Clairvoyant(ReactingRule):
         ACCELERATION,
         *REACTION,
     )
-
-    def position(self, view: View) -> Floats:
-        """Return the tool's position (m) relative to the object."""
-        return -view["distance"]
+    OVER = "distance"
 
     def speed(self, position: Floats) -> Floats:
-        """Return the velocity (m/s) at `position` (m) from the object; farther than all GAPS it brakes evenly."""
+        """Return the velocity (m/s) at the tool's `position` (m) relative to the object; before all GAPS it brakes."""
         corners = self.columns(self.PARAMETERS[0].name, len(GAPS))
         far = np.maximum(-position - GAPS[-1], 0.0)
         near = interpolate(GAPS, corners, -position)

@@ -26,24 +26,26 @@ from impact_gym.validation import nearest
 
 FORMAT = "impact_gym controller 1"
 CALLS = (
-    "{} once in each control period, and once more at the moment of the alarm; the command holds until the next call"
+    "call NAME_step once in each control period, and once more at the moment of the alarm; the command holds until the "
+    "next call"
 )
 RESETS = (
-    "before each approach, with its time weight, cut to the range given, the least where it is missing (NaN or "
-    "infinite); sets back the time, all readings, the alarm and all that is remembered, and commands to stay at rest"
+    "call NAME_reset before each approach, with the time weight; it is clipped to the range given, and a missing one "
+    "(NaN or infinite) is the smallest; the call resets time, readings, alarm and memory, and commands to stay at rest"
 )
 MISSING = (
-    "a reading that is not later than the last one, or has no time, changes nothing: the last command stands; a number "
-    "that is missing (NaN or infinite) keeps its last value, at first 0, and a range at first none; {}"
+    "a reading that is not later than the last one, or has no time, changes nothing: the last command holds; a missing "
+    "number (NaN or infinite) keeps its last value; before its first value a number is 0, and a range is not used; {}"
 )
 ALARMS = {
-    "reading": "an alarm is on as long as it is told to be, and its clock goes on by the time",
-    "force": "an alarm once heard stays, and its clock goes on by the time",
+    "reading": "the alarm follows its reading; while it is on, the time since the alarm advances with the time",
+    "force": "an alarm stays on once it has come, and the time since the alarm advances with the time",
 }
 OPERATOR = (
-    "with u the operator's command the flange goes to gain u - withdrawal; the withdrawal counts for {:g} s from an "
-    "alarm on and then fades over {:g} s; where u is 0 or missing, or none has come for {:g} s, the flange stops at "
-    "the arm's limit; a command between two calls counts at once by NAME_obey, and so does its absence, as 0"
+    "the flange's velocity is gain * u - withdrawal, where u is the operator's command; the withdrawal is complete for "
+    "{:g} s after an alarm, and then fades over {:g} s; if u is 0 or missing, or no command has come for {:g} s, the "
+    "flange stops at the arm's limit; a command that arrives between two calls takes effect at once by NAME_obey, and "
+    "a missing one counts as 0"
 )
 
 
@@ -110,7 +112,7 @@ class Subject:
         yield "control_period", {"value": task.control_period, "unit": "s"}
         weight = task.ranges["time_weight"] if self.policy else (self.weights[0], self.weights[-1])
         if len(self.weights) == 1 and not self.policy:
-            yield "time_weight_use", "none: one set of parameters for all time weights"
+            yield "time_weight_use", "ignored: one set of parameters serves all time weights"
         for name, (low, high), unit in (
             ("time_weight", weight, "m/s per s"), ("reaction_delay", task.ranges["reaction_delay"], "s"),
             ("velocity_limits", task.velocity_range, "m/s"), ("acceleration_limits", task.acceleration_range, "m/s^2"),
@@ -120,7 +122,7 @@ class Subject:
                           for name, (low, high) in task.scenario.by_id().items()}  # fmt: skip
         yield "environment", task.arguments()
         yield "fails", self.fails
-        yield "validation", self.validation or "not said"
+        yield "validation", self.validation or "unknown"
         yield "sensors", self.spec.sensors
         for place, entry in enumerate(self.spec.entries):
             scale = dict(zip(("low", "high", "scaled_low", "curve"), entry.scale[:4], strict=True))

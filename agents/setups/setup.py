@@ -52,7 +52,7 @@ class Tuned(NamedTuple):
     scenarios: int = 300  # number of scenarios that each candidate plays
 
 
-UNSAID = "not said; impact-gym report changes one thing at a time"
+UNSAID = "unknown; impact-gym report changes one argument at a time"
 
 
 @dataclass(frozen=True)

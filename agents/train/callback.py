@@ -168,19 +168,15 @@ class CsvLog(CSVOutputFormat):
 
     def __init__(self, path: Path, steps: int) -> None:
         lines = path.read_text().splitlines(keepends=True) if path.is_file() else []
-        columns = next(csv.reader(lines[:1]), [])
-        kept = [line for line in lines[1:] if line.endswith("\n") and _steps(line, columns) <= steps]
+        columns, *rows = [next(csv.reader([line]), []) for line in lines] or [[]]
+        # a broken line has no number of steps: it counts as later
+        logged = [float(dict(zip(columns, row, strict=False)).get(STEPS) or "inf") for row in rows]
+        kept = [line for line, at in zip(lines[1:], logged, strict=True) if line.endswith("\n") and at <= steps]
         write_file(path, "".join(lines[:1] + kept))
         super().__init__(os.devnull)  # with `path` it would empty the file
         self.file.close()
         self.file, self.keys = path.open("r+"), columns
         self.file.seek(0, os.SEEK_END)
-
-
-def _steps(line: str, columns: list[str]) -> float:
-    """Return the number of steps at which a line was logged; inf if the line is broken."""
-    row = dict(zip(columns, next(csv.reader([line])), strict=False))
-    return float(row.get(STEPS) or "inf")
 
 
 class TensorBoardLog(TensorBoardOutputFormat):
