@@ -53,7 +53,7 @@ def read_bound(setup: Setup, folder: Path = TUNED, generations: int = GENERATION
     environment = content.get("environment", {})
     wanted = {**_search_of(setup, generations), "environment": environment}
     if content != wanted or not setup.describes(Task(**environment)):
-        raise ValueError(f"{path} is of a search for another environment or for other parameters: {remedy}")
+        raise ValueError(f"{path} was searched for another environment or for other parameters: {remedy}")
     return {float(weight): parameters for weight, parameters in arrays.items()}
 
 

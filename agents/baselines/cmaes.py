@@ -1,6 +1,6 @@
 """Search for a rule's parameters with CMA-ES. Many problems run side by side, so that one batch plays all candidates.
 
-N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772; the package `cma` is his.
+N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772. He also wrote the package `cma`.
 """
 
 from collections.abc import Callable

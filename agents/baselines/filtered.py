@@ -16,7 +16,7 @@ from agents.baselines.profile import LEAST_SPREAD, StretchedProfile
 from agents.baselines.rule import CLOCK, Floats, View
 from impact_gym.scene import SpringDamper
 
-KEPT = 32  # control steps of which the filter remembers the tool's position; a delayed reading belongs to one of them
+KEPT = 32  # control steps whose tool position the filter remembers, for delayed readings
 
 
 class FilteredProfile(StretchedProfile):

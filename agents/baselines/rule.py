@@ -20,7 +20,7 @@ CONTROL_PERIOD: float = Task.control_period  # s
 DISTANCES = ScenarioRanges().distance
 """Default distances of objects, m. The positions in the parameters of rules are for these, see `Rule.placed`."""
 LEAST_STRETCH = 0.01  # m
-SLOWEST = 1e-9  # m/s; a smaller command of the operator is not divided by
+SLOWEST = 1e-9  # m/s, smallest divisor in place of an operator's command
 CLOCK = 1e-6  # s, resolution of the observed time
 
 

@@ -1,8 +1,8 @@
 """PPO that first imitates a baseline, in states that the policy itself visits.
 
 S. Ross, G. Gordon, D. Bagnell, A Reduction of Imitation Learning and Structured Prediction to No-Regret Online
-Learning, AISTATS 2011. PPO alone does not find behaviour far from its own, such as an approach in pulses. After it has
-imitated such behaviour, it improves it.
+Learning, AISTATS 2011. PPO alone does not find behaviour far from its own, such as an approach in pulses. After
+imitation of such behaviour, PPO improves it.
 """
 
 from typing import Any
