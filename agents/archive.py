@@ -39,11 +39,7 @@ def save(file: IO[bytes], kind: str, content: Mapping[str, Any], arrays: Arrays)
 
 
 def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of an archive.
-
-    Raises:
-        ValueError: the file is no archive of this kind, or is damaged.
-    """
+    """Return content and arrays of an archive; ValueError: the file is no archive of this kind, or is damaged."""
     try:
         with path.open("rb") as file:
             return load(file, kind)
