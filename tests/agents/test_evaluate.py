@@ -14,6 +14,7 @@ from agents import load_policy, load_setup, provenance
 from agents.baselines import ConstantSpeed, PaperTrapezoid, load_baseline
 from agents.evaluate import RESULTS, TEST_SEED, TUNING_SEED, VALIDATION_SEED, ScenarioBatch, Validation
 from agents.evaluate import play as jobs
+from agents.provenance import digest_of
 from agents.setups.evaluation import WEIGHTS
 from agents.train.ppo import FIRST_SEED
 from impact_gym.task import Task, evaluation_sets
@@ -142,6 +143,21 @@ def test_revision_names_the_commit_of_sources_that_git_knows_and_none_of_others(
     assert revision() == {"commit": git("rev-parse", "HEAD"), "changed since": ""}
     file.write_text(file.read_text() + "\n")
     assert revision()["changed since"].split() == ["M", "provenance.py"]
+
+
+def test_digest_changes_with_any_source_of_the_module(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    inner = tmp_path / "package_of_jobs" / "inner"
+    inner.mkdir(parents=True)
+    (inner.parent / "__init__.py").touch()
+    (inner / "__init__.py").write_text("ONE = 1\n")
+    before = digest_of("package_of_jobs"), digest_of("package_of_jobs.inner")
+    assert digest_of("package_of_jobs") == before[0]
+    (inner / "data.json").write_text("{}")
+    assert digest_of("package_of_jobs") != before[0]
+    assert digest_of("package_of_jobs.inner") != before[1]
+    with pytest.raises(ValueError, match="no module 'not_there'"):
+        digest_of("not_there")
 
 
 def test_play_takes_sets_tables_and_ranges_alike():

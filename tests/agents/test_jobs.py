@@ -19,7 +19,6 @@ from episodes import assert_identical
 from agents import workers
 from agents.command_line import progress
 from agents.jobs import JobsFailedError, cached
-from agents.provenance import digest_of
 from agents.workers import Call
 from impact_gym.files import DiskFullError
 
@@ -276,21 +275,6 @@ def test_result_is_another_for_another_function_other_arguments_and_what_it_depe
         assert len(calls(log)) == count
     cached(fails_on, [dict(reversed(given.items()))], tmp_path / "results", processes=0)
     assert len(calls(log)) == 4
-
-
-def test_digest_changes_with_any_source_of_the_module(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(tmp_path)
-    inner = tmp_path / "package_of_jobs" / "inner"
-    inner.mkdir(parents=True)
-    (inner.parent / "__init__.py").touch()
-    (inner / "__init__.py").write_text("ONE = 1\n")
-    before = digest_of("package_of_jobs"), digest_of("package_of_jobs.inner")
-    assert digest_of("package_of_jobs") == before[0]
-    (inner / "data.json").write_text("{}")
-    assert digest_of("package_of_jobs") != before[0]
-    assert digest_of("package_of_jobs.inner") != before[1]
-    with pytest.raises(ValueError, match="no module 'not_there'"):
-        digest_of("not_there")
 
 
 def test_progress_in_a_log_is_silent_for_30_s_and_then_a_line_at_a_time(capsys):
