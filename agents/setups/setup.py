@@ -243,8 +243,8 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
             if name in given:
                 number(f"evaluation.{name}", weight, "m/s per s", at_least=low, at_most=high)
             elif name != "curve" and not low <= weight <= high:  # `curve` leaves out such weights by default
-                raise ValueError(f"training.time_weight must hold {weight:g} m/s per s, which evaluation.{name} has "
-                                 f"unless the file says otherwise, got {low:g} to {high:g} m/s per s")  # fmt: skip
+                what = f"{weight:g} m/s per s, a default of evaluation.{name}"
+                raise ValueError(f"training.time_weight must include {what}, got {low:g} to {high:g} m/s per s")
     baselines = {*setup.tuned, *shipped_baselines()}
     known("baselines.against.", setup.against, {*baselines, *FIXED})  # a file may not name code to import
     known("training.teacher.", [setup.training.teacher], {"", *baselines, *FIXED})
