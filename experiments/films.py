@@ -65,33 +65,33 @@ class Row(NamedTuple):
 
 FILMS: Mapping[str, tuple[str, tuple[Row, ...]]] = {
     "rule-and-profile": (
-        "The paper's rule approaches at 1 m/s and brakes when it feels the object; a tuned profile arrives as soon, "
-        "but slower where the object may stand.",
+        "The paper's rule approaches at 1 m/s and brakes when it feels the object. A tuned profile takes as long, but "
+        "is slower where the object may stand.",
         (Row("paper's rule", "rule", "linear-blind", "rule"),
          Row("tuned profile", "profile", "linear-blind", "blind-profile")),
     ),
     "rule-profile-policy": (
-        "The learned policy approaches as the tuned profile does, and leaves the object about as slow.",
+        "The learned policy approaches like the tuned profile, and the object leaves as slowly.",
         (Row("paper's rule", "rule", "linear-blind", "rule"),
          Row("tuned profile", "profile", "linear-blind", "blind-profile"),
          Row("learned policy", "policy", "linear-blind", "policy")),
     ),
     "hand-and-brake": (
-        "A hand that sees the touch 200 ms late pushes the object; a brake at the arm, which feels the touch at once, "
-        "stops the tool for it.",
+        "With 200 ms of delay, a hand keeps pushing the object after the touch. A brake at the arm feels the touch at "
+        "once, and stops the tool.",
         (Row("hand alone", "person", "teleop-rigid", "alone"),
          Row("same hand, brake on", "warning", "teleop-rigid", "brake")),
     ),
     "hand-and-spring": (
-        "A spring alone hardly helps a hand that is 200 ms late. With the brake as well, the light tool stops before "
+        "A spring alone hardly helps a hand with 200 ms of delay. With the brake as well, the light tool stops before "
         "the object has moved a centimetre.",
         (Row("hand, rigid tool", "person", "teleop-rigid", "alone"),
          Row("hand, tool on a spring", "person", "teleop-spring", "alone"),
          Row("spring and brake", "warning", "teleop-spring", "brake")),
     ),
     "couplings": (
-        "The same approach and the same brake with three couplings: the less of the arm pushes the object, the slower "
-        "it leaves.",
+        "The same approach and the same brake with three couplings. The less of the arm's mass pushes the object, the "
+        "slower the object leaves.",
         (Row("rigid", "rule", "rigid-blind", "rule"),
          Row("spring and damper", "rule", "linear-blind", "rule"),
          Row("bistable mechanism", "rule", "bistable-blind", "rule")),
