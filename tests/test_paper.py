@@ -6,8 +6,7 @@ text says of them is compared in the study `paper`, whose verdicts tests/experim
 """
 
 import pytest
-from golden import OBJECT_VELOCITIES
-from solvers import BOTH
+from scenes import BOTH, OBJECT_VELOCITIES
 
 import impact_gym as ig
 from experiments.lab.scenes import DURATION, MOTION, scene
