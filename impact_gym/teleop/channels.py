@@ -17,7 +17,7 @@ LOST = 1e6  # s, the delay of a packet that never arrives: longer than any episo
 USUAL_DELAY = 1.0  # s; a file with longer ones must say its unit
 TRACE_COLUMNS = {
     "time": Column("s", r"((rel|relative|elapsed|send|sent) )?(time ?stamp|time|at)s?|t|sent"),
-    "delay": Column("s", r"((one way|network|packet) )?(delay|latency|owd)s?", empty=np.nan),
+    "delay": Column("s", r"((one way|network|packet) )?(delay|latency|owd)s?", may_be_empty=True),
 }
 
 

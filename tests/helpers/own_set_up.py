@@ -1,4 +1,4 @@
-"""A set-up as a user writes it: another arm, a very short training, a very small report."""
+"""A user's set-up with its own arm, a short training and a short report."""
 
 TEXT = """
 title = "A slow arm"
@@ -30,14 +30,12 @@ varied = { tool_mass = [0.4] }
 
 
 def own_set_up(folder):
-    """Write the set-up to a file, and return its path."""
     path = folder / "mine.toml"
     path.write_text(TEXT)
     return path
 
 
 def change(path, old, new):
-    """Replace a text in a file."""
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))
