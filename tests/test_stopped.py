@@ -83,7 +83,7 @@ def left(folder):
 @pytest.mark.parametrize(
     "name", ["tune", *(pytest.param(name, marks=pytest.mark.storm) for name in ("train", "report"))]
 )
-def test_command_goes_on_behind_a_full_disk_and_a_kill_and_ends_with_the_same_bits(name, tmp_path):
+def test_command_continues_after_a_full_disk_and_a_kill_and_reaches_the_same_bits(name, tmp_path):
     part, whole = tmp_path / "part", tmp_path / "whole"
     part.mkdir()
     whole.mkdir()

@@ -41,7 +41,7 @@ class Replay(NamedTuple):
 
 
 def logged(subject: Subject, episodes: int) -> Log:
-    """Play episodes of the controller's environment; for a rule, time weights reach beyond its tuned ones."""
+    """Play episodes of the controller's environment; a rule also gets time weights below and above its tuned ones."""
     task = subject.task
     if subject.policy is None:
         task = task.changed({"time_weight": (0.8 * subject.weights[0], 1.25 * subject.weights[-1])})

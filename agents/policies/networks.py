@@ -104,7 +104,8 @@ class Network:
 
 def from_arrays(description: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Network:
     """Return the network with this `description` and with arrays named as in `to_arrays`."""
-    places = {name: f"hidden_{place}" for place, name in enumerate(description["layers"])}  # names in C: no file's text
+    # no name from the file: exported C code contains these names
+    places = {name: f"hidden_{place}" for place, name in enumerate(description["layers"])}
     places |= {name: name for name in ("mean", "log_std")}
     made = {name: Affine(place, arrays[f"{name}.weight"], arrays[f"{name}.bias"]) for name, place in places.items()}
     mean, log_std = made.pop("mean"), made.pop("log_std")

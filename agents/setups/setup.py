@@ -57,7 +57,7 @@ UNSAID = "unknown; impact-gym report changes one argument at a time"
 
 @dataclass(frozen=True)
 class Setup:
-    """An arm, its training, and the baselines that its policy is compared with."""
+    """An arm, its training, and the baselines for comparison."""
 
     name: str
     title: str

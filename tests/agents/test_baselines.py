@@ -63,7 +63,7 @@ def test_constant_speed_goes_until_the_alarm_and_then_stops(rule, go, stop):
     assert actions[0] in gym.make(ID).action_space
 
 
-def test_blind_profile_is_followed_as_far_as_the_limits_allow():
+def test_flange_follows_a_blind_profile_within_the_limits():
     speeds = np.array([0.8, 0.8, 0.7, 0.75, 0.6, 0.5, 0.45, 0.4, 0.35, 0.3])
     time, position, velocity, touch = flange(BlindProfile([*speeds, 20.0, *STAY]), {}, distance=0.5)
     position, velocity, steps = position[time <= touch], velocity[time <= touch], np.diff(time[time <= touch])
@@ -87,7 +87,7 @@ def test_ranged_arrives_at_the_estimate_with_the_tuned_speed_whatever_the_distan
     assert velocity[position > 0.31] == pytest.approx(0.25, abs=1e-3)
 
 
-def test_clairvoyant_goes_by_the_true_gap():
+def test_clairvoyant_uses_the_true_gap():
     env = gym.make(ID, **Clairvoyant.NEEDS)
     seen, _ = env.reset(options={"scenario": {"distance": 0.2718}})
     rule = Clairvoyant([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 10.0, 20.0, *STAY])
@@ -111,7 +111,7 @@ def test_rule_acts_on_a_row_of_a_batch_as_it_does_alone(rule):
 
 
 @pytest.mark.parametrize("name", ["blind-profile", "constant-deceleration"])
-def test_rule_by_position_goes_where_the_objects_stand(name):
+def test_rule_over_position_is_mapped_to_the_distances_of_a_task(name):
     rule = load_baseline(name, 2.0)
     farther = rule.for_task(Task(scenario={"distance": [0.3, 0.7]}))  # twice as far, and twice as wide
     x = np.linspace(0.15, 0.35, 9)
@@ -154,7 +154,7 @@ def test_load_baseline_interpolates_over_the_logarithm_of_the_weight(tmp_path):
     ({"environment": {"range_noise": 0.02}}, "another environment"), (None, "damaged"),
     ({"format": "impact_gym tuned baseline 0"}, "was tuned for another format"),
 ], ids=str)  # fmt: skip
-def test_load_baseline_refuses_what_was_not_written_with_the_remedy(tmp_path, changes, reason):
+def test_load_baseline_refuses_a_missing_or_changed_file_and_gives_a_remedy(tmp_path, changes, reason):
     refused(lambda: load_baseline("ranged", 2.0, tmp_path), "was not tuned", "impact-gym tune linear-ranged")
     path = write_tuned("ranged", {"2": parameters_of(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
     if changes:
@@ -182,7 +182,7 @@ def test_tuned_file_without_weights_or_beyond_limits_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", shipped_baselines())
-def test_shipped_baseline_beats_the_papers_rule_at_its_weight_and_misses_next_to_nothing(name):
+def test_shipped_baseline_beats_the_papers_rule_at_its_weights_and_misses_almost_no_object(name):
     """With an operator the rival is the operator alone."""
     content, setup = read_tuned(name), owner(name)
     rival = OperatorAlone() if "operator" in content["environment"] else PaperTrapezoid()
@@ -199,7 +199,7 @@ def test_shipped_baseline_beats_the_papers_rule_at_its_weight_and_misses_next_to
         assert ours.loss(weight).mean() < theirs.loss(weight).mean()
 
 
-def test_paper_limits_permit_the_papers_rule_and_no_more():
+def test_paper_limits_are_exactly_those_of_the_papers_rule():
     def played(controller, name):
         task = load_setup(name).task
         result = ScenarioBatch.of("test", 500, task).play(controller.for_task(task))
@@ -211,7 +211,7 @@ def test_paper_limits_permit_the_papers_rule_and_no_more():
 
 
 @pytest.mark.parametrize("name", ["linear-blind", "teleop-spring"])
-def test_random_actions_play_a_set_up_whatever_numbers_its_action_has(name):
+def test_random_actions_play_set_ups_with_any_size_of_action(name):
     environment = load_setup(name).environment
     alone = load_baseline("random", 2.0).for_task(Task(**environment))
     seen = np.zeros((1000, len(ObservationSpec(Task(**environment)))), np.float32)

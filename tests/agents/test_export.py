@@ -36,7 +36,7 @@ def saved(tmp_path):
 
 
 @needs_onnx
-def test_run_writes_both_forms_and_says_how_they_agree_and_what_cannot_be_checked(saved, tmp_path, monkeypatch, capsys):
+def test_run_writes_header_and_onnx_and_prints_their_checks_and_missing_ones(saved, tmp_path, monkeypatch, capsys):
     options = Export(saved, tmp_path / "out", episodes=300, calls=1000)
     assert [file.name for file in exporting.run(options)] == ["my policy-2.h", "my policy-2.onnx"]
     printed = capsys.readouterr().out
@@ -50,7 +50,7 @@ def test_run_writes_both_forms_and_says_how_they_agree_and_what_cannot_be_checke
 
 @needs_onnx
 @pytest.mark.parametrize("kind", KINDS)
-def test_forms_compute_what_the_network_does_in_double_precision(tmp_path, kind):
+def test_networks_in_c_and_onnx_equal_the_network_in_double_precision(tmp_path, kind):
     """Some actions lie within their limits: equal limits would prove nothing."""
     policy = made_up_policy(**KINDS[kind])
     seen = observations(policy)
@@ -65,7 +65,7 @@ def test_forms_compute_what_the_network_does_in_double_precision(tmp_path, kind)
         assert rounding(policy, seen, actions) < 1.5 * AGREEMENT
 
 
-def test_judged_refuses_a_form_that_computes_something_else(tmp_path):
+def test_judged_refuses_a_network_or_controller_with_other_results(tmp_path):
     """If one action of 10,000 differs by a little more than rounding."""
     actions, computed = np.zeros((2, 10_000, 2), np.float32)
     assert "by at most 0.0e+00" in judged(tmp_path, computed, "", actions, 1e-6)
@@ -84,7 +84,7 @@ def entries(text):
 
 @needs_onnx
 @pytest.mark.parametrize("environment", [{"range_noise": 0.01, "past_readings": 2}, IDS["ImpactTeleop-v0"]], ids=str)
-def test_header_and_onnx_have_the_same_contract_which_is_the_task(tmp_path, environment):
+def test_header_and_onnx_have_the_same_contract_which_describes_the_task(tmp_path, environment):
     import onnx
 
     policy = made_up_policy(environment=environment)
@@ -109,7 +109,7 @@ def test_header_and_onnx_have_the_same_contract_which_is_the_task(tmp_path, envi
         assert ends == pytest.approx([row["scaled_low"], 1.0])
 
 
-def test_checksum_is_another_where_a_weight_or_the_task_is():
+def test_checksum_changes_with_a_weight_and_with_the_task():
     policy, other = made_up_policy(), made_up_policy()
     other.network.mean.weight[0, 0] += 1e-6
     longer = made_up_policy(environment={"reaction_delay": 0.017})
@@ -117,7 +117,7 @@ def test_checksum_is_another_where_a_weight_or_the_task_is():
     assert Subject(policy).contract == Subject(made_up_policy()).contract
 
 
-def test_names_in_c_are_those_of_files():
+def test_names_in_c_follow_from_names_of_files():
     names = [identifier(name) for name in ("linear-blind", "2 fast", "grün")]
     assert names == ["linear_blind", "policy_2_fast", "gr_n"]
 

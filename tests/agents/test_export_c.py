@@ -25,7 +25,7 @@ COMPILER = shutil.which("cc") or shutil.which("gcc")
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 
 
-def test_headers_of_two_policies_can_stand_in_one_program_twice(tmp_path):
+def test_one_program_can_include_two_headers_and_one_of_them_twice(tmp_path):
     calls = ""
     for name, policy in (("first", made_up_policy()), ("other", made_up_policy(seed=1, activation="relu"))):
         (tmp_path / f"{name}.h").write_text(header(policy, name))
@@ -41,7 +41,7 @@ CONTROLLERS_SHIPPED = [
 
 
 @pytest.mark.parametrize("name", CONTROLLERS_SHIPPED)
-def test_every_shipped_controller_commands_in_c_what_it_does_in_numpy(tmp_path, name):
+def test_every_shipped_controller_gives_the_same_commands_in_c_and_numpy(tmp_path, name):
     """In 300 episodes; for rules, time weights reach beyond the tuned ones."""
     assert_commands_alike(tmp_path, of_name(name))
 
@@ -75,7 +75,7 @@ RULES_IN_C = {
 
 
 @pytest.mark.parametrize(("rule", "environment"), RULES_IN_C.values(), ids=RULES_IN_C)
-def test_rule_commands_in_c_what_it_does_in_numpy_whatever_its_parameters(tmp_path, rule, environment):
+def test_rule_with_any_parameters_gives_the_same_commands_in_c_and_numpy(tmp_path, rule, environment):
     """With three sets of parameters near the start values, for three time weights."""
     limits, rng = RULES[rule].PARAMETERS, np.random.default_rng(1)
     low, high, start = np.array([(each.low, each.high, each.start) for each in limits]).T
@@ -100,7 +100,7 @@ CONTROLLERS = {
 
 
 @pytest.mark.parametrize("environment", CONTROLLERS.values(), ids=list(CONTROLLERS))
-def test_controller_compiles_without_a_warning_and_commands_what_the_policy_commands(tmp_path, environment):
+def test_controller_compiles_without_a_warning_and_gives_the_policys_commands(tmp_path, environment):
     policy = made_up_policy(environment=environment)
     file = write_header(policy, tmp_path / "it.h")
     includes = {line for line in file.read_text().splitlines() if line.startswith("#include")}
@@ -176,7 +176,7 @@ HOW = [["-O2"], ["-Ofast", *NOT_TOLD], ["-ffinite-math-only", *NOT_TOLD]]
 
 
 @pytest.mark.parametrize("flag", ["-Ofast", "-ffast-math", "-ffinite-math-only", "-funsafe-math-optimizations"])
-def test_header_does_not_compile_where_a_test_for_nan_may_be_removed(tmp_path, flag, capfd):
+def test_header_does_not_compile_with_flags_that_remove_tests_for_nan(tmp_path, flag, capfd):
     policy = made_up_policy(sizes=())
     with pytest.raises(subprocess.CalledProcessError):
         compiled(Subject(policy), write_header(policy, tmp_path / "it.h"), tmp_path, flag)
@@ -185,7 +185,7 @@ def test_header_does_not_compile_where_a_test_for_nan_may_be_removed(tmp_path, f
 
 @pytest.mark.parametrize("how", HOW, ids=" ".join)
 @pytest.mark.parametrize("environment", [{}, {"alarm": "reading"}, {"past_readings": 2}], ids=str)
-def test_controller_takes_faulty_readings_as_the_header_says(tmp_path, environment, how):
+def test_controller_treats_faulty_readings_as_the_header_says(tmp_path, environment, how):
     policy, weight = made_up_policy(environment={"range_noise": 0.01, **environment}), 2.0
     program = compiled(Subject(policy), write_header(policy, tmp_path / "it.h"), tmp_path, *how)
     for seed in range(8):
@@ -212,7 +212,7 @@ def test_controller_takes_faulty_readings_as_the_header_says(tmp_path, environme
 
 
 @pytest.mark.parametrize("how", HOW, ids=" ".join)
-def test_controller_in_c_stops_where_the_operator_is_silent_and_withdraws_after_an_alarm_alone(tmp_path, how):
+def test_controller_in_c_stops_without_commands_and_withdraws_only_after_an_alarm(tmp_path, how):
     """The biases of the last layer command a gain of 1 and the full withdrawal; the alarm comes at 1.5 s."""
     policy = made_up_policy(environment=IDS["ImpactTeleop-v0"])
     policy.network.mean.weight[:], policy.network.mean.bias[:] = 0.0, [2.0, 0.0, 2.0]
@@ -232,7 +232,7 @@ def test_controller_in_c_stops_where_the_operator_is_silent_and_withdraws_after_
     assert commands[:, 0, 1] == pytest.approx(np.where(silent, 20.0, 10.5), abs=1e-6)
 
 
-def test_header_has_no_controller_for_a_policy_that_sees_the_truth(tmp_path):
+def test_header_has_no_controller_for_a_policy_that_observes_the_true_scenario(tmp_path):
     policy = made_up_policy(environment={"privileged": True})
     file = write_header(policy, tmp_path / "it.h")
     assert "_step" not in file.read_text().partition("*/")[2]

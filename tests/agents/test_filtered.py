@@ -51,7 +51,7 @@ def test_spread_is_that_of_the_readings_weighted_by_their_inverse_variance():
     assert spread == pytest.approx((PRIOR + 1.0 / 0.02**2) ** -0.5, rel=1e-9)
 
 
-def test_errors_are_as_large_as_the_filter_says():
+def test_errors_have_the_standard_deviation_of_the_filter():
     error, spread, age, touched = estimates(3000, 12, range_sensor={"noise": 0.01, "dropout": 0.2, "delay": 0.02})
     last = np.isfinite(age[-1]) & ~touched[-1]
     score = (error / spread)[-1][last]
@@ -73,7 +73,7 @@ def test_filter_begins_anew_with_each_episode():
     assert (again["spread"][2:] < view["spread"][2:]).all()
 
 
-def test_filter_keeps_the_sensor_that_it_was_tuned_for():
+def test_filter_keeps_the_sensor_for_which_it_was_tuned():
     """It does not subtract the bias of another sensor with which it plays; its commands are for the other arm."""
     numbers = dict(zip(FilteredProfile.names(), START, strict=True))
     tuned = {

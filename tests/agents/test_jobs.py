@@ -98,7 +98,7 @@ def test_failed_calls_are_named_when_all_others_are_done(log, tmp_path):
         assert re.search(pattern, str(raised.value))
 
 
-def test_lost_process_fails_the_call_that_it_was_doing_alone(log, tmp_path):
+def test_lost_process_fails_only_the_call_that_it_ran(log, tmp_path):
     reasons = []
     given = [{"log": str(log), "number": 7}]
     cached(cluster_work.kills_itself, given, tmp_path, failed=lambda each, why: reasons.append((each, why)), **LOCAL)
@@ -107,7 +107,7 @@ def test_lost_process_fails_the_call_that_it_was_doing_alone(log, tmp_path):
 
 
 @pytest.mark.storm
-def test_ray_results_equal_local_ones_to_the_bit_though_a_node_was_killed(tmp_path):
+def test_ray_results_equal_local_ones_to_the_bit_even_if_a_node_is_killed(tmp_path):
     job_cases = pytest.importorskip("job_cases", reason="the extra `cluster` is not installed")
     of_another_cluster = ("RAY_ADDRESS", "RAY_RUNTIME_ENV_HOOK")
     environment = {name: value for name, value in os.environ.items() if name not in of_another_cluster}
@@ -139,14 +139,14 @@ def test_ray_results_equal_local_ones_to_the_bit_though_a_node_was_killed(tmp_pa
     assert "ray start --head" in outcome["none"]
 
 
-def test_node_with_other_libraries_does_no_call(tmp_path, log):
+def test_node_with_other_versions_runs_no_call(tmp_path, log):
     call = Call("cluster_work:numbers", json.dumps(listed(log)[0]), "")
     assert b"install the same" in workers.perform(call, {"numpy": "0.1"})
     assert calls(log) == []
     assert b"install the same" not in workers.perform(call, {"numpy": np.__version__})
 
 
-def test_results_have_the_same_bits_whatever_the_order_and_the_processes(log, tmp_path, monkeypatch):
+def test_results_have_the_same_bits_in_any_order_and_any_processes(log, tmp_path, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
     here = cached(numbers, listed(log), tmp_path / "here", processes=0)
@@ -165,7 +165,7 @@ def test_results_have_the_same_bits_whatever_the_order_and_the_processes(log, tm
     assert (os.environ["OMP_NUM_THREADS"], "MKL_NUM_THREADS" in os.environ) == ("7", False)  # of this process
 
 
-def test_equal_calls_are_done_once_and_each_has_a_result_of_its_own(log, tmp_path):
+def test_equal_calls_run_once_and_each_gets_its_own_copy_of_the_result(log, tmp_path):
     cached(numbers, listed(log, 2)[1:], tmp_path, processes=0)
     seen, given = [], listed(log, 2) + listed(log, 3)
     results = cached(numbers, given, tmp_path, processes=0, done=lambda *each: seen.append(each))
@@ -188,7 +188,7 @@ def flipped(content):
     lambda content: np.random.default_rng(0).bytes(len(content)),
     flipped,
 ])  # fmt: skip
-def test_damaged_result_is_computed_anew(log, tmp_path, capsys, damage):
+def test_damaged_result_is_computed_again(log, tmp_path, capsys, damage):
     folder, given = tmp_path / "results", listed(log, 3)
     before = cached(numbers, given, folder, processes=0)
     path = min(kept(folder))
@@ -216,7 +216,7 @@ def test_two_commands_may_share_a_folder(log, tmp_path):
     assert len(kept(tmp_path)) == 6
 
 
-def test_late_call_is_ended_and_its_failure_stored_where_something_stands_for_it(log, tmp_path):
+def test_late_call_is_ended_and_its_failure_stored_if_there_is_a_replacement(log, tmp_path):
     given = [{"log": str(log), "number": 3, "seconds": 600.0}, {"log": str(log), "number": 4}]
     for _ in range(2):  # the second time no call starts
         late, done = cached(numbers, given, tmp_path, seconds=1.0, failed=lambda _, reason: reason, **LOCAL)
@@ -233,7 +233,7 @@ def test_late_call_is_ended_and_its_failure_stored_where_something_stands_for_it
 
 
 @pytest.mark.parametrize("processes", [0, 1])
-def test_command_ends_where_a_call_finds_no_room_and_keeps_what_is_done(processes, log, tmp_path):
+def test_command_ends_if_a_call_finds_the_disk_full_and_keeps_stored_results(processes, log, tmp_path):
     cached(numbers, listed(log, 1), tmp_path, processes=0)
     given = [{"path": str(tmp_path / "file")}]
     with pytest.raises(DiskFullError, match=r"no room to write .*file: No space left on device"):
@@ -241,7 +241,7 @@ def test_command_ends_where_a_call_finds_no_room_and_keeps_what_is_done(processe
     assert len(kept(tmp_path)) == 1
 
 
-def test_another_process_finds_what_is_stored_in_each_folder(log, tmp_path):
+def test_another_process_finds_the_stored_results_of_each_folder(log, tmp_path):
     for name in ("first", "second/results"):
         cached(numbers, listed(log, 2), tmp_path / name, processes=0)
     before = kept(tmp_path)
@@ -259,13 +259,13 @@ def test_another_process_finds_what_is_stored_in_each_folder(log, tmp_path):
     ((numbers, [{"log": "x", "number": np.array([1.0])}], {}), TypeError, "JSON"),
     ((cluster_work.no_data, [{}], {"processes": 0}), JobsFailedError, "no_data.*pickle"),
 ])  # fmt: skip
-def test_options_functions_and_arguments_that_are_none_are_refused(call, kind, message, tmp_path):
+def test_invalid_options_functions_and_arguments_are_refused(call, kind, message, tmp_path):
     function, arguments, options = call
     with pytest.raises(kind, match=message):
         cached(function, arguments, tmp_path, **options)
 
 
-def test_result_is_another_for_another_function_other_arguments_and_what_it_depends_on(log, tmp_path):
+def test_another_function_other_arguments_or_dependencies_have_another_result(log, tmp_path):
     given = {"log": str(log), "number": 1, "bad": []}
     for count, (function, arguments, depends) in enumerate([
         (fails_on, given, ""), (fails_on, given | {"bad": [3]}, ""), (fails_on, given, "sources"),
@@ -277,7 +277,7 @@ def test_result_is_another_for_another_function_other_arguments_and_what_it_depe
     assert len(calls(log)) == 4
 
 
-def test_progress_in_a_log_is_silent_for_30_s_and_then_a_line_at_a_time(capsys):
+def test_progress_in_a_log_prints_lines_after_30_s(capsys):
     bar = progress("tuning", 3)
     bar.update(2)
     bar.close()

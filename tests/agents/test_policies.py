@@ -52,7 +52,7 @@ def assert_same(first, second):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_predict_is_the_network_row_by_row(kind):
+def test_predict_computes_the_network_row_by_row(kind):
     """An action has the same bits whatever the other rows are."""
     policy = made_up_policy(**KINDS[kind])
     seen = observations(policy, 1000)
@@ -66,7 +66,7 @@ def test_predict_is_the_network_row_by_row(kind):
 
 
 @pytest.mark.parametrize("name", shipped())
-def test_load_policy_plays_the_weights_of_the_shipped_file(name):
+def test_load_policy_returns_the_weights_of_the_shipped_file(name):
     arrays, ensemble, setup = arrays_of(SHIPPED / f"{name}.npz"), load_ensemble(name), load_setup(name)
     content = json.loads(str(arrays.pop("header")))["content"]
     assert sorted(policy.seed for policy in ensemble.policies) == list(range(setup.seeds))
@@ -81,7 +81,7 @@ def test_load_policy_plays_the_weights_of_the_shipped_file(name):
         assert {"command", "settings", "versions"} <= set(policy.provenance)
 
 
-def test_predict_adds_noise_of_the_standard_deviation_it_has():
+def test_predict_adds_noise_with_the_policys_standard_deviation():
     policy, sigma = made_up_policy(log_std=-4.0), math.exp(-4.0)
     seen = observations(policy, 60_000)
     mean = policy.predict(seen)[0]

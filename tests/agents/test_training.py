@@ -61,7 +61,7 @@ def test_scaled_rewards_divides_by_a_power_of_one_plus_the_weight_of_the_episode
     assert episodes > 30
 
 
-def test_make_environments_plays_a_share_as_nominal_and_shows_the_critic_what_is_true():
+def test_a_share_of_the_environments_is_nominal_and_the_critic_sees_true_numbers():
     run = tiny("linear-robust", nominal=0.25)
     environments = make_environments(run)
     environments.seed(3)
@@ -104,7 +104,7 @@ uplink = { delay = 0.2 }
 """
 
 
-def test_make_environments_mixes_families_of_operators_and_the_critic_is_told_what_any_draws(tmp_path):
+def test_make_environments_mixes_operators_and_the_critic_sees_their_drawn_numbers(tmp_path):
     """A file of delays lies beside the set-up's file, and the policy keeps the delays."""
     (tmp_path / "mixed.toml").write_text(RECORDED)
     (tmp_path / "delays.csv").write_text("time,delay\n0,0.05\n1,0.15\n")
@@ -124,7 +124,7 @@ def test_make_environments_mixes_families_of_operators_and_the_critic_is_told_wh
     assert policy_from(model, run, {}).predict(seen[:, spec.actor])[0].shape == (16, 3)
 
 
-def test_fast_tanh_is_the_one_of_torch_with_its_gradient():
+def test_fast_tanh_equals_torchs_with_its_gradient():
     values = torch.cat((torch.linspace(-12.0, 12.0, 4001), torch.tensor([-1e4, -0.0, 0.0, 1e4]))).requires_grad_()
     results = [tanh(values) for tanh in (FastTanh(), torch.tanh)]
     weights = torch.linspace(1.0, 2.0, len(values))
@@ -134,7 +134,7 @@ def test_fast_tanh_is_the_one_of_torch_with_its_gradient():
     assert torch.autograd.gradcheck(FastTanh(), torch.linspace(-2.0, 2.0, 9, dtype=torch.float64, requires_grad=True))
 
 
-def test_standardised_numbers_are_about_unit_size_while_a_policy_trains():
+def test_standardised_numbers_have_about_unit_size_during_a_training():
     """With random commands; rare or one-sided numbers may differ."""
     task = {"privileged": True, "range_noise": 0.01, "time_weight": (0.5, 8.0)}
     envs, rng = ImpactVecEnv(256, **task), np.random.default_rng(0)
@@ -152,7 +152,7 @@ def test_standardised_numbers_are_about_unit_size_while_a_policy_trains():
     assert standard.std(axis=0).max() < 3.0
 
 
-def test_standardisation_gives_what_is_drawn_mean_0_and_deviation_1():
+def test_standardised_drawn_numbers_have_mean_0_and_deviation_1():
     count, run = 4000, tiny("ranged-robust")
     task = run.training_task
     envs = ImpactVecEnv(count, **task.arguments())
@@ -174,7 +174,7 @@ def learned():
     return run, model
 
 
-def test_asymmetric_policy_acts_on_what_a_controller_sees_and_judges_by_all(learned):
+def test_actor_uses_the_controllers_observation_and_the_critic_uses_all(learned):
     _, model = learned
     spec = model.env.venv.observation_spec
     seen = torch.as_tensor(model.env.reset())
@@ -189,7 +189,7 @@ def test_asymmetric_policy_acts_on_what_a_controller_sees_and_judges_by_all(lear
     assert plain.venv.observation_spec.ids == spec.ids[spec.actor]
 
 
-def test_policy_from_is_what_acts_in_the_model(learned):
+def test_policy_from_equals_the_models_actor(learned):
     run, model = learned
     policy = policy_from(model, run, {})
     seen = observations(policy, 1500)
@@ -225,7 +225,7 @@ def privileged_observations(weights, steps, **options):
     return np.array(seen), np.array(starts), envs.unwrapped.observation_spec
 
 
-def test_teacher_does_what_is_best_at_the_weight_of_each_episode():
+def test_teacher_uses_the_best_parameters_at_the_weight_of_each_episode():
     weights = [0.3, 0.7, 1.0, 2.0, 4.0, 8.0]  # the teacher is tuned for all but the first and the last
     seen, starts, spec = privileged_observations(weights, 15, time_weight=(0.3, 8.0))
     assert starts[1:].sum() == 0
@@ -268,7 +268,7 @@ def test_every_setting_of_the_updates_reaches_the_model():
     assert model_of(tiny(teacher="blind-profile", imitation_steps=640))[0].imitation_steps == 640
 
 
-def test_imitation_soon_does_nearly_as_well_as_its_teacher():
+def test_imitation_nearly_reaches_its_teacher():
     run = tiny(teacher="blind-profile", envs=128, rollout=32, batch=512, learning_rate=3e-3, width=32)
     run = replace(run, training=replace(run.training, steps=80_000, imitation_steps=80_000))
     model, _ = model_of(run)

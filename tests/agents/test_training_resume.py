@@ -53,7 +53,7 @@ def read(folder, name):
     return json.loads((folder / name).read_text())
 
 
-def test_train_leaves_its_policies_and_how_they_came_about(whole):
+def test_train_writes_policies_with_their_provenance(whole):
     config, metrics, training = read(whole, "config.json"), read(whole, "metrics.json"), tiny().training
     assert config["command"].startswith("impact-gym train linear-blind --steps 4096")
     assert config["settings"]["rollout"] == 16
@@ -71,7 +71,7 @@ def test_train_leaves_its_policies_and_how_they_came_about(whole):
     assert kinds == {"config", "metrics", "progress", "events", "best", "final", "lock"}
 
 
-def test_resume_ends_as_if_nothing_had_happened_and_logs_each_step_once(whole, part):
+def test_resume_reaches_the_same_result_and_logs_each_step_once(whole, part):
     """As text and for TensorBoard. A row before the first end of an episode is empty instead of nan."""
     np.random.seed(7)  # noqa: NPY002 - stable-baselines3 draws from it; in a new process its state differs
     (part / f".best.npz.0{UNFINISHED}").touch()  # an unfinished file of a killed process
@@ -93,14 +93,14 @@ def test_resume_ends_as_if_nothing_had_happened_and_logs_each_step_once(whole, p
 
 
 @pytest.mark.parametrize("imitation_steps", [512, 2048])
-def test_resume_ends_the_same_while_and_after_imitating_with_nominal_slots(tmp_path, imitation_steps):
+def test_resume_reaches_the_same_result_during_and_after_imitation(tmp_path, imitation_steps):
     path = tmp_path / "all.toml"
     path.write_text(ALL_AT_ONCE)
     run = tiny(path, nominal=0.5, teacher="blind-profile", imitation_steps=imitation_steps, steps=2048)
     assert_same(train(run, tmp_path / "whole"), resume(interrupted(run, tmp_path / "part")))
 
 
-def test_train_and_resume_leave_alone_what_is_done(whole):
+def test_train_and_resume_do_not_change_a_finished_run(whole):
     before = {file.name: file.read_bytes() for file in whole.iterdir()}
     assert resume(whole) == whole
     with pytest.raises(FileExistsError):
@@ -116,7 +116,7 @@ def test_resume_refuses_the_checkpoint_of_another_training(part, setting, before
     refused(lambda: resume(part), "of another training", f"{setting} is {before} in the checkpoint, got {now}")
 
 
-def test_resume_refuses_a_folder_that_is_no_run_or_under_way(part, tmp_path):
+def test_resume_refuses_a_folder_without_a_run_or_with_a_running_one(part, tmp_path):
     with (part / "lock").open() as lock:  # a second open file excludes even the same process
         fcntl.flock(lock, fcntl.LOCK_EX)
         refused(lambda: resume(part), "another process")
@@ -125,7 +125,7 @@ def test_resume_refuses_a_folder_that_is_no_run_or_under_way(part, tmp_path):
     refused(lambda: resume(tmp_path), "gama")
 
 
-def test_train_refuses_what_can_never_be_done(mine, tmp_path):
+def test_train_refuses_a_task_that_no_episode_can_do(mine, tmp_path):
     change(mine, "distance = [0.1, 0.3]", "distance = [9.0, 9.1]")
     refused(lambda: train(tiny(mine), tmp_path / "run"), "mine.toml", "distance must begin below")
     assert not (tmp_path / "run").exists()
@@ -137,7 +137,7 @@ def trained(folder, setup, *words):
     return run(read_options([str(setup), *words, *where]))
 
 
-def test_train_seeds_trains_each_seed_once_and_for_the_set_up_as_it_is(mine, tmp_path):
+def test_train_seeds_trains_each_seed_once_and_refuses_a_changed_set_up(mine, tmp_path):
     wanted = ("--seeds", "2", "--steps", "512")
     path = trained(tmp_path, mine, *wanted)
     policies = [load_policy(path, seed) for seed in (0, 1)]
@@ -166,7 +166,7 @@ def unreachable(tmp_path):
     return tiny(path, validate_every=512, checkpoint_every=256)
 
 
-def test_train_stops_with_the_reason_where_it_touches_no_object(unreachable, tmp_path):
+def test_train_stops_with_the_reason_if_it_touches_no_object(unreachable, tmp_path):
     """At the same step if the training was interrupted."""
 
     def interrupt(steps, _):
@@ -201,8 +201,8 @@ class MadeUpValidation:
         return {"score": score, "time_weight": [], "object_velocity": [], "approach_time": [], "missed": [missed]}
 
 
-def test_callback_keeps_the_best_policy_and_takes_three_validations_in_a_row_that_miss_all_for_a_collapse(tmp_path):
-    """A validation follows each of 16 rollouts; the first rollout is in the tenth in which a policy may miss all."""
+def test_callback_keeps_the_best_policy_and_ends_after_three_validations_without_a_touch(tmp_path):
+    """A validation follows each of 16 rollouts. In the first tenth, which is one rollout, a policy may miss all."""
     run = tiny(validate_every=256)
     model, environments = model_of(run)
     made, provenance = (tmp_path, run.setup, run.training, environments), {"settings": {"seed": 0}}
@@ -217,7 +217,7 @@ def test_callback_keeps_the_best_policy_and_takes_three_validations_in_a_row_tha
 
 
 @pytest.mark.parametrize("steps", [4096, 256])
-def test_train_takes_weights_that_are_no_longer_finite_for_a_collapse(tmp_path, steps):
+def test_train_ends_if_weights_are_not_finite(tmp_path, steps):
     with pytest.raises(CollapsedError, match=r"no longer finite.*learning_rate below 1e\+30"):
         train(tiny(learning_rate=1e30, steps=steps), tmp_path / "run")
     assert not (tmp_path / "run" / "final.npz").exists()
