@@ -95,7 +95,7 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[
                       imitation_steps=min(steps, setup.training.imitation_steps))  # fmt: skip
         training = replace(training, training=few, seeds=min(QUICK_SEEDS, setup.seeds))
         page = replace(page, count=QUICK_SCENARIOS)
-    return {"tune": (tune.run, tuning), "train": (train.run, training), "report": (report.run, page)}
+    return {"tune": (tune.run, tuning), "train": (train.run, training), "report": (report.write, page)}
 
 
 def exporting(copy: Path, options: ControllerOptions) -> export.Export:

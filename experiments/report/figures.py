@@ -1,7 +1,7 @@
 """Figures of the page, and their common style.
 
-A figure is a Vega-Lite chart: interactive in the page, or an SVG on its first screen, which then needs no script; on
-disk it is an SVG and a CSV of its data. Series differ in dash or shape as well as in colour.
+A figure is a Vega-Lite chart. On the page it is interactive; on the first screen it is an SVG, which needs no script.
+On disk it is an SVG, with a CSV of its data. Series differ in dash or shape as well as in colour.
 """
 
 import json
@@ -44,7 +44,7 @@ class Figure:
     """A chart of a matchup with its texts and its data."""
 
     matchup: str
-    key: str  # of its files
+    key: str  # part of the names of its files
     subject: str
     caption: str
     alternative: str  # text alternative
@@ -55,7 +55,7 @@ class Figure:
 
     @property
     def name(self) -> str:
-        """Name of its files, without suffix."""
+        """Name of the figure's files, without suffix."""
         return f"{self.matchup}_{self.key}"
 
     @property
@@ -73,7 +73,7 @@ class Figure:
 
     @cached_property
     def still(self) -> Markup:
-        """The chart as SVG for the page, as large as its container; colours come from the page."""
+        """The chart as SVG for the page, as large as its container, in colours of the page."""
         svg = vl_convert.vegalite_to_svg(self.spec | {"width": self.width})
         return Markup(re.sub(r'(<svg [^>]*?) width="[^"]*" height="[^"]*"', r"\1", svg, count=1))
 
@@ -85,12 +85,12 @@ class Figure:
 
 
 def zoomable(chart: Any) -> Any:
-    """Return a chart that is panned by dragging, zoomed with Ctrl and wheel, and reset by a double click."""
+    """Return a chart that readers pan by dragging, zoom with Ctrl and wheel, and reset by a double click."""
     return chart.add_params(alt.selection_interval(bind="scales", zoom="wheel![event.ctrlKey]"))
 
 
 def chart_of(data: pl.DataFrame, digits: int = 5) -> alt.Chart:
-    """Return an empty chart of `data`, floats rounded to `digits` significant digits to keep the page small."""
+    """Return an empty chart of `data`, with floats rounded to `digits` significant digits to keep the page small."""
     rows = data.with_columns(pl.selectors.float().round_sig_figs(digits)).to_dicts()
     return alt.Chart(alt.Data(values=rows))  # type: ignore[no-untyped-call]  # altair leaves it untyped
 
@@ -104,7 +104,7 @@ class Looks(NamedTuple):
 
 
 def looks_of(data: pl.DataFrame, policy: str = POLICY) -> Looks:
-    """Return colours, dashes and shapes; those of the paper's rule and of the `policy` are the same in all charts."""
+    """Return colours, dashes and shapes; the paper's rule and the `policy` look the same in all charts."""
     contestants = data["contestant"].unique(maintain_order=True).to_list()
     ordered = list(dict.fromkeys([PAPER, policy, *contestants]))
     place = {name: min(k, len(COLOURS) - 1) for k, name in enumerate(ordered) if name in contestants}

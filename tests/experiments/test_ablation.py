@@ -122,7 +122,7 @@ def test_steps_that_come_too_late_are_compared_by_their_cost():
     results.baselines["profile"] = run((0.4, 0.5), (0.5, 0.35))
     text, total = sentence(steps_of(results)), 0.6 * SPEEDS.mean() + 0.2
     assert "from the choice of speed" in text  # on an arm that can do no more than the paper's rule
-    assert f"{total:.3f} m/s that it saves" in text
+    assert f"{total:.3f} m/s by which the policy lowers V_p + 2 T" in text
     assert f"{100 * (0.2 * SPEEDS.mean() + 0.2) / total:.1f} %" in text
 
 
