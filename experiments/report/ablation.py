@@ -149,7 +149,9 @@ def sentence(steps: Sequence[Step]) -> str:
     first, *gained = (step for step in steps if step.contestant != BOUND)
     if any(step.later > 0.0 for step in gained):
         before, after = first.loss.value.value, gained[-1].loss.value.value
-        subject = f"the {before - after:.3f} m/s by which the policy lowers V_p + {first.weight:g} T (from {before:.3f} m/s)"
+        subject = (
+            f"the {before - after:.3f} m/s by which the policy lowers V_p + {first.weight:g} T (from {before:.3f} m/s)"
+        )
         shares = [("", step.loss.share) for step in gained]
     else:
         subject, shares = "that reduction", [(step.limit, step.velocity.share) for step in gained]

@@ -242,9 +242,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
     if answer.rival_reduction:
         change = _compared(answer.rival_reduction, "slower", "faster")
         text += f" With the best tuned baseline, {answer.rival}, it leaves {change}."
-    return (
-        begin + text + (f" Missed: {answer.missed} of {answer.episodes:,} objects." if answer.missed else "")
-    )
+    return begin + text + (f" Missed: {answer.missed} of {answer.episodes:,} objects." if answer.missed else "")
 
 
 def _compared(share: Estimate, good: str, bad: str) -> str:

@@ -29,6 +29,12 @@ CHOSEN_ON = {
 }  # fmt: skip
 """Scenarios on which the weight for the paper's approach time is chosen, by the kind of the report's scenarios."""
 
+ABOUT = {
+    PAPER: "moves at a constant speed until it senses the touch, then brakes",
+    POLICY: "neural network, trained for a low V_p and a short time",
+}
+"""Captions of the contestants in the film."""
+
 
 @dataclass(frozen=True)
 class Tab:
@@ -106,7 +112,7 @@ def watch(played: Played) -> dict[str, Any]:
         environment["scenario"] = {name: tuple(pair) for name, pair in matchup.scenarios["ranges"].items()}
     controllers = {PAPER: matchup.baselines[0].controller, POLICY: matchup.policy.controller}
     task = Task(**environment)
-    return films(
+    watched = films(
         {name: controller_of(controller, weight, task) for name, controller in controllers.items()},
         choose(*runs.values()),
         runs,
@@ -115,6 +121,10 @@ def watch(played: Played) -> dict[str, Any]:
         environment=environment,
         time_weight=weight,
     )
+    if not matchup.operated:
+        for run in (run for scene in watched["scenes"] for run in scene["runs"]):
+            run["sentence"] = ABOUT[run["name"]]
+    return watched
 
 
 def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> list[str]:

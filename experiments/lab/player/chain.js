@@ -4,14 +4,14 @@ const LOUPE = {width: 166, height: 74};
 const BEHIND = 0.02, NEAR = 0.1, AHEAD = 66;  // m, m before the object in a compact film, pixels
 
 function massText(scene) {
-  return `${three(scene.scenario.object_mass)} kg`;
+  return `object, ${three(scene.scenario.object_mass)} kg`;
 }
 
 function massFits(scene, scale) {
   return 1.7 * scene.radius * scale > 7.5 * massText(scene).length;
 }
 
-// Common scales of all panels: the picture contains start and end of all runs.
+// Common scales of all panels: the picture contains the start and the end of all runs.
 function viewOf(scene, width) {
   const most = (name) => Math.max(...scene.runs.map((run) => run.chain[name] || 0));
   const behind = TOOL.length + most("rest") + FLANGE.length;
@@ -174,8 +174,8 @@ function drawChain(svg, scene, run, view) {
     show(movedText, far > 5e-4);
     if (far > 5e-4) {
       set(moved, {d: path([[home, view.ground + 4], [face, view.ground + 4]])});
-      set(movedText, {x: clamp(0.5 * (home + face), 60, view.width - 60), "text-anchor": "middle"});
-      movedText.textContent = `pushed ${centimetres(far)}`;
+      set(movedText, {x: clamp(0.5 * (home + face), 90, view.width - 90), "text-anchor": "middle"});
+      movedText.textContent = `${centimetres(far)} from its start (dashed)`;
     }
     loupe(state, at);
   };
