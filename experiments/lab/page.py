@@ -1,4 +1,4 @@
-"""Pages: one file with embedded figures, from the template of all studies or one that extends it."""
+"""Pages: one file with embedded figures, from the template of all pages or a template that extends it."""
 
 import base64
 import re
@@ -37,8 +37,8 @@ MACROS: Mapping[type, str] = {
 def write(folder: Path, template: str, macros: Mapping[type, str] | None = None, **content: Any) -> Path:
     """Write `folder`/index.html from a template below experiments/; return its path.
 
-    The template has the filter `typeset`; `image(name)`, the content of `folder`/NAME.svg as a URI; and
-    `macro_name(part)`, the macro that shows a part of a section. In `content`, `runs` are records as of
+    The template can use the filter `typeset`, `image(name)` (the content of `folder`/NAME.svg as a URI) and
+    `macro_name(part)` (the macro that shows a part of a section). In `content`, `runs` are records of
     `experiments.lab.results.recorded_run`.
     """
     macro_names = {**MACROS, **(macros or {})}
@@ -63,7 +63,7 @@ def html(text: str) -> str:
 
 
 def mathtext(text: str) -> str:
-    """Return text with subscripts and superscripts between dollars; text between dollars is unchanged."""
+    """Return text with subscripts and superscripts between dollar signs; text between dollar signs is unchanged."""
     pieces = text.split("$")
     pieces[::2] = [POWER.sub(r"$^{\1\2}$", SYMBOL.sub(r"$\1_{\2}$", piece)) for piece in pieces[::2]]
     return "$".join(pieces)

@@ -30,8 +30,8 @@ CHOSEN_ON = {
 """Scenarios on which the weight for the paper's approach time is chosen, by the kind of the report's scenarios."""
 
 ABOUT = {
-    PAPER: "moves at a constant speed until it senses the touch, then brakes",
-    POLICY: "neural network, trained for a low V_p and a short time",
+    PAPER: "constant speed; brakes once it senses the touch",
+    POLICY: "neural network, trained to touch soon and gently",
 }
 """Captions of the contestants in the film."""
 

@@ -165,7 +165,7 @@ function drawChain(svg, scene, run, view) {
     if (away) {
       const edge = face + 2 * radius, length = 8 + 40 * state.object_velocity / scene.limits.speed;
       set(speed, {d: arrow(edge + 3, y, length, 10)});
-      set(speedText, {x: Math.min(edge + 4, view.width - 62)});
+      set(speedText, {x: Math.min(edge + 4, view.width - 88)});
       speedText.textContent = `now ${three(state.object_velocity)} m/s`;
     }
     const far = state.object_position - scene.scenario.distance, home = view.x(scene.scenario.distance);
