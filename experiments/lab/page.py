@@ -15,6 +15,8 @@ from impact_gym.files import write_file
 
 EXPERIMENTS = Path(__file__).parents[1]
 INTERVAL = re.compile(r"\[[^][]*\]")
+SYMBOL = re.compile(r"\b([A-Za-z])_([a-z]{1,2}|[A-Z])\b")
+POWER = re.compile(r"\^(?:\(([^()]+)\)|(-?\d+(?:\.\d+)?))")
 
 
 def factor(value: float) -> str:
@@ -25,7 +27,7 @@ def factor(value: float) -> str:
 def typeset(text: str) -> Markup:
     """Return a text with subscripts and powers (V_p, N/m^1.5) as elements and its intervals unbroken."""
     unbroken = INTERVAL.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), str(escape(text)))
-    return Markup(html(unbroken))
+    return Markup(POWER.sub(r"<sup>\1\2</sup>", SYMBOL.sub(r"\1<sub>\2</sub>", unbroken)))
 
 
 MACROS: Mapping[type, str] = {
@@ -51,15 +53,6 @@ def write(folder: Path, template: str, macros: Mapping[type, str] | None = None,
     pages.globals |= {"image": image, "macro_name": lambda part: macro_names[type(part)], "player": player}
     text = pages.get_template(template).render(**content)
     return write_file(folder / "index.html", text.encode(errors="replace"))
-
-
-SYMBOL = re.compile(r"\b([A-Za-z])_([a-z]{1,2}|[A-Z])\b")
-POWER = re.compile(r"\^(?:\(([^()]+)\)|(-?\d+(?:\.\d+)?))")
-
-
-def html(text: str) -> str:
-    """Return escaped text with subscripts and superscripts as elements."""
-    return POWER.sub(r"<sup>\1\2</sup>", SYMBOL.sub(r"\1<sub>\2</sub>", text))
 
 
 def mathtext(text: str) -> str:

@@ -101,23 +101,13 @@ class StudyOptions:
             whole("processes", self.processes, at_least=0)
 
 
-@dataclass
 class Run:
-    """A run of a study."""
+    """A run of a study; `command` is the command line that repeats it."""
 
-    study: Study
-    options: StudyOptions
-    command: str = ""  # command line that repeats the run
-    frames: dict[str, pl.DataFrame] = field(init=False)  # measured so far
-
-    def __post_init__(self) -> None:
-        self.frames = _Frames(self)
-
-    @property
-    def folder(self) -> Path:
-        """Folder of tables, figures and the page."""
-        quick = "-quick" if self.options.quick else ""
-        return self.options.out or REPORTS / f"{self.study.name}{quick}"
+    def __init__(self, study: Study, options: StudyOptions, command: str = "") -> None:
+        self.study, self.options, self.command = study, options, command
+        self.folder = options.out or REPORTS / f"{study.name}{'-quick' if options.quick else ''}"
+        self.frames: dict[str, pl.DataFrame] = _Frames(self)  # measured so far
 
     def frame(self, measurement: Measurement) -> pl.DataFrame:
         """Return the rows of all cells; cells whose rows are kept are not measured again."""

@@ -12,7 +12,7 @@ import polars as pl
 
 from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Comparison, Estimate, Floats, Front, Resamples, along, estimate, tolerated
-from experiments.report.figures import Figure, chart_of, looks_of, zoomable
+from experiments.report.figures import ZOOM, Figure, chart_of, looks_of
 from experiments.report.matchups import BOUND, POLICY, Matchup
 from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 
@@ -188,8 +188,10 @@ def trade_off(played: Played) -> Figure:
         "Down and left is better. Each line joins the time weights of one contestant; faint lines are the other seeds."
         + bound
     )
-    subject = f"time until {played.matchup.until} against V_p, all contestants and seeds"
-    return Figure(played.matchup.name, "trade_off", subject, caption, in_words(played), zoomable(layers), data, 380)
+    title = f"Time until {played.matchup.until} against V_p, all contestants and seeds"
+    return Figure(
+        played.matchup.name, "trade_off", title, caption, in_words(played), layers.add_params(ZOOM), data, 380
+    )
 
 
 def in_words(played: Played) -> str:

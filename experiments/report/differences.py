@@ -9,7 +9,7 @@ import polars as pl
 
 from experiments.lab.parts import Table
 from experiments.lab.statistics import Comparison, estimate, quantile_groups
-from experiments.report.figures import Figure, chart_of, looks_of, zoomable
+from experiments.report.figures import ZOOM, Figure, chart_of, looks_of
 from experiments.report.jobs import watched_at
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Played
@@ -99,8 +99,8 @@ def paired(played: Played, field: str) -> Figure:
     marks = base.mark_point(size=60).encode(looks.shape, y="value:Q", tooltip=["contestant:N", *numbers])
     zero = chart_of(pl.DataFrame({"zero": [0]})).mark_rule(strokeDash=[2, 3]).encode(y="zero:Q")
     chart = zero + intervals + base.mark_line(strokeWidth=1.2).encode(y="value:Q") + marks
-    subject = f"against {rival}, by {TITLES[field]}"
-    return Figure(played.matchup.name, f"paired_{field}", subject, caption, verdict, chart, data, 240)
+    heading = f"Against {rival}, by {TITLES[field]}"
+    return Figure(played.matchup.name, f"paired_{field}", heading, caption, verdict, chart, data, 240)
 
 
 def approach(played: Played) -> Figure:
@@ -125,5 +125,5 @@ def approach(played: Played) -> Figure:
         if matchup.environment.get("range_noise") is None
         else f"The object is at {watched_at(matchup):.3g} m, and the estimate has no error."
     )
-    subject = "velocity over position before the contact"
-    return Figure(matchup.name, "approach", subject, caption, caption, zoomable(chart), data, 340)
+    title = "Velocity over position before the contact"
+    return Figure(matchup.name, "approach", title, caption, caption, chart.add_params(ZOOM), data, 340)

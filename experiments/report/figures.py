@@ -24,6 +24,8 @@ from impact_gym.files import write_file
 
 COLOURS = (*SERIES, OTHERS)
 DASHES = ([1, 0], [1, 0], [6, 3], [2, 2], [8, 3, 2, 3], [4, 4], [1, 3])
+ZOOM: Any = alt.selection_interval(bind="scales", zoom="wheel![event.ctrlKey]")
+"""Readers pan a chart by dragging, zoom with Ctrl and wheel, and reset by a double click."""
 SHAPES = ("cross", "circle", "square", "diamond", "triangle-up", "triangle-down", "triangle-right")
 CONFIG: dict[str, Any] = {
     "font": "system-ui, sans-serif",
@@ -45,7 +47,7 @@ class Figure:
 
     matchup: str
     key: str  # part of the names of its files
-    subject: str
+    title: str
     caption: str
     alternative: str  # text alternative
     chart: Any
@@ -57,11 +59,6 @@ class Figure:
     def name(self) -> str:
         """Name of the figure's files, without suffix."""
         return f"{self.matchup}_{self.key}"
-
-    @property
-    def title(self) -> str:
-        """Heading."""
-        return self.subject[0].upper() + self.subject[1:]
 
     @cached_property
     def spec(self) -> dict[str, Any]:
@@ -82,11 +79,6 @@ class Figure:
         svg = vl_convert.vegalite_to_svg(self.spec | {"width": self.width, "background": "white"})
         files = {f"{self.name}.svg": svg, f"{self.name}.csv": csv_of(self.data)}
         return [write_file(folder / name, content).name for name, content in files.items()]
-
-
-def zoomable(chart: Any) -> Any:
-    """Return a chart that readers pan by dragging, zoom with Ctrl and wheel, and reset by a double click."""
-    return chart.add_params(alt.selection_interval(bind="scales", zoom="wheel![event.ctrlKey]"))
 
 
 def chart_of(data: pl.DataFrame, digits: int = 5) -> alt.Chart:

@@ -8,18 +8,12 @@ import polars as pl
 
 from experiments.lab.statistics import estimate
 from experiments.report.answer import Answer, in_words
-from experiments.report.choice import Choice
 from experiments.report.figures import Figure, chart_of, looks_of
 from experiments.report.matchups import IMITATES, PAPER, POLICY
 from experiments.report.played import MISSED_TOO_OFTEN, Played
 from impact_gym.task.task import VELOCITY_RANGE
 
 WIDTH, HEIGHT = 400, 270  # pixels; on a phone the chart is scaled to 0.85 or more
-
-
-def headline(choice: Choice, answer: Answer, played: Played) -> str:
-    """Return which controller to take, and the answer at the paper's mean approach time, without intervals."""
-    return f"{choice.sentence} {assisted(played) if played.matchup.operated else at_rule_time(answer, played)}"
 
 
 def at_rule_time(answer: Answer, played: Played) -> str:
@@ -110,7 +104,7 @@ def chart(answer: Answer, played: Played) -> Figure:
     caption = ("Down and left is better: gentler and sooner. Along each line the time weight falls from left to right. "
                f"Each mark is one time weight, which the policy observes{tuning}. The rule of the paper, Tommasino et "
                f"al. 2020, moves at {min(1.0, fastest):g} m/s and brakes at the alarm.")  # fmt: skip
-    subject = "final speed of the object, V_p (m/s)"
+    heading = "Final speed of the object, V_p (m/s)"
     return Figure(
-        played.matchup.name, "answer", subject, caption, in_words(played), alt.layer(*layers), data, HEIGHT, WIDTH
+        played.matchup.name, "answer", heading, caption, in_words(played), alt.layer(*layers), data, HEIGHT, WIDTH
     )

@@ -44,7 +44,7 @@ class Tab:
     answer: answer.Answer
     choice: choice.Choice
     steps: Sequence[ablation.Step]
-    headline: str
+    headline: str  # the controller to take, and the answer without intervals
     fails: holds.Failing
     chart: Figure
     summary: str  # the answer with its intervals, in a sentence or two
@@ -59,8 +59,10 @@ def tab(played: Played) -> Tab:
     chosen = choice.choice(played)
     engineer = [Section("Which controller to take", [choice.table(chosen, played)], key="choice")]
     if matchup.operated:  # the ablation has no step for an operator
+        short = first_screen.assisted(played)
         summary = f"{matchup.name} ({matchup.note}): {first_screen.assisted(played, intervals=True)}"
     else:
+        short = first_screen.at_rule_time(result, played)
         summary = answer.sentence(result, matchup) + ablation.sentence(steps)
         engineer += [
             Section("At about the paper's approach time: mean and tail", [answer.at_one_time(played)]),
@@ -83,7 +85,7 @@ def tab(played: Played) -> Tab:
                 folded=True, key="differences"),
     ]  # fmt: skip
     return Tab(
-        matchup, result, chosen, steps, first_screen.headline(chosen, result, played),
+        matchup, result, chosen, steps, f"{chosen.sentence} {short}",
         holds.where_it_fails(played, chosen.controller), first_screen.chart(result, played), summary, engineer,
         statistician, Markup(fragment(watch(played), f"watch-{matchup.name}")),
     )  # fmt: skip
