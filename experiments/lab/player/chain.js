@@ -1,7 +1,7 @@
 // Flange, coupling, tool and object. Positions are to scale; sizes of the bodies are not.
 const TOOL = {length: 0.034, height: 0.03}, FLANGE = {length: 0.016, height: 0.052}, CLEARANCE = 0.004;  // m
 const LOUPE = {width: 166, height: 74};
-const BEHIND = 0.02, NEAR = 0.1, AHEAD = 66;  // m, m before the object in a compact film, pixels
+const BEHIND = 0.02, NEAR = 0.1, AHEAD = 106;  // m, m before the object in a compact film, pixels for the speed
 
 function massText(scene) {
   return `object, ${three(scene.scenario.object_mass)} kg`;
@@ -165,7 +165,7 @@ function drawChain(svg, scene, run, view) {
     if (away) {
       const edge = face + 2 * radius, length = 8 + 40 * state.object_velocity / scene.limits.speed;
       set(speed, {d: arrow(edge + 3, y, length, 10)});
-      set(speedText, {x: Math.min(edge + 4, view.width - 88)});
+      set(speedText, {x: Math.min(edge + 4, view.width - 102)});
       speedText.textContent = `now ${three(state.object_velocity)} m/s`;
     }
     const far = state.object_position - scene.scenario.distance, home = view.x(scene.scenario.distance);

@@ -110,7 +110,7 @@ function watch(root, gone) {
     const when = Math.abs(late) < 0.5 ? "at the same time"
       : `${Math.abs(late).toFixed(0)} ms ${late > 0 ? "later" : "sooner"}`;
     const than = policy.object_velocity < baseline.object_velocity ? "slower (gentler)" : "faster (less gentle)";
-    return `Here the object leaves ${share} % ${than} with the ${policy.name}; the touch is ${when}.`;
+    return `Here the object leaves ${share} % ${than} with the ${policy.name}; touch ${when}.`;
   }
 
   function marks() {
