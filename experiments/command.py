@@ -32,7 +32,7 @@ COMMANDS: Mapping[str, Mapping[str, Command]] = {
         ),
         "report": Command("experiments.report", ("report",), "compare policies and baselines, on a page"),
         "export": Command("agents.export", ("train",), "write a controller as C code, a policy also as ONNX"),
-        "policies": Command("experiments.policies", (), "list the shipped policies and what they are for"),
+        "policies": Command("experiments.policies", (), "list the shipped policies and their purposes"),
         "play": Command("experiments.play", ("play",), "steer the tool in the browser, alone or assisted"),
         "identify": Command("impact_gym.identify", (), "fit mass, stiffness and restitution to measured blows"),
         "design": Command(

@@ -55,7 +55,7 @@ def main() -> None:
     with command_line("policies"):
         for name in names:
             print(*card(name), sep="\n")
-    print('to play one: load_policy("NAME"), impact-gym report NAME; to use it: impact-gym export NAME --out DIR')
+    print('to play a policy: load_policy("NAME"), impact-gym report NAME; for an arm: impact-gym export NAME --out DIR')
 
 
 if __name__ == "__main__":

@@ -41,7 +41,7 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class Measurement:
-    """A table of a study: its cells, and the function that measures one."""
+    """A table of a study: its cells, and the function that measures a cell."""
 
     name: str  # of the table
     cells: Callable[[bool, Frames], Iterable[Cell]]  # arguments: whether the run is quick, and the earlier tables
@@ -141,7 +141,7 @@ class Run:
                 _ = self.frames[measurement.name]
 
     def write(self) -> Path:
-        """Measure what is missing, write tables, figures and the page, and return the path of the page."""
+        """Measure missing cells, write tables, figures and the page, and return the path of the page."""
         if self.options.force:
             shutil.rmtree(self.folder / KEPT, ignore_errors=True)
         with recorded_run(self.folder, self.command, self.study.packages) as runs:

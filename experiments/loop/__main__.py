@@ -50,7 +50,7 @@ def compiled(subject: Subject, name: str, out: Path) -> Path:
     task, name = subject.task, identifier(name)
     if task.operator or task.range_sensor or task.past_readings or task.alarm != "force":
         raise ValueError(f"{name} needs an operator, a range sensor, past readings or an alarm by readings: "
-                         "the arm of this loop has none")  # fmt: skip
+                         "the arm of this loop has no such sensor")  # fmt: skip
     if (compiler := shutil.which("cc") or shutil.which("gcc")) is None:
         raise ValueError("the loop needs a C compiler: there is no cc and no gcc")
     write_header(subject, out / f"{name}.h")

@@ -43,7 +43,7 @@ def playable(name: str) -> Setup:
 
 
 def related(setup: Setup) -> dict[str, str]:
-    """Return the set-ups by their coupling that differ from a shipped one in the coupling alone; else the set-up."""
+    """Return set-ups by their coupling: of a shipped set-up the three that differ only in it, else only itself."""
     family, _, kind = setup.called.rpartition("-")
     if setup.shipped and kind in COUPLINGS:
         return {each: f"{family}-{each}" for each in COUPLINGS}

@@ -19,7 +19,7 @@ from experiments.play.tries import Live, Try, replayed
 from impact_gym.render.film import History
 
 SECONDS, FIRST_SECONDS = 7.0, 10.0  # length of a film, and of the film before anything is played
-COARSE = 5.0  # how many times larger the errors may be than those of other films, so that the film is there at once
+COARSE = 5.0  # factor on the allowed errors of other films, so that the film is ready at once
 BEFORE = 0.4  # s, shown before the first touch
 FIRST_FILM_SEED = TEST_SEED + 11
 SENTENCES = {
@@ -33,7 +33,7 @@ SENTENCES = {
 
 
 class Variant(NamedTuple):
-    """A try in a film, with a sentence that says what is different in it and why that matters."""
+    """A try in a film, with a sentence on what is different and why it matters."""
 
     played: Try
     sentence: str = ""
@@ -73,7 +73,7 @@ def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Tr
 def _without_delay(this: Try) -> Try:
     """Return the try of the same hand without delay: its commands between the touch and seeing it are left out.
 
-    The arm then touches earlier by the uplink's delay, and the player sees it earlier by that of the downlink.
+    The arm then touches earlier by the uplink's delay, and the player sees the touch earlier by the downlink's delay.
     """
     record, touch, operator = this.record, this.result["touch_time"], this.operator
     silent = {f"{way}.{name}": 0.0 for way in ("uplink", "downlink") for name in ("delay", "jitter")}

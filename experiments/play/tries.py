@@ -1,4 +1,4 @@
-"""A try, a person's or an operator's play of one episode: step by step, its results, and replays equal to the bit."""
+"""A try is one episode steered by a person or an operator: its steps, its results, and replays equal to the bit."""
 
 import math
 from dataclasses import dataclass, field
@@ -26,7 +26,7 @@ ROUNDING = 1e-6  # of a control period
 
 @dataclass(frozen=True)
 class Try:
-    """A play of one episode: the first six fields describe what to play, the others what was played."""
+    """One steered episode: the first six fields say how to play it, the others record how it was played."""
 
     setup: str
     assist: str
@@ -44,7 +44,7 @@ class Try:
 
 
 def advance(batch: Batch, action: ArrayLike) -> None:
-    """Play a control step of the one episode in a batch."""
+    """Play a control step in a batch of one episode."""
     batch.step(action, np.zeros(1, np.bool_), (len(batch.action_spec),))
 
 

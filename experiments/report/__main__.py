@@ -158,7 +158,7 @@ def write(options: ReportOptions) -> Path:
     if not there.is_dir():
         raise ValueError(f"out must be a folder, but {there} is a file")
     if there == options.out and not (there / MARK).is_file() and any(there.iterdir()):
-        raise ValueError(f"out must be a new or empty folder or one that a report wrote, got {there}")
+        raise ValueError(f"out must be a new or empty folder, or the folder of an earlier report, got {there}")
     return publish(matchups_of(options), options)
 
 
@@ -198,7 +198,7 @@ def results_of(folder: Path) -> dict[str, Any]:
 def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, begun: float) -> None:
     """Write the folder of `Played` results. The last file is results.json, with the digest of its inputs.
 
-    Figures of an earlier report that are not in this one are deleted; a user's own files stay.
+    Figures that only an earlier report had are deleted; a user's own files stay.
     """
     from experiments.report import page
     from experiments.report.played import episodes
@@ -235,7 +235,7 @@ def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, 
         **results,
         "limits": _limits(matchups),
         "own": bool(options.policy) or not all(load_setup(name).shipped for name in options.setups),
-        "trained_with": ", ".join(dict.fromkeys(map(" ".join, versions))) or "what their files do not say",
+        "trained_with": ", ".join(dict.fromkeys(map(" ".join, versions))) or "versions that their files do not name",
         "resamples": f"{RESAMPLES:,}",
     }
     results["figures"] = page.write(folder, about, tabs, played)

@@ -30,7 +30,7 @@ class Link:
 
     added: str
     contestant: str
-    runs: Sequence[Run]  # one for each seed
+    runs: Sequence[Run]  # a run for each seed
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Step:
     later: float  # time at the nearest end of its front minus the paper's mean approach time, s; 0 if reached
     limit: str  # bound on the gain of `velocity`, from LIMITS
     velocity: Gain  # V_p at the paper's mean approach time, or at the nearest end of its front
-    weight: float  # w, m/s per s: the typical one
+    weight: float  # typical time weight w, m/s per s
     loss: Gain  # V_p + w T + cost of misses
 
 

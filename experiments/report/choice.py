@@ -1,4 +1,4 @@
-"""Which controller to take at one time weight: chosen on other scenarios than those on which its cost is reported.
+"""Which controller to take at one time weight. It is chosen on other scenarios than the report's.
 
 Of controllers whose costs cannot be told apart, the simplest is taken: first the paper's rule and other baselines
 without tuned numbers, then the tuned baseline with fewer parameters, then a user's own object, then the learned policy.
@@ -26,7 +26,7 @@ class Choice:
     controller: str  # name of the contestant
     time_weight: float  # w, m/s per s
     cost: Estimate  # mean of V_p + w T + cost of a miss, m/s
-    below_rule: Estimate  # how far the cost lies below that of the paper's rule, as a share of the rule's cost
+    below_rule: Estimate  # difference to the higher cost of the paper's rule, as a share of the rule's cost
     above: Mapping[str, Estimate]  # for each other contestant: how far its cost lies above, a share
     missed: int
     sentence: str = ""
@@ -47,7 +47,7 @@ def simplicity(contestant: Contestant) -> tuple[int, int]:
 
 
 def simplest(costs: Mapping[str, Floats]) -> str:
-    """Return the first name whose cost (scenarios,) cannot be told from the lowest mean; the simplest is first."""
+    """Return the first name, the simplest first, whose cost (scenarios,) cannot be told from the lowest."""
     least = min(costs.values(), key=lambda cost: float(cost.mean()))
     return next(name for name, cost in costs.items() if Comparison.of_means(least, cost).less.low <= 0.0)
 

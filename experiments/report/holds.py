@@ -144,7 +144,7 @@ def heat_map(played: Played) -> HeatMap:
     usual = {row["contestant"]: row for row in frame.filter("same").unique("contestant", keep="first").to_dicts()}
     for name, run in {PAPER: played.paper, rival.name: played.rival, POLICY: played.policy}.items():
         means = {**run.means(weight), "loss": float(run.loss(weight).mean()), "of": played.count}
-        usual.setdefault(name, means)  # if none of the values tried is the unchanged one
+        usual.setdefault(name, means)  # needed if no change tries the unchanged value
     measure = usual[PAPER]["loss"]
 
     def cell(mean: Row, note: str) -> Heat:

@@ -150,9 +150,9 @@ def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
 
 
 def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return the largest deflection of the coupling, m, before the first touch and in all (1, scenarios).
+    """Return the largest deflection of the coupling at a single weight, m, before the first touch and in all.
 
-    There is one weight.
+    Both are arrays (1, scenarios).
     """
     (weight,), task = weights, Task(**environment)
     batch = scenario_batch_of(scenarios, weight, task)

@@ -1,4 +1,4 @@
-"""Matchups: the policies of one set-up, a policy for each training seed, against baselines on the same scenarios."""
+"""Matchups: the policies of a set-up, one for each training seed, against baselines in the same scenarios."""
 
 import base64
 import hashlib
@@ -55,7 +55,7 @@ class Contestant:
 
     @property
     def plain(self) -> str:
-        """Plain name, or the name itself if there is none."""
+        """Plain name, or the name itself if it has no plain name."""
         return PLAIN.get(self.controller.get("tuned", {}).get("rule", self.name), self.name)
 
     @property
@@ -138,7 +138,7 @@ def of_setup(
         raise ValueError(f"there are no policies {path}: impact-gym train {setup.called} --seeds {setup.seeds}")
     ensemble = load_ensemble(path)
     if not setup.describes(ensemble[None].task):
-        raise ValueError(f"{path} was trained for another environment than {setup.called} says: train it anew")
+        raise ValueError(f"{path} was trained for another environment than {setup.called} describes: train it again")
     setup = replace(setup, evaluation=typically(setup.evaluation, time_weight, ensemble[None]))
     policies = sorted(ensemble.policies, key=lambda policy: policy.seed)
     seeds = tuple(policy_contestant(f"seed-{policy.seed}", policy, setup.evaluation) for policy in policies)
@@ -274,7 +274,7 @@ def baselines(
             contestants.append(Contestant(name, {"baseline": name}, (typical,), ""))
         elif ":" not in name:
             known = nearest("baseline", name, [*FIXED, *shipped_baselines()])
-            raise ValueError(f"{known} (one of your own is named module:object)")
+            raise ValueError(f"{known} (your own baseline is named module:object)")
         else:
             controller = controller_of({"object": name}, typical)
             try_out(name, controller, observations, len(ActionSpec(task)))  # raises now, not in a worker

@@ -1,4 +1,4 @@
-"""The ablation: steps that add up, intervals that a plain bootstrap has as well, and no claim without ground."""
+"""The ablation: steps add up, intervals agree with a plain bootstrap, and nothing is claimed at different times."""
 
 import numpy as np
 import pytest
@@ -149,6 +149,6 @@ def test_links_take_the_first_of_two_baselines_of_one_rule():
 
 
 def test_steps_resample_all_contestants_alike():
-    """The numbers of one contestant do not depend on who else is in it."""
+    """The numbers of one contestant do not depend on the other contestants."""
     alone, together = (steps_of(played(names)) for names in ((), ("profile", "constant")))
     assert alone[-1].velocity.value == together[-1].velocity.value

@@ -1,4 +1,4 @@
-"""The command `impact-gym`: one table of names, one way to write a command; and from a set-up to its controller."""
+"""The command `impact-gym`: its names, commands as text, and the way from a set-up to its controller."""
 
 import json
 import re
@@ -41,7 +41,7 @@ ROOT = Path(matchups.__file__).parents[2]
 
 @pytest.fixture
 def exit_of(monkeypatch):
-    """Run `impact-gym` with words, and return what it exits with."""
+    """Run `impact-gym` with words; return its exit code or message."""
 
     def run(*words):
         monkeypatch.setattr(sys, "argv", ["impact-gym", *words])

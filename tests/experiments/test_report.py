@@ -1,4 +1,4 @@
-"""The report agrees with its episodes, plays a user's own baselines and scenarios, and its page works offline."""
+"""The report agrees with its episodes, plays a user's baselines and scenarios, and its page works offline."""
 
 import hashlib
 import json

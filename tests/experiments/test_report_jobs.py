@@ -119,7 +119,7 @@ OURS = {"policy": ("linear-blind",)}
     ({"setups": ("linear-blind",), **OURS}, "not both"),
     ({"out": "my_rules.py", "force": True}, r"out must be a folder.*my_rules.py is a file"),
     ({"out": "my_rules.py/out"}, r"out must be a folder.*my_rules.py is a file"),
-    ({"out": ".", "force": True}, "out must be a new or empty folder or one that a report wrote"),
+    ({"out": ".", "force": True}, "out must be a new or empty folder"),
 ])  # fmt: skip
 def test_report_refuses_before_playing(wanted, message, tmp_path, monkeypatch):
     (tmp_path / "my_rules.py").write_text(RULES)

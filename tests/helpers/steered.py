@@ -1,4 +1,4 @@
-"""Flanges that operators steer, in batches whose links and packets can be looked at."""
+"""Batches whose flanges operators steer, with their links and packets."""
 
 import numpy as np
 from impact_gym.kernels import PACKET
@@ -26,13 +26,13 @@ def played(batch, action, seed=0, steps=10_000):
 
 
 def final(batch, action, seed=0):
-    """What comes of it: the info's columns."""
+    """Play to the end; return the columns of the info."""
     *_, _ = played(batch, action, seed)
     return batch.info()
 
 
 def sent(batch, action, steps=10_000):
-    """Play and return the packets that the operator of each row sends, in their order: (rows, n), PACKET."""
+    """Play; return the packets that the operator of each row sends, in order: (rows, n), PACKET."""
     seen = {}
     for each in played(batch, action, steps=steps):
         for row in range(batch.size):

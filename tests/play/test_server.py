@@ -1,4 +1,4 @@
-"""Who is listened to, and what becomes of a try when somebody goes, floods, or kills the server."""
+"""Which requests the server answers, and what it keeps of a try when a page leaves, floods it, or it is killed."""
 
 import http.client
 import json
@@ -23,7 +23,7 @@ from experiments.play import tries
 
 
 def answer(server, path=None, **headers):
-    """Return status and headers of an answer, asked for with any headers."""
+    """Send a request with these headers; return status and headers of the answer."""
     with closing(http.client.HTTPConnection(server.origin.removeprefix("http://"))) as asked:
         asked.putrequest("GET", path or server.path, skip_host="Host" in headers)
         for name, value in headers.items():

@@ -209,7 +209,7 @@ def play(
 def scene_of(runs: Mapping[str, Run], coarse: float = 1.0) -> dict[str, Any]:
     """Return one scenario: its clock, the common scales of all panels, and the contestants' histories.
 
-    Errors may be `coarse` times larger, for a film that has to be there soon.
+    Errors may be `coarse` times larger, for a film that the reader waits for.
     """
     ends = [run.contacts[-1][1] + AFTER if run.contacts else run.history.now for run in runs.values()]
     end = round(max(ends), DECIMALS["time"])

@@ -87,7 +87,7 @@ function watch(root, gone) {
     waiting = setTimeout(() => say(true), 400);
   }
 
-  // Instant of the still picture: middle of the first contact, of the first contestant with one.
+  // Instant of the still picture: the largest force in the first contact, for the first contestant that touches.
   function poster() {
     const touching = scene.runs.find((run) => run.contacts.length);
     if (!touching) return clock.length;
