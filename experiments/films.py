@@ -86,21 +86,21 @@ FILMS: Mapping[str, tuple[str, tuple[Row, ...]]] = {
          Row("learned policy", "policy", "linear-blind", "policy")),
     ),
     "hand-and-brake": (
-        "A hand that sees the touch and acts with 200 ms of delay pushes the object. A brake at the arm, which "
-        "senses the touch at once, stops the tool.",
+        "With 200 ms of delay, a hand keeps pushing the object after the touch. A brake at the arm feels the touch at "
+        "once, and stops the tool.",
         (Row("hand alone", "person", "teleop-rigid", "alone"),
          Row("same hand, brake on", "warning", "teleop-rigid", "brake")),
     ),
     "hand-and-spring": (
-        "A spring alone hardly helps a hand with 200 ms of delay. With the brake as well, the light tool stops "
-        "before the object has moved a centimetre.",
+        "A spring alone hardly helps a hand with 200 ms of delay. With the brake as well, the light tool stops before "
+        "the object has moved a centimetre.",
         (Row("hand, rigid tool", "person", "teleop-rigid", "alone"),
          Row("hand, tool on a spring", "person", "teleop-spring", "alone"),
          Row("spring and brake", "warning", "teleop-spring", "brake")),
     ),
     "couplings": (
-        "The same approach and the same brake with three couplings: the less of the arm's mass pushes the object, "
-        "the more slowly it leaves.",
+        "The same approach and the same brake with three couplings. The less of the arm's mass pushes the object, the "
+        "slower the object leaves.",
         (Row("rigid", "rule", "rigid-blind", "rule"),
          Row("spring and damper", "rule", "linear-blind", "rule"),
          Row("bistable mechanism", "rule", "bistable-blind", "rule")),

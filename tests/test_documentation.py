@@ -167,7 +167,7 @@ def test_readme_is_a_front_page_and_its_results_are_those_of_the_documentation()
     assert links
     assert [link for link in links if not (ROOT / link).is_file()] == []
     shares = re.findall(r"\d+\.\d %", text)
-    assert len(shares) == 8
+    assert len(shares) == 4
     assert [share for share in shares if share not in results] == []
 
 

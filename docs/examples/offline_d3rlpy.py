@@ -1,4 +1,4 @@
-"""An offline learner of d3rlpy on a dataset of `impact-gym dataset`, judged in scenarios that are not in it.
+"""An offline learner of d3rlpy on a dataset of `impact-gym dataset`, evaluated on other scenarios.
 
 python docs/examples/offline_d3rlpy.py [STEPS [DATASET ...]]. Written for d3rlpy 2.8.
 """
@@ -15,7 +15,7 @@ from impact_gym.agents import baselines, load_policy
 
 
 def episodes(name: str) -> list[Any]:
-    """Return what d3rlpy learns from; the settling after the last action is none of the controller's."""
+    """Return the episodes for d3rlpy, without the motion after the last action."""
     return [d3rlpy.dataset.Episode(each.observations[:-1], each.actions, each.rewards[:, None], terminated=True)
             for each in minari.load_dataset(name)]  # fmt: skip
 

@@ -14,7 +14,7 @@ torch.set_num_threads(1)  # the net is small: more threads make it slower
 
 
 def mean_return() -> float:
-    """One episode in each of 500 scenarios that training does not meet, m/s."""
+    """Mean return of one episode in each of 500 scenarios outside the training, m/s."""
     test = VecMonitor(ImpactVecEnv(500, scenario="test"))
     test.seed(1_000_000)
     return float(evaluate_policy(model, test, n_eval_episodes=500)[0])

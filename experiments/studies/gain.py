@@ -1,10 +1,10 @@
-"""What the gain over the paper's rule is made of: knowing where objects can stand, and what is left in other worlds.
+"""The causes of the gain over the paper's rule: the arm, knowledge of the place; and the gain in other worlds.
 
-Knowing where: rule, steady speed and profile, place by place. The last two have the same arm and the same choice of
-reactions. A profile differs from a steady speed in one thing: it may be faster where no object stands yet, and slower
-where most have been met. So its gain is what knowing the place is worth. In theory V_p grows as the speed v, and the
-best v as the root of the share of objects that are still ahead; if the remaining distance is always equally uncertain,
-a constant speed is best.
+For each range of distances, the paper's rule is compared with the best constant speed and the best profile. Both have
+the same arm and may choose the same reactions. A profile may also be faster where no object stands and slower where
+most have been met, so its gain is the value of knowing the place. In theory V_p is proportional to the speed, and the
+best speed to the root of the share of objects that are still ahead. If the remaining distance is always equally
+uncertain, a constant speed is best.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
-from matplotlib.figure import Figure
 
 from agents.baselines import BlindProfile, PaperTrapezoid
 from agents.baselines.cmaes import minimise
@@ -21,17 +20,16 @@ from agents.baselines.rule import Floats, Parameter
 from agents.evaluate import TEST_SEED, TUNING_SEED, ScenarioBatch
 from agents.setups import load_setup
 from experiments.lab import grid
-from experiments.lab.charts import SERIES, TOOL
 from experiments.lab.grid import Contestant, Place
-from experiments.lab.parts import Picture, Section, Table, percent
-from experiments.lab.statistics import Comparison, Estimate, Resamples, estimate
+from experiments.lab.parts import Section, Table, percent
+from experiments.lab.statistics import Comparison, Resamples, estimate
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Study
 from impact_gym.task import Task
 from impact_gym.task.task import VELOCITY_RANGE
 
 
 class Steady(ReactingRule):
-    """One speed wherever the flange is, until the alarm; then a reaction as good as that of a profile."""
+    """One speed at every position until the alarm, then the same choice of reactions as a profile."""
 
     PARAMETERS = (Parameter("speed", "m/s", 0.01, VELOCITY_RANGE[1], 0.6), ACCELERATION, *REACTION)
 
@@ -41,11 +39,16 @@ class Steady(ReactingRule):
 
 
 class Prior(NamedTuple):
-    """Where objects can stand."""
+    """Distribution of the object's distance."""
 
     near: float  # m, from the tool
-    far: float  # m; of a memoryless place where 95 % have been met
-    memoryless: bool = False  # the remaining distance is always equally uncertain
+    far: float  # m; of a memoryless distribution its 95 % quantile
+    memoryless: bool = False  # exponential: the remaining distance is always equally uncertain
+
+    @property
+    def mean(self) -> float:
+        """Mean distance, m."""
+        return (self.far - self.near) / np.log(20.0) if self.memoryless else 0.5 * (self.near + self.far)
 
     @property
     def words(self) -> str:
@@ -54,30 +57,20 @@ class Prior(NamedTuple):
             return f"memoryless, {100 * self.mean:.0f} cm on average"
         return f"{100 * self.near:.3g} to {100 * self.far:.3g} cm"
 
-    @property
-    def mean(self) -> float:
-        """Mean distance, m."""
-        return (self.far - self.near) / np.log(20.0) if self.memoryless else 0.5 * (self.near + self.far)
-
-    def environment(self) -> dict[str, Any]:
-        """Arguments of the environment; its horizon is long enough for all of them."""
-        return {"scenario": {"distance": (self.near, self.far)}, "horizon": 1.2 if self.far < 0.5 else 6.0}
-
     def distances(self, seed: int, count: int) -> Floats:
-        """Return the distances of so many objects, m: one from each of as many equally likely intervals."""
+        """Return the distances of `count` objects (m), one from each of as many equally likely intervals."""
         share = (np.random.default_rng(seed).permutation(count) + 0.5) / count
         away = -np.log1p(-share) / np.log(20.0) if self.memoryless else share
         return self.near + (self.far - self.near) * away
 
 
-FREE, RANGE = (0.001, 0.05, 0.10, 0.15, 0.20), (0.1, 0.4, 1.0)  # m, the ways before a range of 0.2 m, and other ranges
 PRIORS = (
-    *(Prior(near, near + 0.2) for near in FREE),
-    *(Prior(0.15, 0.15 + width) for width in RANGE),
+    *(Prior(near, near + 0.2) for near in (0.001, 0.05, 0.10, 0.15, 0.20)),
+    *(Prior(0.15, 0.15 + width) for width in (0.1, 0.4, 1.0)),
     Prior(0.001, 0.6, memoryless=True),
 )
 RULES: Mapping[str, Any] = {"rule": PaperTrapezoid, "steady": Steady, "profile": BlindProfile}
-WEIGHTS, QUICK_WEIGHTS = (0.7, 1.2, 1.7, 2.4, 3.4, 5.0), (0.7, 3.0)  # m/s per s, between which fronts are straight
+WEIGHTS, QUICK_WEIGHTS = (0.7, 1.2, 1.7, 2.4, 3.4, 5.0), (0.7, 3.0)  # m/s per s
 SEARCH = {"scenarios": 200, "generations": 90, "tested": 1000}
 QUICK_SEARCH = {"scenarios": 40, "generations": 12, "tested": 100}
 
@@ -88,22 +81,22 @@ def searches(quick: bool, _: Frames) -> Iterable[Cell]:
     for prior in [PRIORS[k] for k in (0, 3, -1)] if quick else PRIORS:
         for rule in RULES:
             for weight in weights if rule != "rule" else (1.0,):
-                yield Cell(
-                    {**prior._asdict(), "rule": rule}, {"prior": list(prior), "rule": rule, "weight": weight, **search}
-                )
+                arguments = {"prior": list(prior), "rule": rule, "weight": weight, **search}
+                yield Cell({**prior._asdict(), "rule": rule}, arguments)
 
 
 def searched(
     prior: Sequence[Any], rule: str, weight: float, scenarios: int, generations: int, tested: int, population: int = 16
 ) -> pl.DataFrame:
-    """Return what the best of a rule comes to in each of the test scenarios; it was searched on others."""
+    """Search the best parameters of a rule on tuning scenarios; return its results in the test scenarios."""
     place, kind = Prior(*prior), RULES[rule]
+    horizon = 1.2 if place.far < 0.5 else 6.0  # s, long enough for all rules
 
     def played(numbers: Any, seed: int, count: int, copies: int, rtol: float) -> Any:
         made = kind() if rule == "rule" else kind.of(np.repeat(numbers, count, axis=0))
-        task = Task(**place.environment())
-        where: Any = {"copies": copies, "time_weight": [weight] * copies, "threads": 1}
-        stage = ScenarioBatch(seed, count, task.changed({"rtol": rtol}), quiet=True, lenient=True, **where)
+        task = Task(scenario={"distance": (place.near, place.far)}, horizon=horizon)
+        batch: Any = {"copies": copies, "time_weight": [weight] * copies, "threads": 1}
+        stage = ScenarioBatch(seed, count, task.changed({"rtol": rtol}), quiet=True, lenient=True, **batch)
         distances = np.tile(place.distances(seed, count), copies)
         return stage.play(made.for_task(task), {"distance": distances})
 
@@ -126,7 +119,7 @@ WORLDS: Mapping[str, Mapping[str, Any]] = {
     f"stroke {1e3 * STROKE:g} mm": {"coupling": STROKE},
     **{f"sensed {1e3 * delay:g} ms late": {"reaction_delay": delay} for delay in (0.05, 0.1, 0.2)},
 }
-ANSWERS = ("linear-blind", "linear-robust", "linear-ranged", "bistable-blind")
+SETUPS = ("linear-blind", "linear-robust", "linear-ranged", "bistable-blind")
 RULE, PROFILE, POLICY = "paper's rule", "profile", "policy"
 MEASURES = {
     "object_velocity": "V_p (m/s)", "approach_time": "T (s)", "slide": "slides (cm)", "contact_count": "contacts",
@@ -135,13 +128,13 @@ MEASURES = {
 
 
 def worlds(quick: bool, _: Frames) -> Iterable[Cell]:
-    """Yield a cell for each shipped answer in each world."""
+    """Yield a cell for each shipped controller in each world."""
     scenarios = {"set": "test", "count": QUICK_SEARCH["tested"] if quick else SEARCH["tested"]}
-    for setup in map(load_setup, ANSWERS):
+    for setup in map(load_setup, SETUPS):
         places, coupling = [], setup.environment.get("coupling", {})
         for world, changes in WORLDS.items():
             if "coupling" in changes and not setup.name.startswith("linear"):
-                continue  # a mechanism has its stops
+                continue  # a mechanism has stops already
             changed = {"coupling": {**coupling, "stroke": STROKE}} if "coupling" in changes else changes
             places.append(Place(setup.name, world, {**setup.environment, **changed}))
         contestants = [
@@ -153,7 +146,7 @@ def worlds(quick: bool, _: Frames) -> Iterable[Cell]:
 
 
 def by_prior(frame: pl.DataFrame) -> list[dict[str, Any]]:
-    """Return for each prior the V_p of each rule at the mean time of the paper's rule, with intervals."""
+    """Return a row for each prior: V_p of each rule at the mean time of the paper's rule, with intervals."""
     lines = []
     for prior, rows in grid.groups(frame, "near", "far", "memoryless"):
         of_rule = dict(grid.groups(rows, "rule"))
@@ -170,7 +163,7 @@ def by_prior(frame: pl.DataFrame) -> list[dict[str, Any]]:
 
 
 def by_world(frame: pl.DataFrame) -> list[dict[str, str]]:
-    """Return for each answer in each world the means of the measures with intervals, and how many objects it missed."""
+    """Return a row for each controller in each world: means of the measures with intervals, and the misses."""
     lines = []
     for (setup, world, contestant), rows in grid.groups(frame, "setup", "change", "contestant"):
         line = {"set-up": setup, "world": world, "contestant": contestant}
@@ -184,23 +177,8 @@ def by_world(frame: pl.DataFrame) -> list[dict[str, str]]:
     return lines
 
 
-def chart(lines: Sequence[Mapping[str, Any]]) -> Figure:
-    """Return V_p at the paper's approach time for each prior."""
-    figure = Figure(figsize=(8.0, 3.6))
-    axes = figure.subplots()
-    names = (("paper's rule", SERIES[0]), ("steady speed, all of the arm", TOOL), ("profile: knowing where", SERIES[2]))
-    for place, (name, colour) in enumerate(names):
-        found: list[Estimate] = [line["velocity"][place] for line in lines]
-        spread = [[each.value - each.low for each in found], [each.high - each.value for each in found]]
-        axes.errorbar(range(len(lines)), [each.value for each in found], spread, fmt="o-", color=colour, label=name)
-    axes.set_xticks(range(len(lines)), [line["prior"].words for line in lines], rotation=25, ha="right")
-    axes.set(xlabel="where objects can stand", ylabel="V_p at the rule's time (m/s)", ylim=(0.0, None))
-    axes.legend()
-    return figure
-
-
 def priors_section(lines: Sequence[Mapping[str, Any]]) -> Section:
-    """Return what knowing the place is worth."""
+    """Return the section on the value of knowing the place."""
     rows = [
         (
             line["prior"].words + (f" ({100 * line['missed']:.0f} % missed)" if line["missed"] > 0.01 else ""),
@@ -210,31 +188,30 @@ def priors_section(lines: Sequence[Mapping[str, Any]]) -> Section:
         )
         for line in lines
     ]
-    head = ("objects stand", "T of the rule (s)", "V_p of the rule (m/s)", "best steady speed", "best profile",
-            "from the limits", "from knowing where", "profile below steady speed")  # fmt: skip
-    caption = (
-        "At the mean approach time of the paper's rule there; from limits and from knowing where: shares of its V_p"
+    head = ("objects stand", "T of the rule (s)", "V_p of the rule (m/s)", "best constant speed", "best profile",
+            "from the limits", "from knowing where", "profile below constant speed")  # fmt: skip
+    caption = "At the mean approach time of the paper's rule; from limits and from knowing where: shares of its V_p"
+    text = (
+        "Constant speed and profile have the same arm, 1.5 m/s and 20 m/s^2, and the same choice of reactions; only "
+        "the profile may be faster where no object stands yet. 95 % intervals over scenarios that no search has used."
     )
-    picture = Picture("priors", chart(lines), "V_p of rule, best steady speed and best profile for each prior.")
-    text = ("Steady speed and profile have the same arm, 1.5 m/s and 20 m/s^2, and the same choice of reactions; only "
-            "the second may be faster where no object stands yet. 95 % intervals over scenarios that nothing was "
-            "searched on.")  # fmt: skip
-    return Section("Knowing where", [Table(caption, head, rows), text, picture], key="priors")
+    return Section("Knowing where", [Table(caption, head, rows), text], key="priors")
 
 
 def worlds_section(frame: pl.DataFrame) -> Section:
-    """Return what shipped answers do in worlds that they were not made for."""
+    """Return the section on shipped controllers in worlds for which they were not made."""
     rows = by_world(frame)
-    text = ("Nothing was tuned or trained for these worlds. With friction V_p is the largest velocity of the object; "
-            "without, it slides without an end (-). All at rest: the object, and the tool slower than 1 mm/s for good; "
-            "a dash where it is not within 10 s in every scenario. One policy each, the shipped median.")  # fmt: skip
-    head = tuple(rows[0])
-    return Section("Other worlds", [Table("", head, [tuple(row.values()) for row in rows]), text], key="worlds")
+    text = (
+        "Nothing was tuned or trained for these worlds. With friction V_p is the largest velocity of the object; "
+        "without friction it slides for ever (-). All at rest: the object is at rest, and the tool stays slower than "
+        "1 mm/s; a dash if this takes over 10 s in some scenario. The policy is the shipped median."
+    )
+    return Section("Other worlds", [Table("", (*rows[0],), [(*row.values(),) for row in rows]), text], key="worlds")
 
 
 def analyse(frames: Frames, _: bool) -> Findings:
-    """Return what the frames say."""
-    answer, sections = "", []
+    """Compare the rules for each prior, and the shipped controllers in each world."""
+    answer, sections = "Shipped controllers in worlds for which they were not made.", []
     if "priors" in frames:
         lines = by_prior(frames["priors"])
         known = next((line for line in lines if line["prior"].near == 0.15), lines[-1])
@@ -246,12 +223,12 @@ def analyse(frames: Frames, _: bool) -> Findings:
         sections.append(priors_section(lines))
     if "worlds" in frames:
         sections.append(worlds_section(frames["worlds"]))
-    return Findings(answer or "Shipped answers in worlds that they were not made for.", sections)
+    return Findings(answer, sections)
 
 
 STUDY = Study(
     "gain",
-    "What is the gain over the paper's rule made of?",
+    "What causes the gain over the paper's rule?",
     (
         Measurement("priors", searches, searched, ("impact_gym", "agents.baselines", "agents.evaluate")),
         Measurement("worlds", worlds, grid.play, (*grid.PLAYED, "agents.setups")),

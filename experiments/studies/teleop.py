@@ -1,7 +1,7 @@
-"""Which assistance helps an operator who acts late: couplings x delays x operators x channels, all contestants in each.
+"""Which assistance helps an operator who acts late? All contestants at every coupling, delay, operator and channel.
 
-An operator steers towards an object that they believe up to 5 cm beside its place, over a channel, and stop a reaction
-after they see the touch. An assistance at the arm senses the touch at once.
+An operator steers towards an object over a channel with a delay. Their belief about its place is up to 5 cm wrong, and
+they stop one reaction time after they see the touch. An assistance at the arm senses the touch without delay.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,21 +11,16 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from markupsafe import Markup
 from matplotlib.figure import Figure
 from polars import selectors
 
-from agents.baselines import LocalBrake, OperatorAlone
-from agents.evaluate import ScenarioBatch
 from agents.setups import load_setup
 from experiments.lab import grid
 from experiments.lab.charts import SERIES
 from experiments.lab.grid import Contestant, Place
 from experiments.lab.parts import Picture, Section, Table
-from experiments.lab.player import films, fragment
 from experiments.lab.statistics import Estimate, Floats, Resamples, along, estimate
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
-from impact_gym.task import Task
 from impact_gym.teleop.channels import FIFTH_GENERATION
 
 COUPLINGS = ("rigid", "spring", "bistable")
@@ -35,7 +30,7 @@ WAY, RECORDINGS, APART = 0.9, 8, 8.0  # m, of each recording; how many; s, betwe
 
 
 def recordings() -> dict[str, Any]:
-    """Return recordings that no training saw: eight random speeds in each, with two hesitations."""
+    """Return recordings that no training used: eight random speeds in each, with two hesitations."""
     rng, times, velocities = np.random.default_rng(0), list[float](), list[float]()
     for begin in APART * np.arange(RECORDINGS):
         speeds = np.concatenate([[0.0], rng.uniform(0.1, 0.45, 8), [0.0]])
@@ -52,36 +47,34 @@ HELD_OUT: Mapping[str, Mapping[str, Any]] = {
     "steady": {"type": "Trapezoid", "speed": [0.1, 0.4]},
     "recordings": recordings(),
 }
-"""Operators that no policy was trained with and no rule tuned for; those of the set-ups come before them."""
+"""Operators with which no policy was trained and no rule tuned."""
 OPERATORS = (REACH, SEEN, *HELD_OUT)
 ALONE, RULE, BRAKE, LIMIT, POLICY = "operator alone", "paper's rule", "local brake", "speed limit", "policy"
 ASSISTANCE = (ALONE, RULE, BRAKE, LIMIT, POLICY)
 GAINS = np.linspace(0.3, 1.0, 8)
 MEASURES = ("object_velocity", "slide", "done_time", "taken", "missed")
 RIVALS = {"gain": "constant gains", "brake": f"the {BRAKE}", "limit": f"the {LIMIT}"}
-"""Whom contestants are compared with, by columns of the table of cells."""
+"""Rivals of all contestants, by the prefix of their columns."""
 WORSE = {f"{rival}_{name}": words.format(who) for rival, who in RIVALS.items() if rival != "limit"
          for name, words in {"slide": "slides further than with {}", "cost": "costs more than {}"}.items()}  # fmt: skip
 COLOURS = {ALONE: SERIES[3], BRAKE: SERIES[4], LIMIT: SERIES[2], POLICY: SERIES[1]}
 SHOWN = {"slide": (100.0, "slide (cm)"), "done_time": (1.0, "done (s)")}
-"""Rows of the figure: columns of the table of cells, their factor and words."""
+"""Rows of the figure: columns, factors and labels."""
 
 
 def environment_of(coupling: str, operator: str, link: Any) -> dict[str, Any]:
-    """Return the environment of a cell, both channels alike."""
+    """Return the environment of a cell; both channels are `link`."""
     setup = load_setup(f"teleop-{coupling}")
-    others = {SEEN: setup.mixed[0][1]["operator"], **HELD_OUT}
-    who = others.get(operator, setup.environment["operator"])
-    return {**setup.environment, "operator": who, "uplink": link, "downlink": link}
+    operators = {REACH: setup.environment["operator"], SEEN: setup.mixed[0][1]["operator"], **HELD_OUT}
+    return {**setup.environment, "operator": operators[operator], "uplink": link, "downlink": link}
 
 
 def places(quick: bool) -> Iterator[Place]:
-    """Yield where contestants meet: behind each operator at each delay, and over three measured grades of 5G."""
+    """Yield the places: each operator at each delay, and one operator over three measured grades of 5G."""
     delays, operators = ([TYPICAL], [REACH, "steady"]) if quick else (DELAYS, OPERATORS)
     cells = [(*cell, "") for cell in product(COUPLINGS, delays, operators)]
-    cells += [
-        (coupling, 2e-3 * float(name[3:-2]), REACH, name) for coupling, name in product(COUPLINGS, FIFTH_GENERATION)
-    ]
+    grades = product(COUPLINGS, FIFTH_GENERATION)
+    cells += [(coupling, 2e-3 * float(name[3:-2]), REACH, name) for coupling, name in grades]
     for coupling, delay, operator, channel in cells:
         link = asdict(FIFTH_GENERATION[channel]) if channel else {"delay": 0.5 * delay}
         labels = {"coupling": coupling, "delay": delay, "operator": operator, "channel": channel}
@@ -90,7 +83,7 @@ def places(quick: bool) -> Iterator[Place]:
 
 
 def contestants(setup: str) -> list[Contestant]:
-    """Return who assists, constant gains among them."""
+    """Return the assistances, and the constant gains with which they are compared."""
     fixed = {ALONE: "operator-alone", RULE: "paper-trapezoid", BRAKE: "local-brake", LIMIT: f"{setup}-limit"}
     everybody = [Contestant(name, {"baseline": baseline}) for name, baseline in fixed.items()]
     gains = [Contestant(f"gain {gain:g}", {"rule": ["ConstantGain", [gain, 20.0]]}) for gain in GAINS[:-1]]
@@ -109,10 +102,10 @@ LABELS = ("coupling", "delay", "operator", "channel")
 
 
 def cell_rows(labels: Row, rows: pl.DataFrame, weight: float, missed_cost: float) -> Iterator[dict[str, Any]]:
-    """Yield a row for each contestant of a cell: means over scenarios and seeds with intervals, and beside its rivals.
+    """Yield a row for each assistance in a cell: means over scenarios and seeds, and differences from its rivals.
 
-    Its slide is compared with that of the constant gains at the mean time at which it is done itself, along the line
-    through all of them, its cost with that of the best of them.
+    The constant gains form a line of slide over the time until all is done. A contestant's slide is compared with this
+    line at its own time, its cost with that of the best gain.
     """
     rows = rows.with_columns(grid.cost(weight, missed_cost).alias("cost"))
     values: dict[str, dict[str, Floats]] = {
@@ -124,27 +117,19 @@ def cell_rows(labels: Row, rows: pl.DataFrame, weight: float, missed_cost: float
     means = {who: {name: resamples.means(sample) for name, sample in each.items()} for who, each in values.items()}
     times, slides, costs = (np.stack([resamples.means(gain[name]) for gain in gains], 1)
                             for name in ("done_time", "slide", "cost"))  # fmt: skip
-    medians = np.array([[np.median(gain["slide"]) for gain in gains]])
     for who, ours in means.items():
         row: dict[str, Any] = {**labels, "contestant": who, "scenarios": resamples.scenarios, "weight": weight}
-        row["median_slide"] = float(np.median(values[who]["slide"]))
-        row["median_ratio"] = row["median_slide"] / float(along(times[:1], medians, ours["done_time"][:1])[0])
-        for name, resampled in ours.items():
-            row |= spread(name, estimate(resampled))
+        estimates = {name: estimate(resampled) for name, resampled in ours.items()}
         front = {"slide": along(times, slides, ours["done_time"]), "cost": costs[:, int(costs[0].argmin())]}
         for rival, theirs in {"gain": front, "brake": means[BRAKE], "limit": means[LIMIT]}.items():
-            for name in ("slide", "cost"):
-                row |= spread(f"{rival}_{name}", estimate(theirs[name] - ours[name]))
+            estimates |= {f"{rival}_{name}": estimate(theirs[name] - ours[name]) for name in ("slide", "cost")}
+        for name, value in estimates.items():
+            row |= {name: value.value, f"{name}_low": value.low, f"{name}_high": value.high}
         yield row
 
 
-def spread(name: str, value: Estimate) -> dict[str, float]:
-    """Return an estimate as columns."""
-    return {name: value.value, f"{name}_low": value.low, f"{name}_high": value.high}
-
-
 def table_of_cells(frames: Frames) -> list[dict[str, Any]]:
-    """Return a row for each contestant in each cell."""
+    """Return a row for each assistance in each cell."""
     rows = list[dict[str, Any]]()
     for labels, cell in grid.groups(frames["episodes"], *LABELS):
         setup = load_setup(f"teleop-{labels[0]}")
@@ -154,9 +139,9 @@ def table_of_cells(frames: Frames) -> list[dict[str, Any]]:
 
 
 def hurts(found: Sequence[Row]) -> Iterator[tuple[str, ...]]:
-    """Yield, for each assistance and each way in which it may hurt, the cells where it does, beyond their intervals.
+    """Yield the assistances that are worse than a rival beyond the interval in some cells.
 
-    Assistance, what, how many cells, the largest loss, and where.
+    Each row has the assistance, the measure, the number of cells, the largest loss, and the cells.
     """
     for who in (POLICY, LIMIT, BRAKE, RULE):
         for column, words in WORSE.items():
@@ -168,8 +153,8 @@ def hurts(found: Sequence[Row]) -> Iterator[tuple[str, ...]]:
                 last = min(worse, key=lambda row: row[column])
                 scale, unit = (-100.0, "cm") if "slide" in column else (-1.0, "m/s")
                 most = Estimate(*(scale * last[column + end] for end in ("", "_high", "_low")))
-                listed = "; ".join(f"{cells}: {', '.join(delays)} ms" for cells, delays in where.items())
-                yield who, words, f"{len(worse)}", f"{most:.2f} {unit} ({words_of(last)})", listed
+                cells = "; ".join(f"{place}: {', '.join(delays)} ms" for place, delays in where.items())
+                yield who, words, f"{len(worse)}", f"{most:.2f} {unit} ({words_of(last)})", cells
 
 
 def words_of(row: Row) -> str:
@@ -177,37 +162,27 @@ def words_of(row: Row) -> str:
     return f"{row['coupling']}, {row['operator']}, {1e3 * row['delay']:.0f} ms"
 
 
-def duel(found: Sequence[Row], rival: str) -> dict[str, Any]:
+def duel(found: Sequence[Row], rival: str) -> str:
     """Return in how many cells the policy costs clearly less and clearly more than a rival, and the extremes."""
-    ours = [row for row in found if row["contestant"] == POLICY]
-    column = f"{rival}_cost"
-    best, worst = max(ours, key=lambda row: row[column]), min(ours, key=lambda row: row[column])
-    return {
-        "rival": RIVALS[rival], "column": column, "cells": len(ours), "best": best, "worst": worst,
-        "less": sum(row[f"{column}_low"] > 0.0 for row in ours),
-        "more": sum(row[f"{column}_high"] < 0.0 for row in ours),
-        "share": 100.0 * sum(row[column] for row in ours) / sum(row["cost"] + row[column] for row in ours),
-    }  # fmt: skip
+    ours, column = [row for row in found if row["contestant"] == POLICY], f"{rival}_cost"
+    less, more = (sum(sign * row[f"{column}_{end}"] > 0.0 for row in ours) for sign, end in ((1, "low"), (-1, "high")))
+    share = 100.0 * sum(row[column] for row in ours) / sum(row["cost"] + row[column] for row in ours)
+    best, worst = (f"{form(column, 3).format(**row)} m/s ({words_of(row)})"
+                   for row in (chosen(ours, key=lambda row: row[column]) for chosen in (max, min)))  # fmt: skip
+    return (f"The policy costs clearly less than {RIVALS[rival]} in {less} of {len(ours)} cells and clearly more in "
+            f"{more}; over all {share:.1f} % less. It costs less by {best} at the most and {worst} at the least (below "
+            "0: it costs more).")  # fmt: skip
 
 
-COMPARED = f"""95 % intervals over {{count}} scenarios that nothing was tuned or trained on, and over the seeds of each
-policy. The cost is V_p + w times the time until all is done, w = {{weight:g}} m/s per s. Constant gains of 0.3 to 1 on
-the command: on the line through all eight, read at the time at which the assistance is done. Policies were trained
-behind {REACH}, with beliefs up to 30 cm off, and {SEEN}, which stop for no touch. Held out: a tracker of what they
-see, a pointing hand, a steady speed, other recordings."""
-
-
-def duel_sentence(result: Mapping[str, Any]) -> str:
-    """Return a duel in words."""
-    best, worst = (f"{form(result['column'], 3).format(**row)} m/s ({words_of(row)})"
-                   for row in (result["best"], result["worst"]))  # fmt: skip
-    return (f"The policy costs clearly less than {result['rival']} in {result['less']} of {result['cells']} cells and "
-            f"clearly more in {result['more']}; over all {result['share']:.1f} % less. By how much less (below 0: "
-            f"more): at the most {best}, at the least {worst}.")  # fmt: skip
+COMPARED = f"""95 % intervals over {{count}} scenarios on which nothing was tuned or trained, and over the seeds of each
+policy. The cost is V_p + w times the time until all is done, w = {{weight:g}} m/s per s. Eight constant gains on the
+command, 0.3 to 1, form a line of slide over time, which is read at the time of the assistance. Policies were trained
+with the operator '{REACH}', whose beliefs were up to 30 cm wrong, and with {SEEN}, which do not stop at a touch. Held
+out: a tracker of the displayed object, a pointing hand, a steady speed, other recordings."""
 
 
 def chart(found: Sequence[Row]) -> Figure:
-    """Return slide and done time over the delay, for each coupling, means over the operators with intervals."""
+    """Return a figure of slide and time over the delay for each coupling: means over operators, with intervals."""
     figure = Figure(figsize=(9.0, 5.4))
     panels = figure.subplots(len(SHOWN), len(COUPLINGS), sharey="row", sharex=True)
     frame = pl.DataFrame(found, infer_schema_length=None)
@@ -239,23 +214,12 @@ def form(name: str, digits: int) -> str:
 
 
 def in_cm(row: Row) -> dict[str, Any]:
-    """Return a row with its slides in cm."""
-    return {name: 100.0 * value if "slide" in name else value for name, value in row.items()}
-
-
-def listed(rows: Sequence[Row]) -> Table:
-    """Return the table of cells."""
-    scaled = [{**in_cm(row), "delay": 1e3 * row["delay"], "missed": 100.0 * row["missed"]} for row in rows]
-    return Table.of("", scaled, {
-        "coupling, operator": "{coupling}, {operator} {channel}", "delay (ms)": "{delay:.0f}",
-        "assistance": "{contestant}", "slides (cm)": form("slide", 2), "median, over the gains'": "{median_ratio:.2f}",
-        "done (s)": form("done_time", 2), "taken": "{taken:.2f}", "missed (%)": "{missed:.1f}",
-        "less than gains as late (cm)": form("gain_slide", 2), "costs less than the brake (m/s)": form("brake_cost", 3),
-    })  # fmt: skip
+    """Return a row with its slides in cm, and its cell in words."""
+    return {name: 100.0 * value if "slide" in name else value for name, value in row.items()} | {"cell": words_of(row)}
 
 
 def answer(held_out: Sequence[Row]) -> str:
-    """Return how far the object slides alone, with the brake and with the policy, at the typical delay."""
+    """Return the slide with the operator alone, the brake and the policy, at the typical delay, in words."""
     frame = pl.DataFrame(held_out, infer_schema_length=None).filter(delay=TYPICAL)
     parts = []
     for coupling in frame["coupling"].unique(maintain_order=True):
@@ -265,70 +229,49 @@ def answer(held_out: Sequence[Row]) -> str:
         )
         alone, brake, policy = (f"{100.0 * mean:.1f}" for mean in means)
         parts.append(f"{coupling} {alone} cm alone, {brake} with the brake, {policy} with the policy")
-    return (f"How far the object slides, {1e3 * TYPICAL:.0f} ms there and back, mean of operators that were held out: "
+    return (f"Slide of the object at a delay of {1e3 * TYPICAL:.0f} ms there and back, mean of the held-out operators: "
             f"{'; '.join(parts)}.")  # fmt: skip
 
 
-def watched(coupling: str, count: int) -> dict[str, Any]:
-    """Return films of an operator alone and with a local brake, 100 ms away: a typical scenario, the worst of each."""
-    environment = environment_of(coupling, REACH, {"delay": 0.1})
-    rules: dict[str, Any] = {ALONE: OperatorAlone(), BRAKE: LocalBrake()}
-    task = Task(**environment)
-    players = {name: rule.for_task(task) for name, rule in rules.items()}
-    stage = ScenarioBatch.of("test", count, task, threads=1, quiet=True)
-    results = {name: stage.play(player) for name, player in players.items()}
-    alone, brake = (np.asarray(results[name].slide, float) for name in (ALONE, BRAKE))
-    numbers = {
-        "Alone, it slides the median way": int(np.argsort(alone)[count // 2]),
-        "Alone, it slides farthest": int(np.argmax(alone)),
-        "With the brake, it slides farthest": int(np.argmax(brake)),
-        "The brake helps least": int(np.argmin(alone - brake)),
-    }
-    return films(players, numbers, results, environment=environment)
-
-
 def analyse(frames: Frames, _: bool) -> Findings:
-    """Return what the episodes say."""
+    """Compare the assistances with each other and with constant gains."""
     found = table_of_cells(frames)
     plain = [row for row in found if not row["channel"]]
-    typical = [row for row in plain if row["delay"] == TYPICAL]
     held_out = [row for row in plain if row["operator"] in HELD_OUT]
     trained = [row for row in plain if row["operator"] not in HELD_OUT]
-    count, weight = found[0]["scenarios"], found[0]["weight"]
-    duels = [duel(plain, rival) for rival in ("brake", "limit")]
-    worse = list(hurts(plain))
-    compared = COMPARED.format(count=count, weight=weight)
-    alt = "How far objects slide and when all is done over the delay, for each coupling and assistance."
+    worse, count, weight = list(hurts(plain)), found[0]["scenarios"], found[0]["weight"]
+    alt = "Slide and time until all is done over the delay, for each coupling and assistance."
     caption = "Means over the operators; bands: the means of their intervals."
-    film = Markup(fragment(watched("rigid", count)))
     against = Table.of("The policy beside its rivals, on the same scenarios", [
-        {**in_cm(row), "cell": words_of(row)} for row in plain if row["contestant"] == POLICY
+        in_cm(row) for row in plain if row["contestant"] == POLICY
     ], {
         "cell": "{cell}",
         "slides less than with the brake (cm)": form("brake_slide", 2), "costs less (m/s)": form("brake_cost", 3),
         "slides less than with the speed limit (cm)": form("limit_slide", 2), "costs less": form("limit_cost", 3),
     })  # fmt: skip
-    nowhere = "In no cell is an assistance worse than constant gains or than the brake, beyond its interval."
-    head = ("assistance", "what", "cells", "at the most", "where")
-    sections = [
-        Section("Behind operators that were held out", [
-            compared, Picture("held_out", chart(held_out), alt, caption, "Held-out operators"),
+    everything = Table.of("", map(in_cm, found), {
+        "coupling, operator, delay": "{cell} {channel}", "assistance": "{contestant}",
+        "slides (cm)": form("slide", 2), "done (s)": form("done_time", 2), "taken": "{taken:.2f}",
+        "missed": "{missed:.1%}", "less than gains at the same time (cm)": form("gain_slide", 2),
+        "costs less than the brake (m/s)": form("brake_cost", 3),
+    })  # fmt: skip
+    nowhere = "In no cell is an assistance worse than constant gains or than the brake beyond its interval."
+    head = ("assistance", "measure", "cells", "largest loss", "where")
+    return Findings(answer(held_out), [
+        Section("With held-out operators", [
+            COMPARED.format(count=count, weight=weight),
+            Picture("held_out", chart(held_out), alt, caption, "Held-out operators"),
             Picture("trained", chart(trained), alt, caption, "Operators of the training"),
         ]),
-        Section("Watch: alone, and with a local brake", [
-            "Rigid tool, 100 ms each way. Dashed: what the operator sees at that moment.", film,
-        ]),
-        Section(f"At {1e3 * TYPICAL:.0f} ms", [listed(typical)], key="typical"),
-        Section("The policy beside the brake and the speed limit", [*map(duel_sentence, duels), against], key="duels"),
+        Section("The policy beside the brake and the speed limit", [
+            *(duel(plain, rival) for rival in ("brake", "limit")), against,
+        ], key="duels"),
         Section("Where assistance hurts", [
-            Table("Cells where one is worse than a rival beyond its interval", head, worse) if worse else nowhere
+            Table("Cells in which an assistance is worse than a rival beyond the interval", head, worse)
+            if worse else nowhere
         ], key="hurts"),
-        Section("All cells", [
-            "5G: three measured grades, each way.",
-listed(found),
-        ], folded=True, key="all"),
-    ]  # fmt: skip
-    return Findings(answer(held_out), sections, {"cells": pl.DataFrame(found, infer_schema_length=None)})
+        Section("All cells", ["5G: three measured grades, each way.", everything], folded=True, key="all"),
+    ], {"cells": pl.DataFrame(found, infer_schema_length=None)})  # fmt: skip
 
 
 PLAYED = (*grid.PLAYED, "agents.setups", "impact_gym.teleop")

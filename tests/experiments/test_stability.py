@@ -1,4 +1,4 @@
-"""The storm covers what it says, its checks find what is planted, rivals are judged as said, and the page tells it."""
+"""The storm covers its ranges, its checks find planted faults, and the page lists every failure."""
 
 import math
 
@@ -78,7 +78,7 @@ def test_row_of_a_sound_run_breaks_no_promise(coupling, robot, e):
     row = storm.row_of(approach)
     assert row["contacts"] > 0
     assert row["traced"]
-    assert promises_broken(row | {"milliseconds": 1.0}) == set()  # how fast is for the storm to say
+    assert promises_broken(row | {"milliseconds": 1.0}) == set()  # the storm judges the time
     assert row["energy_doubt"] < 1e-3
     if e == 1.0 and ig.simulate(*approach.run).contacts[-1].end is not None:
         # nothing dissipates: what has gone in has come out again, but for a contact under way at the end
@@ -154,7 +154,7 @@ def test_failures_name_a_run_that_cannot_finish_takes_too_long_or_is_not_settled
         assert promises_broken(row | {"milliseconds": 1.0, "finer_change": change}) == {promises.SETTLED.text}
     for_ever = scene(1e12, 1.0, distance=1e-7)  # bounces of 0.2 ms
     stopped = storm.row_of(Approach("7", "", for_ever, ig.Trapezoid(2000.0, 20.0), 20.0))
-    hung = stability.blank({"scene": 3}) | {"failure": "no answer within 120 s"}
+    hung = approaches.storm(3).about | {"failure": "no answer within 120 s"}
     broken = promises.failures(frame_of(row | {"milliseconds": 1.0}, stopped | {"milliseconds": 1.0}, hung))
     assert broken["scene"].to_list() == [1, 2]
     assert {*broken["promise"]} == {promises.ENDED.text}
@@ -170,7 +170,6 @@ def test_over_storm_says_which_promise_is_missed_by_how_many():
     missed = {verdict.text: verdict.finding for verdict in promises.over_storm(wrong) if not verdict.met}
     assert missed.keys() == {promises.FINITE.text, promises.BALANCED.text}
     assert all("1 of 3 scenes" in finding for finding in missed.values())
-    assert "1 of these beyond what rounding of the momenta explains" in missed[promises.BALANCED.text]
 
 
 def test_agreement_finds_a_difference_and_over_agreement_counts_what_is_not_known():
@@ -185,7 +184,7 @@ def test_agreement_finds_a_difference_and_over_agreement_counts_what_is_not_know
     assert promises.agreement(ours, unknown).is_empty()
     kept = promises.over_agreement(same, 1)
     assert kept.met
-    assert "1 scenes the independent solver could not do" in kept.finding
+    assert "the independent solver failed in 1" in kept.finding
     assert not promises.over_agreement(pl.concat([same, elsewhere]), 0).met
     assert not promises.over_agreement(same.clear(), 0).met
 
@@ -205,7 +204,7 @@ def study(tmp_path_factory):
 
 def test_page_has_a_row_for_each_scene_also_for_one_without_a_truth(study):
     assert study.frames["storm"]["scene"].to_list() == [*range(FEW)]
-    text = text_of_a_page_that_stands_on_its_own(study.folder, figures=1)
+    text = text_of_a_page_that_stands_on_its_own(study.folder, figures=0)
     assert all(promise.text in text for promise in promises.PROMISES)
     late = study.frames["truth"].filter(scene=2)
     assert late["description"].item() == approaches.storm(2).description
@@ -226,7 +225,7 @@ def test_page_lists_every_failure(study):
     )
     findings = stability.STUDY.analyse(study.frames | {"storm": wrong}, False)
     listed = {row[:3] for row in findings.tables["failures"].iter_rows()}
-    assert (3, promises.FAST.text, "77.0 ms, {} steps".format(rows["steps"][3])) in listed
+    assert (3, promises.FAST.text, "77") in listed
     assert (5, promises.ENDED.text, "RuntimeError: the run stopped") in listed
     assert (8, promises.PASSIVE.text) in {row[:2] for row in listed}
     shown = [row for part in findings.sections[1].parts for row in part.rows]

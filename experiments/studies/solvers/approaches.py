@@ -1,7 +1,7 @@
-"""The approaches of the studies of speed and stability: six with a name, and the storm, drawn at random.
+"""The approaches of the studies `speed` and `stability`: six named ones, and the storm, which is drawn at random.
 
-The storm covers the ranges in which the solver is to work. Its scene k is a function of the number k alone; its ends
-are extreme on purpose.
+The storm covers the ranges in which the solver must work; their ends are extreme on purpose. Scene k of the storm
+depends on the number k alone.
 """
 
 import math
@@ -16,7 +16,9 @@ from experiments.lab.scenes import DISTANCE, MOTION, scene
 from impact_gym.robot import default_approach
 from impact_gym.scene import Coupling, Dissipation
 
-CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # the alarm is noted, the robot goes on
+CRUISE = ig.Trapezoid(
+    1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0)
+)  # the alarm is recorded, but the robot does not brake
 STORM_SEED = 4
 
 RANGES = {
@@ -28,7 +30,7 @@ RANGES = {
     "damping ratio": (0.0, 3.0),  # of a spring and damper or of a stop
     "deceleration": (0.5, 50.0),  # m/s^2, of the brake
 }
-"""What the storm must cover."""
+"""The ranges that the storm must cover."""
 OTHERS = {
     "tool mass": (0.01, 10.0),  # kg
     "acceleration": (0.5, 50.0),  # m/s^2
@@ -42,13 +44,13 @@ OTHERS = {
     "robot damping": (1.0, 1e3),  # N s/m
     "friction": (1e-3, 3.0),  # between object and ground
     "reference velocity": (0.01, 5.0),  # m/s, at which a fixed damping has its restitution
-    "stroke over rest": (1.01, 30.0),  # way of a tool on a spring over that by which the acceleration presses it
+    "stroke over rest": (1.01, 30.0),  # travel of a tool on a spring over its deflection under the acceleration
 }
-"""What a scene needs besides, over ranges of our own."""
+"""Further numbers of a scene, with ranges that we chose."""
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
-ROUGH = 0.25  # share of scenes with friction, with a fixed damping, with an end to a spring's way
-AT_AN_END = 0.05  # share of draws from a range of the storm that are one of its ends
-AFTERMATH = 0.5  # s, after the flange would reach the object
+ROUGH = 0.25  # share of scenes with friction, with fixed damping, with a spring of limited travel
+AT_AN_END = 0.05  # share of the draws from RANGES that are an end of the range
+AFTERMATH = 0.5  # s, that a run lasts after the flange would reach the object
 
 
 @dataclass(frozen=True)
@@ -63,32 +65,32 @@ class Approach:
 
     @property
     def run(self) -> tuple[ig.Scene, ig.Trapezoid, float]:
-        """What `simulate` takes."""
+        """The first arguments of `simulate`."""
         return self.scene, self.motion, self.duration
 
     @property
     def about(self) -> dict[str, Any]:
-        """The columns of a table that say what its scene is."""
+        """The columns that describe its scene in a table."""
         return {"coupling": kind(self.scene), "speed": self.motion.speed, "description": self.description}
 
 
 def kind(of: ig.Scene) -> str:
-    """Return coupling and robot of a scene in words."""
+    """Return the coupling and the robot of a scene in words."""
     couplings = {ig.Rigid: "rigid", ig.SpringDamper: "spring", ig.Bistable: "bistable"}
     robots = {ig.Robot: ", robot", ig.RobotTable: ", robot table", type(None): ""}
     return couplings[type(of.coupling)] + robots[type(of.robot)]
 
 
-def approach_of(name: str | int) -> Approach:
-    """Return the approach of this name; a whole number is a scene of the storm."""
-    return storm(name) if isinstance(name, int) else {approach.name: approach for approach in named()}[name]
+def approach_of(name: str) -> Approach:
+    """Return the named approach."""
+    return {approach.name: approach for approach in named()}[name]
 
 
 def named() -> tuple[Approach, ...]:
-    """Return the six approaches."""
+    """Return the six named approaches."""
     soft, spring = ig.SpringDamper(50.0), ig.SpringDamper(150.0)
-    # the paper's Fig. 23, a little slower than the speed above which the slider passes its alignment for good: that
-    # lies between 0.9772 and 0.9773 m/s, the object as far away as the study `paper` places it
+    # the paper's Fig. 23, a little below the speed from which the slider passes its alignment and stays behind it: that
+    # is between 0.9772 and 0.9773 m/s, with the object placed as in the study `paper`
     speed = 0.9772  # m/s
     at_threshold = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))
@@ -106,14 +108,14 @@ def named() -> tuple[Approach, ...]:
 
 
 class _Draw:
-    """Draws for one scene of the storm."""
+    """Random draws for one scene of the storm."""
 
     def __init__(self, *numbers: int) -> None:
         self.rng = np.random.default_rng([STORM_SEED, *numbers])
         self.share = self.rng.uniform
 
     def value(self, name: str) -> float:
-        """A value of a range; log-uniform unless it begins at 0."""
+        """Draw from a named range: log-uniform, or uniform if the range begins at 0."""
         low, high = RANGES.get(name) or OTHERS[name]
         u, end = map(float, self.rng.random(2))
         if name in RANGES and end < AT_AN_END:
@@ -121,9 +123,6 @@ class _Draw:
         if low == 0.0:
             return high * u
         return min(max(math.exp(math.log(low) + u * math.log(high / low)), low), high)
-
-    def spring(self) -> ig.SpringDamper:
-        return ig.SpringDamper(self.value("coupling stiffness"), self.value("damping ratio"))
 
     def mechanism(self) -> ig.Bistable:
         length = self.value("free length")
@@ -137,7 +136,7 @@ class _Draw:
         return [self.value(f"robot {name}") for name in ("mass", "stiffness", "damping")]
 
     def robot_table(self, distance: float) -> ig.RobotTable:
-        """The shipped robot, or a random one that varies by up to a factor of two on the way to the object."""
+        """Draw the shipped robot, or one that varies along the way to the object by up to a factor of two."""
         if self.share(0, 1) < 0.25:
             return default_approach().robot_table()
         way = np.linspace(0.0, 1.0, 6)
@@ -148,15 +147,21 @@ class _Draw:
 
 
 def storm(number: int) -> Approach:
-    """Return scene `number` of the storm; every coupling comes with every robot."""
+    """Return scene `number` of the storm. Nine scenes in a row have every coupling with every robot."""
     draw = _Draw(number)
     tool = ig.Tool(draw.value("tool mass"))
     target = ig.Object(tool.mass * draw.value("mass ratio"), draw.value("distance"))
     m, n = EXPONENTS[draw.rng.integers(len(EXPONENTS))]
-    laws = [law for law in get_args(Dissipation) if law != "fixed"]  # as when the storm was first drawn
+    laws = [
+        law for law in get_args(Dissipation) if law != "fixed"
+    ]  # "fixed" is drawn later: scenes stay as first drawn
     law: Dissipation = laws[draw.rng.integers(len(laws))] if draw.share(0, 1) < 0.5 else "hu-guo"
     contact = ig.Contact(draw.value("contact stiffness"), draw.value("restitution"), law, m, n)
-    couplings: tuple[Callable[[], Coupling], ...] = (ig.Rigid, draw.spring, draw.mechanism)
+    couplings: tuple[Callable[[], Coupling], ...] = (
+        ig.Rigid,
+        lambda: ig.SpringDamper(draw.value("coupling stiffness"), draw.value("damping ratio")),
+        draw.mechanism,
+    )
     coupling = couplings[number % 3]()
     robots = (lambda: None, lambda: ig.Robot(*draw.robot()), lambda: draw.robot_table(target.distance))
     robot = robots[number // 3 % 3]()
@@ -169,7 +174,7 @@ def storm(number: int) -> Approach:
 
 
 def roughened(smooth: ig.Scene, acceleration: float, draw: _Draw) -> ig.Scene:
-    """Return the scene with friction, an end to its spring's way and a fixed damping, each in a share ROUGH of all."""
+    """Return the scene with friction, fixed damping and limited travel of its spring, each with probability ROUGH."""
     target, contact, coupling = smooth.object, smooth.contact, smooth.coupling
     if draw.share(0, 1) < ROUGH:
         target = replace(target, friction=draw.value("friction"))
@@ -183,11 +188,11 @@ def roughened(smooth: ig.Scene, acceleration: float, draw: _Draw) -> ig.Scene:
 
 
 def describe(stormy: ig.Scene, motion: ig.Trapezoid) -> str:
-    """Return the numbers of a scene of the storm in a line; `storm` gives it whole."""
+    """Return the numbers of a scene in one line, to three digits."""
     words = [kind(stormy)]
     for part in (stormy.tool, stormy.object, stormy.contact, stormy.coupling, stormy.robot, motion, motion.brake):
         values = {} if part is None else asdict(part)
-        told = [f"{name} {value:.3g}" for name, value in values.items() if isinstance(value, float)]
-        told += [value for value in values.values() if isinstance(value, str)]
-        words += [f"{type(part).__name__}: {', '.join(told)}"] if told else []
+        written = [f"{name} {value:.3g}" for name, value in values.items() if isinstance(value, float)]
+        written += [value for value in values.values() if isinstance(value, str)]
+        words += [f"{type(part).__name__}: {', '.join(written)}"] if written else []
     return "; ".join(words)

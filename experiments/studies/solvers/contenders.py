@@ -1,7 +1,7 @@
-"""Everyone who computes an approach, how long it takes them, and how wrong they are.
+"""The contenders: all solvers that compute an approach, their times and their errors.
 
-Times are processor times of the one thread that each contender uses: what else runs on the machine would lengthen long
-calls, SciPy's, more than the best of many short ones.
+Times are processor times of the single thread that each contender uses. Other work on the machine lengthens long calls,
+such as SciPy's, more than the best of many short ones.
 """
 
 import math
@@ -20,27 +20,27 @@ from experiments.studies.solvers.peers import PEERS
 from experiments.studies.solvers.pieces import Run
 from experiments.studies.solvers.solutions import GAVE_UP, Solution, errors, failure
 
-OURS, CAREFUL = "impact_gym", "SciPy"  # SciPy's integrators in the reference
+OURS, CAREFUL = "impact_gym", "SciPy"  # SciPy's integrators inside the reference
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
 JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studies.solvers")
-"""Modules that rows of contenders follow from, beside our solver."""
-TOO_WRONG = 1e-2  # m/s in V_p: then an answer is a failure
-LEAST = 5e-3  # s, in a round, so that the clock's grain does not matter
+"""Modules besides our solver on which the rows of contenders depend."""
+TOO_WRONG = 1e-2  # m/s in V_p: an answer with a larger error is a failure
+LEAST = 5e-3  # s of one timing, so that the resolution of the clock does not matter
 MOST_CALLS = 10_000
-TURNS, CALLS = 10, 10  # how often a contact of ours is timed, and how many calls are one timing
+TURNS, CALLS = 10, 10  # timings of each of our contacts, and calls in each timing
 TIMES = ("microseconds", "contact_microseconds")
-SLOW = 0.2  # s, of a call that is made in the first round only
+SLOW = 0.2  # s: a longer call is made in the first round only
 
 
 @contextmanager
 def limited(seconds: float | None) -> Iterator[None]:
-    """Raise TimeoutError once this process has used so much more processor time, s."""
+    """Raise TimeoutError after `seconds` more of this process's processor time."""
 
     def late(*_: Any) -> None:
         raise TimeoutError
 
     before = signal.signal(signal.SIGPROF, late)
-    # more than once: a destructor swallows what is raised in it
+    # repeated every 0.01 s, as an error that is raised in a destructor is lost
     signal.setitimer(signal.ITIMER_PROF, seconds or 0.0, 0.01)
     try:
         yield
@@ -50,11 +50,11 @@ def limited(seconds: float | None) -> Iterator[None]:
 
 
 def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, float, float]:
-    """Return the solution of a contender at a tolerance, and the processor time that it is charged, s: all, contacts.
+    """Return a contender's solution at a tolerance, and its processor times (s): of the approach, of the contacts.
 
-    Ours is charged all the way from the scene to the outcome; of its contacts see `contacts_alone`. SciPy is charged
-    the contacts alone: the reference, which drives it, flies by the matrix exponential, or at rtol 1e-12 where there is
-    no closed form. Of a peer the calls of its own library count.
+    Ours is the time of the whole call, from the scene to the outcome; for its contacts see `contacts_alone`. SciPy's is
+    the time of the contacts alone: the reference flies by the matrix exponential, or at rtol 1e-12 where there is no
+    closed form. That of a peer counts only the calls of its own library.
     """
     kind, _, method = name.partition(" ")
     if kind == CAREFUL:
@@ -70,7 +70,7 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
 
 
 def contacts_alone(approach: Approach, rtol: float) -> float:
-    """Return our processor time of all contacts, s: of runs that end behind each, less those that end before it."""
+    """Return our processor time of all contacts (s): runs up to the end of each less runs up to its start."""
     marks = [
         mark
         for contact in ig.simulate(*approach.run, rtol).contacts
@@ -86,29 +86,23 @@ def contacts_alone(approach: Approach, rtol: float) -> float:
     return sum(best[1::2]) - sum(best[::2])
 
 
-def averaged(approach: Approach, name: str, setting: float, least: float) -> tuple[Solution, float, float]:
-    """Return what `solved` does, the times as the mean of so many calls as take at `least` s."""
-    solution, spent, contacts = solved(approach, name, setting)
-    calls = 1
-    while spent < least and calls < MOST_CALLS:
-        _, more, of_contacts = solved(approach, name, setting)
-        spent, contacts, calls = spent + more, contacts + of_contacts, calls + 1
-    return solution, spent / calls, contacts / calls
+def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Row:
+    """Return the row of a contender: mean times of a call, errors, counts and failure.
 
-
-def judged(
-    approach: Approach, name: str, setting: float, truth: Solution, allowed: float, counted: Sequence[str]
-) -> Row:
-    """Return the row of a contender: times of a call, errors, counts and failure; see `averaged` and `failure`.
-
-    A contender that raises an error has a failure and no more. What a peer compiles at its first call is apart.
+    If the contender raises an error, the row has only a failure. A peer compiles in its first call, which is timed
+    separately.
     """
     try:
         begun = thread_time()
         if name in PEERS:
             solved(approach, name, setting)
         first = thread_time() - begun
-        solution, seconds, contacts = averaged(approach, name, setting, LEAST)
+        solution, seconds, contacts = solved(approach, name, setting)
+        calls = 1
+        while seconds < LEAST and calls < MOST_CALLS:
+            _, *more = solved(approach, name, setting)
+            seconds, contacts, calls = seconds + more[0], contacts + more[1], calls + 1
+        seconds, contacts = seconds / calls, contacts / calls
         if name == OURS:
             contacts = contacts_alone(approach, setting)
     except Exception as problem:  # of any kind: a failure is a result here
@@ -116,23 +110,24 @@ def judged(
             "microseconds": math.inf, "failure": f"{GAVE_UP}: {type(problem).__name__}: {problem}".replace("\n", " ")
         }  # fmt: skip
     counts = {name: getattr(solution, name) for name in ("contacts", "passes", "steps")}
-    found = failure(solution, truth, allowed, counted)
     times = {"microseconds": 1e6 * seconds, "contact_microseconds": 1e6 * contacts, "first_seconds": first}
-    return {**times, "failure": found, **errors(solution, truth), **counts}
+    return {**times, "failure": failure(solution, truth, TOO_WRONG), **errors(solution, truth), **counts}
 
 
 def timed(approach: str, truth: Mapping[str, Any], settings: Sequence[tuple[str, float]], rounds: int) -> list[Row]:
-    """Return a row for each setting (contender, tolerance) on a named approach, the best of rounds taken in turns."""
+    """Return a row for each setting (contender, tolerance) on a named approach: the best of some rounds.
+
+    In each round all settings are timed in turn.
+    """
     found, true, load = approach_of(approach), Solution(**truth), os.getloadavg()[0]
-    counted = ("contacts", "passes", "alarms")
-    solved(found, OURS, 1e-8)  # what is loaded at first use is so before time is taken
+    solved(found, OURS, 1e-8)  # loads what the first call loads, before anything is timed
     rows: dict[tuple[str, float], Row] = {}
     for _ in range(rounds):
         for contender, setting in settings:
             before = rows.get((contender, setting))
             if before and before["microseconds"] > 1e6 * SLOW:
                 continue
-            row = judged(found, contender, setting, true, TOO_WRONG, counted)
+            row = judged(found, contender, setting, true)
             best = {name: min(row[name], before[name]) for name in TIMES if name in row} if before else {}
             rows[contender, setting] = {**row, **best, "first_seconds": (before or row).get("first_seconds")}
     return [{"contender": name, "setting": setting, **row, "load": load} for (name, setting), row in rows.items()]

@@ -1,4 +1,4 @@
-"""Our time for one approach, over what it may grow with."""
+"""Our time for one approach against five quantities that it may depend on."""
 
 import math
 from collections.abc import Sequence
@@ -20,11 +20,11 @@ GROWTH: dict[str, tuple[str, tuple[float, ...]]] = {
     "rtol": ("rtol (-)", tuple(10.0**-k for k in range(3, 13))),
 }
 """Quantities, each with its axis and values."""
-ROUNDS, LEAST = 5, 5e-3  # timings of a value, of which the best counts; s, that one takes at least
+ROUNDS, LEAST = 5, 5e-3  # timings of a value, of which the best counts; s, the least duration of one
 
 
 def grown(quantity: str, values: Sequence[float]) -> list[Row]:
-    """Return the best time of an approach for each value of a quantity, in turns."""
+    """Return the best time of an approach for each value of a quantity; in each round all values are timed in turn."""
     best = dict.fromkeys(values, math.inf)
     for _ in range(ROUNDS):
         for value in values:
@@ -33,7 +33,7 @@ def grown(quantity: str, values: Sequence[float]) -> list[Row]:
 
 
 def timing(quantity: str, value: float) -> float:
-    """Return the mean time of an approach, s, of so many calls as take at least LEAST s."""
+    """Return the time of an approach (s), the mean over calls that together take at least LEAST."""
     stiffness, rtol = value if quantity == "stiffness" else 1e5, value if quantity == "rtol" else 1e-8
     mass = value * TOOL_MASS if quantity == "mass ratio" else OBJECT_MASS
     chain, duration = scene(stiffness, 0.7, SPRING, object_mass=mass), 1.5

@@ -1,12 +1,12 @@
-"""Whole approaches by integrators of other libraries, which share nothing with the solver.
+"""Whole approaches by integrators of other libraries, which share no code with our solver.
 
-A contact runs in its own scales delta0 = (M v_in^2/k_c)^0.4, v_in and t0 = delta0/v_in, and as in our solver in the
-root s of the penetration, with dt = t0 s dsigma: there Hertz' law is a polynomial, so that methods of high order keep
-theirs from onset to separation. Flight runs in SI units, with the penetration itself. Whatever ends a smooth piece is a
-terminal event: onset and separation, a change of the flange's acceleration, the alarm, the force's peak, its clamp at
-zero, a stop that pushes or lets go, the slider's alignment.
+A contact runs in its own scales delta0 = (M v_in^2/k_c)^0.4, v_in and t0 = delta0/v_in. As in our solver, the variable
+is the root s of the penetration, with dt = t0 s dsigma. In it Hertz' law is a polynomial, so methods of high order keep
+their order from onset to separation. Flight runs in SI units, with the penetration itself. Whatever ends a smooth piece
+is a terminal event: onset and separation, a change of the flange's acceleration, the alarm, the peak of the force, the
+instant at which the force is clamped at zero, a stop that begins or ceases to push, the slider's alignment.
 
-The equations are written once, for any library: see `equations`. How a piece is integrated is in `peers`.
+The equations are written once, for all libraries: see `equations`. `peers` integrates a piece.
 """
 
 import math
@@ -23,19 +23,19 @@ LAW = ("m_t", "m_p", "k_c", "d", "k_t", "c_t", "L0", "H", "x0", "front", "rear",
 PARAMETERS = (*LAW, "a", "cut", "alarm", "length", "speed", "pressed", "front_on", "rear_on")
 STATE = ("s", "w", "v", "tau", "y", "q")
 GAUGES = ("touching", "peak", "pressed", "alarm", "cut", "alignment", "front_on", "front_on", "rear_on", "rear_on")
-DIRECTIONS = (1, -1, 0, 1, 1, 0, 1, 0, 1, 0)  # in which a gauge that ends a piece passes zero; 0: either way
-FOREVER = 1e6  # in the units of a contact; its end is an event
-BESIDE = 1e-20  # where a piece begins: a gauge that begins at zero may be passed over
-ROUNDING = 1e-12  # m, of a slider's place
+DIRECTIONS = (1, -1, 0, 1, 1, 0, 1, 0, 1, 0)  # in which each gauge passes zero; 0: either way
+FOREVER = 1e6  # limit of a contact in its own units; an event ends it before
+BESIDE = 1e-20  # penetration at which a piece begins: an event at exactly zero might be missed
+ROUNDING = 1e-12  # m, of the slider's position
 Advance = Callable[[list[float], list[float], float], tuple[str, list[float]]]
-"""Goes from a state (STATE) under parameters (PARAMETERS) to the first event, at the latest to a value of the
-independent variable; returns the event's name, "cut" for that limit, and the state there."""
+"""Integrates from a state (STATE) with parameters (PARAMETERS) to the first event, or to a limit of the independent
+variable. Returns the event's name ("cut" at the limit) and the state there."""
 Backend = Callable[[int, bool, float], Advance]
-"""Returns how a piece is integrated: arguments are the kind of coupling, whether it is a contact, and a tolerance."""
+"""Makes an `Advance` from the kind of coupling, whether the piece is a contact, and a tolerance."""
 
 
 def law_of(scene: ig.Scene) -> tuple[tuple[float, ...], int]:
-    """Numbers of the bodies, their contact and coupling, and the kind of the coupling; SI, in the order of LAW."""
+    """Return the numbers named in LAW (SI), and the kind of the coupling."""
     coupling, contact, m_t = scene.coupling, scene.contact, scene.tool.mass
     bodies = (m_t, scene.object.mass, contact.stiffness, damping_factor("hu-guo", contact.restitution, 1.5, 1.5))
     if isinstance(coupling, ig.SpringDamper):
@@ -49,17 +49,17 @@ def law_of(scene: ig.Scene) -> tuple[tuple[float, ...], int]:
 
 
 def watched(kind: int, touching: bool) -> list[tuple[int, int]]:
-    """Return which of GAUGES end a piece, by their place, each with its direction."""
+    """Return the indices into GAUGES of the events that end a piece, each with its direction."""
     places = [0, *(range(1, 5) if touching else ()), *(range(5, 10) if kind == BISTABLE else ())]
     return [(place, -1 if touching and not place else DIRECTIONS[place]) for place in places]
 
 
 def equations(kind: int, touching: bool, sqrt: Callable[[Any], Any]) -> Callable[[Any, Any], tuple[Any, Any]]:
-    """Return a function of the tuples STATE and PARAMETERS that returns the state's derivatives and GAUGES.
+    """Return a function of STATE and PARAMETERS (tuples) that returns the derivatives of the state and GAUGES.
 
-    It takes numbers, symbols of heyoka and JAX's arrays, and Numba compiles it. s is the root of the penetration or, in
-    flight, the penetration, w its rate, v the object's velocity, tau the time since the piece began, y the tool's
-    deflection from the flange and q its rate, which a rigid coupling leaves at zero.
+    The function takes numbers, symbols of heyoka and arrays of JAX. In a contact s is the root of the penetration, in
+    flight the penetration itself; w is the rate of the penetration, v the object's velocity, tau the time since the
+    piece began. y is the tool's deflection from the flange and q its rate, both zero with a rigid coupling.
     """
     spring, bistable = kind == SPRING, kind == BISTABLE
     mobile = 0.0 if kind == RIGID else 1.0
@@ -77,7 +77,7 @@ def equations(kind: int, touching: bool, sqrt: Callable[[Any], Any]) -> Callable
             T = k_t * (L0 - L) * x / L - front_on * front_force + rear_on * rear_force
         unit, clamped = length / (speed * speed), 1.0 + d * w
         rate, s_dot, F = 1.0 + 0.0 * s, w, 0.0 * s
-        if touching:  # not s**3, whose series heyoka divides by s, which is zero at onset
+        if touching:  # s * s * s: heyoka's series of s**3 divides by s, which is zero at onset
             rate, s_dot = s, 0.5 * w
             F = pressed * k_c * length * sqrt(length) * (s * s * s) * clamped  # paper, eq. 5 and 7
         tool = mobile * (T - F) / m_t + (1.0 - mobile) * a
@@ -91,7 +91,7 @@ def equations(kind: int, touching: bool, sqrt: Callable[[Any], Any]) -> Callable
 
 
 class Run:
-    """An approach by a backend at a tolerance; making it compiles the pieces, unless an earlier one has."""
+    """One approach, integrated by a backend at a tolerance. The first run compiles the pieces."""
 
     def __init__(
         self, scene: ig.Scene, motion: ig.Trapezoid, duration: float, tolerance: float, backend: Backend
@@ -105,14 +105,14 @@ class Run:
         self.pieces = [backend(kind, touching, tolerance) for touching in (False, True)]
         m_t, m_p = scene.tool.mass, scene.object.mass
         self.M = m_p if kind == RIGID else m_t * m_p / (m_t + m_p)  # kg
-        self.seconds = [0.0, 0.0]  # of processor time, in the backend's own calls: flights, contacts
+        self.seconds = [0.0, 0.0]  # processor time of the backend's own calls: in flights, in contacts
 
     def solve(self) -> Solution:
-        """Go from event to event, and from piece to piece."""
+        """Integrate the pieces one after the other."""
         motion = self.motion
         numbers = (*self.law.values(), motion.acceleration, 0.0, 1.0 / self.brake.threshold, 1.0, 1.0, 1.0, 1.0, 0.0)
         self.par = dict(zip(PARAMETERS, numbers, strict=True))
-        self.changes = [(motion.speed / motion.acceleration, 0.0), (self.duration, math.nan)]  # s, m/s^2 from then on
+        self.changes = [(motion.speed / motion.acceleration, 0.0), (self.duration, math.nan)]  # s, m/s^2 from then
         self.peak, self.detection, self.passes = 0.0, math.nan, 0
         rest = [0.0, 0.0]  # y and q, SI
         t, touching, begin, delta_dot, v_p, lasted, contacts = 0.0, False, -self.distance, 0.0, 0.0, 0.0, 0
@@ -130,7 +130,7 @@ class Run:
         return Solution(v_p, self.peak, lasted, self.detection, contacts, self.passes)
 
     def _move(self, touching: bool, begun: float, state: list[float]) -> tuple[float, list[float]]:
-        """From `begun` (s) to the end of a flight, a contact or the run; return when, and the state."""
+        """Integrate one flight or contact from `begun` (s); return the time at its end and the state there."""
         advance, par = self.pieces[touching], self.par
         time, event = par["length"] / par["speed"], ""
         while self.changes and event != "touching":
@@ -143,7 +143,7 @@ class Run:
         return begun + time * state[3], state
 
     def _note(self, event: str, t: float, state: list[float], touching: bool) -> None:
-        """Change what an event at t (s) changes."""
+        """Record an event at t (s) and change the parameters that it changes."""
         motion, par = self.motion, self.par
         if touching:
             F = par["pressed"] * par["k_c"] * par["length"] ** 1.5 * state[0] ** 3 * (1.0 + par["d"] * state[1])

@@ -1,120 +1,60 @@
-"""What was promised of the storm, and whether it is met. A failure is listed with its scene, never dropped."""
+"""Promises about the runs of the storm, and whether they are kept. Every failure is listed with its scene."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
+import numpy as np
 import polars as pl
 
 SLOWEST = 50.0  # ms
 MOMENTUM = 1e-9  # over the impulse of the contact
-ENERGY = 1e-6  # over the energy that went to and fro in the contact, beyond the doubt of the quadrature
-PULL = 1e-12  # over the peak force, or the speed of the tool: rounding
+ENERGY = 1e-6  # over the energy exchanged in the contact, beyond the doubt of the quadrature
+PULL = 1e-12  # over the peak force, or over the speed of the tool: rounding
 FALL = 1e-8  # over the speed of the tool: rtol
 AGREEMENT = 1e-6  # of V_p, relative
-ROUNDINGS = 8.0  # of the momenta in a contact, that may explain a momentum error
 FINISHED = pl.col("failure") == ""
-TRACED = pl.col("traced")
-BUDGET = pl.max_horizontal("momentum_error", "impulse_error")
-EXPLAINED = pl.col("rounding") * ROUNDINGS
-CREATED = pl.col("energy_created") - pl.col("energy_doubt")
-
-
-def _digits(column: str | pl.Expr, digits: int = 1) -> pl.Expr:
-    """Return numbers as text."""
-    column = pl.col(column) if isinstance(column, str) else column
-    return column.map_elements(lambda value: f"{value:.{digits}e}", pl.String)
-
-
-def _largest(rows: pl.DataFrame, column: str | pl.Expr) -> float:
-    """Return the largest finite number of a column, nan if there is none."""
-    values = rows.select(value=column)["value"].drop_nulls()
-    largest = values.filter(values.is_finite()).max()
-    return float("nan") if largest is None else float(largest)  # type: ignore[arg-type]
-
-
-def _median(rows: pl.DataFrame, column: str | pl.Expr) -> float:
-    """Return the median of the numbers of a column, nan if there is none."""
-    value = rows.select(pl.col(column).fill_nan(None).median() if isinstance(column, str) else column.median()).item()
-    return float("nan") if value is None else float(value)
+TRACED = FINISHED & pl.col("traced")
 
 
 class Promise(NamedTuple):
-    """What is promised of a row of the storm; a number that is not there breaks its promise."""
+    """A promise about rows of the storm. A missing number breaks it."""
 
     text: str
+    number: pl.Expr  # that it is about
     kept: pl.Expr
-    reason: pl.Expr  # what there is to say of a row that breaks it
-    worst: Callable[[pl.DataFrame], str]  # what there is to say of all rows that it is about
-    of_unfinished: bool = False  # whether it is about runs without an outcome, too
+    about: pl.Expr = FINISHED  # rows for which it is made
 
     def broken(self, rows: pl.DataFrame) -> pl.DataFrame:
         """Return scene, promise, reason and description of the rows that break it."""
-        about = rows if self.of_unfinished else rows.filter(FINISHED)
-        wrong = about.filter(~self.kept.fill_null(value=False))
-        return wrong.select("scene", promise=pl.lit(self.text), reason=self.reason, description="description")
+        wrong = rows.filter(self.about, ~self.kept.fill_null(value=False))
+        number = self.number.map_elements(lambda value: f"{value:.3g}", pl.String)
+        reason = pl.when(FINISHED).then(number).otherwise("failure")
+        return wrong.select("scene", promise=pl.lit(self.text), reason=reason, description="description")
+
+    def finding(self, rows: pl.DataFrame) -> str:
+        """Return how many rows break it, and the median and the largest number."""
+        count = self.broken(rows).height
+        broken = [f"{count} of {rows.height} scenes do not"] if count else []
+        numbers = rows.filter(self.about).select(number=self.number)["number"].drop_nulls().to_numpy()
+        if numbers.dtype == bool or not (numbers := numbers[np.isfinite(numbers)]).size:
+            return "".join(broken)
+        return ", ".join([*broken, f"median {np.median(numbers):.2g}", f"largest {numbers.max():.3g}"])
 
 
-def _energies(rows: pl.DataFrame) -> str:
-    struck = rows.filter(pl.col("contacts") > 0, TRACED)
-    return (
-        f"largest beyond the doubt of the quadrature {_largest(struck, CREATED):.1e} (lost, if negative), "
-        f"doubt {_largest(struck, 'energy_doubt'):.1e} at most, {rows.filter(~TRACED).height} scenes not traced"
-    )
-
-
-def _budgets(rows: pl.DataFrame) -> str:
-    beyond = rows.filter(~BALANCED.kept.fill_null(value=False), ~(BUDGET <= EXPLAINED)).height
-    words = f"{beyond} of these beyond what rounding of the momenta explains, " if beyond else ""
-    return f"{words}largest {_largest(rows, BUDGET):.1e}"
-
-
-ENDED = Promise(
-    "every run ends by itself, with an outcome", FINISHED, pl.col("failure"),
-    lambda rows: f"{_largest(rows, 'steps'):,.0f} steps at most", of_unfinished=True,
+CREATED = pl.col("energy_created") - pl.col("energy_doubt")
+TIME = pl.col("milliseconds")  # missing if the run was ended from outside
+PROMISES = (
+    Promise("every run ends by itself, with an outcome", pl.col("steps"), FINISHED, pl.lit(value=True)),
+    Promise("every number is finite", pl.col("finite"), pl.col("finite")),
+    Promise("slowest run under 50 ms", TIME, TIME < SLOWEST, FINISHED | TIME.is_not_null()),
+    Promise("momentum error under 1e-9 of the impulse", pl.max_horizontal("momentum_error", "impulse_error"),
+            (pl.col("momentum_error") < MOMENTUM) & (pl.col("impulse_error") < MOMENTUM)),
+    Promise("no contact creates energy", CREATED, CREATED <= ENERGY, TRACED),
+    Promise("the object is never pulled", pl.col("pull"), pl.col("pull") <= PULL),
+    Promise("V_p falls nowhere along a trace, to rtol", pl.col("trace_fall"), pl.col("trace_fall") <= FALL),
+    Promise("V_p within 1e-6 of a run at a hundredth of rtol", pl.col("finer_change"),
+            pl.col("finer_change") <= AGREEMENT, TRACED),
 )  # fmt: skip
-FINITE = Promise("every number is finite", pl.col("finite"), pl.lit("a number is inf or nan"), lambda _: "")
-FAST = Promise(
-    "slowest run under 50 ms",
-    # a run that was ended has no time
-    (pl.col("milliseconds") < SLOWEST) | (~FINISHED & pl.col("milliseconds").is_null()),
-    pl.format("{} ms, {} steps", pl.col("milliseconds").round(0), pl.col("steps").fill_null(0)),
-    lambda rows: f"median {_median(rows, 'milliseconds'):.2g} ms, slowest {_largest(rows, 'milliseconds'):,.0f} ms",
-    of_unfinished=True,
-)
-BALANCED = Promise(
-    "momentum error under 1e-9 of the impulse",
-    (pl.col("momentum_error") < MOMENTUM) & (pl.col("impulse_error") < MOMENTUM),
-    pl.format(
-        "momentum error {}, impulse error {}, of which rounding of the momenta explains {}",
-        _digits("momentum_error"), _digits("impulse_error"), _digits(EXPLAINED),
-    ),
-    _budgets,
-)  # fmt: skip
-PASSIVE = Promise(
-    "no contact creates energy",
-    ~TRACED | (CREATED <= ENERGY),
-    pl.format("{} of the energy appeared (known to {})", _digits("energy_created"), _digits("energy_doubt")),
-    _energies,
-)
-PUSHED = Promise(
-    "the object is never pulled",
-    pl.col("pull") <= PULL,
-    pl.format("pulled by {} of the peak force, or V_p fell by that of the tool's speed", _digits("pull")),
-    lambda rows: f"largest {_largest(rows, 'pull'):.1e}",
-)
-RISING = Promise(
-    "V_p falls nowhere along a trace, to rtol",
-    pl.col("trace_fall") <= FALL,
-    pl.format("V_p falls by {} of the tool's speed", _digits("trace_fall")),
-    lambda rows: f"largest {_largest(rows, 'trace_fall'):.1e}",
-)
-SETTLED = Promise(
-    "V_p within 1e-6 of a run at a hundredth of rtol",
-    ~TRACED | (pl.col("finer_change") <= AGREEMENT),
-    pl.format("V_p changes by {}", _digits("finer_change")),
-    lambda rows: f"median {_median(rows, 'finer_change'):.1e}",
-)
-PROMISES = (ENDED, FINITE, FAST, BALANCED, PASSIVE, PUSHED, RISING, SETTLED)
+ENDED, FINITE, FAST, BALANCED, PASSIVE, PUSHED, RISING, SETTLED = PROMISES
 
 
 def failures(rows: pl.DataFrame) -> pl.DataFrame:
@@ -123,7 +63,7 @@ def failures(rows: pl.DataFrame) -> pl.DataFrame:
 
 
 class Verdict(NamedTuple):
-    """A promise, what was found of it, and whether it is kept."""
+    """Whether a promise is kept."""
 
     text: str
     finding: str
@@ -131,40 +71,31 @@ class Verdict(NamedTuple):
 
 
 def over_storm(rows: pl.DataFrame) -> list[Verdict]:
-    """Return the promises of the storm: the worst over the scenes that finished, and how many break it."""
-    verdicts = []
-    for promise in PROMISES:
-        finding, count = (
-            promise.worst(rows if promise.of_unfinished else rows.filter(FINISHED)),
-            promise.broken(rows).height,
-        )
-        if count:
-            finding = f"{count} of {rows.height} scenes do not, {finding}".removesuffix(", ")
-        verdicts.append(Verdict(promise.text, finding, met=not count))
-    return verdicts
+    """Return the verdicts on all promises about the storm."""
+    return [Verdict(promise.text, promise.finding(rows), met=promise.broken(rows).is_empty()) for promise in PROMISES]
 
 
 def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
-    """Return the rows of the storm whose truth is known, with `velocity_error` and how they are `apart`, or ''."""
+    """Return the rows of the storm with a known truth, with `velocity_error` and the difference in words, or ''."""
     known = truths.filter(FINISHED).select(
         "scene", true_velocity="velocity", true_contacts="contacts", true_passes="passes"
     )
     size = pl.max_horizontal(pl.col("true_velocity").abs(), 1e-6 * pl.col("speed"))  # an object at rest has rounding
     error = (pl.col("object_velocity") - pl.col("true_velocity")).abs() / size
     alike = (pl.col("velocity_error") <= AGREEMENT) & (pl.col("passes") == pl.col("true_passes"))
-    counts = "V_p {}, not {} m/s ({}); {} contacts, not {}; {} snap-throughs, not {}"
-    said = pl.format(
-        counts, _digits("object_velocity", 8), _digits("true_velocity", 8), _digits("velocity_error"),
-        "contacts", "true_contacts", "passes", "true_passes",
-    )  # fmt: skip
-    apart = pl.when(~FINISHED).then("failure").when(~alike.fill_null(value=False)).then(said).otherwise(pl.lit(""))
+    numbers = [
+        pl.col(name).map_elements(form.format, pl.String)
+        for name, form in (("object_velocity", "{:.8e}"), ("true_velocity", "{:.8e}"), ("velocity_error", "{:.1e}"))
+    ]
+    words = "V_p {}, not {} m/s ({}); {} contacts, not {}; {} snap-throughs, not {}"
+    different = pl.format(words, *numbers, "contacts", "true_contacts", "passes", "true_passes")
+    apart = pl.when(~FINISHED).then("failure").when(~alike.fill_null(value=False)).then(different).otherwise(pl.lit(""))
     return storm.join(known, on="scene").with_columns(velocity_error=error).with_columns(apart=apart)
 
 
 def over_agreement(judged: pl.DataFrame, unknown: int) -> Verdict:
-    """Return the promise of agreement with the independent solver, which could not do `unknown` scenes."""
-    apart, middle = judged.filter(pl.col("apart") != "").height, _median(judged, "velocity_error")
-    words = (
-        f"{apart} of {judged.height} do not, median {middle:.1e}; {unknown} scenes the independent solver could not do"
-    )
+    """Return the verdict on the agreement with the independent solver, which failed in `unknown` scenes."""
+    apart, errors = judged.filter(pl.col("apart") != "").height, judged["velocity_error"].drop_nans().to_numpy()
+    words = f"{apart} of {judged.height} do not, the independent solver failed in {unknown}"
+    words += f", median {np.median(errors):.1e}" if errors.size else ""
     return Verdict("V_p within 1e-6 of the independent solver, on 2 %", words, judged.height > 0 and apart == 0)

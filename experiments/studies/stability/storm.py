@@ -1,16 +1,16 @@
-"""A row of numbers for each scene of the storm: our run, and what physics says about it.
+"""A row of numbers for each scene of the storm: our run, and physical checks of it.
 
-Energy. With M the reduced mass of tool and object and a the acceleration of the tool by all but the contact, the
-contact force is F = M (a - delta''), so that the contact takes from the bodies
+Energy. With M the reduced mass of tool and object and a the acceleration of the tool by all forces but the contact
+force, the contact force is F = M (a - delta''), so the contact takes from the bodies
 
     integral of F d(delta) = (M v_in^2 - M v_out^2) / 2 + M integral of a d(delta)
 
-It may not be negative: a contact that is over has given back less than it took, one that is not holds some still. The
-first part is known to rounding from a `ContactRecord`. The second is a sum over the points of a `Trace`, in which M a
-follows from the velocities at two points and friction, so that a may jump; its doubt is the change when every second
-point is left out. Where the tool is fixed to a robot whose mass varies, M varies with it.
+This must not be negative: a finished contact has returned less than it took, and an unfinished one still stores some.
+The first term is known to rounding from a `ContactRecord`. The second is a sum over the points of a `Trace`. There M a
+follows from the velocities at two points and from friction, so that a may jump. The doubt of the sum is its change when
+every second point is left out. If the tool is fixed to a robot whose mass varies, M varies with it.
 
-Friction takes from the object what it was given, at most mu g of velocity in a second: within that a budget is met.
+Friction slows the object by at most mu g: the momentum budget may differ by that.
 """
 
 import math
@@ -30,29 +30,27 @@ from experiments.studies.solvers.contenders import limited
 from experiments.studies.solvers.solutions import Solution
 from impact_gym.physics.impact import GRAVITY
 
-NEVER = 1e6  # s, when a contact ends that does not
-AGAIN_OVER = 20.0  # ms; the better of two, so that what is loaded at first use does not count
-LONGEST_TRACE = 50_000  # steps, beyond which a trace would fill the memory
+NEVER = 1e6  # s, end of an unfinished contact
+AGAIN_OVER = 20.0  # ms: a longer run is repeated, so that what is loaded at first use does not count
+LONGEST_TRACE = 50_000  # steps; a longer trace would fill the memory
 FINER = 1e-10  # rtol of a second run
-STIFF = 20.0  # d, above which the truth is looked for by an implicit method first
+STIFF = 20.0  # d, above which the independent solver tries an implicit method first
 TRUE_RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
-CHECKS = {
-    "momentum_error": "of eq. 20 by the records, over the impulse of the contact",
-    "impulse_error": "impulse against what the object has gained, over the impulse",
-    "rounding": "of the momenta that were subtracted in that contact, over the impulse",
-    "energy_created": "over all energy that went to and fro in the contact; negative: lost; nan without a trace",
-    "energy_doubt": "of that by quadrature, in the same contact",
-    "pull": "contact force below 0 over its peak, or V_p lower after a contact over the speed of the tool",
-    "trace_fall": "of V_p from one point of the trace to the next beyond friction's, over the speed of the tool",
-}
-"""The worst of a run, each without unit; all zero if there was no contact."""
+CHECKS = ("momentum_error", "impulse_error", "energy_created", "energy_doubt", "pull", "trace_fall")
+"""The worst values of a run, each without unit; all zero if there was no contact.
+
+The first four are from one contact: the residual of eq. 20 and the impulse minus what the object gained, over the
+impulse; the energy created, over all energy exchanged (negative: lost; nan without a trace), and its doubt. `pull` is
+the contact force below 0 over its peak, or a fall of V_p in a contact over the tool's speed; `trace_fall` is a fall of
+V_p between two points of the trace, beyond friction's, over the tool's speed.
+"""
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
 
 
 def run(approach: Approach, rtol: float = 1e-8) -> tuple[ig.Outcome | None, str, float]:
-    """Return the outcome, or why there is none, and the processor time of one `simulate` in ms."""
+    """Return the outcome, the error if there is none, and the processor time of one `simulate` (ms)."""
     begun, outcome, problem = thread_time(), None, ""
     try:
         outcome = ig.simulate(*approach.run, rtol)
@@ -62,7 +60,7 @@ def run(approach: Approach, rtol: float = 1e-8) -> tuple[ig.Outcome | None, str,
 
 
 def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate) -> Row:
-    """Return the row of a scene; `simulate` gives its trace."""
+    """Return the row of a scene; `simulate` computes its trace."""
     outcome, problem, milliseconds = run(approach)
     if milliseconds >= AGAIN_OVER:
         milliseconds = min(milliseconds, run(approach)[2])
@@ -76,7 +74,6 @@ def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate
         "contacts": len(outcome.contacts),
         "passes": len(outcome.snap_through),
         "object_velocity": v_p,
-        "slowest_contact": min((contact.approach_velocity for contact in outcome.contacts), default=math.nan),
     }
     if traced:
         outcome, (finer, *_) = simulate(*approach.run, trace=True), run(approach, FINER)
@@ -92,9 +89,9 @@ def storm_row(number: int) -> list[Row]:
 
 
 def truth_row(number: int, patience: float) -> list[Row]:
-    """Return what the independent solver finds of a scene of the storm; each method has `patience` (s) for it.
+    """Return the independent solver's answer for a scene of the storm; each method has `patience` seconds.
 
-    What is stiff is left to Radau first, all else to DOP853; what one cannot do the other may try.
+    A stiff scene is tried by Radau first, any other by DOP853; if one fails, the other is tried.
     """
     approach = storm(number)
     law = approach.scene.contact
@@ -114,31 +111,27 @@ def truth_row(number: int, patience: float) -> list[Row]:
 
 
 def finite(outcome: ig.Outcome) -> bool:
-    """Whether all numbers of an outcome are numbers."""
-    outcome = outcome._replace(rest_time=None)  # inf where something still moves
+    """Return whether all numbers of an outcome are finite."""
+    outcome = outcome._replace(rest_time=None)  # inf if something still moves
     records = [record for record in (outcome, *outcome.contacts, outcome.trace) if record is not None]
     values = [value for record in records for value in record]
     return all(bool(np.all(np.isfinite(value))) for value in values if isinstance(value, float | np.ndarray))
 
 
 def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
-    """Return CHECKS of the records and, if there is one, the trace of a run."""
+    """Return CHECKS of the contact records and, if there is one, of the trace of a run."""
     if not outcome.contacts:
         return dict.fromkeys(CHECKS, 0.0)
     budgets, energies, pulls, fall = [], [], [0.0], 0.0
     before, since, m_p, trace = 0.0, 0.0, scene.object.mass, outcome.trace
     slowing = GRAVITY * (scene.object.friction or 0.0)  # m/s^2
-    heaviest = scene.tool.mass  # of what moves as one with the tool
-    if isinstance(scene.coupling, ig.Rigid) and scene.robot is not None:
-        heaviest += float(np.max(scene.robot.mass))
     for contact in outcome.contacts:
         after, striking = contact.object_velocity, before + contact.approach_velocity
-        impulse = max(contact.impulse, 1e-300)
-        rounding = EPS * (heaviest * abs(striking) + m_p * max(abs(before), abs(after))) / impulse
         until = NEVER if contact.end is None else contact.end
         rubbed = slowing * (until - since)  # m/s, at most
         lost = contact.impulse - m_p * (after - before)
-        budgets.append((abs(contact.momentum_error), max(-lost, lost - m_p * rubbed, 0.0) / impulse, rounding))
+        impulse_error = max(-lost, lost - m_p * rubbed, 0.0) / max(contact.impulse, 1e-300)
+        budgets.append((abs(contact.momentum_error), impulse_error))
         pulls += [(before - after - rubbed) / striking, -contact.impulse / (m_p * striking)]
         before, since = after, until
         if trace is not None:
@@ -148,18 +141,18 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
         fastest = max(float(np.abs(trace.tool_velocity).max()), 1e-300)
         falls = np.diff(trace.object_velocity) + slowing * np.diff(trace.time)
         fall = -float(falls.min(initial=0.0)) / fastest
-    budget = max(budgets, key=lambda budget: _worst(*budget[:2]))
+    budget = max(budgets, key=lambda budget: _worst(*budget))
     created, doubt = max(energies, key=lambda parts: _worst(parts[0] - parts[1]), default=(math.nan, math.nan))
     return dict(zip(CHECKS, (*budget, created, doubt, max(pulls, key=_worst), fall), strict=True))
 
 
 def _worst(*values: float) -> float:
-    """The largest, what is no number above all."""
+    """Return the largest value; nan counts as infinite."""
     return math.inf if any(map(math.isnan, values)) else max(values)
 
 
 def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple[float, float]:
-    """Return the energy that a contact has created, and its doubt, over what went to and fro."""
+    """Return the energy that a contact has created, and its doubt, over all energy exchanged in it."""
     first = int(np.searchsorted(trace.time, contact.start, side="right")) - 1
     last = np.searchsorted(trace.time, math.inf if contact.end is None else contact.end, side="left")
     inside = slice(first, int(last) + 1)
@@ -173,19 +166,19 @@ def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple
     time2, velocity2, force2, mass2, delta2, rate2 = (
         np.append(values[:-1:2], values[-1]) for values in (time, velocity, force, mass, delta, rate)
     )
-    given2 = _given(scene.object, time2, velocity2, force2)
-    doubt = abs(work - float(np.sum(_work(time2, mass2, delta2, rate2, given2))))
+    coarse = _work(time2, mass2, delta2, rate2, _given(scene.object, time2, velocity2, force2))
+    doubt = abs(work - float(np.sum(coarse)))
     rounding = 4 * EPS * np.sqrt(len(time)) * np.abs(given).max() * np.abs(rate).max()
     rate[0], rate[-1] = contact.approach_velocity, -contact.separation_velocity
     kinetic = float(np.sum((mass[1:] + mass[:-1]) / 2 * np.diff(rate**2 / 2)))
-    turned_over = mass.max() * contact.approach_velocity**2 / 2 + float(np.sum(np.abs(parts)))
-    return (kinetic - work) / turned_over, (doubt + rounding) / turned_over
+    exchanged = mass.max() * contact.approach_velocity**2 / 2 + float(np.sum(np.abs(parts)))
+    return (kinetic - work) / exchanged, (doubt + rounding) / exchanged
 
 
 def _given(target: ig.Object, time: Array, velocity: Array, force: Array) -> Array:
-    """What the contact has given the object up to each point, Ns: that what it has, and what friction has taken.
+    """Return the impulse of the contact on the object up to each point (N s): its momentum plus friction's impulse.
 
-    Where it slides that is mu m g for so long; where it sticks it is the contact force, as that is what friction holds.
+    The friction force is mu m g while the object slides. While it sticks, friction balances the contact force.
     """
     friction = GRAVITY * target.mass * (target.friction or 0.0)
     slides = velocity[1:] + velocity[:-1] != 0.0
@@ -195,14 +188,14 @@ def _given(target: ig.Object, time: Array, velocity: Array, force: Array) -> Arr
 
 
 def _work(time: Array, mass: Array, delta: Array, rate: Array, given: Array) -> Array:
-    """M a d(delta) between the points, J, a as constant there: M a is M delta'' and what the object is given."""
+    """Return M a d(delta) between the points (J), with a constant: M a is M delta'' plus the contact force."""
     push = (mass[1:] + mass[:-1]) / 2 * np.diff(rate) + np.diff(given)
     passed = np.diff(time)
     return np.divide(push * np.diff(delta), passed, out=np.zeros_like(push), where=passed > 0)
 
 
 def _reduced_mass(scene: ig.Scene, command: Array) -> Array:
-    """M (kg) at each commanded position (m); a tool fixed to a rigid robot is as if infinitely heavy."""
+    """Return M (kg) at each commanded position (m); a tool fixed to a rigid robot counts as infinitely heavy."""
     mass, m_p, robot = np.full_like(command, scene.tool.mass), scene.object.mass, scene.robot
     if isinstance(scene.coupling, ig.Rigid):
         if robot is None:
