@@ -2,10 +2,10 @@
 const HOLDS = {rigid: "fixed to the arm", spring: "a spring and a damper", bistable: "a bistable mechanism"};
 const SLOW = {1: "real time", 2: "half", 4: "a quarter", 8: "an eighth"};
 const ROUNDS = [
-  {name: "near", task: "The object is near. Push, touch it, let go.", place: 0.15, sets: {delay: 0, jitter: 0, seen: true}},
-  {name: "far", task: "Now it is far, and you act from afar.", place: 0.85, sets: {delay: 0.2, jitter: 0, seen: true}},
-  {name: "blind and late", task: "Now you do not see it until you touch it.", sets: {delay: 0.2, jitter: 0, seen: false}},
-  {name: "free play", task: "Change what you like below.", sets: {}},
+  {name: "near", task: "The object is near. Push until you touch it, then let go.", place: 0.15, sets: {delay: 0, jitter: 0, seen: true}},
+  {name: "far", task: "Now the object is far, and your commands arrive late.", place: 0.85, sets: {delay: 0.2, jitter: 0, seen: true}},
+  {name: "blind and late", task: "Now you do not see the object until you touch it.", sets: {delay: 0.2, jitter: 0, seen: false}},
+  {name: "free play", task: "Choose the settings below.", sets: {}},
 ];
 
 // The values with which the server begins a try.

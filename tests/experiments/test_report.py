@@ -216,12 +216,12 @@ class Half(ConstantSpeed):
 def test_report_takes_a_users_baseline_ranges_and_tool_and_plays_and_writes_only_what_changed(
     tmp_path, monkeypatch, capsys
 ):
-    (tmp_path / "my_rules.py").write_text(HALF)
+    (tmp_path / "half_rule.py").write_text(HALF)
     monkeypatch.syspath_prepend(tmp_path)
     scenarios = tmp_path / "mine.json"
     ranges, tool = {"object_mass": 0.4, "distance": [0.2, 0.3]}, {"tool_mass": 0.2}
     scenarios.write_text(json.dumps({"ranges": ranges, "seed": 5, "count": 6, "environment": tool}))
-    options = ReportOptions(policy=("linear-blind",), baseline=("my_rules:Half",), scenarios=str(scenarios),
+    options = ReportOptions(policy=("linear-blind",), baseline=("half_rule:Half",), scenarios=str(scenarios),
                             out=tmp_path / "out", processes=0)  # fmt: skip
     of_other_sources = tmp_path / ".out.episodes" / "0"
     of_other_sources.mkdir(parents=True)
@@ -238,7 +238,7 @@ def test_report_takes_a_users_baseline_ranges_and_tool_and_plays_and_writes_only
     episodes = pl.read_parquet(page.with_name("episodes.parquet"))
     assert set(episodes["object_mass"]) == {0.4}
     assert episodes["distance"].is_between(0.2, 0.3).all()
-    half = of(episodes, "my_rules:Half").sort("scenario")
+    half = of(episodes, "half_rule:Half").sort("scenario")
     judged = ScenarioBatch(5, 6, Task(scenario=ranges | {"distance": (0.2, 0.3)}, **tool)).play(ConstantSpeed(0.5))
     assert (half["object_velocity"].to_numpy() == judged.object_velocity).all()
 
@@ -253,7 +253,7 @@ def test_report_takes_a_users_baseline_ranges_and_tool_and_plays_and_writes_only
         assert [path.exists() for path in (lost, letter, begun)] == [True, True, False]
     assert stored() == first
     write(replace(options, count=4, force=True))
-    assert len(of(pl.read_parquet(page.with_name("episodes.parquet")), "my_rules:Half")) == 4
+    assert len(of(pl.read_parquet(page.with_name("episodes.parquet")), "half_rule:Half")) == 4
     assert stored()
     assert not stored().items() & first.items()  # what does not depend on how many scenarios there are, too
     write(replace(options, policy=("rigid-blind",), count=4))
