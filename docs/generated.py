@@ -1,9 +1,9 @@
-"""What the pages take from the code: tables, listings and pictures; and formulas as MathML.
+"""Parts of the pages that are generated from the code: tables, listings and pictures; and formulas as MathML.
 
-`python docs/generated.py` writes them into the pages, so that these are whole where they are read as files: between
-`<!-- generated: NAME -->` and `<!-- end -->` stands what the function of that name in TEXTS returns, or the file of
-that name. tests/test_documentation.py fails where the code says something else. Pictures go to docs/pictures. MkDocs
-loads this file for its hooks: no script is loaded to show a formula.
+`python docs/generated.py` writes the tables and listings into the pages, so that a page is also complete as a file. The
+text between `<!-- generated: NAME -->` and `<!-- end -->` is the return value of TEXTS[NAME], or the file NAME.
+tests/test_documentation.py fails if a page is outdated. Pictures are written to docs/pictures. MkDocs uses the hooks of
+this file, so that formulas need no script.
 """
 
 import contextlib
@@ -44,7 +44,7 @@ STYLE = {
 
 
 def filled(markdown: str) -> str:
-    """Return a page with what the code says now."""
+    """Return a page with its generated parts up to date."""
 
     def region(found: re.Match[str]) -> str:
         name = found[2]
@@ -65,7 +65,7 @@ def write() -> None:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    r"""Turn \(...\) and \[...\] of `pymdownx.arithmatex` into MathML, which browsers show; V_p gets its index."""
+    r"""Turn \(...\) and \[...\] of `pymdownx.arithmatex` into MathML, and the p of V_p into an index."""
 
     def math(found: re.Match[str]) -> str:
         return convert(html.unescape(found[2]), display="block" if found[1] == "div" else "inline")
@@ -76,7 +76,7 @@ def on_page_content(content: str, **_: Any) -> str:
 
 
 def on_post_build(config: Any, **_: Any) -> None:
-    """Have every page load our own `search.js`, beside it, where the theme would load a script from a network."""
+    """Replace the script that the theme loads from the network by our own `search.js`, in every page."""
     site = Path(config.site_dir)
     for page in site.rglob("*.html"):
         root = "../" * (len(page.relative_to(site).parts) - 1)
@@ -84,18 +84,18 @@ def on_post_build(config: Any, **_: Any) -> None:
 
 
 def table(head: str, rows: list[list[str]]) -> str:
-    """Return a Markdown table; `head` names its columns, `|` between them."""
+    """Return a Markdown table; `head` has the names of its columns, separated by `|`."""
     columns = head.split("|")
     return "\n".join("| " + " | ".join(row) + " |" for row in [columns, ["---"] * len(columns), *rows])
 
 
 def environment() -> str:
-    """Return the specification of the environment: its docstring, whose tables its modules fill."""
+    """Return the specification of the environment, which is its docstring."""
     return inspect.cleandoc(ImpactApproachEnv.__doc__ or "").split("\n\n", 1)[1]
 
 
 def teleop() -> str:
-    """Return the specification of the environment with an operator, likewise, but for the rows that it shares."""
+    """Return the specification of the environment with an operator, without the rows that both have."""
     text = inspect.cleandoc(ImpactTeleopEnv.__doc__ or "").split("\n\n", 1)[1]
     shared = re.compile(r"^\| (?:\d|then) (?=(?:.*\|){6}$)(?!.*only with `operator`).*\n", re.MULTILINE)
     return shared.sub("", text)
@@ -130,7 +130,7 @@ def laws() -> str:
 
 
 def setups() -> str:
-    """Return the table of the set-ups that are shipped."""
+    """Return the table of the shipped set-ups."""
     about = {name: html.escape(load_setup(name).about, quote=False).replace("|", "&#124;") for name in shipped()}
     return table("Set-up|What it is", [[f"`{name}`", text] for name, text in about.items()])
 
@@ -146,7 +146,7 @@ def materials() -> str:
 
 
 def svg(figure: Figure) -> bytes:
-    """Return a figure on a transparent ground."""
+    """Return a figure as SVG with a transparent background."""
     file = io.BytesIO()
     figure.savefig(file, format="svg", transparent=True, bbox_inches="tight", metadata={"Date": None})
     return file.getvalue()
@@ -168,7 +168,7 @@ def contact_force() -> bytes:
 
 
 def restitution() -> bytes:
-    """Draw what each law delivers over what it is given."""
+    """Draw the restitution that each law delivers over the nominal one."""
     figure, nominal = Figure(figsize=(6.4, 4.2)), np.linspace(0.01, 1.0, 200)
     axes = figure.subplots()
     axes.plot(nominal, nominal, color=GREY, lw=1, ls="--", label="exact")
@@ -194,7 +194,7 @@ def mechanism() -> bytes:
 
 
 def convergence() -> bytes:
-    """Draw the error of one contact over evaluations of the force, in time and in the root of the penetration."""
+    """Draw the error of one contact over the number of evaluations, in time and in the root of the penetration."""
     from scipy.integrate import solve_ivp
 
     damping = 1.5
@@ -245,7 +245,7 @@ TEXTS: dict[str, Callable[[], str]] = {
 
 
 def identified() -> bytes:
-    """Draw what the example of its page identifies."""
+    """Draw the result of the example on its page."""
     page = (DOCS / "how-to/identify.md").read_text()
     names: dict[str, Any] = {}
     with contextlib.redirect_stdout(io.StringIO()):

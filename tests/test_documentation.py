@@ -1,7 +1,8 @@
-"""The documentation does what it says: every fenced block of README.md and docs/**/*.md is run, or read as a command.
+"""The documentation is true: every fenced block of README.md and docs/**/*.md is run, or its options are parsed.
 
 The blocks of a page share one folder and one namespace, from top to bottom. A block with a title is a file. Python
-runs. Shell commands run, but for those of UNDER_WAY, whose options are read. A block of text below is the output.
+runs. Shell commands run; for those of SLOW only the options are parsed. A block of text is the output of the block
+above it.
 """
 
 import doctest
@@ -27,20 +28,18 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w*)(?: title=\"(.+?)\")?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LISTED = {file.read_text() for file in (ROOT / "docs/examples").glob("*.py")}
-"""What is shown of docs/examples has tests of its own."""
-FILES, SHOWN = ("toml", "json", "c", "python"), ("text", "diff")
-UNDER_WAY = {module for name, module in MODULES.items() if name not in ("check", "policies")} | {
-    "experiments.films",
-    "experiments.loop",
-}
-"""These take minutes; what they do has tests of its own."""
+"""Listings of docs/examples, which have tests of their own."""
+FILES = ("toml", "json", "c", "python")
+SLOW = {module for name, module in MODULES.items() if name not in ("check", "policies")}
+SLOW |= {"experiments.films", "experiments.loop"}
+"""Modules that run for minutes, which have tests of their own."""
 ELSEWHERE = {"git", "source", "tensorboard", "cleanrl/ppo_continuous_action.py", "rl_zoo3.train"}
-"""Not ours, or nothing to run here; rl_zoo3 is run by tests/envs/test_ecosystem.py."""
+"""Programs of others; tests/envs/test_ecosystem.py runs rl_zoo3."""
 FOUND = {
     "solref": "Restitution in MuJoCo", "ROS": "Questions", "Windows": "Questions", "cite": "Questions",
     "Franka": "Whole arms", "tutorial": "First hour",
 }  # fmt: skip
-"""What one searches for, and the page that has it."""
+"""Words to search for, and the page that the search must find."""
 NEEDS = {
     "deploy-c.md": "onnxruntime", "mujoco.md": "mujoco",
     "README.md": "stable_baselines3", "libraries.md": "stable_baselines3",
@@ -58,22 +57,17 @@ def blocks(page):
         yield language, title, code, text[: block.start()].count("\n") + 2
 
 
-def commands(code):
-    """The commands of a shell block, as lists of words."""
-    lines = code.replace("\\\n", " ").splitlines()
-    return [words for line in lines for words in (shlex.split(line, comments=True),) if words]
-
-
 def run_shell(code, monkeypatch):
-    """Run a shell block, but for what takes minutes; return what it printed."""
+    """Run a shell block, except slow commands; return what it printed."""
     printed = ""
-    for words in commands(code):
+    lines = code.replace("\\\n", " ").splitlines()
+    for words in filter(None, (shlex.split(line, comments=True) for line in lines)):
         if words[0] == "make":
             subprocess.run([*words, "--dry-run", "--silent"], cwd=ROOT, check=True, capture_output=True)
             continue
         if words[0] == "impact-gym":
             words[:2] = ["python", "-m", MODULES[words[1]]]
-        if words[:2] == ["python", "-m"] and words[2] in UNDER_WAY:
+        if words[:2] == ["python", "-m"] and words[2] in SLOW:
             read_options(words[2], words[3:], monkeypatch)
         elif not ELSEWHERE & {*words[:3]}:
             words = [str(ROOT / word) if word.startswith("docs/examples/") else word for word in words]
@@ -85,7 +79,7 @@ def run_shell(code, monkeypatch):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_page_shows_what_is_so(page, tmp_path, monkeypatch, capsys):
+def test_examples_of_a_page_run_and_print_what_the_page_shows(page, tmp_path, monkeypatch, capsys):
     if page.name in NEEDS:
         pytest.importorskip(NEEDS[page.name])
     monkeypatch.chdir(tmp_path)
@@ -114,7 +108,7 @@ def test_page_shows_what_is_so(page, tmp_path, monkeypatch, capsys):
         elif language == "toml":
             tomllib.loads(code)
         else:
-            assert language in SHOWN, f"{where}: nothing says how {language!r} is tested"
+            assert language == "diff", f"{where}: no test of {language!r}"
 
 
 CARDS = {path.stem: [*policies.card(path.stem)] for path in SHIPPED.glob("*.npz")}
@@ -123,15 +117,15 @@ PRINTED = {
         r"(8fc14f9 \W*(?:with\s+)?)?`(impact-gym [a-z][^`]*)`", page.read_text()) if not earlier),
     *(command for card in CARDS.values() for command in re.findall(r"made by: (impact-gym [^(]*)", "\n".join(card))),
 }  # fmt: skip
-"""Commands in texts and on cards; those of an earlier commit run there."""
+"""Commands in texts and on cards, except those of an earlier commit."""
 
 
 @pytest.mark.parametrize("command", sorted(PRINTED))
-def test_printed_command_is_one(command, monkeypatch):
+def test_printed_command_has_valid_options(command, monkeypatch):
     read_printed(command, monkeypatch)
 
 
-def test_every_card_and_their_list_say_how_a_policy_is_made_and_used(monkeypatch, capsys):
+def test_cards_and_list_of_policies_say_how_to_make_and_use_one(monkeypatch, capsys):
     assert [name for name, card in CARDS.items() if f"made by: impact-gym train {name}" not in "\n".join(card)] == []
     monkeypatch.setattr(sys, "argv", ["impact-gym policies", "linear-blind"])
     policies.main()
@@ -141,7 +135,7 @@ def test_every_card_and_their_list_say_how_a_policy_is_made_and_used(monkeypatch
         read_printed(command, monkeypatch)
 
 
-def test_what_is_generated_stands_in_the_pages():
+def test_generated_parts_of_pages_are_current():
     for package in ("latex2mathml", "pygame"):
         pytest.importorskip(package, reason="the extra docs is not installed")
     filled = runpy.run_path(str(ROOT / "docs/generated.py"))["filled"]
@@ -150,7 +144,7 @@ def test_what_is_generated_stands_in_the_pages():
     assert [page for page in written if filled(page.read_text()) != page.read_text()] == [], "run docs/generated.py"
 
 
-def test_notebook_prints_what_it_shows(capsys):
+def test_notebook_prints_the_outputs_that_it_contains(capsys):
     pytest.importorskip("matplotlib").use("Agg")
     namespace = {}
     for cell in json.loads((ROOT / "docs/examples/first_steps.ipynb").read_text())["cells"]:
@@ -160,7 +154,7 @@ def test_notebook_prints_what_it_shows(capsys):
             assert capsys.readouterr().out == "".join(shown)
 
 
-def test_readme_is_a_front_page_and_its_results_are_those_of_the_documentation():
+def test_readme_is_short_its_links_lead_to_files_and_its_results_are_in_the_documentation():
     text, results = (ROOT / "README.md").read_text(), (ROOT / "docs/results.md").read_text()
     assert len(text.splitlines()) <= 60
     links = re.findall(r"\]\((.+?)\)", text)
@@ -171,7 +165,7 @@ def test_readme_is_a_front_page_and_its_results_are_those_of_the_documentation()
     assert [share for share in shares if share not in results] == []
 
 
-def test_site_builds_is_whole_and_finds_what_is_searched_for_without_a_network(tmp_path):
+def test_site_has_all_pages_and_its_search_works_without_a_network(tmp_path):
     for package in ("material", "mkdocstrings", "latex2mathml", "pygame"):
         pytest.importorskip(package, reason="the extra docs is not installed")
     site, environment = tmp_path / "site", os.environ | {"NO_MKDOCS_2_WARNING": "1"}

@@ -1,4 +1,4 @@
-"""The scripts in docs/examples run as they stand, and what they print is so."""
+"""The files in docs/examples: scripts print the numbers of `simulate`, set-ups hold what their texts say."""
 
 import re
 import subprocess
@@ -21,7 +21,7 @@ EXAMPLES = ROOT / "docs" / "examples"
 
 
 def printed_by(name, *arguments):
-    """What an example prints, a warning being an error, as lists of the numbers in its lines."""
+    """The numbers in each line that an example prints; a warning is an error."""
     command = [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -29,7 +29,7 @@ def printed_by(name, *arguments):
 
 
 def paper_rule(seed):
-    """Approach time and V_p of the paper's rule, by `simulate`, in the scenario that a seed is documented to draw."""
+    """Approach time and V_p of the paper's rule by `simulate`, in the scenario that is documented for a seed."""
     mass, stiffness, restitution, share = gym.utils.seeding.np_random(seed)[0].random(7)[:4]
     mass, stiffness = 0.1 * 25.0**mass, 1e3 * 1e3**stiffness
     restitution, distance = 0.1 + 0.9 * restitution, 0.15 + 0.2 * share
@@ -42,15 +42,14 @@ DESIGNED = {"designed-mechanism.toml", "designed-foam.toml"}
 
 
 @pytest.mark.parametrize("name", sorted(DESIGNED))
-def test_designed_end_effector_is_a_set_up_with_the_training_of_the_one_it_began_with(name):
-    """All that may be warned of is that it holds its tool only up to some acceleration; its controller stays below."""
+def test_designed_end_effector_is_a_set_up_with_the_training_of_its_original(name):
     setup = load_setup(EXAMPLES / name)
-    sentences = feasible.warnings(Task(**setup.environment))
+    sentences = feasible.warnings(Task(**setup.environment))  # its controller stays below that acceleration
     assert [sentence for sentence in sentences if "the front stop holds the tool up to" not in sentence] == []
     assert setup.training.steps == load_setup("linear-blind").training.steps
 
 
-def test_contact_of_the_padded_design_is_what_its_pad_leaves_of_the_usual_scenarios():
+def test_contact_of_the_padded_design_is_that_of_the_usual_scenarios_behind_its_pad():
     setup, usual = load_setup(EXAMPLES / "designed-foam.toml"), ScenarioRanges()
     corners = np.array([on_pad("memory-foam", k, e) for k in usual.contact_stiffness for e in usual.restitution])
     for name, values in zip(("contact_stiffness", "restitution"), corners.T, strict=True):
@@ -69,7 +68,7 @@ def test_examples_all_have_a_test():
     assert {file.name for file in EXAMPLES.iterdir() if file.is_file()} == here | elsewhere | on_a_page
 
 
-def test_drawn_sensor_is_that_of_linear_sensed_but_not_told():
+def test_set_up_sensed_drawn_is_linear_sensed_with_drawn_errors_of_the_sensor():
     setup, sensed = load_setup(EXAMPLES / "sensed-drawn.toml"), load_setup("linear-sensed")
     others = {name: value for name, value in sensed.environment.items() if name != "range_sensor"}
     assert others == {name: value for name, value in setup.environment.items() if name != "range_sensor"}

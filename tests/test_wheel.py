@@ -1,4 +1,4 @@
-"""What `pip install impact-gym` gives: a wheel, used where nothing is installed but what it asks for; how it loads."""
+"""The wheel of `pip install impact-gym`, in an environment with its requirements alone; the import of the package."""
 
 import os
 import re
@@ -20,6 +20,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("impact_gym", "agents", "experiments")
 NOT_SHIPPED = {".pyx", ".pxi", ".h", ".c", ".so"}
 BUILT = shutil.ignore_patterns("__pycache__", "*.so", "kernels.c", "dop853.pxi", "numbers.pxi")
+TEN_LINES = re.search(r"```python\n(import gymnasium.*?)```", (ROOT / "docs/index.md").read_text(), re.DOTALL)[1]
 EPISODES = """
 from impact_gym.agents import baselines, load_policy, load_setup
 from impact_gym.agents.setups import shipped
@@ -36,27 +37,25 @@ for setup in map(load_setup, shipped()):
 """
 
 
-TEN_LINES = re.search(r"```python\n(import gymnasium.*?)```", (ROOT / "docs/index.md").read_text(), re.DOTALL)[1]
-
-
-def run(*command, where, check=True):
-    """What a command says, in a folder and without a way to find the checkout."""
-    variables = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+def run(*command, where, check=True, **variables):
+    """Run a command in a folder, without a way to find the checkout."""
+    others = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     done = subprocess.run(
-        [*map(str, command)], cwd=where, env=variables, capture_output=True, text=True, check=False, timeout=300
-    )
+        [*map(str, command)], cwd=where, env=others | variables, capture_output=True, text=True, check=False,
+        timeout=300,
+    )  # fmt: skip
     assert done.returncode == 0 or not check, done.stderr
     return done
 
 
-def asked_for(requirements, extra=""):
-    """Names of the distributions, installed here, that requirements ask for, directly or not."""
+def required(requirements, extra=""):
+    """Names of the installed distributions that requirements need, directly or not."""
     names, waiting = set(), [(line, extra) for line in requirements]
     while waiting:
         line, of_extra = waiting.pop()
-        wanted = Requirement(line)
-        name = canonicalize_name(wanted.name)
-        if name not in names and (wanted.marker is None or wanted.marker.evaluate({"extra": of_extra})):
+        needed = Requirement(line)
+        name = canonicalize_name(needed.name)
+        if name not in names and (needed.marker is None or needed.marker.evaluate({"extra": of_extra})):
             names.add(name)
             waiting += [(further, "") for further in distribution(name).requires or ()]
     return names
@@ -64,7 +63,7 @@ def asked_for(requirements, extra=""):
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    """A wheel of the checkout, compiled from a copy, so that nothing is left beside the sources."""
+    """A wheel of the checkout, built from a copy, so that no build files are left in the checkout."""
     copy, out = tmp_path_factory.mktemp("sources"), tmp_path_factory.mktemp("wheel")
     for name in PACKAGES:
         shutil.copytree(ROOT / name, copy / name, ignore=BUILT)
@@ -78,9 +77,9 @@ def wheel(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def commands(tmp_path_factory, wheel):
-    """The commands of an environment with the wheel, links to what it and a report ask for, and nothing else.
+    """The commands of an environment with the wheel and the requirements of it and its report.
 
-    Beside it are modules of the names of our folders, as openai-agents installs one.
+    It also has other modules named like our folders, as openai-agents installs one.
     """
     folder = tmp_path_factory.mktemp("installed")
     venv.create(folder, with_pip=False)
@@ -88,7 +87,7 @@ def commands(tmp_path_factory, wheel):
     install = ("install", "--quiet", "--no-deps", "--no-index", "--disable-pip-version-check", wheel)
     run(sys.executable, "-m", "pip", "--python", folder / "bin" / "python", *install, where=folder)
     (metadata,) = packages.glob("impact_gym-*.dist-info")
-    for name in asked_for(Distribution.at(metadata).requires, "report"):
+    for name in required(Distribution.at(metadata).requires, "report"):
         files = distribution(name).files
         for top in {file.parts[0] for file in files} - {"..", "__pycache__"}:
             (packages / top).symlink_to(distribution(name).locate_file(top))
@@ -97,7 +96,7 @@ def commands(tmp_path_factory, wheel):
     return folder / "bin"
 
 
-def test_wheel_holds_every_file_of_the_packages_but_the_sources_of_the_solver(wheel):
+def test_wheel_has_every_file_of_the_packages_except_the_sources_of_the_solver(wheel):
     held = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     (solver,) = (name for name in held if name.endswith(".so"))
     assert solver.startswith("impact_gym/kernels.")
@@ -107,7 +106,7 @@ def test_wheel_holds_every_file_of_the_packages_but_the_sources_of_the_solver(wh
     assert wheel.stat().st_size < 5e6
 
 
-def test_wheel_plays_policies_and_baselines_as_the_checkout_does_without_torch(commands, tmp_path):
+def test_policies_and_baselines_of_the_wheel_have_the_results_of_the_checkout_without_torch(commands, tmp_path):
     for code in (TEN_LINES, EPISODES):
         played = run(commands / "python", "-W", "error", "-c", code, where=tmp_path).stdout
         assert played == run(sys.executable, "-W", "error", "-c", code, where=ROOT).stdout
@@ -116,7 +115,7 @@ def test_wheel_plays_policies_and_baselines_as_the_checkout_does_without_torch(c
     assert "No module named 'torch'" in refused.stderr
 
 
-def test_command_runs_what_is_installed_and_says_in_one_line_what_is_not(commands, tmp_path):
+def test_command_runs_or_says_in_one_line_what_to_install(commands, tmp_path):
     assert "identify" in run(commands / "impact-gym", "--help", where=tmp_path).stdout
     assert "--scene" in run(commands / "impact-gym", "identify", "--help", where=tmp_path).stdout
     assert "linear-blind: " in run(commands / "impact-gym", "policies", where=tmp_path).stdout
@@ -127,7 +126,7 @@ def test_command_runs_what_is_installed_and_says_in_one_line_what_is_not(command
     assert line.endswith("pip install 'impact-gym[train,report]'")
 
 
-def test_report_and_study_are_written_in_a_folder_with_baselines_and_experiments_of_its_own(commands, tmp_path):
+def test_report_and_study_run_in_a_folder_with_its_own_baseline_and_package_experiments(commands, tmp_path):
     (tmp_path / "experiments").mkdir()
     (tmp_path / "experiments" / "__init__.py").touch()
     (tmp_path / "mine.py").write_text("from impact_gym.agents.baselines import PaperTrapezoid as Rule\n")
@@ -138,7 +137,7 @@ def test_report_and_study_are_written_in_a_folder_with_baselines_and_experiments
     assert (tmp_path / "paper" / "statements.csv").is_file()
 
 
-def test_version_is_the_newest_of_the_changelog_and_the_cited_one():
+def test_version_is_that_of_changelog_and_citation():
     newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     cited = re.search(r"^version: (\S+)", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
     assert newest[1] == cited[1] == impact_gym.__version__
@@ -148,11 +147,8 @@ PACKAGE = Path(impact_gym.__file__).parent
 
 
 def printed(code, where=PACKAGE.parent):
-    """What a fresh process prints, with the package that lies in `where`."""
-    process = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code], env=os.environ | {"PYTHONPATH": str(where)}, cwd=where,
-        capture_output=True, text=True, check=False, timeout=100,
-    )  # fmt: skip
+    """What a new process prints, with the package in the folder `where`."""
+    process = run(sys.executable, "-W", "error", "-c", code, where=where, check=False, PYTHONPATH=str(where))
     return process.stdout + process.stderr
 
 
@@ -162,7 +158,7 @@ def copy(tmp_path):
     return tmp_path / "impact_gym"
 
 
-def test_import_does_not_load_what_learning_and_plotting_need():
+def test_import_does_not_load_the_packages_for_learning_and_plotting():
     heavy = {"torch", "stable_baselines3", "matplotlib", "tensorboard", "pygame", "pandas", "mujoco"}
     loaded = printed("import sys, impact_gym; print(*sorted({name.split('.')[0] for name in sys.modules}))").split()
     assert "impact_gym" in loaded
@@ -171,8 +167,8 @@ def test_import_does_not_load_what_learning_and_plotting_need():
 
 @pytest.mark.parametrize(("missing", "message"), [
     (["kernels*.so"], "the solver is not compiled; compile it with `make"),
-    (["*.pyx", "*/*.pxi", "*/*.h"], ""),  # a wheel without sources is taken as it is
-    (["solver/dop853.pxi", "task/numbers.pxi"], ""),  # generated ones are not needed any more
+    (["*.pyx", "*/*.pxi", "*/*.h"], ""),  # as in a wheel
+    (["solver/dop853.pxi", "task/numbers.pxi"], ""),  # generated sources
 ])  # fmt: skip
 def test_import_refuses_a_missing_solver_but_no_missing_sources(copy, missing, message):
     for file in [file for pattern in missing for file in copy.glob(pattern)]:
@@ -192,6 +188,6 @@ def test_import_refuses_a_solver_compiled_from_other_sources_or_generators(copy,
     assert message in printed("import impact_gym", copy.parent)
 
 
-def test_name_in_the_package_is_the_module_that_lies_beside_a_checkout():
-    alike = "import agents.jobs, impact_gym.agents.jobs as jobs; print(jobs is agents.jobs, jobs.__spec__.name)"
-    assert printed(alike) == "True agents.jobs\n"
+def test_impact_gym_agents_is_the_module_agents_in_a_checkout():
+    same = "import agents.jobs, impact_gym.agents.jobs as jobs; print(jobs is agents.jobs, jobs.__spec__.name)"
+    assert printed(same) == "True agents.jobs\n"

@@ -23,7 +23,7 @@ from impact_gym.task import ObservationSpec
 from impact_gym.task.action import RESOLUTION
 from impact_gym.task.observation import CURVES, Entry
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
-from impact_gym.teleop.checks import FADE
+from impact_gym.teleop.link import FADE
 
 CLOCK = 1e-9  # s, within which times are the same
 C_ACTIVATIONS = {"tanh": "tanhf((float)sum)", "relu": "sum > 0.0 ? (float)sum : 0.0f", "none": "(float)sum"}

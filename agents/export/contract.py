@@ -21,7 +21,7 @@ from agents.provenance import todays
 from agents.setups import TUNED, Setup, load_setup, owner, shipped, shipped_baselines
 from agents.setups.setup import UNSAID
 from impact_gym.task import QUANTITIES, ActionSpec, ObservationSpec
-from impact_gym.teleop.checks import FADE
+from impact_gym.teleop.link import FADE
 from impact_gym.validation import nearest
 
 FORMAT = "impact_gym controller 1"

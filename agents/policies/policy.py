@@ -18,7 +18,7 @@ from agents import archive
 from agents.policies.networks import Network, from_arrays, to_arrays
 from impact_gym.files import named_file, reason
 from impact_gym.task import ActionSpec, ObservationSpec, Task
-from impact_gym.teleop.checks import without_files
+from impact_gym.teleop.channels import without_files
 from impact_gym.validation import array, shown, whole
 
 SHIPPED = Path(__file__).parent

@@ -16,8 +16,7 @@ from agents.setups.keys import known, names, table, text, within
 from agents.setups.training import Training
 from impact_gym.files import named_file, parsed
 from impact_gym.task import QUANTITIES, ObservationSpec, Task
-from impact_gym.teleop.channels import columns_of
-from impact_gym.teleop.checks import WAYS
+from impact_gym.teleop.channels import WAYS, columns_of
 from impact_gym.validation import flag, identifier, number, one_of, whole
 
 SHIPPED = Path(__file__).resolve().parent

@@ -8,7 +8,7 @@ from experiments.lab.study import Run, StudyOptions
 
 
 def design(options: DesignOptions) -> None:
-    """Search for the design, write it as a set-up, and write the page."""
+    """Search for the design, and write it as a set-up and on a page."""
     checked, command = options.checked(), command_of("design", options)
     run = Run(study_of(checked), StudyOptions(checked.out, processes=checked.processes), command)
     page = run.write()

@@ -1,4 +1,4 @@
-"""Other processes and threads, arrays that are handed out, wrappers of Gymnasium, and learning by rl_zoo3."""
+"""Use beside other software: processes, threads, wrappers of Gymnasium, and training by rl_zoo3."""
 
 import copy
 import importlib.util
@@ -26,17 +26,8 @@ EVERYTHING = EVERYTHING_DRAWN["spring"] | {"privileged": True}
 KINDS = ["single", "NextStep", "SameStep", "stable"]
 
 
-def running(kind):
-    """An environment in mid-episode."""
-    make = {"single": partial(gym.make, ID, record_trace=True), "stable": partial(ImpactVecEnv, SLOTS)}
-    env = make.get(kind, partial(gym.make_vec, ID, SLOTS, autoreset_mode=kind))(**EVERYTHING)
-    begin(env, seed=1)
-    go_on(env, action_table(4)[:19])
-    return env
-
-
-def go_on(env, rows):
-    """Step through further episodes; what happened."""
+def step_through(env, rows):
+    """Step through one or several episodes; return everything that the environment returned."""
     history = []
     for row in rows:
         history.append(env.step(row[0] if isinstance(env, gym.Env) else row))
@@ -47,7 +38,7 @@ def go_on(env, rows):
 
 
 def arrays_in(value):
-    """Every array of numbers in nested dicts, lists, tuples and arrays of objects."""
+    """Every array of numbers in a nested value."""
     if isinstance(value, np.ndarray) and value.dtype != object:
         return [value]
     if isinstance(value, dict):
@@ -58,11 +49,12 @@ def arrays_in(value):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_arrays_that_were_returned_are_never_used_again(kind):
-    env = running(kind)
-    returned = [begin(env), *go_on(env, action_table(9)[:60])]
+def test_returned_arrays_are_never_written_again(kind):
+    make = {"single": partial(gym.make, ID, record_trace=True), "stable": partial(ImpactVecEnv, SLOTS)}
+    env = make.get(kind, partial(gym.make_vec, ID, SLOTS, autoreset_mode=kind))(**EVERYTHING)
+    returned = [begin(env, seed=1), *step_through(env, action_table(9)[:60])]
     snapshot = copy.deepcopy(returned)
-    go_on(env, action_table(10)[:60])
+    step_through(env, action_table(10)[:60])
     assert_identical(returned, snapshot)
     arrays = arrays_in(returned)
     assert len(arrays) > 60
@@ -70,13 +62,13 @@ def test_arrays_that_were_returned_are_never_used_again(kind):
 
 
 def wrapped(envs):
-    """Gymnasium's wrappers for batches, on top of each other."""
+    """The batch in several of Gymnasium's wrappers."""
     envs = wrappers.NormalizeReward(wrappers.NormalizeObservation(wrappers.RecordEpisodeStatistics(envs)))
     envs = wrappers.RescaleAction(envs, np.full(2, -0.5, np.float32), np.full(2, 1.5, np.float32))
     return wrappers.DictInfoToList(envs)
 
 
-def test_wrapped_batch_returns_what_gymnasiums_workers_return_that_import_the_package_by_the_id():
+def test_wrapped_batch_returns_what_gymnasiums_worker_processes_return():
     make, workers = partial(gym.make_vec, num_envs=2, **EVERYTHING), {"context": "spawn", "autoreset_mode": "NextStep"}
     envs = wrapped(make(ID))
     other = wrapped(make(f"impact_gym:{ID}", vectorization_mode="async", vector_kwargs=workers))
@@ -98,35 +90,25 @@ def test_wrapped_batch_returns_what_gymnasiums_workers_return_that_import_the_pa
 ROOT = Path(__file__).parents[2]
 
 
-def trained_by_rl_zoo3(algorithm, steps, folder):
-    """What rl_zoo3 trains with the settings of the documentation: the settings in its file, and its folder."""
-    # not imported here: it replaces Gymnasium's TimeLimit by its own
+@pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, reason="rl_zoo3 is not installed")
+@pytest.mark.parametrize(("algorithm", "envs", "steps"), [("ppo", 64, 65536), ("sac", 16, 4200), ("td3", 128, 10_400)])
+def test_rl_zoo3_trains_with_the_settings_of_the_documentation_and_ppo_learns(algorithm, envs, steps, tmp_path):
+    # rl_zoo3 is not imported here: it replaces Gymnasium's TimeLimit by its own
     arguments = (f"-m rl_zoo3.train --algo {algorithm} --env {ID} --gym-packages impact_gym -n {steps} --seed 3 "
                  f"--eval-freq -1 --num-threads 1 --device cpu -conf docs/examples/rl_zoo3-{algorithm}.yml "
-                 f"-f {folder}")  # fmt: skip
+                 f"-f {tmp_path}")  # fmt: skip
     subprocess.run([sys.executable, *arguments.split()], cwd=ROOT, check=True, capture_output=True)
-    run = folder / algorithm / f"{ID}_1"
-    with zipfile.ZipFile(run / f"{ID}.zip") as model:
-        return json.loads(model.read("data")), run
-
-
-WITHOUT_ZOO = pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, reason="rl_zoo3 is not installed")
-
-
-@WITHOUT_ZOO
-@pytest.mark.parametrize(("algorithm", "envs", "steps"), [("sac", 16, 4200), ("td3", 128, 10_400)])
-def test_rl_zoo3_takes_the_settings_of_algorithms_with_a_replay_buffer(algorithm, envs, steps, tmp_path):
-    settings, _ = trained_by_rl_zoo3(algorithm, steps, tmp_path)
-    assert (settings["n_envs"], settings["gamma"], settings["tau"]) == (envs, 1.0, 0.02)
+    folder = tmp_path / algorithm / f"{ID}_1"
+    with zipfile.ZipFile(folder / f"{ID}.zip") as model:
+        settings = json.loads(model.read("data"))
+    assert settings["n_envs"] == envs
     assert settings["_n_updates"] > 0
-
-
-@WITHOUT_ZOO
-def test_rl_zoo3_trains_from_its_command_line_with_the_set_up_of_the_documentation_and_learns(tmp_path):
-    settings, folder = trained_by_rl_zoo3("ppo", 65536, tmp_path)
-    assert (settings["n_envs"], settings["num_timesteps"]) == (64, 65536)
+    if algorithm != "ppo":
+        assert (settings["gamma"], settings["tau"]) == (1.0, 0.02)
+        return
+    assert settings["num_timesteps"] == steps
     monitors = [np.loadtxt(file, delimiter=",", skiprows=2, ndmin=2) for file in folder.glob("*.monitor.csv")]
-    episodes = np.concatenate(monitors)  # return, length, and time (s) by the clock on the wall
+    episodes = np.concatenate(monitors)  # return, length, and wall-clock time in s
     first, *_, last = np.array_split(episodes[episodes[:, 2].argsort(), 0], 8)
     assert last.mean() - first.mean() > 4.0 * (first.var() / len(first) + last.var() / len(last)) ** 0.5
 
@@ -136,7 +118,7 @@ IDS = ("ImpactApproach-v0", "ImpactApproachBistable-v0", "ImpactTeleop-v0")
 
 
 def of_batch(seed):
-    """What a batch of another environment for each seed comes to after some steps at random."""
+    """The results of random steps in a batch; each seed has another environment."""
     envs = gym.make_vec(IDS[seed % len(IDS)], num_envs=16, threads=1 + seed % 2)
     rng, kept = np.random.default_rng(seed), [envs.reset(seed=seed)[0]]
     for _ in range(40):
@@ -146,14 +128,14 @@ def of_batch(seed):
 
 
 def of_scene(seed):
-    """What a scene with another stiffness and coupling for each seed comes to."""
+    """The results of a scene; each seed has another stiffness and coupling."""
     chain = scene(1e4 * (1 + seed), 0.4, [*COUPLINGS.values()][seed % 3])
     outcome = ig.simulate(chain, MOTION, duration=2.0, trace=True)
     return [np.array([outcome.object_velocity, outcome.peak_force]), outcome.trace.time, outcome.trace.contact_force]
 
 
 @pytest.mark.parametrize("work", [of_batch, of_scene])
-def test_threads_do_not_see_each_other(work):
+def test_results_in_threads_are_those_of_one_thread(work):
     seeds = list(range(WORKERS))
     alone = list(map(work, seeds))
     before = sys.getswitchinterval()
@@ -166,17 +148,14 @@ def test_threads_do_not_see_each_other(work):
     assert_identical(together, alone * ROUNDS)
 
 
-def test_batch_for_stable_baselines3_warns_once_where_torch_takes_more_than_half_of_the_cores():
+def test_batch_for_stable_baselines3_warns_once_if_torch_uses_more_than_half_of_the_cores():
     sb3 = pytest.importorskip("impact_gym.envs.sb3")
     sb3.warn_of_threads.cache_clear()
+    with pytest.warns(UserWarning, match=r"9 threads on 16 cores.*set_num_threads\(1\)"):
+        sb3.warn_of_threads(9, 16)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        for threads, available in ((1, 1), (1, 2), (8, 16)):
+        for threads, available in ((9, 16), (1, 1), (1, 2), (8, 16)):
             sb3.warn_of_threads(threads, available)
-        with pytest.raises(UserWarning, match=r"2 threads on 2 cores.*set_num_threads\(1\)"):
+        with pytest.raises(UserWarning, match="2 threads on 2 cores"):
             sb3.warn_of_threads(2, 2)
-    with pytest.warns(UserWarning, match="9 threads on 16 cores"):
-        sb3.warn_of_threads(9, 16)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        sb3.warn_of_threads(9, 16)

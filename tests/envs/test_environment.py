@@ -1,6 +1,6 @@
 """The environment plays the physics of `simulate`, its actions are commands in SI units, and wrong calls are refused.
 
-All other bad input: tests/test_refusals.py.
+All other refusals of bad input are in tests/test_refusals.py.
 """
 
 from functools import partial
@@ -9,7 +9,7 @@ from itertools import product
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, PAPERS_SPRING, Always, Given, assert_identical, encode, history, play, scenes_of, seconds
+from episodes import ID, PAPERS_SPRING, Always, Given, assert_identical, encode, history, play, scenes_of
 
 import impact_gym as ig
 from agents.baselines import PaperTrapezoid
@@ -26,6 +26,12 @@ PERIODS_AND_DELAYS = [
     (0.016, 0.016), (0.004, 0.016), (0.008, 0.016), (0.011, 0.016), (0.016, 0.0), (0.016, 0.005), (0.016, 0.040),
     (0.011, 0.040),
 ]  # fmt: skip
+RESET_NEEDED = pytest.raises((RuntimeError, gym.error.ResetNeeded), match="reset")
+
+
+def seconds(observation):
+    """The time of an observation."""
+    return 0.75 * (float(observation[2]) + 1.0)
 
 
 @pytest.mark.parametrize("options", [
@@ -36,7 +42,7 @@ PERIODS_AND_DELAYS = [
 ], ids=str)  # fmt: skip
 def test_papers_rule_played_in_the_environment_equals_simulate(options):
     coupling, law = options.get("coupling", PAPERS_SPRING), options.get("dissipation", "hu-guo")
-    # a bistable tool's flight has no closed form, and near the alignment it multiplies errors
+    # a bistable tool's flight has no closed form and multiplies errors near the alignment
     rtol, flight_error = (1e-11, 1e-11) if isinstance(coupling, ig.Bistable) else (1e-8, 1e-12)
     played = ScenarioBatch(31, 60, Task(rtol=rtol, **options)).play(PaperTrapezoid())
     brake = ig.Brake(options.get("alarm_threshold", 1.0), options.get("reaction_delay", 0.016))
@@ -48,16 +54,16 @@ def test_papers_rule_played_in_the_environment_equals_simulate(options):
         assert played.peak_force[row] == pytest.approx(outcome.peak_force, rel=1e-8)
 
 
-@pytest.mark.parametrize("still", [Always(0.0, 20.0), Always(-0.5, 1.0)], ids=["stand still", "go back"])
+@pytest.mark.parametrize("velocity", [0.0, -0.5])
 @pytest.mark.parametrize(("period", "steps"), [(0.016, 75), (0.008, 150), (0.011, 110)])
-def test_object_never_reached_is_missed_at_twelve_tenths_of_a_second(still, period, steps):
-    observations, rewards, info = play(gym.make(ID, control_period=period), still, seed=1)
+def test_object_never_reached_is_missed_after_1_2_seconds(velocity, period, steps):
+    observations, rewards, info = play(gym.make(ID, control_period=period), Always(velocity, 20.0), seed=1)
     assert (info["approach_time"], info["missed"], info["peak_force"], len(rewards)) == (1.2, True, 0.0, steps)
     assert seconds(observations[-1]) == pytest.approx(1.2, rel=0, abs=1e-7)
     assert info["reward_terms"] == {"time": -2.4, "velocity": 0.0, "force": 0.0, "missed": -2.0}
 
 
-def test_touch_too_soft_for_the_alarm_is_a_contact_that_runs_to_the_end():
+def test_touch_too_soft_for_the_alarm_is_a_contact_and_the_episode_lasts_until_the_time_limit():
     crawl = Always(0.05, 1.0)
     soft = {"object_mass": 0.1, "contact_stiffness": 1e3, "restitution": 0.5, "distance": 0.02}
     observations, rewards, info = play(gym.make(ID), crawl, scenario=soft)
@@ -70,8 +76,7 @@ def test_touch_too_soft_for_the_alarm_is_a_contact_that_runs_to_the_end():
     assert info["object_velocity"] == pytest.approx(outcome.object_velocity, rel=0, abs=1e-8)
 
 
-def test_flange_still_counts_after_the_end():
-    """Pressed on at full speed, the object gains more while the flange brakes: ending early gains nothing."""
+def test_velocity_that_the_object_gains_while_the_flange_brakes_after_the_end_counts():
     env, press_on = gym.make(ID, record_trace=True), Always(1.5, 20.0)
     heavy = {"object_mass": 2.5, "contact_stiffness": 1e5, "restitution": 0.5, "distance": 0.2}
     observations, _, info = play(env, press_on, scenario=heavy)
@@ -81,8 +86,7 @@ def test_flange_still_counts_after_the_end():
     assert outcome.object_velocity > np.interp(end, trace.time, trace.object_velocity) + 0.1
 
 
-def test_first_uniform_numbers_of_the_generator_are_the_scenario():
-    """As documented: eleven uniform numbers an episode, whatever the options, so that episodes can be jumped to."""
+def test_episode_draws_eleven_uniform_numbers_and_the_first_are_the_scenario_as_documented():
     low, high = np.array([(0.1, 2.5), (1e3, 1e6), (0.1, 1.0), (0.15, 0.35), (0.5, 8.0)]).T
     for options in ({}, {"range_noise": 0.01, "force_noise": 0.1, "force_bias": 0.1, "reaction_delay": (0.0, 0.05)}):
         env = gym.make(ID, time_weight=(0.5, 8.0), **options)
@@ -101,7 +105,7 @@ def test_named_sets_are_the_documented_ones():
     assert all(hard[field][1] <= low or hard[field][0] >= high for field, (low, high) in train.items())
 
 
-def test_float32_actions_command_the_papers_rule_exactly_and_every_round_number_to_rounding():
+def test_float32_actions_encode_the_papers_rule_exactly_and_every_round_number_to_rounding():
     decode = ActionSpec(Task()).decode
     assert encode(1.0, 8.0).dtype == np.float32
     assert decode(encode(1.0, 8.0)).tolist() == [1.0, 8.0]
@@ -113,8 +117,7 @@ def test_float32_actions_command_the_papers_rule_exactly_and_every_round_number_
 
 
 @pytest.mark.parametrize("options", [{}, {"velocity_range": (-1.0, 0.5), "acceleration_range": (0.5, 10.0)}], ids=str)
-def test_flange_does_what_the_action_says_in_si_units(options):
-    """After a period it moves at the acceleration that was decoded, later at the velocity, to the bit."""
+def test_flange_moves_with_the_decoded_acceleration_and_reaches_the_decoded_velocity_to_the_bit(options):
     envs = gym.make_vec(ID, num_envs=np.int64(200), scenario={"distance": 0.5}, **options)
     spec = ActionSpec(Task(**options))
     action = np.random.default_rng(0).uniform(-1.2, 1.2, (200, 2)).astype(np.float32)
@@ -130,14 +133,14 @@ def test_flange_does_what_the_action_says_in_si_units(options):
     assert spec.encode(velocity, acceleration) == pytest.approx(np.clip(action, -1.0, 1.0), abs=2e-6)
 
 
-def test_action_means_the_same_as_float32_float64_or_list():
+def test_float32_float64_and_lists_of_actions_have_the_same_result():
     actions = np.random.default_rng(3).uniform(-1.0, 1.0, (100, 2)).astype(np.float32)
     expected = history(gym.make(ID), Given(actions), seed=8)
     for kind in (actions.astype(float), actions.tolist()):
         assert_identical(history(gym.make(ID), Given(kind), seed=8), expected)
 
 
-def test_baseline_commands_what_it_means_on_an_arm_of_other_ranges():
+def test_baseline_commands_the_same_motion_on_an_arm_of_other_ranges():
     scenario = {"object_mass": 0.5, "contact_stiffness": 3e4, "restitution": 0.4, "distance": 0.3}
     results = []
     for options in ({}, {"velocity_range": (-1.0, 2.0), "acceleration_range": (0.5, 20.0)}):
@@ -153,25 +156,22 @@ def test_baseline_commands_what_it_means_on_an_arm_of_other_ranges():
     (ImpactApproachEnv, (2,)),
 ], ids=["single", "vector", "stable", "by itself"])  # fmt: skip
 def test_step_before_the_first_reset_is_refused(make, shape):
-    with pytest.raises((RuntimeError, gym.error.ResetNeeded), match="reset"):
+    with RESET_NEEDED:
         make().step(np.zeros(shape, np.float32))
 
 
-def test_step_after_the_end_is_refused_instead_of_rewarded_again():
-    """`gym.make` lets such a step through to the environment; the batch without autoreset refuses it as well."""
+def test_step_after_the_end_is_refused():
     env = gym.make(ID)
     play(env, PaperTrapezoid())
-    with pytest.raises((RuntimeError, gym.error.ResetNeeded), match="reset"):
+    with RESET_NEEDED:
         env.step(np.zeros(2, np.float32))
     env.reset()
     assert env.step(np.zeros(2, np.float32))[2] is False
 
 
-def test_trace_that_is_not_kept_or_too_long_is_refused():
-    env = gym.make(ID, horizon=40.0, control_period=0.15)
-    with pytest.raises(RuntimeError, match="record_trace"):
-        env.unwrapped.trace()
-    env = gym.make(ID, horizon=40.0, control_period=0.15, record_trace=True)
+@pytest.mark.parametrize(("options", "message"), [({}, "record_trace"), ({"record_trace": True}, "trace points")])
+def test_trace_that_is_not_recorded_or_too_long_is_refused(options, message):
+    env = gym.make(ID, horizon=40.0, control_period=0.15, **options)
     play(env, Always(0.0, 20.0))
-    with pytest.raises(RuntimeError, match="trace points"):  # longer than a trace can be
+    with pytest.raises(RuntimeError, match=message):
         env.unwrapped.trace()

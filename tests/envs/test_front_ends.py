@@ -1,5 +1,7 @@
-"""One task behind every front end: what a row meets is, to the bit, what the single environment of its task gives."""
+"""One task behind every front end: each row gives, to the bit, what the single environment of its task gives."""
 
+import copy
+import pickle
 import warnings
 from functools import partial
 from inspect import signature
@@ -9,20 +11,18 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import stable_baselines3.common.env_checker as sb3_checker
-from episodes import ID, IDS, Given, action_table, assert_identical, begin, history
-from front_ends import FRONT_ENDS, MODES, assert_alike, loop_of, made, plain, stepped, twin_of
+from episodes import COMMANDED, ID, IDS, Given, action_table, assert_identical, begin, history
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
-from tasks import CHANNEL, OBSERVED, OWN, STORM, WITH_OPERATOR, rows_of_tasks
+from stable_baselines3.common.vec_env import DummyVecEnv
+from tasks import CHANNEL, FIXED, OBSERVED, OWN, STORM, WITH_OPERATOR, rows_of_tasks
 
 import impact_gym as ig
-from impact_gym.envs import of_objectives
 from impact_gym.envs.batch import ROWS_PER_THREAD
-from impact_gym.envs.objectives import MOImpactApproachVectorEnv
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.sb3 import ImpactVecEnv
@@ -30,14 +30,89 @@ from impact_gym.task import Task
 from impact_gym.task.episodes import RECORD_IDS
 from impact_gym.task.task import ARGUMENTS
 
+MODES = ["NextStep", "SameStep", "Disabled"]
+FRONT_ENDS = [*MODES, "stable-baselines3", "single"]
 HARD = {"scenario": "hard", "time_weight": (0.5, 8.0), "reaction_delay": 0.03}
 NOISY = {"range_noise": 0.01, "force_noise": 0.2, "force_bias": 0.1, "deflection_sensor": True, "privileged": True}
 TELEOP, UNSURE = "ImpactTeleop-v0", {"uplink": CHANNEL, "privileged": True, "force_noise": (0.1, 1.0)}
 MORE = ("coupling", "range_noise", "range_bias", "range_sensor", "reference_velocity")
-FIXED = st.sampled_from([
-    None, {"episode_index": 2}, {"scenario": {"distance": 0.1}},
-    {"record": {"restitution": 0.5, "noise_seed": 7.0}, "scenario": {"object_mass": 0.3}},
-])  # fmt: skip
+
+
+class InfoAtTheTimeLimit(gym.Wrapper):
+    """Gives the info of an episode that `TimeLimit` cuts, as the batches do."""
+
+    def step(self, action):
+        *rest, truncated, info = self.env.step(action)
+        return *rest, truncated, info | (self.unwrapped.episode_info() if truncated else {})
+
+
+def single(options):
+    return InfoAtTheTimeLimit(gym.make(ID, disable_env_checker=True, **options))
+
+
+def loop_of(front, rows):
+    """A loop over single environments, of Gymnasium or stable-baselines3, with a task in each row."""
+    singles = [partial(single, options) for options in rows]
+    if front == "stable-baselines3":
+        return DummyVecEnv(singles)
+    return SyncVectorEnv(singles, autoreset_mode="NextStep" if front == "single" else front)
+
+
+def made(front, rows):
+    """A front end with a task in each row."""
+    if front == "single":
+        return loop_of(front, rows)
+    if front == "stable-baselines3":
+        return ImpactVecEnv(len(rows), per_slot=rows, threads=1)
+    return ImpactApproachVectorEnv(len(rows), autoreset_mode=front, per_slot=rows, threads=1)
+
+
+def stepped(front, envs, actions):
+    """What a step returns; without autoreset followed by what the reset of the ended episodes returns."""
+    returned = envs.step(actions)
+    if front == "Disabled" and (ended := returned[2] | returned[3]).any():
+        returned += envs.reset(options={"reset_mask": ended})
+    return returned
+
+
+def assert_has(infos, expected):
+    """The columns have the values of a loop in all rows that have one; other rows may hold any number."""
+    for name, column in expected.items():
+        if isinstance(column, dict):
+            assert_has(infos[name], column)
+        elif not name.startswith("_"):
+            rows = expected[f"_{name}"]
+            assert name not in COMMANDED or (infos[f"_{name}"] == rows).all()
+            assert infos[f"_{name}"][rows].all()
+            assert_identical((name, infos[name][rows].tolist()), (name, column[rows].tolist()))
+
+
+def assert_alike(returned, expected, exact):
+    """A step of a front end is identical to that of its loop; with other tasks in other rows up to unused numbers."""
+    if isinstance(returned[-1], dict) and not exact:
+        assert [name for name in COMMANDED if name in returned[4] and name not in expected[4]] == []
+        for place in range(4, len(expected), 2):  # of infos
+            assert_has(returned[place], expected[place])
+        returned, expected = (each[:4] + each[5:6] for each in (returned, expected))
+    elif isinstance(returned[-1], list):
+        for info, ended in zip(expected[-1], expected[2], strict=True):
+            if not ended:
+                del info["TimeLimit.truncated"]  # a loop has it in every step
+    assert_identical(returned, expected)
+
+
+def twin_of(envs, twin, fresh, actions):
+    """A copy of a front end. The original then takes a step, which must not affect the copy."""
+    if twin == "state" and hasattr(envs, "get_state"):
+        other, state = fresh(), envs.get_state()
+        envs.step(actions)
+        other.set_state(state)
+        other.step(actions)
+        other.set_state(state)
+        return other
+    other = pickle.loads(pickle.dumps(envs)) if twin == "pickle" else copy.deepcopy(envs)
+    envs.step(actions)
+    return other
 
 
 def test_every_argument_of_a_task_is_in_the_strategy():
@@ -52,9 +127,9 @@ def test_every_argument_of_a_task_is_in_the_strategy():
 def test_front_end_returns_to_the_bit_what_a_loop_over_single_environments_returns(
     front, rows, equal, seed, fixed, twin
 ):
-    """Whatever the tasks, what is fixed for the first episodes, and whether a copy goes on in the middle of one.
+    """For any tasks and options of the first reset; a copy may replace the front end in the middle of an episode.
 
-    Its spaces, its infos with their masks, and which arrays are of which type, too.
+    Spaces, masks of infos and types of arrays are compared, too.
     """
     rows = rows[:1] * 3 if equal else rows
     exact = front == "single" or equal
@@ -72,47 +147,9 @@ def test_front_end_returns_to_the_bit_what_a_loop_over_single_environments_retur
             assert env.unwrapped.sensors() == {name: column[number] for name, column in envs.sensors().items()}
 
 
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-@settings(STORM, max_examples=25)
-@given(rows_of_tasks(count=2), st.integers(0, 1000), FIXED)
-def test_vector_rewards_are_the_scalar_ones_taken_apart_by_their_weights(mode, rows, seed, fixed):
-    """Those of an episode sum to what its final info says; all else is as in the environment with scalar rewards."""
-    rows = rows[:1] * 2
-    task, kinds = Task(**rows[0]), (MOImpactApproachVectorEnv, ImpactApproachVectorEnv)
-    envs, scalar = (kind(2, autoreset_mode=mode, per_slot=rows, threads=1) for kind in kinds)
-    alone = gym.make(of_objectives(ID), disable_env_checker=True, **rows[0])
-    for each in (envs, scalar, alone):
-        begin(each, seed, fixed)
-    kept, going, forced = ([], []), True, [task.force_weight] * (task.force_weight > 0.0)
-    begins = np.array([False, False])
-    for actions in action_table(seed, 160, 2, lean=(-0.6, 0.6), task=rows[0]):
-        seen, vectors, *flags, infos = envs.step(actions)
-        expected, scalars, *others, of_scalar = scalar.step(actions)
-        assert_identical((infos.pop("original_reward"), infos.pop("_original_reward").all()), (scalars, np.True_))
-        assert_identical((seen, flags, infos), (expected, others, of_scalar))
-        if going:  # of the first row's first episode
-            _, vector, terminated, truncated, info = alone.step(actions[0])
-            assert_identical((vector, info["original_reward"]), (vectors[0], float(scalars[0])))
-            going = not (terminated or truncated)
-        for row in np.flatnonzero(~begins):
-            kept[row].append([*vectors[row], scalars[row]])
-        ended = flags[0] | flags[1]
-        begins = ended & (mode == "NextStep")  # in a step of its own, without any reward
-        for row in np.flatnonzero(ended):
-            info, apart = plain(infos.get("final_info", infos), row), np.array(kept[row])
-            kept[row].clear()
-            assert apart[:, :-1] @ [info["time_weight"], 1.0, *forced] == pytest.approx(apart[:, -1], abs=1e-9)
-            velocity = task.missed_cost if info["missed"] else info["object_velocity"]
-            costs = info.get("done_time", info["approach_time"]), velocity, *[info["peak_force"]] * len(forced)
-            if not flags[0][row]:  # cut by the time limit: no V_p of the future, nothing but the time
-                spent = min(info["approach_time"], len(apart) * task.control_period)
-                costs = info.get("done_time", spent), *[0.0] * (len(costs) - 1)
-            assert -np.sum(apart[:, :-1], axis=0) == pytest.approx(costs, abs=1e-9)
-
-
 @settings(STORM, max_examples=40)
 @given(rows_of_tasks(count=1), st.integers(0, 1000))
-def test_episode_is_that_of_the_numbers_it_drew_and_can_be_played_again(rows, seed):
+def test_episode_is_repeated_from_its_record_and_by_a_task_with_its_numbers(rows, seed):
     (options,) = rows
     actions = action_table(seed, 200, 1, lean=(0.3, 0.6), task=options)[:, 0]
     env = gym.make(ID, **options)
@@ -124,14 +161,14 @@ def test_episode_is_that_of_the_numbers_it_drew_and_can_be_played_again(rows, se
     assert task.drawn == {}
     fixed = options | {name: getattr(task, name) for name in {path.partition(".")[0] for path in Task(**options).drawn}}
     assert Task(**fixed) == task
-    if not (options["privileged"] and Task(**options).drawn):  # else a critic sees what is drawn
+    if not (options["privileged"] and Task(**options).drawn):  # a critic observes what is drawn
         alone, rest = gym.make(ID, **fixed), {name: info["record"][name] for name in RECORD_IDS}
         again = history(alone, Given(actions), record=rest)
         assert_identical([step[:4] for step in again[1:]], [step[:4] for step in first[1:]])
         assert_identical(alone.unwrapped.episode_info(), info | {"record": rest})
 
 
-def test_threads_change_no_result():
+def test_results_do_not_depend_on_the_number_of_threads():
     size, spring = 3 * ROWS_PER_THREAD, {"type": "SpringDamper", "stiffness": (40.0, 60.0), "damping_ratio": 1.0}
     options = {"coupling": spring, "force_noise": 0.1, "horizon": 0.4, "scenario": {"distance": 0.1}}
     actions, results = action_table(6, 28, size, lean=(0.3, 0.6)), []
@@ -153,7 +190,7 @@ def test_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, options):
         assert [(each.name, each.kind) for each in own.values()] == [(each.name, each.kind) for each in theirs.values()]
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        ig.envs.register()  # again, which does nothing
+        ig.envs.register()  # a second time, which does nothing
         check_env(gym.make(id, **options).unwrapped, skip_render_check=True)
         sb3_checker.check_env(gym.make(id, **options))
     assert [str(warning.message) for warning in caught] == []
@@ -161,7 +198,7 @@ def test_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, options):
 
 @settings(STORM, max_examples=30)
 @given(st.sampled_from(IDS), rows_of_tasks(count=1), st.sampled_from(MODES))
-def test_environment_is_made_again_from_its_json(id, rows, mode):
+def test_environment_made_from_its_json_is_the_same(id, rows, mode):
     (options,) = rows
     options = ({"range_noise": None} if "range_sensor" in options else {}) | options  # some ids have an estimate
     actions = action_table(3, 200, task=gym.spec(id).kwargs | options)
@@ -175,7 +212,7 @@ def test_environment_is_made_again_from_its_json(id, rows, mode):
     assert_identical(again.reset(seed=3), envs.reset(seed=3))
 
 
-def test_seed_and_options_of_stable_baselines3_hold_for_the_next_reset_alone():
+def test_seed_and_options_of_stable_baselines3_apply_to_the_next_reset_alone():
     envs, loop = (make("stable-baselines3", [NOISY] * 3) for make in (made, loop_of))
     for seed, distances in ((17, [0.17, 0.22, 0.31]), (None, []), (3, [])):
         for each in (envs, loop) if distances else ():
@@ -187,7 +224,7 @@ def test_seed_and_options_of_stable_baselines3_hold_for_the_next_reset_alone():
             assert_alike(envs.step(row), loop.step(row), True)
 
 
-def test_episode_that_ends_by_itself_on_the_last_step_allowed_is_flagged_as_by_gymnasium():
+def test_episode_that_ends_by_itself_on_the_last_allowed_step_has_the_flags_of_gymnasium():
     envs, loop = (make("NextStep", [{"max_episode_steps": 75}]) for make in (made, loop_of))
     envs.reset(seed=0), loop.reset(seed=0)
     for _ in range(75):
@@ -196,7 +233,7 @@ def test_episode_that_ends_by_itself_on_the_last_step_allowed_is_flagged_as_by_g
     assert_identical(result[:4], expected[:4])
 
 
-def test_seeds_and_reset_mask_reach_exactly_the_slots_they_name():
+def test_seeds_and_reset_mask_affect_only_the_slots_that_they_name():
     envs, loop = (make("Disabled", [{}] * 3) for make in (made, loop_of))
     assert_identical(envs.reset(seed=[30, 8, 30])[0], loop.reset(seed=[30, 8, 30])[0])
     rows, mask = action_table(4, 14, 3), np.array([False, True, False])
@@ -210,7 +247,7 @@ def test_seeds_and_reset_mask_reach_exactly_the_slots_they_name():
         assert np.array_equal(after[~mask], before[~mask])
 
 
-def test_slot_that_was_never_reset_or_without_autoreset_has_ended_must_be_reset_first():
+def test_slot_that_was_never_reset_or_has_ended_without_autoreset_must_be_reset_first():
     envs = gym.make_vec(ID, num_envs=2, autoreset_mode="Disabled", max_episode_steps=2)
     action, first, second = np.zeros((2, 2), np.float32), np.array([True, False]), np.array([False, True])
     for remedy in ("reset", "reset_mask"):
@@ -222,15 +259,8 @@ def test_slot_that_was_never_reset_or_without_autoreset_has_ended_must_be_reset_
         assert envs.step(action)[3].all()
 
 
-def test_stable_baselines3_can_ask_the_batch():
-    envs = ImpactVecEnv(3)
-    assert envs.get_attr("render_mode") == [None] * 3
-    assert envs.env_is_wrapped(gym.Wrapper) == [False] * 3
-    refused(lambda: envs.env_method("set_scenario", "hard", indices=[0]), "set_scenario", "indices", "[0]")
-
-
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec, ImpactVecEnv])
-def test_set_scenario_holds_from_the_next_episode_on(make):
+def test_set_scenario_applies_from_the_next_episode_on(make):
     env = ImpactVecEnv(2, scenario={"distance": 0.2}) if make is ImpactVecEnv else make(ID, scenario={"distance": 0.2})
     other = {"distance": 0.3, "object_mass": (1.0, 1.1)}
     for expected in (0.2, 0.3, 0.3):
@@ -238,6 +268,8 @@ def test_set_scenario_holds_from_the_next_episode_on(make):
         if make is ImpactVecEnv:
             env.env_method("set_scenario", other)
             info = env.envs.batch.info(0)
+            assert (env.get_attr("render_mode"), env.env_is_wrapped(gym.Wrapper)) == ([None] * 2, [False] * 2)
+            refused(lambda: env.env_method("set_scenario", "hard", indices=[0]), "set_scenario", "indices", "[0]")
         else:
             env.unwrapped.set_scenario(other)
             info = env.unwrapped.episode_info() if make is gym.make else env.unwrapped.batch.info(0)

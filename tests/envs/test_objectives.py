@@ -1,22 +1,65 @@
-"""Vector rewards: their bounds, and MO-Gymnasium's checks; that they are the scalar one: `test_front_ends.py`."""
+"""Vector rewards: they are the parts of the scalar reward, within bounds, and pass MO-Gymnasium's checks."""
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import action_table
+from episodes import action_table, assert_identical, begin
 from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import check_env
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tasks import FIXED, STORM, rows_of_tasks
 
 from impact_gym.envs import IDS, objectives, of_objectives
+from impact_gym.envs.objectives import MOImpactApproachVectorEnv
+from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.task import Task
 
 ID = of_objectives("ImpactApproach-v0")
 OPTIONS = [{}, {"force_weight": 0.01}, {"time_weight": (0.5, 8.0), "missed_cost": 3.0}]
 
 
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@settings(STORM, max_examples=25)
+@given(rows_of_tasks(count=2), st.integers(0, 1000), FIXED)
+def test_weighted_sum_of_vector_rewards_is_the_scalar_reward_and_all_else_is_identical(mode, rows, seed, fixed):
+    rows = rows[:1] * 2
+    task, kinds = Task(**rows[0]), (MOImpactApproachVectorEnv, ImpactApproachVectorEnv)
+    envs, scalar = (kind(2, autoreset_mode=mode, per_slot=rows, threads=1) for kind in kinds)
+    alone = gym.make(ID, disable_env_checker=True, **rows[0])
+    for each in (envs, scalar, alone):
+        begin(each, seed, fixed)
+    kept, going, forced = ([], []), True, [task.force_weight] * (task.force_weight > 0.0)
+    begins = np.array([False, False])
+    for actions in action_table(seed, 160, 2, lean=(-0.6, 0.6), task=rows[0]):
+        seen, vectors, *flags, infos = envs.step(actions)
+        expected, scalars, *others, of_scalar = scalar.step(actions)
+        assert_identical((infos.pop("original_reward"), infos.pop("_original_reward").all()), (scalars, np.True_))
+        assert_identical((seen, flags, infos), (expected, others, of_scalar))
+        if going:  # the first episode of the first row
+            _, vector, terminated, truncated, info = alone.step(actions[0])
+            assert_identical((vector, info["original_reward"]), (vectors[0], float(scalars[0])))
+            going = not (terminated or truncated)
+        for row in np.flatnonzero(~begins):
+            kept[row].append([*vectors[row], scalars[row]])
+        ended = flags[0] | flags[1]
+        begins = ended & (mode == "NextStep")  # the next step is a reset without a reward
+        for row in np.flatnonzero(ended):
+            names = ("missed", "object_velocity", "approach_time", "done_time", "peak_force", "time_weight")
+            final, apart = infos.get("final_info", infos), np.array(kept[row])
+            info = {name: final[name][row] for name in names if name in final}
+            kept[row].clear()
+            assert apart[:, :-1] @ [info["time_weight"], 1.0, *forced] == pytest.approx(apart[:, -1], abs=1e-9)
+            velocity = task.missed_cost if info["missed"] else info["object_velocity"]
+            costs = info.get("done_time", info["approach_time"]), velocity, *[info["peak_force"]] * len(forced)
+            if not flags[0][row]:  # the time limit cuts the episode: only the time counts
+                spent = min(info["approach_time"], len(apart) * task.control_period)
+                costs = info.get("done_time", spent), *[0.0] * (len(costs) - 1)
+            assert -np.sum(apart[:, :-1], axis=0) == pytest.approx(costs, abs=1e-9)
+
+
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
-def test_episodes_lie_between_reference_and_utopia_point(options):
-    """Whatever is done, also where a tool goes as fast as it can or not at all."""
+def test_returns_lie_between_reference_and_utopia_point_at_any_speed(options):
     env = gym.make(ID, disable_env_checker=True, **options)
     bare, rng = env.unwrapped, np.random.default_rng(2)
     assert bare.reward_dim == 2 + ("force_weight" in options)
@@ -44,7 +87,7 @@ def test_force_is_an_objective_of_the_slots_with_a_force_weight(weights):
     assert (forces < 0.0).tolist() == [weight > 0.0 for weight in weights]
 
 
-def test_no_tool_is_sooner_than_a_rigid_one_at_the_limits():
+def test_utopia_point_has_the_time_of_a_rigid_tool_at_the_limits():
     env, task = gym.make(of_objectives("ImpactApproachRigid-v0"), disable_env_checker=True), Task()
     for distance in (0.02, 0.15, 0.3):
         env.reset(seed=0, options={"scenario": {"distance": distance}})
@@ -56,7 +99,7 @@ def test_no_tool_is_sooner_than_a_rigid_one_at_the_limits():
 
 
 @pytest.mark.filterwarnings("ignore:.*different from the unwrapped version")
-def test_mo_gymnasium_makes_them_and_they_pass_gymnasiums_check_weighed_to_the_scalar_reward():
+def test_mo_gymnasium_makes_the_environments_and_weighs_their_rewards_to_the_scalar_one():
     mo_gym = pytest.importorskip("mo_gymnasium")
     for name in map(of_objectives, IDS):
         scalar = gym.wrappers.TransformReward(mo_gym.make(name), lambda rewards: float(rewards @ [2.0, 1.0]))

@@ -1,4 +1,4 @@
-"""Laws of operators and channels: what is commanded, when it arrives, what is seen of it, and what is recorded."""
+"""Operators and channels: what is commanded, when it arrives, what the operator sees, what is recorded."""
 
 import math
 from dataclasses import fields
@@ -14,30 +14,29 @@ import impact_gym as ig
 from impact_gym.teleop.channels import FIFTH_GENERATION
 
 
+def delays_of(channel, rows=128):
+    """Delays of packets over an uplink, (rows, n); that of a lost packet is infinite."""
+    task = {"uplink": channel, "horizon": 9.0, "scenario": AWAY, "control_period": 0.01}
+    packets = sent(steered(ig.operators.Trapezoid(0.3), rows, **task), STOP, steps=300)
+    return packets["arrives"] - packets["sent"]
+
+
 @pytest.mark.parametrize(("name", "spread"), [("5g-100ms", 0.034), ("5g-299ms", 0.090), ("5g-500ms", 0.095)])
 def test_presets_of_channels_have_the_mean_and_spread_of_their_source(name, spread):
-    packets = packets_of(FIFTH_GENERATION[name])
-    delays = packets["arrives"] - packets["sent"]
+    delays = delays_of(FIFTH_GENERATION[name])
     assert delays.mean() == pytest.approx(float(name[3:-2]) / 1e3, abs=0.003)
     assert delays.std() == pytest.approx(spread, rel=0.12)
 
 
-def packets_of(channel, rows=128):
-    """What operators send over an uplink who never stop, (rows, n); packets that are lost arrive at infinity."""
-    task = {"uplink": channel, "horizon": 9.0, "scenario": AWAY, "control_period": 0.01}
-    return sent(steered(ig.operators.Trapezoid(0.3), rows, **task), STOP, steps=300)
-
-
 @pytest.mark.parametrize(("loss", "burst"), [(0.05, 1.0), (0.3, 1.0), (0.2, 4.0)])
-def test_losses_are_as_many_and_as_long_as_the_channel_says(loss, burst):
-    packets = packets_of(ig.Channel(0.02, loss=loss, burst=burst))
-    lost = np.isinf(packets["arrives"])
+def test_losses_have_the_share_and_length_that_the_channel_says(loss, burst):
+    lost = np.isinf(delays_of(ig.Channel(0.02, loss=loss, burst=burst)))
     assert lost.mean() == pytest.approx(loss, abs=0.01)
     begins = np.diff(lost.astype(int), axis=1) == 1
     assert lost[:, 1:].sum() / begins.sum() == pytest.approx(burst, rel=0.06)
 
 
-def test_newest_command_counts_late_ones_are_dropped_and_ages_are_those_of_the_packets():
+def test_arm_follows_the_newest_command_drops_late_ones_and_reports_their_ages():
     batch = steered(ig.operators.Reach(0.0, 0.1), uplink=ig.Channel(0.05, jitter=0.06, loss=0.2), scenario=AWAY)
     packets, ages, last = sent(batch, OWN, steps=90)[0], [], -1.0
     for each in played(batch, OWN, steps=90):
@@ -57,28 +56,23 @@ def test_newest_command_counts_late_ones_are_dropped_and_ages_are_those_of_the_p
     assert sensors["command_age_spread"] == pytest.approx(np.std(ages), rel=1e-9)
 
 
-def test_trace_of_delays_is_played_from_a_random_place_on(tmp_path):
+def test_trace_of_delays_is_played_from_a_random_time_on(tmp_path):
     (tmp_path / "delays.csv").write_text("time,delay\n0,0.05\n0.5,0.25\n1.0,0.05\n")
-    packets = packets_of(ig.Channel(trace=tmp_path / "delays.csv"), rows=64)
-    delays = packets["arrives"] - packets["sent"]
+    delays = delays_of(ig.Channel(trace=tmp_path / "delays.csv"), rows=64)
     assert np.abs(np.diff(delays, axis=1)).max() == pytest.approx(0.004, rel=1e-9)  # 0.4 of 10 ms
     assert delays.min() >= 0.05
     assert delays.max() <= 0.25
     assert len(np.unique(delays[:, 0])) == 64
 
 
-def test_empty_delay_of_a_trace_is_a_lost_packet_and_its_neighbours_go_on(tmp_path):
-    """20 ms apart, every fourth lost: packets sent each 10 ms are lost if they are nearest to a lost one."""
+def test_empty_delay_of_a_trace_is_a_lost_packet_and_others_keep_their_delay(tmp_path):
+    # rows are 20 ms apart and every fourth is lost: of packets each 10 ms, those nearest to a lost row are lost
     lines = [f"{20 * k},{'' if k % 4 == 2 else 30}" for k in range(401)]
     (tmp_path / "delays.csv").write_text("\n".join(["t [ms],delay [ms]", *lines]))
-    packets = packets_of(ig.Channel(trace=tmp_path / "delays.csv"), rows=64)
-    late = packets["arrives"] - packets["sent"]
-    assert (late > 9.0).mean() == pytest.approx(0.25, abs=0.01)
-    assert late[late < 9.0] == pytest.approx(0.03)
-
-
-def test_fields_of_a_channel_are_in_the_order_that_callers_rely_on():
-    names = [field.name for field in fields(ig.Channel)]
+    delays = delays_of(ig.Channel(trace=tmp_path / "delays.csv"), rows=64)
+    assert (delays > 9.0).mean() == pytest.approx(0.25, abs=0.01)
+    assert delays[delays < 9.0] == pytest.approx(0.03)
+    names = [field.name for field in fields(ig.Channel)]  # callers rely on this order
     assert names[:6] == ["delay", "jitter", "loss", "burst", "timeout", "trace"]
 
 
@@ -89,14 +83,14 @@ RISING = {"trace": [[0.0, 0.0], [1.0, 0.4], [2.0, 0.3]]}
     {"delay": 0.25}, {"jitter": 0.25}, {"delay": 0.05, "jitter": 0.1, "tail": 0.6, "tail_share": 0.2},
     RISING, ig.Channel(0.15, 0.1, loss=0.3),
 ], ids=str)  # fmt: skip
-def test_lag_lengthens_a_reach_by_the_mean_delay_however_that_comes_about(link):
+def test_reach_takes_longer_by_the_mean_delay_of_its_links(link):
     batch = steered(ig.operators.Reach(0.0, 0.1), scenario={"distance": 0.5}, uplink=link, downlink=link)
     batch.begin_seeded(0, {})
     mean = 0.25 if link != RISING else 0.5 * (0.2 + 0.35)  # 0 to 0.4 s, then 0.4 to 0.3
     assert batch.links["duration"][0] == pytest.approx(1.875 * 0.5 / 0.5 * (1.0 + 0.64 / 0.225 * 2.0 * mean), rel=1e-12)
 
 
-def test_reach_is_the_minimum_jerk_and_lag_lengthens_it():
+def test_reach_has_minimum_jerk_and_takes_longer_over_a_delay():
     way, error = 0.5, 0.03
     for delay in (0.0, 0.1125):
         links = {"uplink": {"delay": delay}, "downlink": {"delay": delay}}
@@ -111,11 +105,8 @@ def test_reach_is_the_minimum_jerk_and_lag_lengthens_it():
 @pytest.mark.parametrize(("damping", "speed", "way"), [
     (8.9, 0.3, 0.7), (5.7, 0.5, 0.1), (2.0 * math.sqrt(38.0), 0.4, 0.5), (30.0, 0.5, 0.3),
 ])  # fmt: skip
-def test_hand_is_a_spring_and_damper_whose_target_moves(damping, speed, way):
-    """Its commands are the velocity of x'' = k (target - x) - d x', of a target that moves on until it is there.
-
-    It gets to where the object is believed, and as fast as the operator, and no further but for its overshoot.
-    """
+def test_second_order_lag_commands_the_velocity_of_a_spring_and_damper_with_a_moving_target(damping, speed, way):
+    # x'' = k (target - x) - d x'; the target moves to the place where the operator believes the object to be
     operator = ig.operators.SecondOrderLag(0.0, 1e-9, speed=speed, damping=damping)
     decay, root = 0.5 * damping, math.sqrt(max(38.0 - 0.25 * damping**2, 0.0))
     beyond = 1.0 + (math.exp(-math.pi * decay / root) if root else 0.0)
@@ -133,8 +124,7 @@ def test_hand_is_a_spring_and_damper_whose_target_moves(damping, speed, way):
 @pytest.mark.parametrize("display", [
     {"delay": 0.06}, {"delay": 0.02, "jitter": 0.15}, {"delay": 0.02, "loss": 0.4, "burst": 20.0},
 ], ids=str)  # fmt: skip
-def test_tracker_goes_by_the_newest_that_has_been_displayed(display):
-    """Late packets do not set it back, and where some are lost it goes by what it saw last."""
+def test_tracker_uses_the_newest_displayed_position(display):
     operator = ig.operators.Tracker(0.0, 1e-6, speed=0.45, gain=1.0, reaction=0.1)
     batch, late = steered(operator, scenario={"distance": 0.5}, downlink=display), 0
     packets = sent(batch, OWN, steps=100)[0]
@@ -151,11 +141,10 @@ def test_tracker_goes_by_the_newest_that_has_been_displayed(display):
         assert late > 10 or np.isinf(packets["displayed"]).mean() > 0.1
 
 
-def test_touch_is_displayed_by_whichever_packet_comes_first():
-    """Of those that are sent from the touch on: the one at the touch, which is not kept, and one at each tick."""
+def test_touch_is_displayed_by_the_first_arrival_of_the_packets_sent_from_the_touch_on():
+    # these are the packet at the touch, which is not kept, and one at each control step
     display = {"jitter": 0.3, "loss": 0.3, "burst": 4.0}
     batch = steered(ig.operators.Trapezoid(0.4, 0.05), 200, downlink=display, scenario={"distance": 0.25})
-    packets = sent(batch, STOP, steps=1)  # as a share of 0 it would never touch anything
     packets, touch, stop = sent(batch, OWN), batch.chains["first_contact"], batch.links["stop"]
     after = np.where(packets["sent"] >= touch[:, None], packets["displayed"], np.inf).min(axis=1) + 0.05
     assert (stop <= after + 1e-12).all()
@@ -164,13 +153,13 @@ def test_touch_is_displayed_by_whichever_packet_comes_first():
     assert np.mean(stop - touch) < 0.5 * np.mean(at_once - touch)
 
 
-def test_noise_of_control_grows_with_the_control():
-    """Two lags of 40 ms of white noise, of 10 ms each in the source: sd 0.5 / sqrt(4 * 40 / 10) of the control."""
+def test_noise_of_control_is_proportional_to_the_control():
+    # white noise through two lags of 40 ms, 10 ms each in the source: sd 0.5 / sqrt(4 * 40 / 10) of the control
     batch = steered(ig.operators.Reach(0.0, 0.1), 2000, scenario=AWAY)
     quiet = steered(ig.operators.Reach(0.0, 0.1, noise=0.0), scenario=AWAY)
     ratios = sent(batch, STOP, steps=60)["command"][:, 30:55] / sent(quiet, STOP, steps=60)["command"][:, 30:55]
     assert ratios.mean() == pytest.approx(1.0, abs=0.01)
-    assert ratios.std() == pytest.approx(0.125, rel=0.15)  # the lags are steps of a control period here
+    assert ratios.std() == pytest.approx(0.125, rel=0.15)  # here the lags are in steps of a control period
     assert ratios.std(axis=0) == pytest.approx(ratios.std(), rel=0.1)
 
 
@@ -178,8 +167,7 @@ LOSSY = {"delay": 0.05, "loss": 0.4, "burst": 10.0}
 
 
 @pytest.mark.parametrize("uplink", [*({"delay": delay} for delay in (0.0, 0.016, 0.05, 0.096, 0.1)), LOSSY], ids=str)
-def test_operator_alone_is_never_corrected(uplink):
-    """Not even where a command comes just as a step ends, or the newest is too old and the arm stops by itself."""
+def test_command_without_assistance_is_never_an_intervention_even_if_the_arm_stops_after_a_timeout(uplink):
     batch = steered({"type": "Reach", "place_error": (-0.05, 0.05), "creep": 0.1}, 20, uplink=uplink, scenario=AWAY)
     stopped = 0
     for each in played(batch, OWN):
@@ -191,8 +179,7 @@ def test_operator_alone_is_never_corrected(uplink):
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.016, 0.05, 0.096, 0.1])
-def test_flange_follows_from_what_is_recorded(delay):
-    """Until the touch a step begins with the newest command, takes in what comes on the way, and ends with the pair."""
+def test_velocity_of_the_flange_follows_from_the_recorded_commands_and_actions(delay):
     rng, env = np.random.default_rng(2), gym.make(ID, uplink={"delay": delay}).unwrapped
     for seed in range(5):
         env.reset(seed=seed)
@@ -201,12 +188,12 @@ def test_flange_follows_from_what_is_recorded(delay):
             begun, command = env.sensors()["time"], env.sensors()["command"]
             action = np.array([*rng.uniform(-1.0, 1.0, 2), 1.0], np.float32)  # before an alarm it cannot withdraw
             *_, ended, _, info = env.step(action)
-            gain, gently = 0.5 * (float(action[0]) + 1.0), round(1.0 + 9.5 * (float(action[1]) + 1.0), 6)
+            gain, acceleration = 0.5 * (float(action[0]) + 1.0), round(1.0 + 9.5 * (float(action[1]) + 1.0), 6)
             now, u, v = env.sensors()["time"], info["teleop_action"].item(), info["intervene_action"].item()
             arrives = math.floor((now - delay - 1e-9) / 0.016) * 0.016 + delay
             bends = [begun, arrives if arrives > begun + 1e-9 else now, now]
-            for k, (of, target) in enumerate(((command, gain * command), (u, v))):
-                most = (gently if of else 20.0) * (bends[k + 1] - bends[k])
+            for k, (of, target) in enumerate(((command, gain * command), (u, v))):  # before and after a new command
+                most = (acceleration if of else 20.0) * (bends[k + 1] - bends[k])
                 velocity += min(max(target - velocity, -most), most)
             assert velocity == pytest.approx(env.sensors()["velocity"], abs=1e-9)
             assert v == pytest.approx(gain * u, abs=1e-12)
@@ -214,8 +201,7 @@ def test_flange_follows_from_what_is_recorded(delay):
             assert info["command"] == env.sensors()["command"]
 
 
-def test_simulate_follows_what_was_executed():
-    """The flange that follows the recorded velocities, as a motion of `simulate`, does to the object what it did."""
+def test_simulate_with_the_recorded_velocities_gives_the_object_the_same_velocity():
     rng = np.random.default_rng(5)
     for seed in range(10):
         env = gym.make(ID, record_trace=True, rtol=1e-10).unwrapped

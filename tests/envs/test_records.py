@@ -1,5 +1,6 @@
-"""What episodes draw, and episodes played again: from seed and index, from a record, from frozen evaluation sets."""
+"""What episodes draw; episodes repeated from seed and index, from a record, from an evaluation set; altered states."""
 
+import copy
 import re
 import shutil
 from functools import partial
@@ -7,10 +8,10 @@ from functools import partial
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, assert_identical, random_actions
+from episodes import ID, action_table, assert_identical, begin, random_actions
 from episodes import play as play_with
 from refusals import refused
-from tasks import EVERYTHING_DRAWN
+from tasks import EVERYTHING_DRAWN, STEERED_DRAWN
 
 import impact_gym as ig
 from impact_gym.envs.vector import ImpactApproachVectorEnv
@@ -28,13 +29,7 @@ def play(env, seed=None, **options):
     return play_with(env, random_actions(0), seed, **options)
 
 
-def assert_same_draws(scenario, expected):
-    """To the rounding of exponentials and logarithms."""
-    for field in FIELDS:
-        assert scenario[field] == pytest.approx(expected[field], rel=1e-15)
-
-
-def test_episode_is_found_again_from_its_seed_and_index():
+def test_episode_is_repeated_from_its_seed_and_index():
     env = gym.make(ID, **OPTIONS)
     episodes = [play(env, seed) for seed in (11, None, None, None)]
     for k, episode in enumerate(episodes):
@@ -43,7 +38,7 @@ def test_episode_is_found_again_from_its_seed_and_index():
 
 
 @pytest.mark.parametrize("kind", ["scenario", "record"])
-def test_options_fix_numbers_for_one_episode_only_and_change_no_other_draw(kind):
+def test_options_of_a_reset_fix_numbers_for_one_episode_and_change_no_other_draw(kind):
     env, free = gym.make(ID, **OPTIONS), gym.make(ID, **OPTIONS)
     fixed = {"object_mass": 0.7, "restitution": 0.5}
     drawn, info = play(free, seed=4).info["record"], play(env, seed=4, **{kind: fixed}).info
@@ -53,7 +48,7 @@ def test_options_fix_numbers_for_one_episode_only_and_change_no_other_draw(kind)
     assert_identical(play(env), play(free))
 
 
-def test_number_that_is_drawn_leaves_everything_else_as_it_is():
+def test_range_of_one_number_changes_no_other_draw():
     plain, drawn = (gym.make_vec(ID, num_envs=50, **options) for options in ({}, {"tool_mass": (0.1, 0.2)}))
     for index in range(3):
         for envs in (plain, drawn):
@@ -69,7 +64,7 @@ def test_ranges_of_no_width_are_numbers():
     assert narrow == Task(tool_mass=0.2, coupling=ig.SpringDamper(60.0), force_noise=1.0)
 
 
-def test_history_of_pictures_shows_what_the_episode_drew():
+def test_history_of_pictures_has_the_numbers_that_the_episode_drew():
     env = gym.make(ID, record_trace=True, **EVERYTHING_DRAWN["spring"])
     info = play(env, seed=1).info
     history = History(
@@ -82,7 +77,7 @@ def test_history_of_pictures_shows_what_the_episode_drew():
 
 
 @pytest.mark.parametrize("alarm", ["force", "reading"])
-def test_critic_sees_all_that_an_actor_sees_first_and_nothing_twice(alarm):
+def test_observation_of_a_critic_begins_with_that_of_the_actor_and_repeats_nothing(alarm):
     options = EVERYTHING_DRAWN["spring"] | {"alarm": alarm}
     actor, critic = (ObservationSpec(Task(**options, privileged=privileged)) for privileged in (False, True))
     assert critic.ids[critic.actor] == actor.ids
@@ -92,13 +87,14 @@ def test_critic_sees_all_that_an_actor_sees_first_and_nothing_twice(alarm):
 
 
 @pytest.mark.parametrize("name", ["test", "validation", "hard"])
-def test_evaluation_set_is_what_its_seeds_draw(name):
+def test_evaluation_set_is_drawn_from_its_seeds(name):
     frozen, ranges = evaluation_sets.load(name), "hard" if name == "hard" else "test"
     envs = gym.make_vec(ID, num_envs=frozen.count, scenario=ranges)
     envs.reset(seed=frozen.seed)
-    assert_same_draws(frozen.scenario, envs.batch.info()["scenario"])
+    drawn = envs.batch.info()["scenario"]
     envs.reset(seed=0, options={"scenario": frozen.scenario})
     for field in FIELDS:
+        assert frozen.scenario[field] == pytest.approx(drawn[field], rel=1e-15)  # the rounding of exponentials
         low, high = getattr(NAMED[ranges], field)
         assert ((frozen.scenario[field] >= low) & (frozen.scenario[field] <= high)).all()
         assert np.array_equal(envs.batch.info()["scenario"][field], frozen.scenario[field])
@@ -117,13 +113,13 @@ def test_evaluation_set_that_was_altered_is_refused(tmp_path, line, pattern, ins
     refused(lambda: evaluation_sets.load(path), "mine.csv")
 
 
-def test_reset_takes_a_scenario_before_a_record():
+def test_scenario_of_a_reset_has_precedence_over_its_record():
     env = gym.make(ID)
     env.reset(options={"record": {"distance": 0.3}, "scenario": {"distance": 0.2}})
     assert env.unwrapped.episode_info()["scenario"]["distance"] == 0.2
 
 
-def test_slots_that_draw_otherwise_play_their_records_again_and_keep_to_their_own_ranges():
+def test_slots_with_other_ranges_repeat_their_records_and_refuse_numbers_outside_their_own_ranges():
     slots = [{}, {"tool_mass": 0.3}, {"tool_mass": (0.5, 0.6), "reaction_delay": (0.06, 0.1)}]
     envs, by_slot = (make(3, per_slot=slots, tool_mass=(0.1, 0.2)) for make in (ImpactApproachVectorEnv, ImpactVecEnv))
     envs.reset(seed=1)
@@ -136,12 +132,12 @@ def test_slots_that_draw_otherwise_play_their_records_again_and_keep_to_their_ow
     for mass, field in (([0.15, 0.3, 0.15], "tool_mass'][2]"), (0.15, "tool_mass']")):
         call = partial(envs.reset, options={"record": {"tool_mass": mass}})
         refused(call, field, "at least 0.5 and at most 0.6 kg", "got 0.15 kg")
-    mask = np.array([False, True, True])  # picks the slots' own values
+    mask = np.array([False, True, True])
     envs.reset(options={"record": {"distance": [0.3, 0.31, 0.32]}, "reset_mask": mask})
     assert envs.batch.info()["record"]["distance"].tolist() == [record["distance"][0], 0.31, 0.32]
 
 
-def test_rows_of_which_some_draw_a_number_all_show_a_critic_what_they_have():
+def test_critic_observes_a_number_in_every_row_if_any_row_draws_it():
     drawn = EVERYTHING_DRAWN["spring"] | {"privileged": True, "tool_mass": (0.1, 0.2)}
     slots = [{}, {"tool_mass": 0.3, "robot": None}, {"tool_mass": 0.05, "robot": ig.Robot(5.0, 1e5, 50.0)}]
     envs = gym.make_vec(ID, num_envs=3, per_slot=slots, **drawn)
@@ -149,4 +145,78 @@ def test_rows_of_which_some_draw_a_number_all_show_a_critic_what_they_have():
     mass, stiffness = (spec.decode(observations, name) for name in ("tool_mass", "robot.stiffness"))
     assert 0.1 <= mass[0] < 0.2
     assert mass[1:] == pytest.approx([0.3, 0.05], rel=2e-6)
-    assert stiffness[1:] == pytest.approx([spec.scale("robot.stiffness").high, 1e5], rel=2e-6)  # none: the stiffest
+    assert stiffness[1:] == pytest.approx([spec.scale("robot.stiffness").high, 1e5], rel=2e-6)  # rigid: the stiffest
+
+
+KINDS = {
+    "spring": lambda: gym.make_vec("mo-impact-approach-v0", 3, force_weight=0.01),
+    "everything drawn": lambda: ImpactVecEnv(3, **EVERYTHING_DRAWN["mechanism"]),
+    "range sensor": lambda: ImpactVecEnv(3, **EVERYTHING_DRAWN["sensor"]),
+    "operator": lambda: ImpactVecEnv(3, **STEERED_DRAWN["Reach"]),
+}
+
+
+def running(make):
+    """A batch in the middle of an episode, and actions for it."""
+    envs = make()
+    begin(envs, seed=1)
+    actions = action_table(4, 55, 3, task={"operator": envs.action_space.shape[-1] == 3})
+    for row in actions[:25]:
+        envs.step(row)
+    return envs, actions[25:]
+
+
+def fields(values, path=()):
+    """Paths of the arrays in a state and of the fields in arrays of records."""
+    if isinstance(values, dict):
+        return [found for name, inner in values.items() for found in fields(inner, (*path, name))]
+    if isinstance(values, np.ndarray) and values.dtype.names:
+        return [found for name in values.dtype.names for found in fields(values[name], (*path, name))]
+    return [path] if isinstance(values, np.ndarray) and values.size else []
+
+
+def corrupted(state, path):
+    """Copies of a state with another number in a field, or with another array."""
+    *outer, last = path
+    for bad in (-1, 2**62, np.nan, -1e300, 7):
+        node = there = copy.deepcopy(state)
+        for name in outer:
+            node = node[name]
+        with np.errstate(all="ignore"):
+            changed = np.array(bad).astype(node[last].dtype)
+        if node[last][-1:].tobytes() != np.broadcast_to(changed, node[last][-1:].shape).tobytes():
+            node[last][-1:] = changed
+            yield there
+    for change in (lambda old: old[:-1], lambda old: np.concatenate([old, old]), lambda old: None,
+                   lambda old: old.view(np.uint8), lambda old: old.tolist()):  # fmt: skip
+        there = copy.deepcopy(state)
+        there["batch"][path[1]] = change(there["batch"][path[1]])
+        yield there
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_altered_state_is_refused_by_name_and_changes_nothing(kind):
+    envs, _ = running(KINDS[kind])
+    target = getattr(envs, "unwrapped", envs)
+    good = target.get_state()
+    for path in fields({"batch": {name: part for name, part in good["batch"].items() if name != "sha256"}}):
+        for state in corrupted(good, path):
+            with pytest.raises(ValueError, match=rf"^(sha256|{path[1]}) of a state must be"):
+                target.set_state(state)
+    assert_identical(target.get_state(), good)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_state_with_missing_or_wrong_generators_is_refused_and_one_of_strided_arrays_is_not(kind):
+    envs, actions = running(KINDS[kind])
+    target = getattr(envs, "unwrapped", envs)
+    state = target.get_state()
+    one = state["generators"][0]
+    for bad in (state["generators"][:-1], [], None, 3, [one, one, {}], [one, one, {**one, "bit_generator": "MT19937"}]):
+        refused(lambda bad=bad: target.set_state({**state, "generators": bad}), "generators")
+        assert_identical(target.get_state(), state)
+    apart = {name: np.repeat(array, 2, axis=0)[::2] for name, array in state["batch"].items()}  # not contiguous
+    target.set_state({**state, "batch": apart})
+    expected = [envs.step(row) for row in actions]
+    target.set_state(state)
+    assert_identical([envs.step(row) for row in actions], expected)

@@ -1,4 +1,4 @@
-"""The slow solver of the whole task: its laws, and that the environment plays what it plays."""
+"""The independent solver of the whole task: its laws, and its agreement with the environment."""
 
 import json
 from pathlib import Path
@@ -22,16 +22,15 @@ from impact_gym.task.scenario import FIELDS
 
 SCENARIO = {"object_mass": 0.25, "contact_stiffness": 1e6, "restitution": 1.0, "distance": 0.2505}
 RIGID = {"coupling": {"type": "Rigid"}}
-HELPERS = Path(__file__).parents[1] / "helpers"
-RIPPLING = json.loads((HELPERS / "rippling_scenes.json").read_text("utf-8"))
-"""What two episodes of `ranged-robust` drew, and what was done in each: a clamp ripples.
+RIPPLING = json.loads((Path(__file__).parents[1] / "helpers" / "rippling_scenes.json").read_text("utf-8"))
+"""Draws and actions of two episodes of `ranged-robust`.
 
-A soft contact on a robot that rings lets go, holds, and lets go in one step.
+In each the force of a soft contact on an oscillating robot falls to 0, rises and falls to 0 again in one step.
 """
 
 
 def both(controllers, numbers, options, frozen="validation", rtol=1e-8):
-    """What the environment and the reference make of the first scenarios of a set."""
+    """The results of the environment and of the reference in these scenarios of a set."""
     stage = ScenarioBatch.of(frozen, len(numbers), Task(rtol=rtol, **options), time_weight=[1.0])
     return stage.play(controllers[0]), rescore(controllers[1], frozen, numbers, options, 1.0)
 
@@ -46,12 +45,12 @@ def assert_same(fast, slow, velocity_error):
 
 @pytest.mark.parametrize(("setup", "controller", "velocity_error"), [
     ("linear-blind", PaperTrapezoid(), 1e-8),
-    # where a bit of a float32 observation differs, the command may differ by its resolution of 1e-6 m/s
+    # if a bit of a float32 observation differs, the command may differ by its resolution of 1e-6 m/s
     ("linear-blind", load_policy("linear-blind"), 1e-6),
     ("linear-ranged", load_policy("linear-ranged"), 1e-6),
     ("bistable-blind", load_baseline("bistable-constant-speed", 1.0), 1e-7),
 ], ids=["paper", "blind policy", "ranged policy", "bistable"])  # fmt: skip
-def test_environment_plays_what_the_reference_plays(setup, controller, velocity_error):
+def test_environment_has_the_results_of_the_reference(setup, controller, velocity_error):
     fast, slow = both([controller, controller], range(4), load_setup(setup).environment)
     assert not slow["missed"].any()
     assert_same(fast, slow, velocity_error)
@@ -75,22 +74,23 @@ def test_environment_plays_what_the_reference_plays(setup, controller, velocity_
     ("validation", {"friction": 0.3, "after_alarm": 0.2, "horizon": 1.0}, 4, 1e-8),
     ("validation", {"friction": 0.8, "dissipation": "fixed", "reference_velocity": 0.5} | RIGID, 4, 1e-8),
 ], ids=str)  # fmt: skip
-def test_environment_shows_what_the_reference_shows_whatever_is_done(frozen, options, rows, velocity_error):
+def test_environment_has_the_results_and_observations_of_the_reference_for_random_actions(
+    frozen, options, rows, velocity_error
+):
     actions = np.random.default_rng(3).uniform([-0.8, -1.0], [1.2, 1.0], (1000, rows, 2)).astype(np.float32)
     controllers = Given(np.clip(actions, -1.0, 1.0)), Given(np.clip(actions, -1.0, 1.0))
     assert_same(*both(controllers, range(rows), options, frozen), velocity_error)
     expected, seen = (np.array(controller.seen) for controller in controllers)
     assert len(expected) == len(seen)
     assert seen.dtype == np.float32
-    for row in range(rows):  # the reference shows an episode that is over as it was before its last step
+    for row in range(rows):  # after its end, the reference repeats the observation before the last step
         steps = 1 + np.count_nonzero(np.diff(seen[:, row, 2]))
         assert 0.24 / options.get("control_period", 0.016) < steps <= len(seen)
         assert seen[:steps, row] == pytest.approx(expected[:steps, row], rel=0, abs=1.3e-7)  # bits of a float32
 
 
-def test_rigid_tool_throws_the_object_off_at_its_speed_times_one_and_the_restitution():
-    """Instantaneous impact (paper, eq. 1) with what Hu and Guo's damping delivers, before the brake comes."""
-    for e in (0.3, 0.7, 1.0):
+def test_rigid_tool_gives_the_object_its_speed_times_one_plus_the_restitution():
+    for e in (0.3, 0.7, 1.0):  # instantaneous impact (paper, eq. 1) with the effective restitution of Hu and Guo
         d = 3 / 2 * (1 - e) / e
         effective = (1 + lambertw(-(1 + d) * np.exp(-(1 + d))).real) / d if d else 1.0
         out = play(PaperTrapezoid(), SCENARIO | {"restitution": e}, options=RIGID, time_weight=1.0)
@@ -99,14 +99,11 @@ def test_rigid_tool_throws_the_object_off_at_its_speed_times_one_and_the_restitu
         assert (out.contact_count, out.missed) == (1, False)
     hertz = 1.1432626298 * 1e6 * (0.25 / 1e6) ** 0.6  # N, elastic contact at 1 m/s
     assert out.peak_force == pytest.approx(hertz, rel=1e-9)
+    standing = play(Always(0.0, 20.0), SCENARIO, options={}, time_weight=1.0)
+    assert standing[:5] == (0.0, 1.2, 0.0, 0, True)
 
 
-def test_play_of_who_stands_still_is_a_miss():
-    out = play(Always(0.0, 20.0), SCENARIO, options={}, time_weight=1.0)
-    assert out[:5] == (0.0, 1.2, 0.0, 0, True)
-
-
-def test_scenario_is_the_same_by_itself_and_beside_others():
+def test_result_of_a_scenario_does_not_depend_on_the_others_of_its_batch():
     controller, frozen, numbers = ConstantSpeed(0.5, 20.0), load("test"), [7, 2]
     together = rescore(controller, "test", numbers, {}, 1.0)
     for row, k in enumerate(numbers):
@@ -117,8 +114,7 @@ def test_scenario_is_the_same_by_itself_and_beside_others():
 
 @pytest.mark.parametrize("episode", RIPPLING, ids=["once", "twice"])
 @pytest.mark.parametrize("rtol", [1e-5, 1e-6])
-def test_contact_that_ripples_as_it_lets_go_is_followed_through(episode, rtol):
-    """It is found to let go where a step starts that ends beyond the next time it does; that went on for ever."""
+def test_contact_whose_force_falls_to_0_several_times_in_a_step_ends(episode, rtol):
     setup, drawn = load_setup("ranged-robust").environment, episode["drew"]
     env, actions = gym.make("ImpactApproach-v0", **setup, rtol=rtol), np.array(episode["actions"], np.float32)[:, None]
     env.reset(seed=0, options={"record": drawn})

@@ -1,37 +1,45 @@
-"""What the controller sees of what it must not, sensors that err, and the range sensor.
+"""What the controller sees and what it must not see; sensors with errors; alarms raised by readings; detectors.
 
-That all observations are those of the independent solver, whatever is done: `test_reference_task.py`.
+`test_reference_task.py` compares all observations with those of the independent solver, for any actions.
 """
+
+import math
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import (
-    FORCE,
-    ID,
-    PEAK,
-    ROBOT,
-    Always,
-    action_table,
-    assert_identical,
-    at_rest,
-    encode,
-    newtons,
-    play,
-)
-from refusals import refused
+from episodes import ID, ROBOT, Always, action_table, assert_identical, encode, play, random_actions
 from scipy import stats
 from steered import ARM, OWN
 from tasks import RANGE_SENSOR
 
 import impact_gym as ig
-from agents.baselines import PaperTrapezoid
+from agents.baselines import BlindProfile, PaperTrapezoid
+from agents.baselines.detector import DETECTOR, DetectorProfile
+from agents.evaluate.scenario_batch import ScenarioBatch
 from impact_gym.envs.batch import Batch
 from impact_gym.task import Task
 from impact_gym.task.range_sensor import RangeSensor
 
+READING = {"alarm": "reading"}
+ALARM, SINCE, FORCE, PEAK = range(3, 7)
+"""Their places in an observation, by the table of the environment's documentation."""
 
-def test_approach_without_a_distance_estimate_looks_the_same_whatever_stands_ahead():
+
+def newtons(reading):
+    """The force of an observation: 0 ... 1000 N on a log scale."""
+    return np.expm1(np.asarray(reading, float) * math.log1p(1000.0))
+
+
+def at_rest(ticks, rows, **options):
+    """Observations (ticks, rows, n_obs) of a batch of arms that stand still, out of reach of any object."""
+    envs = gym.make_vec(ID, num_envs=rows, **options)
+    envs.reset(seed=0)
+    still = np.tile(encode(0.0, 20.0), (rows, 1))
+    return np.array([envs.step(still)[0] for _ in range(ticks)], float)
+
+
+def test_observations_without_a_distance_estimate_do_not_depend_on_the_object_before_the_touch():
     envs = gym.make_vec(ID, num_envs=300, scenario="hard")
     rng, history, touched = np.random.default_rng(0), [envs.reset(seed=0)[0]], np.full(300, np.nan)
     while np.isnan(touched).any():
@@ -41,46 +49,44 @@ def test_approach_without_a_distance_estimate_looks_the_same_whatever_stands_ahe
         history.append(observations)
     differ, ticks, alike = 0, len(history), np.array(history)[:, np.argmax(touched)]
     for row, seen in enumerate(np.array(history).transpose(1, 0, 2)):
-        first = min(int(np.ceil(touched[row] / 0.016 + 1.0)), ticks - 1)  # that may tell, a delay after the touch
+        first = min(int(np.ceil(touched[row] / 0.016 + 1.0)), ticks - 1)  # the first one a delay after the touch
         assert np.array_equal(seen[:first], alike[:first])
         differ += not np.array_equal(seen[first], alike[first])
     assert differ > 100
 
 
-def test_noise_and_bias_are_normal_and_leave_the_motion_alone():
+def test_noise_and_bias_of_the_force_are_normal_and_leave_the_motion_alone():
     assert not at_rest(5, 2000)[..., FORCE].any()
-    # readings never fall below zero: half of a normal distribution is seen, the other half as zeros
+    # readings never fall below zero: half of a normal distribution, the other half as zeros
     noise = newtons(at_rest(30, 2000, force_noise=0.3)[..., FORCE])
     assert np.mean(noise == 0.0) == pytest.approx(0.5, abs=0.01)
     assert stats.kstest(noise[noise > 0.0][::7], stats.halfnorm(scale=0.3).cdf).pvalue > 1e-3
-    for lag in (1, 2, 3):  # fresh at each reading, to 5 standard deviations of what independent signs come to
+    for lag in (1, 2, 3):  # readings are independent, to 5 standard deviations of independent signs
         signs = np.sign(noise - 1e-9)
         assert abs(np.mean(signs[lag:] * signs[:-lag])) < 5.0 / np.sqrt(signs[lag:].size)
     bias = newtons(at_rest(6, 2000, force_bias=0.3)[..., FORCE])
-    assert np.ptp(bias, axis=0) == pytest.approx(0.0, abs=1e-6)  # stays for the episode
+    assert np.ptp(bias, axis=0) == pytest.approx(0.0, abs=1e-6)  # constant in an episode
     assert stats.kstest(bias[3][bias[3] > 0.0], stats.halfnorm(scale=0.3).cdf).pvalue > 1e-3
-
     plain, noisy = gym.make(ID), gym.make(ID, force_noise=0.5, force_bias=0.5)
     for seed in range(20):
         (clean, _, truth), (seen, _, info) = (play(env, PaperTrapezoid(), seed) for env in (plain, noisy))
         for key in ("object_velocity", "approach_time", "peak_force", "scenario"):
             assert info[key] == truth[key]
         assert np.array_equal(np.delete(seen, [FORCE, PEAK], axis=1), np.delete(clean, [FORCE, PEAK], axis=1))
-        error = newtons(seen[:, FORCE]) - newtons(clean[:, FORCE])
-        assert np.abs(error).max() > 0.0
+        assert np.abs(newtons(seen[:, FORCE]) - newtons(clean[:, FORCE])).max() > 0.0
         assert (np.diff(seen[:, PEAK]) >= 0.0).all()
         assert (seen[:, PEAK] >= seen[:, FORCE] - 1e-7).all()
 
 
-def test_sensors_say_in_si_units_what_the_observation_says():
+def test_sensors_are_in_si_units_the_numbers_of_the_observation():
     options = {"range_noise": 0.01, "deflection_sensor": True, "force_bias": 0.1, "reaction_delay": 0.04}
     env, touched = gym.make(ID, **options), 0.0
     spec = env.unwrapped.observation_spec
     actions, observation, ended = iter(action_table(6, 200, 1)[:, 0]), env.reset(seed=4)[0], False
     while not ended:
         sensors = env.unwrapped.sensors()
-        known = {"time", "position", "velocity", "alarm", "time_since_alarm", "force", "force_peak"}
-        assert {*sensors} == known | {"distance_estimate", "deflection"}
+        usual = {"time", "position", "velocity", "alarm", "time_since_alarm", "force", "force_peak"}
+        assert {*sensors} == usual | {"distance_estimate", "deflection"}
         for name, value in sensors.items():
             assert type(value) is float
             assert observation[spec.index(name)] == pytest.approx(float(spec.encode(name, value)), abs=1e-6)
@@ -89,7 +95,7 @@ def test_sensors_say_in_si_units_what_the_observation_says():
     assert touched > 1.0
 
 
-@pytest.mark.parametrize("options", [{}, {"alarm": "reading", "force_noise": 1.0}, {"operator": "Trapezoid"}], ids=str)
+@pytest.mark.parametrize("options", [{}, {**READING, "force_noise": 1.0}, {"operator": "Trapezoid"}], ids=str)
 def test_episode_state_has_the_alarm_that_is_observed_and_the_end_of_the_last_step(options):
     steered = {**ARM, "operator": {"type": options["operator"]}} if "operator" in options else options
     batch = Batch(20, Task(**steered), threads=1)
@@ -119,9 +125,8 @@ def test_bodies_are_where_the_trace_ends(coupling):
     for _ in range(12):
         batch.step(encode([0.7], [15.0]), batch.ended)
         trace, bodies = batch.trace(0), batch.bodies()
-        names = ("time", "flange_position", "tool_position", "object_position")
-        ends = [getattr(trace, name)[-1] for name in names]
-        assert np.array(bodies[:4])[:, 0] == pytest.approx(ends, abs=1e-12)
+        ends = [getattr(trace, f"{body}_position")[-1] for body in ("flange", "tool", "object")]
+        assert np.array(bodies[:4])[:, 0] == pytest.approx([trace.time[-1], *ends], abs=1e-12)
         assert bodies.touched == (trace.contact_force.max() > 0.0)
         if coupling != ig.Rigid():
             assert bodies.deflection == pytest.approx(bodies.tool - bodies.flange, abs=1e-12)
@@ -136,16 +141,16 @@ def readings(steps, **sensor):
     """Range and age (steps, ROWS) before a flange at rest, each step after the first."""
     batch = Batch(ROWS, Task(scenario={"distance": (GAP, GAP)}, velocity_range=(-0.5, 0.5), range_sensor=sensor))
     batch.begin_seeded(0, {})
-    rest, none, seen = np.zeros((ROWS, 2)), np.zeros(ROWS, bool), []
+    seen = []
     for _ in range(steps):
-        batch.step(rest, none)
+        batch.step(np.zeros((ROWS, 2)), np.zeros(ROWS, bool))
         seen.append([batch.sensors()[name] for name in ("range", "range_age")])
     return np.array(seen).transpose(1, 0, 2)
 
 
 @pytest.mark.parametrize("coupling", [{"type": "Rigid"}, {"type": "SpringDamper", "stiffness": 50.0}])
 @pytest.mark.parametrize("delay", [0.0, 0.016, 0.04])
-def test_without_errors_the_gap_of_the_trace_is_read_a_delay_late(delay, coupling):
+def test_range_sensor_without_errors_reads_the_gap_of_the_trace_with_its_delay(delay, coupling):
     env = gym.make(ID, range_sensor=RangeSensor(delay=delay), coupling=coupling, record_trace=True).unwrapped
     env.reset(seed=3)
     seen, action, ended = [], Always(0.8, 10.0).predict(np.zeros(10))[0], False
@@ -164,29 +169,25 @@ def test_without_errors_the_gap_of_the_trace_is_read_a_delay_late(delay, couplin
     assert before.sum() > 10
 
 
-def test_mean_spread_and_dropouts_are_those_asked_for():
+def test_range_sensor_has_the_given_noise_bias_and_dropouts():
     noise, share, bias, dropout = 0.004, 0.02, 0.015, 0.3
     gap, age = readings(20, noise=noise, share=share, bias=bias, dropout=dropout)
-    fresh = gap[age == 0.0]
-    spread = noise + share * GAP
+    fresh, spread = gap[age == 0.0], noise + share * GAP
     assert stats.kstest(fresh[::7], stats.norm(GAP + bias, spread).cdf).pvalue > 1e-3
     assert abs(fresh.mean() - GAP - bias) < 5.0 * spread / np.sqrt(fresh.size)
     assert abs(np.mean(age > 0.0) - dropout) < 5.0 * np.sqrt(dropout * (1.0 - dropout) / age.size)
-    for lag in (1, 2):  # neither errors nor losses follow from earlier ones
+    for lag in (1, 2):  # errors and losses are independent of earlier ones
         signs, lost = np.where(age == 0.0, np.sign(gap - GAP - bias), 0.0), (age > 0.0) - dropout
         assert abs(np.mean(signs[lag:] * signs[:-lag])) < 5.0 / np.sqrt(signs.size)
         assert abs(np.mean(lost[lag:] * lost[:-lag])) < 5.0 * dropout / np.sqrt(lost.size)
-    assert not np.any((age > 0.0)[:-1] & (age[1:] < age[:-1]) & (age[1:] > 0.0))  # a new reading is a fresh one
-
-
-def test_bias_that_is_drawn_stays_for_the_episode_and_is_uniform():
-    gap, _ = readings(5, bias=(-0.05, 0.05))
+    assert not np.any((age > 0.0)[:-1] & (age[1:] < age[:-1]) & (age[1:] > 0.0))  # a new reading has age 0
+    gap, _ = readings(5, bias=(-0.05, 0.05))  # constant in an episode
     assert np.ptp(gap, axis=0) == pytest.approx(0.0, abs=1e-12)
     assert stats.kstest(gap[0] - GAP, stats.uniform(-0.05, 0.1).cdf).pvalue > 1e-3
-    assert readings(3, noise=1.0)[0].min() == 0.0  # nothing is read below 0
+    assert readings(3, noise=1.0)[0].min() == 0.0  # never negative
 
 
-def test_sensor_leaves_motion_and_other_draws_alone():
+def test_range_sensor_changes_neither_the_motion_nor_other_draws():
     sensed, plain = gym.make(ID, range_sensor=RANGE_SENSOR, force_noise=0.3), gym.make(ID, force_noise=0.3)
     for seed in range(40, 45):
         seen, without = (play(env, Always(0.7, 12.0), seed) for env in (sensed, plain))
@@ -194,9 +195,106 @@ def test_sensor_leaves_motion_and_other_draws_alone():
         assert {name: seen.info["record"][name] for name in without.info["record"]} == without.info["record"]
 
 
-def test_state_in_which_more_readings_were_delivered_than_taken_is_refused():
-    batch = Batch(2, Task(range_sensor=RANGE_SENSOR))
-    batch.begin_seeded(0, {})
-    state = batch.get_state()
-    state["episodes"]["ranges_delivered"] += 1000
-    refused(lambda: batch.set_state(state), "sha256 of a state must be")
+@pytest.mark.parametrize(("threshold", "sigma"), [(1.0, 0.5), (2.0, 1.0), (2.0, 2.0), (4.0, 5.0)])
+def test_false_alarms_have_the_frequency_of_normal_noise_above_the_threshold_and_end_after_their_time(threshold, sigma):
+    rows, ticks, last, again = 1500, 40, 9, 0  # of 16 ms; `last` is shorter than an alarm
+    seen = at_rest(ticks, rows, force_noise=sigma, alarm_threshold=threshold, **READING)
+    share, first = stats.norm.sf(threshold / sigma), seen[:last, :, ALARM].mean(axis=1)
+    expected = 1.0 - (1.0 - share) ** np.arange(1, last + 1)
+    assert (np.abs(first - expected) < 4.0 * np.sqrt(expected * (1.0 - expected) / rows)).all()
+    on, values, since = seen[:, :, ALARM] > 0.5, newtons(seen[:, :, FORCE]), 0.15 * seen[:, :, SINCE]
+    raised, over = np.full(rows, np.inf), np.zeros(rows, bool)
+    for tick in range(ticks):
+        ends = 0.016 * (tick - raised) > 0.15 - 1e-9
+        raised[ends], over = np.inf, over | ends
+        begins = np.isinf(raised) & (values[tick] > threshold)
+        raised[begins], again = tick, again + np.sum(begins & over)
+        assert np.array_equal(on[tick], np.isfinite(raised))
+        assert since[tick, on[tick]] == pytest.approx(0.016 * (tick - raised[on[tick]]), abs=1e-6)
+    assert again > 100
+
+
+def test_false_alarm_ends_no_episode():
+    quiet, noisy = (
+        ScenarioBatch(4, 100, Task(force_noise=noise, **READING)).play(Always(0.7, 20.0)) for noise in (0.0, 5.0)
+    )
+    assert quiet.object_velocity == pytest.approx(noisy.object_velocity, rel=1e-7, abs=1e-9)
+    assert quiet.approach_time == pytest.approx(noisy.approach_time, rel=1e-7, abs=1e-9)
+
+
+@pytest.mark.parametrize("deflection", [False, True])
+def test_past_readings_are_the_readings_of_earlier_observations(deflection):
+    env = gym.make(ID, past_readings=3, deflection_sensor=deflection, force_noise=2.0, **READING)
+    read, first, differ = [FORCE, 8] if deflection else [FORCE], 8 + deflection, 0
+    assert env.observation_space.shape == (first + 3 * len(read),)
+    for seed in range(10):
+        seen = play(env, random_actions(seed), seed).observations[:-1]  # the last step is a short one
+        for before in (1, 2, 3):
+            for place, sensor in enumerate(read):
+                column = first + (before - 1) * len(read) + place
+                assert np.array_equal(seen[before:, column], seen[:-before, sensor])
+                differ += not np.array_equal(seen[:, column], seen[:, sensor])
+    assert differ == 10 * 3 * len(read)
+
+
+def detector(*numbers, **environment):
+    """A profile with these numbers of the detector."""
+    own = dict(zip((each.name for each in DETECTOR), numbers, strict=True))
+    rule = DetectorProfile([own.get(each.name, each.start) for each in DetectorProfile.PARAMETERS])
+    return rule.for_task(Task(**{**DetectorProfile.NEEDS, **environment}))
+
+
+def test_detector_has_the_delay_and_false_alarms_of_pages_rule():
+    rule, rng = detector(0.5, 0.0, 5.0, 0.0, 0.0, 0.0, force_noise=1.0), np.random.default_rng(0)
+    before, rows = 200, 1000
+    seen, state, first = np.zeros((rows, len(rule.spec)), np.float32), None, np.full(rows, np.inf)
+    for step in range(before + 60):  # after `before` steps the force is 1 N, one standard deviation, larger
+        seen[:, rule.spec.index("force")] = rule.spec.encode("force", 20.0 + rng.normal(size=rows) + (step >= before))
+        seen[:, rule.spec.index("time")] = rule.spec.encode("time", np.full(rows, 1e-3 * step))
+        _, state = rule.predict(seen, state, np.zeros(rows, bool))
+        first = np.where(np.isfinite(state[0]), np.minimum(first, step), first)
+    assert 0.65 < (first >= before).mean() < 0.9  # one false alarm in 930 readings, exp(-200/930)
+    assert (first[first >= before] - before + 1).mean() == pytest.approx(10.4, rel=0.1)
+    # D. C. Montgomery, Introduction to Statistical Quality Control, table 9.3: k = 1/2, h = 5
+
+
+def test_detector_reports_a_kick_of_the_tool_and_not_its_own_oscillation():
+    rule, steps = detector(0.0, 0.0, 1.0, 0.0, 1000.0, 0.8), np.arange(20)
+    swing = (0.01 + 0.02 * steps) * 0.8**steps  # of a free, critically damped tool
+    for kick, touched in ((0.0, False), (-0.005, True)):  # m
+        state, seen = None, np.zeros((1, len(rule.spec)), np.float32)
+        for step in range(2, 20):
+            for name, back in (("deflection", 0), ("deflection_1", 1), ("deflection_2", 2)):
+                value = swing[step - back] + kick * (step - back >= 10)
+                seen[:, rule.spec.index(name)] = rule.spec.encode(name, np.array([value]))
+            _, state = rule.predict(seen, state, np.zeros(1, bool))
+        assert np.isfinite(state[0]).all() == touched
+
+
+def test_detector_agrees_with_an_alarm_without_noise_and_continues_after_a_false_one():
+    # it reports a touch if one reading exceeds the mean of the earlier ones by `threshold`, N
+
+    def played(threshold, **environment):
+        environment |= {**READING, "deflection_sensor": True, "past_readings": 2}
+        trusting = BlindProfile([parameter.start for parameter in BlindProfile.PARAMETERS])
+        judging = detector(threshold - 0.01, 0.0, 0.01, 0.0, 0.0, 0.0) if threshold else trusting
+        stage = ScenarioBatch.of("validation", 200, Task(**environment))
+        return stage.play(judging.for_task(Task(**{**DetectorProfile.NEEDS, **environment})))
+
+    trusting, judging, deaf = (played(each, alarm_threshold=3.0).object_velocity for each in (None, 3.0, 20.0))
+    assert np.mean(trusting == judging) > 0.98  # readings below 3 N are in the mean
+    assert (deaf > 1.1 * trusting).mean() > 0.3
+    missed = [played(threshold, force_noise=3.0).missed.sum() for threshold in (None, 1.0, 8.0, 20.0)]
+    assert min(missed[:2]) > 100  # these thresholds are within the noise
+    assert missed[2:] == [0, 0]
+
+
+def test_detector_forgets_the_last_episode():
+    rule = detector(0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    quiet, hit = (np.zeros((2, len(rule.spec)), np.float32) for _ in range(2))
+    hit[:, rule.spec.index("force")] = 1.0  # 1 kN
+    state = rule.predict(hit, rule.predict(quiet)[1])[1]
+    assert np.isfinite(state[0]).all()
+    _, state = rule.predict(quiet, state, np.array([True, False]))
+    assert np.isfinite(state[0]).tolist() == [False, True]
+    assert np.isfinite(rule.predict(quiet, state)[1][0]).tolist() == [False, True]

@@ -1,4 +1,4 @@
-"""How episodes end: V_p is what the object keeps or the status says so; friction, the task's own ends, any input."""
+"""How episodes end: V_p is final or the status says that it is not; friction, limits of the task, any input."""
 
 import math
 from itertools import cycle, islice
@@ -21,7 +21,7 @@ from impact_gym.task import Task
 
 SEED, SOFT = 7, {"contact_stiffness": (1.0, 100.0), "object_mass": (1.0, 5.0)}
 HEAVY = {"contact_stiffness": (1.0, 1e4), "object_mass": (10.0, 1e4)}
-SETTLE = [  # for seconds, all of them
+SETTLE = [  # in every episode
     (ig.SpringDamper(5.0, 0.0), None, {}, 2000),
     (ig.SpringDamper(50.0, 0.003), None, {}, 2000),
     (ig.SpringDamper(50.0, 1.0), None, SOFT, 500),
@@ -29,7 +29,7 @@ SETTLE = [  # for seconds, all of them
     (ig.SpringDamper(50.0, 0.0), ROBOT, {}, 100),
     (ig.Bistable(), None, SOFT, 100),
 ]
-DO_NOT_SETTLE = [  # some of them
+DO_NOT_SETTLE = [  # in some episodes
     (ig.Rigid(), None, HEAVY, 400),
     (ig.SpringDamper(2.0, 0.1), None, HEAVY, 400),
     (ig.SpringDamper(50.0, 0.01), ROBOT, HEAVY, 60),
@@ -38,20 +38,16 @@ DO_NOT_SETTLE = [  # some of them
 RULE, MOTION = ConstantSpeed(1.0, 8.0), ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1e-3))
 
 
-def played(coupling, robot, scenario, count):
-    """Episodes of the paper's rule, what has not settled as missed; and what `simulate` finds of them in 60 s."""
+@pytest.mark.parametrize("family", [*SETTLE, *DO_NOT_SETTLE], ids=str)
+def test_settled_velocity_is_that_of_a_minute_later(family):
+    coupling, robot, scenario, count = family
     task = {"coupling": coupling, "robot": robot, "scenario": scenario, "alarm_threshold": 1e-3}
-    episodes = ScenarioBatch(SEED, count, Task(**task), lenient=True).play(RULE)
+    episodes = ScenarioBatch(SEED, count, Task(**task), lenient=True).play(RULE)  # not settled counts as missed
     assert (episodes.contact_count > 0).all()
     chain = scenes.scene(coupling=coupling, robot=robot)
     paths = ("object.mass", "contact.stiffness", "contact.restitution", "object.distance")
     columns = dict(zip(paths, episodes.scenario.values(), strict=True))
-    return episodes, ig.sweep(chain, MOTION, columns, duration=60.0)
-
-
-@pytest.mark.parametrize("family", [*SETTLE, *DO_NOT_SETTLE], ids=str)
-def test_velocity_that_counts_as_settled_is_that_of_a_minute_later(family):
-    episodes, later = played(*family)
+    later = ig.sweep(chain, MOTION, columns, duration=60.0)
     settled, gap = ~episodes.missed, np.abs(episodes.object_velocity - later.object_velocity)
     assert gap[settled].max() < 1e-7
     assert np.array_equal(episodes.contact_count[settled], later.contact_count[settled])
@@ -60,7 +56,7 @@ def test_velocity_that_counts_as_settled_is_that_of_a_minute_later(family):
     assert family in SETTLE or gap[~settled].max() > 1e-4
 
 
-def test_info_says_what_has_not_settled():
+def test_status_says_that_an_episode_has_not_settled():
     task = {"scenario": {"object_mass": 1e4}, "coupling": ig.SpringDamper(2.0)}
     info = play(gym.make(ID, **task), RULE, SEED).info
     assert info["status"].startswith("not settled")
@@ -70,21 +66,11 @@ def test_info_says_what_has_not_settled():
         ScenarioBatch(SEED, 2, Task(**task)).play(RULE)
 
 
-SCENARIO = {"object_mass": 0.25, "contact_stiffness": 1e5, "restitution": 0.5, "distance": 0.2505}
-
-
-def final(controller, **options):
-    """The final info of an episode, and its last observation."""
-    episode = play(gym.make(ID, **options), controller, 1, scenario=SCENARIO)
-    return episode.info, episode.observations[-1]
-
-
 @pytest.mark.parametrize(
     "coupling", [ig.Rigid(), PAPERS_SPRING, ig.SpringDamper(150.0, 0.2), ig.Bistable(stop_damping_ratio=0.9)], ids=str
 )
 @pytest.mark.parametrize("friction", [0.1, 0.5])
-def test_papers_rule_on_rough_ground_leaves_what_simulate_says(coupling, friction):
-    """Rest is noted within two control steps, and to a millisecond after the episode."""
+def test_papers_rule_on_rough_ground_has_velocity_slide_and_rest_time_of_simulate(coupling, friction):
     batch, late = ScenarioBatch(0, 12, Task(coupling=coupling, friction=friction, rtol=1e-11)), []
     played = batch.play(PaperTrapezoid())
     for row, struck in enumerate(scenes_of(played, coupling, friction=friction)):
@@ -93,16 +79,17 @@ def test_papers_rule_on_rough_ground_leaves_what_simulate_says(coupling, frictio
         assert played.slide[row] == pytest.approx(outcome.slide, rel=1e-7)
         late.append(played.rest_time[row] - outcome.rest_time)
     assert played.slide.max() > 0.01
-    assert np.min(late) > -1.5e-3
+    assert np.min(late) > -1.5e-3  # in an episode, rest is detected at control steps, after it each ms
     assert np.percentile(late, 90) < 1.5e-3
     assert np.max(late) < 2.0 * Task.control_period
 
 
-def test_info_has_slide_and_rest_time_where_there_is_friction_alone():
+def test_info_has_slide_and_rest_time_only_with_friction():
     usual = {"object_velocity", "approach_time", "peak_force", "contact_count", "missed", "time_weight", "reward_terms",
              "scenario", "record", "status"}  # fmt: skip
-    assert final(PaperTrapezoid(), friction=0.0)[0].keys() == final(PaperTrapezoid())[0].keys() == usual
-    missed, _ = final(ConstantSpeed(0.05), friction=0.3)
+    for options in ({}, {"friction": 0.0}):
+        assert play(gym.make(ID, **options), PaperTrapezoid()).info.keys() == usual
+    missed = play(gym.make(ID, friction=0.3), ConstantSpeed(0.05)).info
     assert missed.keys() == usual | {*SLIDE}
     assert missed["missed"]
     assert (missed["slide"], missed["object_velocity"]) == (0.0, 0.0)
@@ -115,17 +102,18 @@ def test_info_has_slide_and_rest_time_where_there_is_friction_alone():
     assert (played.object_velocity < smooth.object_velocity).mean() > 0.9
 
 
-def test_horizon_time_after_the_alarm_and_cost_of_a_miss_are_those_asked_for():
-    info, observation = final(ConstantSpeed(0.05), horizon=0.4, missed_cost=3.5)
+def test_horizon_time_after_the_alarm_and_cost_of_a_miss_are_the_given_ones():
+    env = gym.make(ID, horizon=0.4, missed_cost=3.5)
+    observations, _, info = play(env, ConstantSpeed(0.05), 1)
     assert (info["approach_time"], info["reward_terms"]["missed"]) == (0.4, -3.5)
-    spec = gym.make(ID, horizon=0.4).unwrapped.observation_spec
-    assert spec.decode(observation, "time") == pytest.approx(0.4, rel=1e-6)
+    spec = env.unwrapped.observation_spec
+    assert spec.decode(observations[-1], "time") == pytest.approx(0.4, rel=1e-6)
     assert spec.scale("time").high == pytest.approx(0.55)
     assert Task(horizon=2.4).ends("horizon") == (0.0, 3.0)
     assert Task().ends("horizon") == (0.0, 1.5)
-    _, observation = final(PaperTrapezoid(), after_alarm=0.3)
-    spec = gym.make(ID, after_alarm=0.3).unwrapped.observation_spec
-    assert spec.decode(observation, "time_since_alarm") == pytest.approx(0.3, rel=1e-6)
+    env = gym.make(ID, after_alarm=0.3)
+    last = play(env, PaperTrapezoid(), 1).observations[-1]
+    assert env.unwrapped.observation_spec.decode(last, "time_since_alarm") == pytest.approx(0.3, rel=1e-6)
     assert ScenarioBatch(0, 3, Task(missed_cost=3.5)).play(ConstantSpeed(0.05)).loss(1.0) == pytest.approx(1.2 + 3.5)
 
 
@@ -137,13 +125,13 @@ SHORT = {"type": "SpringDamper", "stiffness": (20.0, 80.0), "stroke": (0.02, 0.2
     ({"coupling": SHORT, "tool_mass": (0.1, 0.14)}, r"stroke .* 0\.02 m, .* 0\.14 m"),  # 20 m/s^2 * 0.14 kg / 20 N/m
     ({"horizon": 0.2}, r"distance .* 0\.35 m, .* 0\.2 s \(horizon\) .* 0\.244 m"),
 ], ids=["stroke", "shortest stroke", "distance"])  # fmt: skip
-def test_short_stroke_and_objects_out_of_reach_are_said_where_the_environment_is_made(options, said):
+def test_environment_warns_of_a_short_stroke_and_of_objects_out_of_reach(options, said):
     with pytest.warns(UserWarning, match=said):
         gym.make(ID, **options)
 
 
 def powers(low, high):
-    """Positive numbers of every magnitude between two."""
+    """Numbers of every order of magnitude between two."""
     return st.floats(math.log10(low), math.log10(high)).map(lambda power: float(10.0**power))
 
 
@@ -167,7 +155,7 @@ EXTREME_ARGUMENTS = {
     st.fixed_dictionaries({}, optional=EXTREME),
     st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)), min_size=1, max_size=8),
 )
-def test_environment_plays_whatever_it_accepts_to_a_finite_end(rows, extreme, scenario, actions):
+def test_episode_with_any_accepted_arguments_ends_with_finite_results(rows, extreme, scenario, actions):
     options = rows[0] | extreme | {"max_episode_steps": None}
     env = gym.make(ID, **options)
     given = Given(islice(cycle(np.resize(action, env.action_space.shape) for action in actions), 1300))
@@ -175,6 +163,6 @@ def test_environment_plays_whatever_it_accepts_to_a_finite_end(rows, extreme, sc
     assert all(observation in env.observation_space for observation in observations)
     assert len(rewards) < 1 + (1.2 + 0.15 + 1.0) / options.get("control_period", 0.016) + 2
     assert math.isfinite(rewards.sum())
-    assert all_finite({name: value for name, value in info.items() if name not in SLIDE})  # with friction of 0 inf
+    assert all_finite({name: value for name, value in info.items() if name not in SLIDE})  # infinite without friction
     if info["status"] != "ok" and not info["status"].startswith("not settled"):
         assert info["reward_terms"]["missed"] == -options.get("missed_cost", 2.0)

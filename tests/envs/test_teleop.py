@@ -1,4 +1,4 @@
-"""An operator in the loop: rules that no action breaks, and the paper's brake."""
+"""An operator in the loop: rules that hold for any action, the paper's brake, ends of episodes, recordings."""
 
 import math
 
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from episodes import scene
 from refusals import refused
+from scenes import log_uniform
 from steered import AWAY, GENTLE, ID, OWN, STOP, final, played, sent, steered
 from tasks import CHANNEL, STEERED_DRAWN
 
@@ -22,14 +23,12 @@ COUPLINGS = (ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable())
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda each: type(each).__name__)
-def test_stop_sent_at_the_touch_is_the_papers_brake_with_that_delay(coupling):
-    rng = np.random.default_rng(3)
+def test_stop_sent_at_the_touch_is_the_papers_brake_with_the_delay_of_the_channel(coupling):
+    random = np.random.default_rng(3)
     for _ in range(70):
-        delay, mass, stiffness, restitution, friction, distance = rng.uniform(
-            [0.0, math.log(0.1), math.log(1e3), 0.1, 0.1, 0.2], [0.3, math.log(2.5), math.log(1e6), 1.0, 0.5, 0.8]
-        ).tolist()
-        numbers = {"object_mass": math.exp(mass), "contact_stiffness": math.exp(stiffness), "restitution": restitution,
-                   "distance": distance}  # fmt: skip
+        delay, friction = random.uniform([0.0, 0.1], [0.3, 0.5]).tolist()
+        numbers = {"object_mass": log_uniform(random, 0.1, 2.5), "contact_stiffness": log_uniform(random, 1e3, 1e6),
+                   "restitution": random.uniform(0.1, 1.0), "distance": random.uniform(0.2, 0.8)}  # fmt: skip
         task = {"coupling": coupling, "uplink": {"delay": delay}, "friction": friction, "scenario": numbers}
         info = final(steered(ig.operators.Trapezoid(0.5, 0.0), rtol=1e-10, **task), GENTLE)
         brake = ig.Brake(threshold=0.0, delay=delay, deceleration=20.0)
@@ -39,7 +38,7 @@ def test_stop_sent_at_the_touch_is_the_papers_brake_with_that_delay(coupling):
         assert info["touch_time"][0] == pytest.approx(delay + outcome.contacts[0].start, abs=1e-9)
 
 
-def test_no_action_over_no_channel_breaks_the_rules_of_authority():
+def test_rules_of_authority_hold_for_any_action_and_channel():
     rng = np.random.default_rng(1)
     for options in STEERED_DRAWN.values():
         batch = Batch(512, Task(**options | {"robot": None, "acceleration_range": (1.0, 20.0)}), threads=1)
@@ -59,15 +58,14 @@ def test_no_action_over_no_channel_breaks_the_rules_of_authority():
             assert (executed[free] * command[free] >= 0.0).all()
             assert (np.abs(executed - command) <= np.abs(command) + 0.3 + 1e-12).all()
             assert (executed[command == 0.0] == 0.0).all()
-            silent = (links["expired"] == 1) & (before == 1)  # the whole step
+            silent = (links["expired"] == 1) & (before == 1)  # during the whole step
             assert (executed[silent] == 0.0).all()
             still = np.where(silent | (command == 0.0), still + 0.016, 0.0)
             assert (sensors["velocity"][still > 0.032 + 0.5 / 20.0] == 0.0).all()
 
 
 @pytest.mark.parametrize("alarm", ["force", "reading"])
-def test_withdrawal_ends_over_a_tenth_of_a_second_after_the_alarm(alarm):
-    """However the alarm comes: v = -r, and after 0.15 s r falls linearly."""
+def test_withdrawal_is_constant_for_0_15_seconds_after_the_alarm_and_then_ends_linearly_in_0_1(alarm):
     task = {"alarm": alarm, "scenario": {"distance": 0.1}, "coupling": ig.Rigid()}
     batch, back = steered(ig.operators.Trapezoid(0.5, reaction=1.0), **task), []
     for _ in played(batch, OWN):
@@ -87,8 +85,8 @@ HESITANT = {"type": "Reach", "place_error": [-0.05, 0.05], "creep": [0.05, 0.15]
 SNAPPING = {"coupling": ig.Bistable(), "friction": (0.1, 0.5), "scenario": {"distance": [0.2, 0.8]}}
 
 
-def test_object_that_a_tool_rocks_against_is_settled_once_it_has_stuck():
-    """Hardly anything damps this contact, so the tool still swings after 10 s; but no force comes near the friction."""
+def test_object_that_sticks_is_settled_although_the_tool_still_oscillates_against_it():
+    # hardly anything damps this contact: the tool still oscillates after 10 s, with a force far below the friction
     lags = {way: {"delay": [0.0, 0.2], "jitter": 0.005} for way in ("uplink", "downlink")}
     batch = steered(HESITANT, **lags, **SNAPPING)
     batch.begin_seeded(1_000_627, {})
@@ -102,8 +100,7 @@ def test_object_that_a_tool_rocks_against_is_settled_once_it_has_stuck():
 
 
 @pytest.mark.parametrize("rtol", [1e-4, 1e-5, 1e-6, 1e-8])
-def test_tool_that_rests_against_an_object_for_seconds_presses_with_what_holds_it(rtol):
-    """Each step is good there; forces of mechanism and contact are equal, and the clock goes on."""
+def test_tool_that_rests_against_an_object_for_seconds_has_equal_forces_of_mechanism_and_contact(rtol):
     batch = steered(HESITANT, uplink=CHANNEL | {"loss": 0.0}, rtol=rtol, **SNAPPING)
     batch.begin_seeded(4_000_240, {})
     for step in range(470):
@@ -118,8 +115,7 @@ def test_tool_that_rests_against_an_object_for_seconds_presses_with_what_holds_i
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda each: type(each).__name__)
-def test_tool_pushes_an_object_on_for_seconds_with_its_friction(coupling):
-    """The object goes as fast as the flange, and the contact is as deep as mu m_p g asks for."""
+def test_tool_pushes_an_object_for_seconds_at_its_own_speed_with_the_force_of_friction(coupling):
     dull = {"object_mass": (0.3, 1.0), "restitution": (0.1, 0.4), "distance": 0.2}
     operator = {"type": "Trapezoid", "speed": (0.1, 0.4), "reaction": 9.0}
     batch = steered(operator, 50, coupling=coupling, horizon=7.0, scenario=dull)
@@ -129,7 +125,7 @@ def test_tool_pushes_an_object_on_for_seconds_with_its_friction(coupling):
     pressed = (chains["penetration"] > 0.0) & (chains["time"] > 6.0)
     assert pressed.sum() > 40
     depth = (0.3 * drawn["object_mass"] * GRAVITY / drawn["contact_stiffness"]) ** (2.0 / 3.0)
-    assert chains["penetration"][pressed] == pytest.approx(depth[pressed], rel=1e-3)  # it still swings a little
+    assert chains["penetration"][pressed] == pytest.approx(depth[pressed], rel=1e-3)  # it still oscillates a little
     speed = chains["flange_velocity"] + chains["deflection_rate"] - chains["penetration_rate"]  # of the object
     assert speed[pressed] == pytest.approx(drawn["operator"]["speed"][pressed], rel=1e-3)
 
@@ -140,7 +136,7 @@ def test_arm_stops_within_timeout_delay_and_braking_once_the_channel_is_dead():
         pass
     assert batch.episodes["sensors"]["velocity"][0] == 0.5
     begun, arrives = batch.chains["time"][0], batch.packets["arrives"]
-    arrives[arrives > begun] = batch.links["next_arrival"] = batch.links["next_sent"] = math.inf  # and all under way
+    arrives[arrives > begun] = batch.links["next_arrival"] = batch.links["next_sent"] = math.inf  # in transit, too
     while batch.episodes["sensors"]["velocity"][0] != 0.0:
         batch.step(np.array([OWN]), batch.ended)
     assert 0.5 / 20.0 < batch.chains["time"][0] - begun <= 0.07 + 0.5 / 20.0 + 0.016
@@ -153,10 +149,10 @@ def test_operator_stops_a_reaction_after_the_display_has_shown_the_touch():
     stop, info = packets[packets["command"] == 0.0][0], batch.info()
     assert stop["sent"] == pytest.approx(info["touch_time"][0] + 0.12 + SIMPLE_REACTION, abs=1e-12)
     done = stop["sent"] + 0.05 + 0.3
-    assert info["done_time"][0] < done + 0.016 + 1e-9  # sooner where the tool was beside it
+    assert info["done_time"][0] < done + 0.016 + 1e-9  # earlier if the tool was beside the object
 
 
-def test_replay_plays_what_was_recorded_and_gives_up_where_it_ends():
+def test_episode_of_a_replay_that_touches_nothing_ends_after_the_recording():
     operator = ig.operators.Replay((0.0, 0.5, 1.0, 1.1), (0.0, 0.3, 0.3, 0.0))
     info = final(steered(operator, scenario=AWAY), OWN)
     assert info["missed"][0]
@@ -166,9 +162,7 @@ def test_replay_plays_what_was_recorded_and_gives_up_where_it_ends():
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.05])
-def test_replay_of_what_a_person_commanded_at_each_tick_is_the_same_episode(delay):
-    """To the bit, alone and as one of several recordings, behind an assistance that looks at the command."""
-
+def test_replay_of_a_persons_commands_is_the_same_episode_to_the_bit_alone_and_among_several(delay):
     def assist(batch):
         command, alarm = (batch.episodes["sensors"][name] for name in ("command", "alarm"))
         return np.stack([np.cos(4.0 * command), np.full(batch.size, 0.3), alarm - 0.5], axis=1)
@@ -178,12 +172,12 @@ def test_replay_of_what_a_person_commanded_at_each_tick_is_the_same_episode(dela
     batch.begin_seeded(3, {})
     commands = [[0.0] for _ in range(20)]
     while not batch.ended.all():
-        if rng.random() < 0.25:  # persons at the sticks go and let go at random
+        if rng.random() < 0.25:  # persons move and release their sticks at random
             batch.set_operator_velocity(rng.uniform(-0.1, 0.4, 20) * (rng.random(20) < 0.95))
         batch.step(assist(batch), batch.ended)
-        for row in np.flatnonzero(batch.links["packets"] > list(map(len, commands))):  # a step cut by an alarm has none
+        for row in np.flatnonzero(batch.links["packets"] > list(map(len, commands))):  # a step to an alarm sends none
             commands[row].append(float(batch.links["person_command"][row]))
-    of_them = batch.info()
+    expected = batch.info()
     times, length = [0.016 * np.arange(len(each)) for each in commands], 0.016 * 600
     several = {
         "type": "Replay", "time": [time for k, each in enumerate(times) for time in k * length + each],
@@ -197,11 +191,11 @@ def test_replay_of_what_a_person_commanded_at_each_tick_is_the_same_episode(dela
             while not other.ended[0]:
                 other.step(assist(other), other.ended)
             for name in ("object_velocity", "slide", "done_time", "peak_force", "taken", "rest_time"):
-                assert other.info()[name][0] == of_them[name][row], (row, name)
-    assert len({*of_them["peak_force"]}) > 10
+                assert other.info()[name][0] == expected[name][row], (row, name)
+    assert len({*expected["peak_force"]}) > 10
 
 
-def test_recording_is_drawn_and_every_one_alike():
+def test_each_recording_is_drawn_with_the_same_probability():
     operator = {"type": "Replay", "time": [0.0, 8.0, 9.0, 17.0], "velocity": [0.1, 0.1, 0.2, 0.2], "length": 9.0,
                 "recording": (0, 2)}  # fmt: skip
     batch = steered(operator, 1000, scenario=AWAY)
@@ -210,7 +204,7 @@ def test_recording_is_drawn_and_every_one_alike():
     assert np.mean(batch.links["last_sent"] == 0.1) == pytest.approx(0.5, abs=0.05)
 
 
-def test_command_is_for_a_person_and_within_what_the_arm_can_do():
+def test_command_of_a_person_is_refused_outside_the_range_of_the_arm_and_sent_at_the_end_of_a_step():
     env = gym.make(ID, operator={"type": "Person"}).unwrapped
     env.reset(seed=1)
     for wrong in (math.nan, math.inf, 0.51, -0.31, "fast", None):
@@ -218,7 +212,7 @@ def test_command_is_for_a_person_and_within_what_the_arm_can_do():
     refused(lambda: gym.make(ID).unwrapped.command(0.1), "operator", "Person")
     env.command(0.5)
     *_, info = env.step(np.array(OWN, np.float32))
-    assert info["command"] == 0.0  # it is sent at the end of the step, and takes 0.1 s
+    assert info["command"] == 0.0  # it is sent at the end of the step and arrives 0.1 s later
     envs = gym.make_vec(ID, 2, operator={"type": "Person"}, uplink=None)
     envs.reset(seed=1)
     envs.unwrapped.command([0.1, 0.2])
@@ -227,7 +221,7 @@ def test_command_is_for_a_person_and_within_what_the_arm_can_do():
 
 
 @pytest.mark.parametrize("gain", [1.0, 0.4])
-def test_episode_ends_where_it_says_and_rewards_add_up(gain):
+def test_steered_episode_ends_by_its_rules_and_its_rewards_add_up(gain):
     batch, total, going = Batch(10, Task(**IDS[ID]), threads=1), np.zeros(10), np.ones(10, bool)
     for each in played(batch, [2.0 * gain - 1.0, 0.5, -1.0]):
         total[going] += each.rewards[going]
@@ -239,8 +233,7 @@ def test_episode_ends_where_it_says_and_rewards_add_up(gain):
     assert {row.id for row in STEERED} <= info.keys()
 
 
-def test_shuffled_beliefs_change_the_commands_alone():
-    """Whoever has another episode's belief commands what that operator would; nothing else tells of the place."""
+def test_observations_depend_on_the_object_only_through_the_belief_of_the_operator():
     batch = steered({"type": "Reach", "place_error": (-0.05, 0.05), "creep": 0.1}, 2, scenario=AWAY)
     batch.begin_seeded(0, {"operator.place_error": [-0.3, -0.3], "distance": [0.6, 0.7], "noise_seed": [1.0, 1.0]})
     assert np.ptp(batch.links["believed"]) == pytest.approx(0.1)

@@ -1,6 +1,5 @@
-"""Episodes played, what was seen in them, and the scenes of `simulate` that they are."""
+"""Play episodes; what an observation holds; the scenes of `simulate` that episodes are."""
 
-import math
 from typing import NamedTuple
 
 import gymnasium as gym
@@ -22,12 +21,10 @@ ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 PAPERS_SPRING = ig.SpringDamper(50.0, 1.0)
 encode = ActionSpec(Task()).encode
 """From velocity (m/s) and acceleration (m/s^2) to the action of `ID`."""
-VELOCITY, TIME, ALARM, SINCE, FORCE, PEAK = range(1, 7)
-"""Where these stand in an observation, by the table of the environment's documentation."""
 
 
 def action_table(seed, ticks=160, slots=SLOTS, lean=(0.3, 0.3), task=None):
-    """Random actions (ticks, slots, n) for such tasks, lean forward, each slot by its own share: so slots end apart."""
+    """Random actions (ticks, slots, n) for a task, each slot with its own mean, so that slots end at other times."""
     rng = np.random.default_rng(seed)
     leans, commands = rng.uniform(*lean, (1, slots, 1)), 3 if (task or {}).get("operator") else 2
     return np.clip(rng.uniform(-1.0, 1.0, (ticks, slots, commands)) + leans, -1.0, 1.0).astype(np.float32)
@@ -38,14 +35,14 @@ def assert_identical(first, second):
 
 
 def all_finite(value):
-    """Whether every number in a value is finite, however deep."""
+    """Whether every number in a nested value is finite."""
     if isinstance(value, (dict, list, tuple)):
         return all(map(all_finite, value.values() if isinstance(value, dict) else value))
     return not isinstance(value, (float, np.floating, np.ndarray)) or bool(np.isfinite(value).all())
 
 
 class Always:
-    """Commands one velocity (m/s) and acceleration (m/s^2) for ever, alone or in every row of a batch."""
+    """Commands one velocity (m/s) and acceleration (m/s^2), alone or in every row of a batch."""
 
     def __init__(self, velocity, acceleration):
         self.action = encode(velocity, acceleration)
@@ -55,7 +52,7 @@ class Always:
 
 
 class Given:
-    """Plays the actions it was given, and keeps what it has `seen`."""
+    """Plays given actions, and keeps the observations in `seen`."""
 
     def __init__(self, actions):
         self.left, self.seen = iter(actions), []
@@ -66,7 +63,6 @@ class Given:
 
 
 def random_actions(seed):
-    """Return a controller of even random actions, whatever it sees."""
     return Given(np.random.default_rng(seed).uniform(-1.0, 1.0, (1000, 2)).astype(np.float32))
 
 
@@ -79,7 +75,7 @@ class Episode(NamedTuple):
 
 
 def history(env, controller, seed=None, **options):
-    """Play one episode of a single environment: all that reset, with such options, and step returned."""
+    """Play an episode of a single environment; return what reset, with these options, and each step returned."""
     returned, state = [env.reset(seed=seed, options=options)], None
     while True:
         action, state = controller.predict(returned[-1][0], state=state)
@@ -89,7 +85,7 @@ def history(env, controller, seed=None, **options):
 
 
 def play(env, controller, seed=None, **options):
-    """The same as arrays; before the end there is nothing in the info."""
+    """The same as arrays; the info is empty before the end."""
     (first, _), *steps = history(env, controller, seed, **options)
     assert all(step[4].keys() <= {*COMMANDED} for step in steps[:-1])
     rewards, info = np.array([step[1] for step in steps]), steps[-1][4]
@@ -103,7 +99,7 @@ def task_of(env):
 
 
 def assert_added_up(task, rewards, info):
-    """The return is minus what time, V_p (or a miss) and force cost, each by its weight; costs come in on the way."""
+    """The return is minus the weighted time, V_p (or cost of a miss) and force; no reward but the last is positive."""
     terms, tolerance = info["reward_terms"], 1e-12 * max(1.0, abs(rewards.sum()))
     assert terms.keys() == {"time", "velocity", "force", "missed"}
     assert rewards.sum() == pytest.approx(sum(terms.values()), rel=0, abs=tolerance)
@@ -119,7 +115,7 @@ def assert_added_up(task, rewards, info):
 
 
 def begin(env, seed=None, options=None):
-    """Reset any front end: the observations."""
+    """Reset any front end; return the observations."""
     if not isinstance(env, VecEnv):
         return env.reset(seed=seed, options=options)[0]
     if options is not None:
@@ -129,31 +125,13 @@ def begin(env, seed=None, options=None):
     return env.reset()
 
 
-def at_rest(ticks, rows, **options):
-    """Observations (ticks, rows, n_obs) of a batch of arms that stand still where nothing can be touched."""
-    envs = gym.make_vec(ID, num_envs=rows, **options)
-    envs.reset(seed=0)
-    still = np.tile(encode(0.0, 20.0), (rows, 1))
-    return np.array([envs.step(still)[0] for _ in range(ticks)], float)
-
-
 def scene(scenario, coupling=PAPERS_SPRING, dissipation="hu-guo", friction=0.0):
-    """The scene of a scenario, with the tool of 125 g that the environment has where nothing else is said."""
+    """The scene of a scenario, with the environment's usual tool of 125 g."""
     contact = ig.Contact(scenario["contact_stiffness"], scenario["restitution"], dissipation)
     target = ig.Object(scenario["object_mass"], scenario["distance"], friction)
     return ig.Scene(ig.Tool(0.125), target, contact, coupling)
 
 
 def scenes_of(played, coupling, **law):
-    """The scene of each episode of a batch that was played."""
     rows = zip(*(values.tolist() for values in played.scenario.values()), strict=True)
     return [scene(dict(zip(played.scenario, row, strict=True)), coupling, **law) for row in rows]
-
-
-def newtons(reading):
-    """Force of a reading: 0 ... 1000 N on a log scale."""
-    return np.expm1(np.asarray(reading, float) * math.log1p(1000.0))
-
-
-def seconds(observations):
-    return 0.75 * (np.asarray(observations, float)[..., 2] + 1.0)

@@ -1,4 +1,4 @@
-"""The kernels opened for tests: `opened_kernels.pyx`, compiled again when a source of the kernels has changed."""
+"""`opened_kernels.pyx`, the kernels with entries for tests; compiled if a source of the kernels has changed."""
 
 import fcntl
 import importlib.util
@@ -13,12 +13,12 @@ from pathlib import Path
 SOURCE = Path(__file__).with_name("opened_kernels.pyx")
 BUILT = Path(__file__).parents[2] / "build" / "opened_kernels"
 FLAGS = "-O0 -w -fPIC -fno-math-errno -fno-trapping-math -ffp-contract=off -DCOMPILED_FROM='\"tests\"'"
-"""Compiled without optimisation, which takes a tenth of the time; operations round as with the flags of setup.py."""
+"""Without optimisation the compiler takes a tenth of the time; each operation rounds as with the flags of setup.py."""
 
 
 @cache
 def kernels():
-    """The compiled module; the first process compiles it, in 4 s."""
+    """The compiled module; the first process takes 4 s."""
     package = SOURCE.parents[2] / "impact_gym"
     sources = (SOURCE, *sorted((*package.glob("*.pyx"), *package.rglob("*.pxi"), *package.rglob("*.h"))))
     content = b"".join(file.read_bytes() for file in sources)

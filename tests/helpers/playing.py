@@ -1,4 +1,4 @@
-"""Players of the page, with and without a browser, and its server in a process of its own."""
+"""Players of the page, with and without a browser, and its server in a separate process."""
 
 import json
 import math
@@ -27,12 +27,12 @@ SETUP = "teleop-spring"
 
 
 def wanted(assist="none", seed=1, setup=SETUP, slow=1.0, **sliders):
-    """Return a try that is to be played, with the sliders where they begin but for some."""
+    """A try before it is played, with the usual values of all other sliders."""
     return Try(setup, assist, seed, record_of(usual(load_setup(setup)) | sliders), slow=slow)
 
 
 def pushed(velocity, after=4, **asked):
-    """Return a try of somebody who commands velocity(time), and lets go some steps after the touch."""
+    """A try by a person who commands velocity(time) and releases the stick some steps after the touch."""
     live, touched = Live(wanted(**asked)), 0
     while not live.ended:
         touched += bool(live.batch.bodies().touched[0])
@@ -41,13 +41,13 @@ def pushed(velocity, after=4, **asked):
 
 
 def near_setup(folder):
-    """Write a set-up whose objects stand so near that a try takes little time; return its file."""
+    """Write a set-up with near objects, so that a try takes little time; return its file."""
     environment = load_setup(SETUP).environment | {"scenario": {"distance": [0.1, 0.2]}}
     return write_file(folder / "near.toml", tomli_w.dumps({"environment": environment}))
 
 
 class Served:
-    """A server that runs: where it is, and its process."""
+    """A running server: its address and its process."""
 
     def __init__(self, process, setup, folder):
         self.process, self.setup, self.folder = process, setup, folder
@@ -56,40 +56,39 @@ class Served:
         self.origin, self.path = re.fullmatch("(http://[^/]+)(.*)", self.address).groups()
 
     def connect(self, **options):
-        """Return a connection of a page."""
         where = self.address.replace("http", "ws") + "ws"
         return connect(where, **{"origin": self.origin, "compression": None, "close_timeout": 0.3, **options})
 
     def tries(self, count=0):
-        """Return what was played so far, once there are so many."""
+        """Wait until there are `count` tries; return all."""
         while len(found := [this for _, this in try_files.folder_of(self.folder)]) < count:
             time.sleep(0.05)
         return found
 
     @property
     def clock(self):
-        """The process number of its clock."""
+        """The process id of its clock."""
         (number,) = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
         return int(number)
 
     def memory(self):
-        """Return what server and clock hold, bytes."""
+        """The memory of server and clock, bytes."""
         texts = [Path(f"/proc/{number}/status").read_text() for number in (self.process.pid, self.clock)]
         return sum(1024 * int(text.split("RssAnon:")[1].split()[0]) for text in texts)
 
     def end(self, how=signal.SIGINT):
-        """End it; return its exit code and what it printed since."""
+        """End the server; return its exit code and its further output."""
         self.process.send_signal(how)
         out, _ = self.process.communicate(timeout=30)
         return self.process.returncode, out
 
     def choices(self, **chosen):
-        """Return what the page's controls say."""
+        """The settings of the page, as its controls send them."""
         usually = usual(load_setup(self.setup))
         return {"setup": str(self.setup), "assist": "none", "slow": 1.0, "seen": False, **usually, **chosen}
 
     def push(self, page, frames=math.inf):
-        """Play a try as somebody does who pushes until a touch is seen, or so many frames; return the last message."""
+        """Play a try: push until the touch is displayed, or for some frames; return the last message."""
         say(page, begin=self.choices())
         count, touched, message = 0, False, heard(page, "began")
         while count < frames and message["kind"] not in ("ended", "failed"):
@@ -104,12 +103,14 @@ class Served:
 
 @contextmanager
 def served(folder, setup=None):
-    """Serve the page from a folder of tries, at a free port; with a near set-up unless another is named."""
+    """Serve the page with a folder of tries, at a free port; by default with a near set-up."""
     setup = setup or near_setup(folder.with_name(folder.name + "-setup"))
     line = [sys.executable, "-m", "experiments.play", str(setup), "--port=0", "--no-open", f"--out={folder}"]
-    how = {"cwd": folder.parent, "env": os.environ | {"PYTHONPATH": str(ROOT)}, "text": True}
-    how["start_new_session"] = True  # a group of its own, which may be killed
-    with subprocess.Popen(line, **how, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
+    with subprocess.Popen(
+        line, cwd=folder.parent, env=os.environ | {"PYTHONPATH": str(ROOT)}, text=True,
+        start_new_session=True,  # so that the whole process group may be killed
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    ) as process:  # fmt: skip
         try:
             yield Served(process, setup, folder)
         finally:
@@ -117,7 +118,7 @@ def served(folder, setup=None):
 
 
 def heard(page, kind, **having):
-    """Return the next message of a kind that has some values."""
+    """The next message of a kind with these values."""
     while True:
         message = json.loads(page.recv(timeout=20.0))
         if message["kind"] == kind and having.items() <= message.items():
@@ -125,12 +126,11 @@ def heard(page, kind, **having):
 
 
 def say(page, **message):
-    """Say something to the server."""
     page.send(json.dumps(message))
 
 
 def closed(page):
-    """Return code and reason with which the server closes a connection."""
+    """The code and the reason with which the server closes a connection."""
     with pytest.raises(ConnectionClosed) as gone:
         list(iter(lambda: page.recv(timeout=10.0), None))
     return gone.value.rcvd.code, gone.value.rcvd.reason
@@ -140,7 +140,7 @@ READY = "#go:not([disabled])"
 
 
 def open_page(browser, server, width=1280, height=900, **options):
-    """Return a page that is open, and the list of what it complains of and of others that it asks."""
+    """An open page, and a list of its errors and of its requests to other addresses."""
     page, problems = browser.new_context(viewport={"width": width, "height": height}, **options).new_page(), []
     own = (server.address, server.address.replace("http", "ws"), "data:")
     page.on("console", lambda message: problems.append(message.text))
@@ -153,16 +153,15 @@ def open_page(browser, server, width=1280, height=900, **options):
 
 
 def begin(page, key="Enter"):
-    """Begin a try."""
     page.keyboard.press(key)
     page.wait_for_selector("body.playing")
 
 
 def until_over(page):
-    """Wait until the try is over and its result is there."""
+    """Wait for the result of the try."""
     page.wait_for_selector("body:not(.playing) #answer:not([hidden])", timeout=20000)
 
 
 def pressed(page, name):
-    """Return the text of the button that is chosen of a setting."""
+    """The text of the pressed button of a setting."""
     return page.locator(f"[data-set={name}][aria-pressed=true]").text_content()

@@ -1,12 +1,14 @@
-"""The paper's tool, object, distance and motion, of which a test changes what it is about; and random approaches."""
+"""The paper's tool, object, distance and motion; the numbers of its figures; and random approaches."""
 
 import math
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import pytest
 
 import impact_gym as ig
+from experiments import reference
 from impact_gym.robot import default_approach
 
 CRUISE = ig.Trapezoid(1.0, 8.0)
@@ -16,6 +18,16 @@ TABLE = ig.RobotTable(*map(tuple, [NODES, 4 + 3 * NODES**2, 1.5e5 * (1 + NODES),
 COUPLINGS = {"rigid": ig.Rigid(), "spring": ig.SpringDamper(150.0, 0.5), "bistable": ig.Bistable()}
 ROBOTS = {"rigid robot": None, "robot": ig.Robot(5.0, 1.5e5, 50.0), "robot table": TABLE}
 EXPONENTS = [(1.5, 1.5), (1.5, 1.5), (1.0, 0.0), (1.2, 1.2), (2.0, 2.0)]
+
+fast, slow = partial(ig.simulate, rtol=1e-12), partial(reference.simulate, rtol=1e-11)
+BOTH = pytest.mark.parametrize("simulate", [fast, slow], ids=["fast", "slow"])
+"""For numbers that our solver and the independent one must both give."""
+
+OBJECT_VELOCITIES = {  # m/s, by the figure; from the independent solver, not printed in the paper (docs/provenance.md)
+    "13b": 1.944081, "14a": 1.876451, "14b": 1.555295, "16, before the break": 0.739806, "16, at the break": 0.747012,
+    "16, behind the break": 0.757929, "17a": 0.903164, "17b": 0.936088, "19a": 0.872899, "19b": 0.794273,
+    "23a": 0.45074, "23b": 0.692859, "25": 0.920628,
+}  # fmt: skip
 
 
 def scene(k_c=1e5, e=0.5, coupling=None, robot=None, *, m_t=0.125, m_p=0.25, distance=0.2505, **law):
@@ -39,8 +51,8 @@ def random_mechanism(random):
 def random_approach(seed, coupling="any", robot="rigid robot", laws=("hu-guo",), springs=(20.0, 300.0)):
     """Scene, motion and duration of an approach that ends well after its first contact.
 
-    Couplings are rigid, spring (N/m in `springs`), bistable, or any of the first two; laws other than Hu and Guo's come
-    with any exponents.
+    The coupling "any" is rigid or a spring with a stiffness in `springs`, N/m. If there are several laws, the exponents
+    are drawn, too.
     """
     random = np.random.default_rng([2027, seed])
     log = partial(log_uniform, random)
@@ -60,13 +72,13 @@ def random_approach(seed, coupling="any", robot="rigid robot", laws=("hu-guo",),
 
 
 def on_rough_ground(seed, *features):
-    """A random approach of any chain with some of: friction under the object, a stroke of the spring, a fixed chi."""
+    """A random approach of any chain. Features: friction under the object, a stroke of the spring, a fixed damping."""
     random = np.random.default_rng([2028, seed])
     kind = "spring" if "stroke" in features else ("any", "spring", "bistable", "rigid")[seed % 4]
     chain, motion, duration = random_approach(seed, kind, [*ROBOTS][seed // 4 % 3])
     if "friction" in features:
         chain = replace(chain, object=replace(chain.object, friction=log_uniform(random, 0.01, 3.0)))
-    if "stroke" in features:  # at least as long as the way that the arm's own acceleration takes
+    if "stroke" in features:  # longer than the deflection under the arm's own acceleration
         rest = motion.acceleration * chain.tool.mass / chain.coupling.stiffness
         chain = replace(chain, coupling=replace(chain.coupling, stroke=rest + log_uniform(random, 1e-3, 3e-2)))
     if "fixed" in features:
@@ -74,11 +86,3 @@ def on_rough_ground(seed, *features):
         contact = replace(chain.contact, dissipation="fixed", stiffness_exponent=m, damping_exponent=n)
         chain = replace(chain, contact=replace(contact, reference_velocity=log_uniform(random, 0.05, 2.0)))
     return chain, motion, duration
-
-
-def time_unit(scene, contact):
-    """t0 of a contact (s), with the flange as heavy as it may be."""
-    mass, v = scene.object.mass, contact.approach_velocity
-    if not isinstance(scene.coupling, ig.Rigid):
-        mass = mass * scene.tool.mass / (mass + scene.tool.mass)
-    return (mass * v**2 / scene.contact.stiffness) ** (1 / (scene.contact.stiffness_exponent + 1)) / v

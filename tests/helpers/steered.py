@@ -1,4 +1,4 @@
-"""Batches whose flanges operators steer, with their links and packets."""
+"""Batches whose flanges an operator steers."""
 
 import numpy as np
 from impact_gym.kernels import PACKET
@@ -12,7 +12,6 @@ AWAY = {"distance": 0.79}
 
 
 def steered(operator, rows=1, **options):
-    """A batch of rows whose flanges an operator steers."""
     return Batch(rows, Task(**ARM | {"operator": operator} | options), threads=1)
 
 
@@ -26,13 +25,13 @@ def played(batch, action, seed=0, steps=10_000):
 
 
 def final(batch, action, seed=0):
-    """Play to the end; return the columns of the info."""
+    """Play every row to its end; return the columns of the info."""
     *_, _ = played(batch, action, seed)
     return batch.info()
 
 
 def sent(batch, action, steps=10_000):
-    """Play; return the packets that the operator of each row sends, in order: (rows, n), PACKET."""
+    """Play; return the packets of each row's operator in the order of sending: (rows, n), PACKET."""
     seen = {}
     for each in played(batch, action, steps=steps):
         for row in range(batch.size):

@@ -1,4 +1,4 @@
-"""Tasks: what arguments of the environment may be, as one strategy, and all of it drawn for each episode."""
+"""Arguments of the environment: a strategy for any of them, and arguments with a range for every number."""
 
 from episodes import ROBOT
 from hypothesis import HealthCheck, Phase, settings
@@ -9,7 +9,7 @@ import impact_gym as ig
 STORM = settings(
     deadline=None, derandomize=True, database=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck)
 )
-"""Examples that are the same every time, none of them shrunk or kept."""
+"""Examples are the same in every run; none is shrunk or stored."""
 
 SPANS = {
     "tool_mass": (0.05, 0.4), "alarm_threshold": (0.2, 15.0), "force_noise": (0.0, 2.0), "force_bias": (0.0, 1.0),
@@ -39,7 +39,7 @@ EVERYTHING_DRAWN = {
     "spring": DRAWN | {"coupling": {"type": "SpringDamper", **SPRING}},
     "mechanism": DRAWN | {"coupling": {"type": "Bistable", **MECHANISM}},
 }
-"""Arguments with a range for every number that may have one, but those of an operator."""
+"""Arguments with a range for every number that may have one, without an operator."""
 HAND = {"place_error": (-0.05, 0.05), "creep": (0.05, 0.2), "speed": (0.3, 0.5), "reaction": (0.1, 0.3)}
 OPERATORS = {
     "Reach": HAND | {"lag_slope": (1.0, 3.0), "noise": (0.0, 0.5)},
@@ -49,7 +49,7 @@ OPERATORS = {
 SEVERAL = {
     "time": [0.0, 7.9, 8.0, 15.9], "velocity": [0.3, 0.0, 0.1, 0.2], "length": 8.0, "recording": (0.0, 2.0),
 }  # fmt: skip
-"""Two recordings, one behind the other."""
+"""Two recordings, one after the other."""
 CHANNEL = {
     "delay": (0.0, 0.3), "jitter": (0.0, 0.05), "tail": (0.0, 0.1), "tail_share": (0.0, 0.5), "loss": (0.0, 0.4),
     "burst": (1.0, 5.0), "timeout": (0.05, 0.2),
@@ -60,24 +60,27 @@ STEERED_DRAWN = {
     name: STEERED | {"operator": {"type": name, **numbers}, "uplink": CHANNEL, "downlink": DISPLAY}
     for name, numbers in (OPERATORS | {"Replay": SEVERAL}).items()
 }  # fmt: skip
-"""The same for each operator with numbers."""
+"""The same, with each kind of operator."""
 RECORDED = {"type": "Replay", "time": [0.0, 0.5, 3.0, 3.1], "velocity": [0.0, 0.3, 0.3, 0.0]}
 TRACED = {"trace": [[0.0, 0.02], [0.5, 0.3], [1.0, 0.1]]}
+FIXED = st.sampled_from([
+    None, {"episode_index": 2}, {"scenario": {"distance": 0.1}},
+    {"record": {"restitution": 0.5, "noise_seed": 7.0}, "scenario": {"object_mass": 0.3}},
+])  # fmt: skip
+"""Options of a reset."""
 
 
 def number_or_range(low, high):
-    """A number of a span, or a range in it."""
     number = st.integers(0, 1000).map(lambda share: low + (high - low) * share / 1000)
     return number | st.tuples(number, number).map(sorted).map(tuple)
 
 
 def some_of(spans):
-    """Numbers or ranges for some of the numbers with these spans."""
     return st.fixed_dictionaries({}, optional={name: number_or_range(*span) for name, span in spans.items()})
 
 
 def described(kind, spans):
-    """Mappings that describe a coupling or a robot."""
+    """Mappings that describe a coupling, a robot or an operator."""
     numbers = st.fixed_dictionaries({name: number_or_range(*span) for name, span in spans.items()})
     return numbers.map(lambda given: {"type": kind, **given})
 
@@ -103,7 +106,7 @@ OWN = {
     "rtol": st.sampled_from([1e-5, 1e-8, 1e-11]),
     "max_episode_steps": st.sampled_from([None, 41, 13]),
 }
-"""What rows of a batch may have each for itself, whatever they observe."""
+"""Arguments that may differ between the rows of a batch."""
 ESTIMATE = {name: number_or_range(*SPANS[name]) for name in ("range_noise", "range_bias")}
 WITH_OPERATOR = ("operator", "uplink", "downlink")
 OBSERVED = (
@@ -114,7 +117,7 @@ OBSERVED = (
 
 @st.composite
 def rows_of_tasks(draw, count=3):
-    """Arguments of the environment for each of `count` rows: whatever they may be while all rows observe the same."""
+    """Arguments of the environment for each of `count` rows; all rows observe the same quantities."""
     seen, deflection = draw(st.sampled_from(["", "estimate", "sensor"])), draw(st.booleans())
     ranged = seen == "estimate"
     common = {"deflection_sensor": deflection, "privileged": draw(st.integers(0, 2)) == 2}
@@ -123,9 +126,9 @@ def rows_of_tasks(draw, count=3):
     common["velocity_range"] = draw(st.sampled_from([(-0.5, 1.5), (0.0, 1.0)]))
     common["horizon"], common["after_alarm"] = draw(st.sampled_from([(1.2, 0.15), (1.2, 0.15), (1.0, 0.2)]))
     must = {"friction": number_or_range(0.1, 0.5), "control_period": st.floats(0.012, 0.03)}
-    who = st.sampled_from([*OPERATORS]).flatmap(lambda name: described(name, OPERATORS[name])) | st.just(RECORDED)
+    operator = st.sampled_from([*OPERATORS]).flatmap(lambda name: described(name, OPERATORS[name])) | st.just(RECORDED)
     links = {way: some_of(of) | st.just(TRACED) for way, of in {"uplink": CHANNEL, "downlink": DISPLAY}.items()}
-    steered = must | {"operator": who} | links if draw(st.booleans()) else {}
+    steered = must | {"operator": operator} | links if draw(st.booleans()) else {}
     if steered:
         common["velocity_range"], common["horizon"] = (-0.3, 0.5), 1.5
     kinds = SOFT if deflection else COUPLINGS
@@ -135,6 +138,6 @@ def rows_of_tasks(draw, count=3):
     optional = OWN | ({"range_bias": ESTIMATE["range_bias"]} if ranged else {})
     always |= steered
     row = st.fixed_dictionaries(always, optional={name: of for name, of in optional.items() if name not in always})
-    if common["privileged"]:  # a critic sees in each row what any of them draws
+    if common["privileged"]:  # in each row a critic observes what any row draws
         return [common | draw(row)] * count
     return [common | draw(row) for _ in range(count)]

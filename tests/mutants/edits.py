@@ -1,7 +1,7 @@
-"""Small edits: of Python by Cosmic Ray's operators, of Cython token by token; which of them are tried is a sample.
+"""A sample of small edits: of Python by Cosmic Ray's operators, of Cython token by token.
 
-An edit has a key, of its file, its line's text and what is done to it. Tried are first those that `sample.json` has,
-then those whose keys are smallest: so a change of a file replaces the edits of the lines that it changes, and no more.
+The key of an edit is a hash of its file, of the text of its line and of the change. The sample has first the keys in
+`sample.json`, then the smallest ones. So a change of a file replaces only the edits of the lines that it changes.
 """
 
 import io
@@ -20,7 +20,7 @@ from cosmic_ray.plugins import get_operator
 
 from tests.mutants.trial import ROOT
 
-SHARE, MOST = 0.55, 12  # edits of a file, over the square root of how many there could be, and at the most
+SHARE, MOST = 0.55, 12  # edits of a file, over the square root of the number of possible ones; at most
 PYTHON = (
     *(f"ReplaceBinaryOperator_{pair}" for pair in ("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "Pow_Mul")),
     *(f"ReplaceComparisonOperator_{pair}" for pair in ("Lt_GtE", "LtE_Gt", "Gt_LtE", "GtE_Lt", "Eq_NotEq", "NotEq_Eq")),
@@ -29,19 +29,17 @@ PYTHON = (
     *("ReplaceUnaryOperator_Delete_USub", "ReplaceUnaryOperator_Delete_Not", "ReplaceBreakWithContinue"),
     *("AddNot", "NumberReplacer", "ZeroIterationForLoop", "RemoveDecorator"),
 )
-"""Operators of Cosmic Ray; the others change types or make the same mistake again."""
+"""Operators of Cosmic Ray; the others change types or repeat an edit."""
 SWAPS = {"+": "-", "-": "+", "*": "/", "/": "*", "<": ">=", ">=": "<", ">": "<=", "<=": ">", "==": "!=", "!=": "=="}
 WORDS = {"and": "or", "or": "and", "not": "", "min": "max", "max": "min", "fabs": "", "+=": "-=", "-=": "+="}
-PERCENT = 1.01  # a number of Cython is off by one per cent
-
-
+PERCENT = 1.01  # factor of a number in Cython
 SAMPLE = json.loads((Path(__file__).parent / "sample.json").read_text("utf-8"))
 """Keys by file."""
 
 
 @dataclass(frozen=True)
 class Edit:
-    """Lines of a file, from `line` (1 is the first), and what stands there instead; no file: nothing is edited."""
+    """Lines of a file from `line` (1 is the first) and their replacement; without a file there is no edit."""
 
     file: str = ""
     line: int = 0
@@ -50,7 +48,7 @@ class Edit:
 
 
 def mutants(where, left_out):
-    """Edits of the files in these places, as many of each file as the square root of what there could be."""
+    """A sample of the edits of files in these places."""
     files = {str(file.relative_to(ROOT)) for name in where for file in (ROOT / name).rglob("*.p[yx]*")}
     files |= {name for name in where if name.endswith(".py")}
     for file in sorted(file for file in files - set(left_out) if file.endswith((".py", ".pyx", ".pxi"))):
@@ -62,7 +60,7 @@ def mutants(where, left_out):
 
 
 def keyed(file, edits):
-    """Functions that return an edit by key, given with the line that each edits and a word for what it does there."""
+    """Functions that return an edit, by key; `edits` are tuples of the line, a word for the change and the function."""
     by_key, alike = {}, Counter()
     for line, word, edit in edits:
         what = f"{file}|{word}|{line.strip()}"
@@ -72,7 +70,7 @@ def keyed(file, edits):
 
 
 class Found(Visitor):
-    """The lines in which each of Cosmic Ray's operators could make an edit, in its order."""
+    """Collects the lines of all places of each operator, in the order of Cosmic Ray."""
 
     def __init__(self):
         self.rows = {name: [] for name in PYTHON}
@@ -84,7 +82,7 @@ class Found(Visitor):
 
 
 def python_edits(file, source):
-    """All that Cosmic Ray's operators make of a Python file, by key."""
+    """All edits of a Python file by Cosmic Ray's operators, by key."""
     found, lines = Found(), source.split("\n")
     found.walk(get_ast(source))
     return keyed(file, (
@@ -94,7 +92,7 @@ def python_edits(file, source):
 
 
 def python_edit(file, source, name, place):
-    """The lines that Cosmic Ray's operator changes at its so manieth place."""
+    """The edit of an operator at the place with this number."""
     old, new = source.split("\n"), mutate_code(source, get_operator(f"core/{name}")(), place).split("\n")
     blocks = [block for block in SequenceMatcher(None, old, new, False).get_opcodes() if block[0] != "equal"]
     first, last = blocks[0][1], blocks[-1][2]
@@ -102,7 +100,7 @@ def python_edit(file, source, name, place):
 
 
 def cython_edits(file, source):
-    """Operators and words of a Cython file for their opposites, numbers off by a per cent; by key."""
+    """Edits of a Cython file by key: operators and words become their opposites, numbers change by one per cent."""
     lines, edits = source.split("\n"), []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         (row, start), (_, end), line = token.start, token.end, lines[token.start[0] - 1]

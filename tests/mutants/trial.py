@@ -1,4 +1,4 @@
-"""One trial: a copy of the project with one line edited, and the tests that should notice."""
+"""One trial: tests run in a copy of the project with one edit."""
 
 import os
 import re
@@ -17,19 +17,19 @@ ROOT = Path(__file__).parents[2]
 LEFT_OUT = (".*", "runs", "reports", "site", "build", "*.egg-info", "mutants")
 SURVIVED = "survived"
 LIMIT = 300.0  # s; an edit may make a loop endless
-FLAGS = "-O1 -w -fPIC -fno-math-errno -fno-trapping-math -ffp-contract=off"  # setup.py's but for the speed
+FLAGS = "-O1 -w -fPIC -fno-math-errno -fno-trapping-math -ffp-contract=off"  # those of setup.py, less optimised
 
 
 class SurvivedError(Exception):
-    """No test noticed: a failure, so that it is tried anew the next time."""
+    """No test failed. As an error, so that the next run tries the edit again."""
 
 
 def trial(file, line, before, after, tests):
-    """Who killed it, after how many seconds, in all; without `file` nothing is edited and nothing may fail.
+    """The first test that failed and the duration in s. Without `file` there is no edit and no test may fail.
 
     Raises:
-        SurvivedError: nobody did.
-        ValueError: it is no mutant, as it does not compile, or no tests pass without it.
+        SurvivedError: no test failed.
+        ValueError: the edit does not compile, or a test fails without an edit.
     """
     start = monotonic()
     with tempfile.TemporaryDirectory(prefix="mutant-") as folder:
@@ -65,7 +65,7 @@ def trial(file, line, before, after, tests):
 
 
 def compiled(copy):
-    """Compile the kernels of the copy anew, hardly optimised, which takes a third of the time."""
+    """Compile the kernels of the copy, hardly optimised: a third of the time."""
     package = copy / "impact_gym"
     for library in package.glob("kernels*.so"):
         library.unlink()

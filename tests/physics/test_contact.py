@@ -5,11 +5,9 @@ from itertools import pairwise, product
 import mpmath
 import numpy as np
 import pytest
-from golden import CRITICAL_PUSH, PUSHED, SHAPES
 from impact_gym.kernels import APPROACH
-from scenes import CRUISE, MOTION, scene
+from scenes import BOTH, CRUISE, MOTION, fast, scene, slow
 from scipy.interpolate import CubicHermiteSpline
-from solvers import BOTH, fast, slow
 
 import impact_gym as ig
 from experiments.reference.laws import CLOSURES
@@ -19,24 +17,32 @@ from impact_gym.to_kernel import contact_to_kernel
 TOOL_MASS, OBJECT_MASS, STIFFNESS = 0.125, 0.25, 1e5  # kg, kg, N/m^1.5
 RTOL = 1e-12
 
+# found by an independent solver at rtol 1e-11, not printed in the paper (docs/provenance.md)
+SHAPES = {  # of an isolated contact, by its restitution: duration in t0, greatest penetration in delta0, peak in F0
+    0.01: (29.2211138709, 0.192542571576, 4.4691365186),
+    0.1: (7.50224023184, 0.466330490751, 1.8086263584),
+    0.5: (3.62402223316, 0.840972185064, 1.0673964185),
+    1.0: (3.21806545972, 1.09336207394, 1.1432626298),
+}
+PUSHED = {  # by restitution and a constant push, in v/t0: separation velocity in v, duration in t0
+    (0.9, -0.05): (0.912051562, 3.177980), (0.9, 0.01): (0.897287332, 3.270730), (0.9, 0.05): (0.886187702, 3.330687),
+    (0.9, 0.1): (0.870752491, 3.403510), (0.5, -0.05): (0.541405201, 3.447152), (0.5, 0.01): (0.476020690, 3.662501),
+    (0.5, 0.05): (0.425046404, 3.830096), (0.5, 0.1): (0.349003659, 4.083670), (0.1, -0.05): (0.221300177, 4.361513),
+    (0.1, 0.01): (0.048880263, 8.324390),
+}  # fmt: skip
+CRITICAL_PUSH = {0.9: 0.826855, 0.5: 0.201167, 0.1: 0.018308}  # by restitution; above it the contact never ends
+
 
 def time_scale(stiffness=STIFFNESS, speed=1.0):
     return (OBJECT_MASS * speed**2 / stiffness) ** 0.4 / speed
 
 
-def isolated(restitution):
-    """A tool held rigidly, at 1 m/s from before the contact until after it: the contact and the trace."""
-    outcome = ig.simulate(scene(STIFFNESS, restitution), CRUISE, 0.4 + 40 * time_scale(), RTOL, trace=True)
-    (contact,) = outcome.contacts
-    return contact, outcome.trace
-
-
 def pushed(simulate, restitution, push):
-    """A contact that begins at 1 m/s, under a constant acceleration of `push` in the contact's own scales."""
+    """A contact that begins at 1 m/s, under a constant acceleration of `push`, in v/t0."""
     t0 = time_scale()
     acceleration = abs(push) / t0
     if push > 0:
-        motion, distance = ig.Trapezoid(50.0, acceleration), 0.5 / acceleration  # never gets to 50 m/s
+        motion, distance = ig.Trapezoid(50.0, acceleration), 0.5 / acceleration  # does not reach 50 m/s
         start = 1 / acceleration
     else:
         motion, distance = ig.Trapezoid(1.0, 8.0, ig.Brake(0.0, 0.0, acceleration)), 0.2
@@ -46,36 +52,28 @@ def pushed(simulate, restitution, push):
     return contact
 
 
-def penetration_in(trace, contact):
-    """Time, penetration, its rate and the force over one contact, without repeated times."""
-    inside = (trace.time >= contact.start) & (trace.time <= contact.end)
-    time, first = np.unique(trace.time[inside], return_index=True)
-    penetration, rate = trace.tool_position - trace.object_position, trace.tool_velocity - trace.object_velocity
-    return time, *(values[inside][first] for values in (penetration, rate, trace.contact_force))
-
-
 @BOTH
 @pytest.mark.parametrize("restitution", SHAPES)
-def test_isolated_contact_lasts_and_peaks_as_in_the_golden_table(simulate, restitution):
+def test_isolated_contact_has_duration_peak_and_depth_of_the_golden_table(simulate, restitution):
     (contact,), t0 = simulate(scene(STIFFNESS, restitution), CRUISE, 1.5).contacts, time_scale()
-    duration, _, peak_force = SHAPES[restitution]
+    duration, depth, peak_force = SHAPES[restitution]
     assert contact.end - contact.start == pytest.approx(duration * t0, rel=1e-9)
     assert contact.peak_force == pytest.approx(peak_force * STIFFNESS * t0**1.5, rel=1e-9)
-
-
-@pytest.mark.parametrize("restitution", SHAPES)
-def test_isolated_contact_is_as_deep_as_in_the_golden_table(restitution):
-    contact, trace = isolated(restitution)
-    assert np.diff(trace.time).min() > -1e-15
-    assert trace.contact_force.max() == pytest.approx(contact.peak_force, rel=1e-4)
-    path = CubicHermiteSpline(*penetration_in(trace, contact)[:3])
-    deepest = path(path.derivative().roots(extrapolate=False)).max()
-    assert deepest == pytest.approx(SHAPES[restitution][1] * time_scale(), rel=1e-9)
+    if simulate is fast:
+        trace = simulate(scene(STIFFNESS, restitution), CRUISE, 1.5, trace=True).trace
+        assert np.diff(trace.time).min() > -1e-15
+        assert trace.contact_force.max() == pytest.approx(contact.peak_force, rel=1e-4)
+        inside = (trace.time >= contact.start) & (trace.time <= contact.end)
+        time, first = np.unique(trace.time[inside], return_index=True)
+        penetration, rate = trace.tool_position - trace.object_position, trace.tool_velocity - trace.object_velocity
+        path = CubicHermiteSpline(time, penetration[inside][first], rate[inside][first])
+        deepest = path(path.derivative().roots(extrapolate=False)).max()
+        assert deepest == pytest.approx(depth * t0, rel=1e-9)
 
 
 @BOTH
 @pytest.mark.parametrize(("restitution", "push"), PUSHED)
-def test_pushed_contact_parts_as_in_the_golden_table(simulate, restitution, push):
+def test_pushed_contact_has_separation_velocity_and_duration_of_the_golden_table(simulate, restitution, push):
     contact, (separation_velocity, duration) = pushed(simulate, restitution, push), PUSHED[restitution, push]
     assert contact.separation_velocity == pytest.approx(separation_velocity, abs=1e-9)
     assert (contact.end - contact.start) / time_scale() == pytest.approx(duration, abs=1e-6)
@@ -83,7 +81,7 @@ def test_pushed_contact_parts_as_in_the_golden_table(simulate, restitution, push
 
 @BOTH
 @pytest.mark.parametrize(("restitution", "critical"), CRITICAL_PUSH.items())
-def test_pushed_contact_ends_below_the_critical_push_and_sticks_above(simulate, restitution, critical):
+def test_pushed_contact_ends_below_the_critical_push_and_lasts_above(simulate, restitution, critical):
     assert pushed(simulate, restitution, critical - 1e-6).end is not None
     for push in (critical + 1e-6, 1.1 * critical, *(push for push in (0.05, 0.1) if push > critical)):
         assert pushed(simulate, restitution, push).end is None
@@ -98,7 +96,7 @@ def test_coupling_impulse_closes_the_budget_of_eq_22(simulate, robot, coupling):
         rtol = 1e-9 if simulate is fast else 1e-11
         outcome = simulate(scene(k_c, restitution, coupling, robot), MOTION, 1.5, rtol=rtol)
         moving = TOOL_MASS + (robot.mass if robot and isinstance(coupling, ig.Rigid) else 0.0)
-        # eq. 22 summed over the contacts, each with the restitution that it shows
+        # eq. 22 summed over the contacts, each with its effective restitution
         velocity = outcome.coupling_impulse / (moving + OBJECT_MASS)
         for contact in outcome.contacts:
             velocity += moving / (moving + OBJECT_MASS) * (contact.approach_velocity + contact.separation_velocity)
@@ -108,15 +106,15 @@ def test_coupling_impulse_closes_the_budget_of_eq_22(simulate, robot, coupling):
         assert simulate is not fast or outcome.momentum_error < 1e-12
 
 
-def test_object_falls_back_between_bounces_as_fast_as_it_left():
-    # a tool that speeds up at 20 m/s^2 behind an object: in its frame, a ball that falls on a plate
+def test_object_meets_an_accelerating_tool_again_as_fast_as_it_left():
+    # a tool that accelerates at 20 m/s^2 behind an object: in its frame, a ball that falls on a plate
     contacts = ig.simulate(scene(1e10, 0.9, distance=0.01), ig.Trapezoid(50.0, 20.0), 1.0, RTOL).contacts
     assert len(contacts) > 30
     for before, after in pairwise(contacts):
         assert after.approach_velocity == pytest.approx(before.separation_velocity, rel=1e-9)
         assert after.start - before.end == pytest.approx(2 * before.separation_velocity / 20.0, abs=1e-12)
-        # chi is taken afresh from each approach: every bounce keeps the same share, less what the push takes, which
-        # in the golden table is 0.261 of the push at 0.01 and 0.291 of it at 0.1
+        # chi follows from each approach velocity, so every bounce keeps the same share. The push reduces that share by
+        # 0.261 (push 0.01) to 0.291 (push 0.1) of itself, by the golden table.
         push = 20.0 * time_scale(1e10, before.approach_velocity) / before.approach_velocity
         shown = before.separation_velocity / before.approach_velocity
         if push < 0.1:
@@ -124,7 +122,7 @@ def test_object_falls_back_between_bounces_as_fast_as_it_left():
 
 
 @pytest.mark.parametrize("e", [0.1, 0.5, 1.0])
-def test_contact_of_hertz_has_a_fast_branch_that_is_that_of_any_exponents(e):
+def test_code_for_exponents_of_hertz_gives_what_the_code_for_any_exponents_gives(e):
     exponents = {"stiffness_exponent": 1.5 + 1e-13, "damping_exponent": 1.5 + 1e-13}
     chains = [scene(1e5, e, ig.SpringDamper(150.0), **powers) for powers in ({}, exponents)]
     laws = [dict(zip(APPROACH["contact"].names, contact_to_kernel(chain.contact), strict=True)) for chain in chains]
@@ -139,7 +137,7 @@ RESTITUTIONS = np.unique(np.concatenate([np.geomspace(1e-3, 1.0, 80), 1.0 - np.g
 
 
 def lambert(damping):
-    """e_eff of the closed form, 60 digits."""
+    """The effective restitution by its closed form, 60 digits."""
     with mpmath.workdps(60):
         d = mpmath.mpf(damping)
         return (1 + mpmath.lambertw(-(1 + d) * mpmath.exp(-(1 + d))).real) / d if d else mpmath.mpf(1)
@@ -152,8 +150,10 @@ def test_delivered_is_the_closed_form_to_fourteen_digits():
 
 @pytest.mark.parametrize("law", ["exact", *CLOSURES])
 def test_effective_restitution_of_each_law_is_right_to_1e_14(law):
-    effective = ig.effective_restitution(law, RESTITUTIONS)
-    for nominal, value in zip(RESTITUTIONS.tolist(), effective.tolist(), strict=True):
+    effective = ig.effective_restitution(law, RESTITUTIONS[:, None])
+    assert effective.shape == (len(RESTITUTIONS), 1)
+    assert isinstance(ig.effective_restitution(law, 0.5), float)
+    for nominal, value in zip(RESTITUTIONS.tolist(), effective[:, 0].tolist(), strict=True):
         expected = nominal if law == "exact" else lambert(CLOSURES[law](nominal))
         assert float(abs(mpmath.mpf(value) - expected)) < 1e-14 * float(expected)
 
@@ -177,7 +177,7 @@ HOOKE = {"dissipation": "exact", "stiffness_exponent": 1.0, "damping_exponent": 
 HERTZ = [{"dissipation": law} for law in ("exact", *CLOSURES)]
 OTHER_POWERS = [law | {"stiffness_exponent": m, "damping_exponent": m} for law in HERTZ for m in (1.0, 3.0)]
 RESTITUTIONS_OF_CONTACTS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.4, 0.5, 0.75, 0.9, 1.0)
-"""With those of Project Chrono's test of the normal restitution, which asks for 1e-3."""
+"""They include those of Project Chrono's test of the normal restitution, which requires 1e-3."""
 
 
 @BOTH
@@ -212,7 +212,7 @@ def test_exact_delivers_the_restitution_whatever_the_exponents(simulate, m, n):
 
 
 @pytest.mark.parametrize("zeta", [0.05, 0.4, 1.0 - 1e-9, 1.0, 1.0 + 1e-9, 1.5, 1e3])
-def test_delivered_linear_leaves_when_its_force_would_pull(zeta):
+def test_delivered_linear_is_the_velocity_at_which_the_force_of_an_oscillator_becomes_0(zeta):
     # x'' + 2 zeta x' + x = 0, x' = 1: the force 2 zeta x' + x ends at omega_d t = pi - 2 arcsin(zeta), with -x' = e
     with mpmath.workdps(50):
         z = mpmath.mpf(zeta)
@@ -221,17 +221,12 @@ def test_delivered_linear_leaves_when_its_force_would_pull(zeta):
     assert dissipation.delivered_linear(2.0 * zeta) == pytest.approx(float(e), rel=1e-9)
 
 
-def test_effective_restitution_keeps_the_shape_of_its_argument():
-    assert isinstance(ig.effective_restitution("hu-guo", 0.5), float)
-    assert ig.effective_restitution("hu-guo", [[0.5, 0.6]]).shape == (1, 2)
-
-
 SHARES = {"hunt-crossley": 1, "lankarani-nikravesh": 1, "herbert-mcwhannell": 1, "hu-guo": 1, "exact": 1}
 SHARES |= {"gonthier": 4 / 3, "flores": 16 / 15}
-"""(2/3) d / (1 - e) for e near 1, by hand from what the source says of d."""
+"""(2/3) d / (1 - e) for e near 1, by hand, from the formula for d in the source."""
 
 
-def test_law_near_e_1_loses_this_share_of_what_it_is_to_lose():
+def test_law_near_e_1_has_the_loss_that_follows_from_its_formula():
     assert SHARES.keys() - {"exact"} == dissipation.PUBLISHED.keys() == CLOSURES.keys()
     for law, share in SHARES.items():  # where d is small, e_eff = 1 - 2/3 d
         lost = 1.0 - ig.effective_restitution(law, 1.0 - 1e-7)

@@ -1,7 +1,7 @@
-"""Random approaches, and hard ones, as two solvers have them that share nothing with ours.
+"""Random and hard approaches, by our solver and by two solvers that share no code with it.
 
-One is experiments/reference, of SciPy's integrators, at rtol 1e-11; the other heyoka's Taylor series of order 20 and
-more, see `pieces.py`.
+One is experiments/reference, with SciPy's integrators, at rtol 1e-11. The other is heyoka's Taylor series of order 20
+and more, see `pieces.py`.
 """
 
 from dataclasses import replace
@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scenes import MOTION, ROBOTS, on_rough_ground, random_approach, scene, time_unit
+from scenes import MOTION, ROBOTS, on_rough_ground, random_approach, scene
 
 import impact_gym as ig
 from experiments import reference
@@ -21,15 +21,23 @@ from impact_gym.scene import Dissipation
 RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-13)
 
 
+def time_unit(scene, contact):
+    """t0 of a contact with a flange that does not yield, s."""
+    mass, v = scene.object.mass, contact.approach_velocity
+    if not isinstance(scene.coupling, ig.Rigid):
+        mass = mass * scene.tool.mass / (mass + scene.tool.mass)
+    return (mass * v**2 / scene.contact.stiffness) ** (1 / (scene.contact.stiffness_exponent + 1)) / v
+
+
 def errors(approach, rtol, exact):
-    """Largest relative error of each kind in one run; times count in t0, velocities in the approach velocity."""
+    """The largest relative error of each kind in one run; of times in t0, of velocities in the approach velocity."""
     fast = ig.simulate(*approach, rtol)
     pairs = list(zip(fast.contacts, exact.contacts, strict=True))
     assert (fast.detection_time is None) == (exact.detection_time is None)
     assert all((a.end is None) == (b.end is None) for a, b in pairs)
     if not pairs:
         assert fast.object_velocity == fast.peak_force == 0.0
-        return dict.fromkeys(("object velocity", "peak force", "impulse", "detection", "separation"), 0.0)
+        return {}
     impulse, first = sum(contact.impulse for contact in exact.contacts), exact.contacts[0]
     parting = [abs(a.separation_velocity - b.separation_velocity) for a, b in pairs if b.end is not None]
     return {
@@ -49,26 +57,26 @@ def test_simulate_agrees_with_the_reference_to_the_tolerance_asked_for(first):
         exact = reference.simulate(*approach, rtol=1e-11)
         for rtol in RTOLS:
             for kind, error in errors(approach, rtol, exact).items():
-                if error > max(rtol, 1e-10):  # the reference is as good as that
+                if error > max(rtol, 1e-10):  # the accuracy of the reference
                     too_large[seed, rtol, kind] = error
     assert too_large == {}
 
 
 def numbers(approach, outcome):
-    """All that an outcome tells, and the size that an error of each counts in; times count in their contact's t0."""
+    """All numbers of an outcome, and the unit of the error of each; for times it is the t0 of their contact."""
     units = [time_unit(approach[0], contact) for contact in outcome.contacts]
-    told = [(outcome.detection_time or 0.0, units[0]), *((time, units[0]) for time in outcome.snap_through)]
+    values = [(outcome.detection_time or 0.0, units[0]), *((time, units[0]) for time in outcome.snap_through)]
     for contact, t0 in zip(outcome.contacts, units, strict=True):
         ended = [] if contact.end is None else [contact.end, contact.end - contact.start]
-        told += [(time, t0) for time in (contact.start, *ended)]
-        told += [(size, size) for size in (contact.peak_force, contact.approach_velocity, contact.impulse)]
+        values += [(time, t0) for time in (contact.start, *ended)]
+        values += [(size, size) for size in (contact.peak_force, contact.approach_velocity, contact.impulse)]
     velocity, impulse = outcome.contacts[0].approach_velocity, outcome.contacts[0].impulse
-    told += [(getattr(outcome, f"{body}_velocity"), velocity) for body in ("object", "tool", "flange")]
-    return np.array([*told, (outcome.coupling_impulse, impulse)]).T
+    values += [(getattr(outcome, f"{body}_velocity"), velocity) for body in ("object", "tool", "flange")]
+    return np.array([*values, (outcome.coupling_impulse, impulse)]).T
 
 
 def sensitivity(approach):
-    """How far each number moves for a share by which contact, tool or object is another; per that share."""
+    """The largest change of each number per relative change of a parameter of contact, tool or object."""
     chain, *rest = approach
     here, _ = numbers(approach, ig.simulate(*approach, 1e-13))
     moved = []
@@ -86,12 +94,12 @@ def test_simulate_agrees_with_the_reference_for_every_coupling_on_every_robot(co
     for seed in range(5):
         approach = random_approach(seed, coupling, robot, Dissipation.__args__, (10, 2000))
         theirs, size = numbers(approach, reference.simulate(*approach, rtol=1e-12))
-        counted = size + sensitivity(approach)
+        unit = size + sensitivity(approach)
         for rtol in (1e-6, 1e-8, 1e-10):
             fast = ig.simulate(*approach, rtol)
-            # flights of a mechanism hold each step, not their end, to rtol: rebounds between its stops multiply errors
+            # in a mechanism's flight rtol bounds the error of each step; rebounds between its stops multiply errors
             bound = (100 if coupling == "bistable" else 3) * rtol + 1e-9  # the reference's own error in flight
-            assert (np.abs(numbers(approach, fast)[0] - theirs) / counted).max() < bound
+            assert (np.abs(numbers(approach, fast)[0] - theirs) / unit).max() < bound
             assert fast.momentum_error < 1e-9
 
 
@@ -107,8 +115,7 @@ def test_simulate_agrees_with_the_reference_on_rough_ground_at_stops_and_under_a
     for seed in range(scenes):
         approach = on_rough_ground(seed, *features)
         chain, slow, fast = approach[0], reference.simulate(*approach), ig.simulate(*approach, rtol=1e-10)
-        # flights of a mechanism hold each step, not their end, to rtol
-        close = 1e-8 if isinstance(chain.coupling, ig.Bistable) else 1e-9
+        close = 1e-8 if isinstance(chain.coupling, ig.Bistable) else 1e-9  # in its flight rtol is the error of a step
         assert fast.peak_object_velocity == pytest.approx(slow.peak_object_velocity, rel=0, abs=close)
         assert fast.object_velocity == pytest.approx(slow.object_velocity, rel=0, abs=close)
         assert len(fast.contacts) == len(slow.contacts)

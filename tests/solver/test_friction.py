@@ -1,4 +1,4 @@
-"""Friction: closed forms of the slide and of what moves the object; energy; a stroke; a damping that is fixed."""
+"""Friction under the object: closed forms and energy; the stroke of a spring; a fixed damping."""
 
 import math
 import warnings
@@ -18,14 +18,13 @@ COUPLINGS = pytest.mark.parametrize(
 
 
 def rough(friction, *args, **options):
-    """The paper's scene, or another, with friction under the object."""
     smooth = scene(*args, **options)
     return replace(smooth, object=replace(smooth.object, friction=friction))
 
 
 @COUPLINGS
 @pytest.mark.parametrize("friction", [0.05, 0.3])
-def test_object_slides_as_far_as_its_last_speed_takes_it_and_rests(coupling, friction):
+def test_object_slides_as_far_as_its_last_speed_and_friction_say_and_rests(coupling, friction):
     outcome = ig.simulate(rough(friction, 1e5, 0.5, coupling, m_p=0.4), MOTION, duration=4.0, trace=True)
     last, trace = outcome.contacts[-1], outcome.trace
     gone = sliding_distance(last.object_velocity, friction)
@@ -37,12 +36,12 @@ def test_object_slides_as_far_as_its_last_speed_takes_it_and_rests(coupling, fri
     assert outcome.rest_time >= halt * (1 - 1e-12)
     still = trace.object_velocity[trace.time > halt + 1e-9]
     assert not still.any()
-    # a run that ends earlier says how far it will slide
+    # a run that ends earlier predicts the slide
     early = ig.simulate(rough(friction, 1e5, 0.5, coupling, m_p=0.4), MOTION, duration=last.end + 0.01)
     assert early.slide == pytest.approx(outcome.slide, rel=1e-9)
 
 
-def test_rest_is_the_later_one_of_flange_and_object_where_the_tool_is_rigid():
+def test_rest_time_of_a_rigid_tool_is_the_later_of_flange_and_object():
     slippery, sticky = (ig.simulate(rough(mu, 1e6, 0.5, m_p=0.4), MOTION, duration=4.0) for mu in (0.05, 2.0))
     last = slippery.contacts[-1]
     assert slippery.rest_time == pytest.approx(last.end + last.object_velocity / (0.05 * GRAVITY), rel=1e-12)
@@ -50,16 +49,16 @@ def test_rest_is_the_later_one_of_flange_and_object_where_the_tool_is_rigid():
     assert ig.simulate(rough(0.3, 1e6, 0.5), CRUISE).rest_time == math.inf  # a flange that never brakes
 
 
-def test_tool_is_calm_once_its_swing_is_slower_than_a_millimetre_a_second():
+def test_tool_rests_once_its_oscillation_is_slower_than_a_millimetre_a_second():
     outcome = ig.simulate(rough(0.5, 1e5, 0.5, ig.SpringDamper(150.0, 0.1)), MOTION, duration=4.0, trace=True)
     trace = outcome.trace
     fast = trace.time[np.abs(trace.tool_velocity) > 1e-3]
-    assert 0.0 < outcome.rest_time - fast[-1] < math.pi / math.sqrt(150.0 / 0.125)  # of an envelope: half a swing
+    assert 0.0 < outcome.rest_time - fast[-1] < math.pi / math.sqrt(150.0 / 0.125)  # within half an oscillation
 
 
 @pytest.mark.parametrize("coupling", [ig.Rigid(), SPRING], ids=str)
 def test_force_below_the_friction_moves_nothing_and_one_above_does(coupling):
-    k_c, m_p, depth = 1e4, 5.0, 1e-3  # pressed so deep, at 1 mm/s
+    k_c, m_p, depth = 1e4, 5.0, 1e-3  # the depth of a press at 1 mm/s
     slow = ig.Trapezoid(1e-3, 8.0, ig.Brake(1e-6, delay=1.0, deceleration=1e3))
     struck = scene(k_c, 0.5, coupling, m_p=m_p, distance=1e-4)
     at_most, at_least = (2.6 * k_c * depth**1.5, k_c * depth**1.5) if coupling == ig.Rigid() else (0.15, 0.149)
@@ -69,11 +68,11 @@ def test_force_below_the_friction_moves_nothing_and_one_above_does(coupling):
         assert (outcome.peak_object_velocity > 0.0) == (outcome.slide > 1e-12) == moves
         if not moves:
             assert outcome.slide == pytest.approx(0.0, abs=1e-14)
-            assert outcome.contacts[-1].end is None  # it presses for good, and all rests
+            assert outcome.contacts[-1].end is None  # all bodies rest, under force
             assert outcome.rest_time < 3.0
 
 
-def test_steady_push_takes_the_force_of_friction_and_an_object_that_slows_down_is_caught_up_with():
+def test_steady_push_has_the_force_of_friction_and_a_tool_catches_up_with_an_object_that_slows_down():
     outcome = ig.simulate(rough(0.4, 1e4, 0.1, SPRING, m_p=0.5), ig.Trapezoid(0.2, 8.0), duration=4.0, trace=True)
     assert outcome.trace.contact_force[-1] == pytest.approx(0.4 * 0.5 * GRAVITY, rel=1e-6)
     assert outcome.object_velocity == pytest.approx(0.2, rel=1e-6)
@@ -82,7 +81,7 @@ def test_steady_push_takes_the_force_of_friction_and_an_object_that_slows_down_i
     assert second.start - first.end == pytest.approx(2.0 * first.separation_velocity / (5e-4 * GRAVITY), rel=1e-9)
 
 
-def test_friction_takes_at_most_mu_g_for_the_time_of_the_contact_and_none_is_no_friction():
+def test_friction_takes_at_most_mu_g_for_the_time_of_the_contact_and_0_is_no_friction():
     for coupling in (ig.Rigid(), ig.SpringDamper(20.0)):
         free, *_ = ig.simulate(scene(1e5, 0.5, coupling), CRUISE, duration=0.42).contacts
         for friction in (1e-9, 0.1, 0.3):
@@ -96,8 +95,8 @@ def test_friction_takes_at_most_mu_g_for_the_time_of_the_contact_and_none_is_no_
 @pytest.mark.parametrize(
     "features", [("friction",), ("stroke",), ("fixed",), ("friction", "stroke", "fixed")], ids="-".join
 )
-def test_energy_is_never_made(features):
-    """At a constant speed v the flange puts in v times the momentum it gives, and the ground v times what it takes."""
+def test_energy_never_grows_beyond_the_work_of_flange_and_ground(features):
+    # at a constant speed v the work of the flange is v times the momentum that it gives; likewise that of the ground
     for seed in range(0, 240, 12):  # without a robot
         chain, motion, duration = on_rough_ground(seed, *features)
         v, friction = motion.speed, (chain.object.friction or 0.0) * chain.object.mass * GRAVITY
@@ -116,13 +115,13 @@ def test_energy_is_never_made(features):
             energy += law.energy(x) + 0.5 * law.stop_stiffness * beyond**2
         given = chain.object.mass * trace.object_velocity + chain.tool.mass * trace.tool_velocity
         made = np.diff(energy - v * given) - v * friction * np.diff(trace.time)
-        if isinstance(chain.coupling, ig.Rigid):  # whose own energy is imposed
+        if isinstance(chain.coupling, ig.Rigid):  # the motion of the tool is imposed
             made += np.diff(v * chain.tool.mass * trace.tool_velocity - 0.5 * chain.tool.mass * trace.tool_velocity**2)
         steady = trace.time[:-1] > v / motion.acceleration * (1 + 1e-12)
         assert made[steady].max() < 1e-9 * energy.max()
 
 
-def test_slow_touches_are_more_elastic_under_a_fixed_damping_and_the_restitution_holds_at_its_velocity():
+def test_slow_touches_are_more_elastic_under_a_fixed_damping_and_have_the_restitution_at_its_velocity():
     delivered = []
     for speed in (0.05, 0.2, 0.8):
         fixed = scene(1e5, 0.4, dissipation="fixed", reference_velocity=0.2)
@@ -131,7 +130,7 @@ def test_slow_touches_are_more_elastic_under_a_fixed_damping_and_the_restitution
         assert contact.approach_velocity == pytest.approx(speed, rel=1e-3)
     assert delivered[0] > delivered[1] > delivered[2]
     assert delivered[1] == pytest.approx(0.4, rel=1e-8)
-    lost = []  # 1 - e = 2/3 d + 4/9 d^2 where it is little, and d grows as the velocity
+    lost = []  # for small d, 1 - e = 2/3 d + 4/9 d^2, and d is proportional to the velocity
     for speed in (0.05, 0.1):
         approach = scene(1e5, 0.99, dissipation="fixed"), ig.Trapezoid(speed, 50.0), 1.0 + 0.3 / speed
         (contact,) = ig.simulate(*approach, rtol=1e-11).contacts
@@ -139,7 +138,7 @@ def test_slow_touches_are_more_elastic_under_a_fixed_damping_and_the_restitution
     assert lost[1] / lost[0] == pytest.approx(2.0, rel=1e-3)
 
 
-def test_stroke_that_is_never_used_changes_nothing_and_one_that_is_keeps_the_tool_within():
+def test_stroke_limits_the_deflection_and_changes_nothing_if_it_is_never_reached():
     free = ig.simulate(scene(1e5, 0.5, SPRING), MOTION, rtol=1e-11, trace=True)
     reach = np.abs(free.trace.tool_position - free.trace.flange_position).max()
     wide = ig.simulate(scene(1e5, 0.5, ig.SpringDamper(150.0, stroke=1.1 * reach)), MOTION, rtol=1e-11)
@@ -150,7 +149,7 @@ def test_stroke_that_is_never_used_changes_nothing_and_one_that_is_keeps_the_too
     assert abs(narrow.object_velocity - free.object_velocity) > 1e-3
 
 
-def test_stroke_shorter_than_the_rest_under_the_arms_acceleration_is_said_with_the_number():
+def test_stroke_shorter_than_the_deflection_under_the_arms_acceleration_is_warned_of_with_the_number():
     short = ig.SpringDamper(50.0, stroke=0.01)
     said = r"stroke is 0\.01 m, but under 8 m/s\^2 the tool's place of rest is 0\.02 m away"
     with pytest.warns(UserWarning, match=said):

@@ -1,6 +1,6 @@
-"""One step of each method: compiled steps against published tableaus, and the order that halved steps show.
+"""One step of each method: compiled steps against published tableaus, and the order of their errors.
 
-Steps are taken on smooth pieces of every chain, by the kernels opened for tests (`opened_kernels.pyx`).
+The steps are on smooth pieces of every chain, with the kernels opened for tests (`opened_kernels.pyx`).
 """
 
 import math
@@ -23,7 +23,7 @@ EXPONENTS = {"Hertz": (1.5, 1.5), "2-1": (2.0, 1.0), "1-0": (1.0, 0.0), "2.2-1.1
 
 
 def pieces():
-    """Every coupling on every robot, in contact, and in flight where that is integrated, pressed by every stop."""
+    """Every coupling on every robot, in contact and in integrated flight, with every stop pressed."""
     for coupling, robot in product(COUPLINGS, ROBOTS):
         stops = PRESSED if coupling == "bistable" else [""]
         for phase, stop in product(("contact",) if coupling + robot in WIDTHS else ("contact", "flight"), stops):
@@ -35,13 +35,12 @@ SPRING_PIECE = "spring, contact"
 
 
 def state(name, seed=0):
-    """A scaled state to step from, as long as the chain's."""
-    width = WIDTHS.get(name.split(", ")[0], 10)
-    return np.random.default_rng(seed).uniform(0.2, 1.5, width)
+    """A random scaled state of the piece's chain."""
+    return np.random.default_rng(seed).uniform(0.2, 1.5, WIDTHS.get(name.split(", ")[0], 10))
 
 
 def stepper(name, contact=None, coupling=None, acceleration=3.0):
-    """A step of `h` from the scaled state `x` of a piece, and all that is known of it, as a function of these."""
+    """A function of scaled state and step length that returns a step on a piece, with its rates and errors."""
     chain, phase, *stop = name.split(", ")
     robot = next(robot for robot in reversed(ROBOTS) if chain.endswith(robot))
     coupling = coupling or COUPLINGS[chain.removesuffix(robot)]
@@ -49,7 +48,7 @@ def stepper(name, contact=None, coupling=None, acceleration=3.0):
     moving = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.3), contact, coupling, ROBOTS[robot])
     plan, table = approach_to_kernel(moving, ig.Trapezoid(1.0, 8.0), 1.0)
     row = np.zeros(1, kernels().CHAIN)
-    row["units"] = (0.01, 0.02, 0.5, 3.0)  # as unlike each other as they may be: not those of a contact
+    row["units"] = (0.01, 0.02, 0.5, 3.0)  # arbitrary, so that no factor cancels
     row["holding"] = row["side"] = 1
     row["flange_position"], row["flange_velocity"] = 0.14, 0.8
     row["pressed"] = PRESSED["".join(f", {which}" for which in stop)]
@@ -73,8 +72,8 @@ def test_stiff_pair_has_its_stages_at_the_published_times():
 
 @EVERY_PIECE
 def test_explicit_step_is_the_loop_over_its_tableau(name):
-    # the slow, obvious form of what `solver/dop853.pxi` writes out, on the rates that the kernel gives
-    step, x, h = stepper(name), state(name), 0.02  # as far as the stops can be followed
+    # a plain form of `solver/dop853.pxi`, with the rates of the kernel
+    step, x, h = stepper(name), state(name), 0.02  # small enough for the stops
     k = np.zeros((16, len(x)))
     for stage in range(16):
         k[stage] = step(x + h * MATRIX[stage] @ k)["rate"]
@@ -90,7 +89,7 @@ def test_explicit_step_is_the_loop_over_its_tableau(name):
     parts = [change, h * k[0] - change, 2 * change - h * (k[0] + k[LAST]), *upper]
     middle = np.zeros(len(x))
     for part in reversed(parts):
-        middle = 0.5 * (middle + part)  # share and what is left of it are the same there
+        middle = 0.5 * (middle + part)  # share and 1 - share are equal there
     assert compiled["middle"] == pytest.approx(x + middle, rel=1e-12, abs=1e-12)
 
 
@@ -110,12 +109,12 @@ def test_series_solves_the_equations_up_to_its_order(name):
             return np.abs(slope - step(s**powers @ series)["rate"]).max()
 
         assert off(far) < 1e-5
-        assert np.log2(off(far) / off(0.5 * far)) > len(series) - 2  # a wrong coefficient shows at its own order
+        assert np.log2(off(far) / off(0.5 * far)) > len(series) - 2  # a wrong coefficient lowers it
 
 
 @SERIES
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-8, 1e-11])
-def test_longest_step_by_a_series_leaves_out_as_much_as_is_allowed_and_not_much_less(name, tolerance):
+def test_longest_step_by_a_series_has_an_error_below_the_tolerance_and_not_far_below(name, tolerance):
     step, shares = stepper(name), []
     for seed in range(20):
         x = state(name, seed)
@@ -128,12 +127,12 @@ def test_longest_step_by_a_series_leaves_out_as_much_as_is_allowed_and_not_much_
 
 
 @SERIES
-def test_series_of_a_state_that_no_float_holds_is_left_to_the_explicit_pair(name):
+def test_series_that_overflows_is_left_to_the_explicit_pair(name):
     assert stepper(name)(1e6 * state(name), method="series")["longest"] == 0.0
 
 
 @pytest.mark.parametrize(("name", "close"), [("rigid, contact", 1e-9), (SPRING_PIECE, 0.15)])
-def test_fastest_motion_of_a_series_is_the_largest_eigenvalue_but_for_what_contact_and_spring_do_together(name, close):
+def test_fastest_rate_of_a_series_is_the_largest_eigenvalue_except_for_the_product_of_contact_and_spring(name, close):
     for damping, seed in product([0.1, 1.0, 30.0], range(10)):
         coupling = ig.SpringDamper(150.0, damping) if name.startswith("spring") else None
         at = stepper(name, coupling=coupling)(state(name, seed), method="series")
@@ -143,7 +142,7 @@ def test_fastest_motion_of_a_series_is_the_largest_eigenvalue_but_for_what_conta
 @EVERY_PIECE
 def test_stiff_step_is_that_of_its_tableau_with_the_linear_equations_solved_by_numpy(name):
     step, x, h, method = stepper(name), state(name), 0.1, kernels().STIFF_TABLEAU
-    x[1] = -1.5  # parting, the slower the later
+    x[1] = -1.5  # the bodies separate
     compiled, A, C = step(x, h, "stiff"), method["A"], method["C"]
     matrix = np.eye(len(x)) / (method["gamma"] * h) - compiled["jacobian"]
     k = np.zeros((8, len(x)))
@@ -163,15 +162,15 @@ def test_stiff_step_is_that_of_its_tableau_with_the_linear_equations_solved_by_n
     ("stiff", "end", 0.05, 5.6),
     ("stiff", "error", 0.05, 4.8),
 ])  # fmt: skip
-def test_step_shows_the_order_of_each_method_when_halved(method, what, longest, order):
+def test_error_of_a_halved_step_falls_with_the_order_of_the_method(method, what, longest, order):
     step, x = stepper(SPRING_PIECE), state(SPRING_PIECE)
     errors = []
     for h in longest * 0.5 ** np.arange(3):
-        compiled = step(x, h, method)[what]  # an estimate of the error is one itself
+        compiled = step(x, h, method)[what]
         at = 0.5 * h if what == "middle" else h
         exact = solve_ivp(lambda _, y: step(y)["rate"], (0.0, at), x, "DOP853", rtol=3e-14, atol=1e-16).y[:, -1]
         errors.append(compiled if what == "error" else np.abs(compiled - exact).max())
-    assert np.all(np.log2(np.divide(errors[:-1], errors[1:])) > order)  # of one step, so one more than the method's
+    assert np.all(np.log2(np.divide(errors[:-1], errors[1:])) > order)  # of one step: one above the method's
 
 
 @pytest.mark.parametrize("exponents", EXPONENTS.values(), ids=EXPONENTS)
@@ -193,7 +192,7 @@ def test_blind_step_of_a_flight_ends_before_any_touch(name, acceleration):
     step, random = stepper(f"{name}, flight", acceleration=acceleration), np.random.default_rng(2)
     longer = 0
     for seed in range(40):
-        size = 1.0 if seed < 25 else 1e-2  # of all that moves: little energy, and a near object
+        size = 1.0 if seed < 25 else 1e-2  # little energy, and a near object
         x = state(name, seed) * random.choice([-1.0, 1.0], 10) * size
         x[0] = -(10 ** random.uniform(-3, 1)) * size
         blind = step(x)["blind"]
@@ -204,21 +203,20 @@ def test_blind_step_of_a_flight_ends_before_any_touch(name, acceleration):
 
 
 @pytest.mark.parametrize("size", [1, 4, 10])
-def test_inverse_exchanges_rows(size):
+def test_inverse_of_a_matrix_is_right_even_without_a_first_pivot(size):
     matrix = np.random.default_rng(0).standard_normal((size, size))
     if size > 1:
-        matrix[0, 0] = 0.0  # no pivot where one stands
+        matrix[0, 0] = 0.0
     assert kernels().inverse_of(matrix) @ matrix == pytest.approx(np.eye(size), abs=1e-12)
 
 
 @pytest.mark.parametrize("rate", [1e4, 1e5, 1e6])
 def test_stiff_step_far_longer_than_a_decay_ends_where_the_decay_does(rate):
-    # an overdamped spring: y' decays to -(y + what the contact pushes) / rate; a method only A-stable keeps swinging
+    # an overdamped spring: y' decays to -(y + push of the contact) / rate; a method that is only A-stable oscillates
     step = stepper(SPRING_PIECE, ig.Contact(1e3, 1.0), ig.SpringDamper(150.0, rate))
     x = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
     assert abs(step(x, 0.05, "stiff")["jacobian"][5][5]) > 0.05 * rate
     for _ in range(4):
         x = step(x, 0.05, "stiff")["end"]
     last = step(x, 0.05, "stiff")
-    slaved = x[5] - last["rate"][5] / last["jacobian"][5][5]  # where its rate vanishes
-    assert x[5] == pytest.approx(slaved, rel=0.01)
+    assert x[5] == pytest.approx(x[5] - last["rate"][5] / last["jacobian"][5][5], rel=0.01)  # its rate is 0 there

@@ -1,4 +1,4 @@
-"""The table of quantities: what follows from each of its rows, wherever a number of that row is given or seen."""
+"""The table of quantities: limits, draws, paths, observations and documentation of each of its rows."""
 
 import dataclasses
 import math
@@ -30,17 +30,17 @@ SPRUNG = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.25, 0.1), CONTACT, SPRING, R
 SCENES = [SPRUNG, dataclasses.replace(SPRUNG, coupling=ig.Bistable())]
 RECORDS = [{**nested.parts(scene), "motion": ig.Trapezoid(1.0, 8.0, BRAKE)} for scene in SCENES]
 NUMBERS = {path: records for records in RECORDS for path in nested.flatten(records)}
-"""The records in which a dotted path leads to a number."""
+"""The records by each dotted path of a number in them."""
 EVERY_PATH = pytest.mark.parametrize("path", NUMBERS)
 
 ALL_DRAWN = EVERYTHING_DRAWN | STEERED_DRAWN
 EVERY_SET_UP = pytest.mark.parametrize("arguments", ALL_DRAWN.values(), ids=list(ALL_DRAWN))
 EPISODES = 3000
-GIVEN = ARGUMENTS.keys() - {row.id for row in SENSORS}  # "alarm" says what raises it: the sensor is another thing
+GIVEN = ARGUMENTS.keys() - {row.id for row in SENSORS}  # the argument "alarm" is not the sensor
 
 
-def doors(row):
-    """What takes a number of a row: what a message calls the number there, the function, the one that takes a pair."""
+def inputs(row):
+    """The places that accept a number of a row: its name in messages, a function of it, one of a pair or None."""
     yield row.id, row.check, None
     yield f"{row.id}[0]", lambda value: row.interval((value, value)), row.interval
     path = row.path or row.id
@@ -68,7 +68,7 @@ def doors(row):
 
 
 def beyond(limits):
-    """The nearest numbers that are not within limits."""
+    """The nearest numbers outside limits, and others."""
     below = [limits.above, np.nextafter(limits.at_least, -math.inf).item()]
     outside = [*below, np.nextafter(limits.at_most, math.inf).item(), -1e300, 1e300]
     return [value for value in outside if not within(value, limits)]
@@ -79,12 +79,12 @@ def within(value, limits):
 
 
 @EVERY_ROW
-def test_what_a_number_may_not_be_is_refused_with_name_value_unit_and_what_is_allowed(row):
+def test_invalid_number_is_refused_with_name_value_unit_and_limits(row):
     unit = "(no unit)" if row.unit == "-" else row.unit
     limits = {word.replace("_", " "): limit for word, limit in row.limits._asdict().items() if math.isfinite(limit)}
     allowed = [f"{word} {limit:g}" for word, limit in limits.items()]
     low, high = [value for value in (1e-3, 2e-3, 0.5, 1.0, 1.5) if within(value, row.limits)][:2]
-    for name, take, take_pair in doors(row):
+    for name, take, take_pair in inputs(row):
         for value in (*beyond(row.limits), math.nan, math.inf, -math.inf, np.float32("nan"), 10**400):
             got = math.inf if isinstance(value, int) else float(value)
             refused(partial(take, value), f"{name} must be finite", *allowed, f"got {got!r} {unit}")
@@ -100,19 +100,19 @@ PART_KINDS = [(part, kind) for part, kinds in PARTS.items() for kind in kinds]
 
 
 @pytest.mark.parametrize(("part", "kind"), PART_KINDS, ids=str)
-def test_unknown_key_beside_the_numbers_of_a_part_is_refused_with_those_that_there_are(part, kind):
+def test_unknown_key_of_a_part_is_refused_with_the_known_ones(part, kind):
     known = [field.name for field in dataclasses.fields(kind)]
     refused(lambda: Task(**{part: {"type": kind.__name__, "stifness": 1.0}}), part, "'stifness'", *known)
 
 
-def test_unknown_field_of_a_scenario_is_refused_with_those_that_there_are():
+def test_unknown_field_of_a_scenario_is_refused_with_the_known_ones():
     fields = [row.id for row in SCENARIO]
     refused(lambda: Task(scenario={"mass": 1.0}), "scenario", "'mass'", *fields)
     refused(lambda: reset_options({"scenario": {"mass": 1.0}}, [Task()]), "scenario", "'mass'", *fields)
 
 
 @EVERY_ROW
-def test_ends_of_the_limits_belong_to_them_and_masses_stiffnesses_and_distances_are_positive(row):
+def test_limits_include_their_ends_and_allow_only_positive_masses_stiffnesses_and_distances(row):
     just_above = np.nextafter(row.limits.above, math.inf).item()
     for value in (just_above, row.limits.at_least, row.limits.at_most):
         if math.isfinite(value) and value > -1e300:
@@ -135,7 +135,7 @@ def test_paths_are_those_of_the_table():
 
 
 @EVERY_PATH
-def test_path_leads_to_a_number_changes_it_alone_and_may_be_swept_and_what_is_the_scenes_identified(path):
+def test_path_reads_and_changes_one_number_that_can_be_swept_and_in_a_scene_identified(path):
     records, before = NUMBERS[path], nested.flatten(NUMBERS[path])
     value = 0.98 * before[path] or 0.01
     changed = nested.replaced(records, {path: value})
@@ -152,7 +152,7 @@ def test_path_leads_to_a_number_changes_it_alone_and_may_be_swept_and_what_is_th
 
 @pytest.fixture(scope="module")
 def drawn():
-    """The task of each set-up, and what many episodes of it draw, by id."""
+    """The task of each set-up and the draws of many episodes by id."""
     records = {}
     for name, options in ALL_DRAWN.items():
         envs = gym.make_vec(ID, num_envs=EPISODES, **options)
@@ -162,7 +162,7 @@ def drawn():
 
 
 def shares(task, record):
-    """Each number that was drawn by its place in its range, [0, 1), or by its normal law as a uniform number."""
+    """Each drawn number, mapped by its range or its normal law to a uniform one in [0, 1)."""
     uniform = {}
     for name, (low, high) in task.ranges.items():
         bend = np.log if QUANTITIES[name].draw.by_ratio and low > 0.0 else np.asarray
@@ -176,7 +176,7 @@ def shares(task, record):
 
 
 @pytest.mark.parametrize("name", ALL_DRAWN)
-def test_each_number_is_drawn_within_its_range_evenly_and_apart_from_all_others(drawn, name):
+def test_each_number_is_drawn_evenly_from_its_range_and_independently_of_all_others(drawn, name):
     uniform = shares(*drawn[name])
     for quantity, values in uniform.items():
         assert values.min() >= 0.0, quantity
@@ -186,20 +186,20 @@ def test_each_number_is_drawn_within_its_range_evenly_and_apart_from_all_others(
     assert np.abs(correlation).max() < 5 / math.sqrt(EPISODES)
 
 
-def test_every_row_that_has_a_draw_is_drawn_here(drawn):
+def test_set_ups_of_these_tests_draw_every_row_that_can_be_drawn(drawn):
     here = {name for task, record in drawn.values() for name in shares(task, record)}
     assert {row.id for row in QUANTITIES.values() if row.draw} == here
 
 
 def narrowed(value, width):
-    """Arguments with each range shrunk to a share of it."""
+    """Arguments with each range reduced to a share of its width."""
     if isinstance(value, dict):
         return {name: narrowed(inner, width) for name, inner in value.items()}
     return (value[0], value[0] + width * (value[1] - value[0])) if isinstance(value, tuple) else value
 
 
 def scaled(scale, value):
-    """What the table says that is observed of a number."""
+    """The observation of a number by the table."""
     curve = {"linear": np.asarray, "log": np.log, "log1p": np.log1p}[scale.curve]
     share = (curve(value) - curve(scale.low)) / (curve(scale.high) - curve(scale.low))
     return np.clip(scale.scaled_low + (1.0 - scale.scaled_low) * share, scale.scaled_low, 1.0)
@@ -207,32 +207,31 @@ def scaled(scale, value):
 
 @pytest.mark.parametrize("width", [1.0, 1e-6])
 @EVERY_SET_UP
-def test_critic_sees_the_true_value_of_what_is_drawn_however_narrow_its_range(arguments, width):
-    """The scale is the row's own: a range shrunk to a millionth makes no noise of the value."""
+def test_critic_observes_the_true_value_of_a_drawn_number_on_the_scale_of_its_row_whatever_its_range(arguments, width):
     more = {"observe_range_noise": "range_noise" in arguments}
     envs = gym.make_vec(ID, num_envs=200, privileged=True, **more, **narrowed(arguments, width))
     observations = envs.reset(seed=1)[0]
     spec, record = envs.unwrapped.observation_spec, envs.unwrapped.batch.info()["record"]
-    hidden = [*["distance_estimate"] * (not more["observe_range_noise"]), "force_error", "noise_seed"]  # have no scale
+    hidden = [*["distance_estimate"] * (not more["observe_range_noise"]), "force_error", "noise_seed"]  # without scale
     assert [name for name in record if name not in spec] == hidden
     for name, values in record.items():
         if name not in hidden:
             seen, expected = observations[:, spec.index(name)], scaled(QUANTITIES[name].scale, values)
-            assert seen == pytest.approx(expected, rel=0, abs=1.2e-7), name  # bits of a float32
+            assert seen == pytest.approx(expected, rel=0, abs=1.2e-7), name  # rounding of a float32
             assert width == 1.0 or np.ptp(seen) < 0.05 or name == "distance_estimate"
 
 
 @cache
-def everything_shown():
-    """The specifications of all that there is to observe."""
+def full_specifications():
+    """Specifications of observations that together have every observed quantity."""
     more = {"privileged": True, "deflection_sensor": True, "past_readings": 3, "alarm": "reading"}
     every = [options | more | {"observe_range_noise": "range_noise" in options} for options in ALL_DRAWN.values()]
     return [ObservationSpec(Task(**options)) for options in every]
 
 
 @EVERY_ROW
-def test_observation_decodes_to_what_was_encoded_and_is_clipped_beyond_its_scale(row):
-    spec = next((spec for spec in everything_shown() if row.id in spec), None)
+def test_decoding_inverts_encoding_and_observations_are_clipped_to_their_scale(row):
+    spec = next((spec for spec in full_specifications() if row.id in spec), None)
     assert (spec is None) == (row.scale is NEVER_OBSERVED)
     if spec is None:
         return
@@ -249,7 +248,7 @@ def test_observation_decodes_to_what_was_encoded_and_is_clipped_beyond_its_scale
 
 
 @EVERY_SET_UP
-def test_set_up_file_takes_every_number_as_a_range(tmp_path, arguments):
+def test_set_up_file_accepts_a_range_for_every_number(tmp_path, arguments):
     environment = {name: value for name, value in arguments.items() if name != "time_weight"}  # of [evaluation]
     (tmp_path / "mine.toml").write_text(tomli_w.dumps({"title": "all is drawn", "environment": environment}))
     assert Task(**load_setup(tmp_path / "mine.toml").environment) == Task(**environment)
@@ -257,7 +256,7 @@ def test_set_up_file_takes_every_number_as_a_range(tmp_path, arguments):
 
 @EVERY_ROW
 def test_documentation_names_the_number_and_its_unit(row):
-    text = gym.make(ID).unwrapped.__class__.__doc__
+    text = ImpactApproachEnv.__doc__
     lines = [line for line in text.splitlines() if line.strip().startswith("|")]
     if row in SCENARIO or row in SET_UP or row.id in GIVEN:
         assert any(f"| `{row.id}`" in line and row.unit in line for line in lines)
@@ -267,23 +266,19 @@ def test_documentation_names_the_number_and_its_unit(row):
         assert f"`{row.id}`" in text
 
 
-def test_tables_of_the_documentation_are_markdown():
-    text = gym.make(ID).unwrapped.__class__.__doc__
-    heads = re.findall(r"(?<!\|\n)^    (\|.*)\n    (\|.*)\n", text, re.M)
+def test_documentation_has_tables_in_markdown_that_say_how_a_scenario_is_drawn():
+    heads = re.findall(r"(?<!\|\n)^    (\|.*)\n    (\|.*)\n", ImpactApproachEnv.__doc__, re.M)
     assert len(heads) == 5
     assert all(line == re.sub(r"[^|]", "-", head) for head, line in heads)
-
-
-def test_specification_says_how_each_field_of_a_scenario_is_drawn():
     assert re.search(r"\| `restitution` +\| 0\.1 - 1 +\| uniform +\|", ImpactApproachEnv.__doc__)
     assert re.search(r"\| `object_mass` +\| 0\.1 - 2\.5 +\| log-uniform +\|", ImpactApproachEnv.__doc__)
 
 
-def test_places_of_what_an_episode_draws_are_for_ever():
+def test_places_of_the_draws_of_an_episode_never_change():
     ids = [row.id for row in (*SCENARIO, *EPISODE)]
     places = dict(zip(ids, (QUANTITIES[name].draw.place for name in ids), strict=True))
     assert places == {
         "object_mass": 0, "contact_stiffness": 1, "restitution": 2, "distance": 3, "time_weight": 4,
         "distance_estimate": 5, "reaction_delay": 7, "force_error": 8, "noise_seed": 10,
     }  # fmt: skip
-    assert QUANTITIES["noise_seed"].limits.at_most == 2.0**53  # up to where floats are whole numbers one by one
+    assert QUANTITIES["noise_seed"].limits.at_most == 2.0**53  # up to here a float can be any whole number
