@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from impact_gym.kernels import bistable_energy, bistable_force, rest_of
 from impact_gym.parameters import Parameters
 from impact_gym.quantities import BY_PATH
-from impact_gym.validation import number, one_of
+from impact_gym.validation import choice, number, one_of
 
 Dissipation = Literal[
     "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores", "fixed"
@@ -82,13 +82,12 @@ class Contact(Parameters, path="contact"):
             )
         if 0 < self.damping_exponent < 1:
             raise ValueError(
-                f"Contact.damping_exponent must be 0 or at least 1 (no unit), got {self.damping_exponent!r} (no unit)"
+                f"Contact.damping_exponent must be 0 or at least 1, got {self.damping_exponent!r} (no unit)"
             )
         quantity, unit = BY_PATH["contact.stiffness"], f"N/m^{self.stiffness_exponent:g}"
         stiffness = number("Contact.stiffness", self.stiffness, unit, **quantity.limits._asdict())
         object.__setattr__(self, "stiffness", stiffness)
-        if self.dissipation not in get_args(Dissipation):
-            raise ValueError(f"Contact.dissipation must be one of {get_args(Dissipation)}, got {self.dissipation!r}")
+        choice("Contact.dissipation", self.dissipation, get_args(Dissipation))
 
 
 @dataclass(frozen=True, slots=True)
