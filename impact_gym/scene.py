@@ -111,11 +111,11 @@ class SpringDamper(Parameters, path="coupling"):
 class Bistable(Parameters, path="coupling"):
     """Tool on a bistable mechanism with two stops (paper, eq. 23-24, Fig. 21-22).
 
-    Positions are those of the slider from the vertical alignment of the spring. Each stop is a one-sided linear spring
-    and damper that never pulls, c_s = 2 zeta_s sqrt(k_s m_t). At zeta_s = 1 its restitution is exp(-2) = 0.135; the
-    paper assumes completely inelastic stops. Places, stiffness and damping of the stops are identified or chosen here,
-    not the paper's (see docs/provenance.md). The slider starts at rest, pressed against the front stop by the force of
-    the mechanism; it leaves that stop if the flange accelerates too fast.
+    Positions of the slider are measured from the vertical alignment of the spring. Each stop is a one-sided linear
+    spring and damper that never pulls, c_s = 2 zeta_s sqrt(k_s m_t). At zeta_s = 1 its restitution is exp(-2) = 0.135;
+    the paper assumes completely inelastic stops. Places, stiffness and damping of the stops are identified or chosen
+    here, not the paper's (see docs/provenance.md). The slider starts at rest, pressed against the front stop by the
+    force of the mechanism; it leaves that stop if the flange accelerates too fast.
     """
 
     stiffness: float = 50.0  # N/m, k
@@ -193,7 +193,7 @@ class Robot(Parameters, path="robot"):
     """Lumped compliance of a robot along the approach (paper, eq. 8-9, Fig. 8), at rest and relaxed at t = 0.
 
     The imposed motion x_r drives the mass through spring and damper. With a `Rigid` coupling, robot and tool are one
-    mass. With any other coupling the flange is a mass of its own, and the coupling connects the tool to it.
+    mass. With any other coupling the flange is a separate mass, to which the coupling connects the tool.
     """
 
     mass: float  # kg, m_r

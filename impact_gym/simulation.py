@@ -105,7 +105,7 @@ def sweep(
         scene: the common scene, types of coupling and robot included.
         motion: the common motion.
         varied: values by dotted path, such as "object.mass", "coupling.height" or "motion.brake.delay", broadcast
-            against each other: any number of scene and motion except those of a `RobotTable`.
+            against each other: any number of scene and motion, but not of a `RobotTable`.
         duration: length of the runs, s; also broadcast.
         rtol: see `simulate`.
         threads: their number, None for all cores; changes no result.
