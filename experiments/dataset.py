@@ -33,7 +33,7 @@ from experiments.play import try_files
 from impact_gym.envs import IDS
 from impact_gym.files import reason, write_file
 from impact_gym.sources import compiled_from
-from impact_gym.teleop.checks import without_files
+from impact_gym.teleop.channels import without_files
 from impact_gym.validation import distinct, shown, whole
 
 PLAYERS = {

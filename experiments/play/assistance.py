@@ -12,7 +12,7 @@ from agents.setups import Setup, load_setup
 from agents.setups.setup import shipped
 from experiments.lab.player.films import chain_of
 from impact_gym.task import Task
-from impact_gym.teleop.checks import WAYS
+from impact_gym.teleop.channels import WAYS
 
 NAMES = {
     "none": "nobody", "brake": "a brake at the arm", "limit": "a tuned speed limit", "policy": "the learned policy",

@@ -44,7 +44,7 @@ def _numbers_figure_22(frame: pl.DataFrame) -> Numbers:
     product, force = columns["position"] * columns["force"], used["force"]
     peaks = [where(frame, height=height)["force"].max() for height in HEIGHTS]
     return {
-        "product": product[columns["position"] != 0.0], "relaxed": 1e3 * MECHANISM.equilibria[2],
+        "product": product[columns["position"] != 0.0], "relaxed": 1e3 * MECHANISM.stroke,
         "peak_steps": np.diff(peaks), "peak_ends": [peaks[0], peaks[-1]],
         "peak": force.max(), "peak_at": 1e3 * used["position"][np.argmax(force)],
         "stop": force[used["position"] == MECHANISM.front_stop][0], "hold": HOLD,
