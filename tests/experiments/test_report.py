@@ -284,7 +284,7 @@ OURS = {"policy": ("linear-blind",)}
         ('{"environment": {"time_weight": 3}}', "leave out.*time_weight"),
         ('{"environment": [1]}', "environment must be a mapping"),
     )],
-    ({"policy": ("linear-ranged",), "scenarios": '{"environment": {"range_noise": null}}'}, "network takes 9.*shows 8"),
+    ({"policy": ("linear-ranged",), "scenarios": '{"environment": {"range_noise": null}}'}, "network takes 9.*has 8"),
     ({"scenarios": '{"environment": {"tool_mass": 1.0}}'}, "--policy"),
     ({"scenarios": "nowhere"}, "nowhere"),
     ({"policy": ("linear-blind", "agents/policies/linear-blind.npz")}, "two policies"),
