@@ -24,6 +24,7 @@ Dissipation = Literal[
     "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores", "fixed"
 ]
 """Laws of the damping for a restitution; `physics.dissipation.effective_restitution` says which one each delivers."""
+LAWS = get_args(Dissipation)
 
 
 STOP_STIFFNESS, STOP_DAMPING_RATIO = 1e5, 1.0
@@ -87,7 +88,7 @@ class Contact(Parameters, path="contact"):
         quantity, unit = BY_PATH["contact.stiffness"], f"N/m^{self.stiffness_exponent:g}"
         stiffness = number("Contact.stiffness", self.stiffness, unit, **quantity.limits._asdict())
         object.__setattr__(self, "stiffness", stiffness)
-        choice("Contact.dissipation", self.dissipation, get_args(Dissipation))
+        choice("Contact.dissipation", self.dissipation, LAWS)
 
 
 @dataclass(frozen=True, slots=True)
