@@ -1,4 +1,4 @@
-"""The reference shows what stands behind a field as a comment: its unit and meaning. MkDocs loads this by its path."""
+"""An extension of the reference: the comment after a field, its unit and meaning, becomes its docstring."""
 
 import re
 from typing import Any
@@ -7,10 +7,10 @@ import griffe
 
 
 class Comments(griffe.Extension):
-    """Take the comment at the end of an attribute's line as its docstring, where it has none."""
+    """Use the comment at the end of an attribute's line as its docstring if it has none; MkDocs loads this by path."""
 
     def on_attribute(self, *, attr: griffe.Attribute, **_: Any) -> None:
-        """Give an attribute of ours a docstring."""
+        """Give an attribute a docstring."""
         if attr.docstring is None and attr.lineno is not None and attr.lines:
             found = re.search(r"\s# (?!type:|noqa)(.+)$", attr.lines[-1])
             if found:

@@ -1,9 +1,9 @@
-"""What the pages take from the code: tables, listings and pictures; and formulas as MathML.
+"""Parts of the pages that are generated from the code: tables, listings and pictures; and formulas as MathML.
 
-`python docs/generated.py` writes them into the pages, so that these are whole where they are read as files: between
-`<!-- generated: NAME -->` and `<!-- end -->` stands what the function of that name in TEXTS returns, or the file of
-that name. tests/test_documentation.py fails where the code says something else. Pictures go to docs/pictures. MkDocs
-loads this file for its hooks: no script is loaded to show a formula.
+`python docs/generated.py` writes the tables and listings into the pages, so that a page is also complete as a file. The
+text between `<!-- generated: NAME -->` and `<!-- end -->` is the return value of TEXTS[NAME], or the file NAME.
+tests/test_documentation.py fails if a page is outdated. Pictures are written to docs/pictures. MkDocs uses the hooks of
+this file, so that formulas need no script.
 """
 
 import contextlib
@@ -12,6 +12,7 @@ import inspect
 import io
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,7 @@ STYLE = {
 
 
 def filled(markdown: str) -> str:
-    """Return a page with what the code says now."""
+    """Return a page with its generated parts up to date."""
 
     def region(found: re.Match[str]) -> str:
         name = found[2]
@@ -65,7 +66,7 @@ def write() -> None:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    r"""Turn \(...\) and \[...\] of `pymdownx.arithmatex` into MathML, which browsers show; V_p gets its index."""
+    r"""Turn \(...\) and \[...\] of `pymdownx.arithmatex` into MathML, and the p of V_p into an index."""
 
     def math(found: re.Match[str]) -> str:
         return convert(html.unescape(found[2]), display="block" if found[1] == "div" else "inline")
@@ -76,7 +77,7 @@ def on_page_content(content: str, **_: Any) -> str:
 
 
 def on_post_build(config: Any, **_: Any) -> None:
-    """Have every page load our own `search.js`, beside it, where the theme would load a script from a network."""
+    """Replace the script that the theme loads from the network by our own `search.js`, in every page."""
     site = Path(config.site_dir)
     for page in site.rglob("*.html"):
         root = "../" * (len(page.relative_to(site).parts) - 1)
@@ -84,18 +85,18 @@ def on_post_build(config: Any, **_: Any) -> None:
 
 
 def table(head: str, rows: list[list[str]]) -> str:
-    """Return a Markdown table; `head` names its columns, `|` between them."""
+    """Return a Markdown table; `head` has the names of its columns, separated by `|`."""
     columns = head.split("|")
     return "\n".join("| " + " | ".join(row) + " |" for row in [columns, ["---"] * len(columns), *rows])
 
 
 def environment() -> str:
-    """Return the specification of the environment: its docstring, whose tables its modules fill."""
+    """Return the specification of the environment, which is its docstring."""
     return inspect.cleandoc(ImpactApproachEnv.__doc__ or "").split("\n\n", 1)[1]
 
 
 def teleop() -> str:
-    """Return the specification of the environment with an operator, likewise, but for the rows that it shares."""
+    """Return the specification of the environment with an operator, without the rows that both have."""
     text = inspect.cleandoc(ImpactTeleopEnv.__doc__ or "").split("\n\n", 1)[1]
     shared = re.compile(r"^\| (?:\d|then) (?=(?:.*\|){6}$)(?!.*only with `operator`).*\n", re.MULTILINE)
     return shared.sub("", text)
@@ -130,7 +131,7 @@ def laws() -> str:
 
 
 def setups() -> str:
-    """Return the table of the set-ups that are shipped."""
+    """Return the table of the shipped set-ups."""
     about = {name: html.escape(load_setup(name).about, quote=False).replace("|", "&#124;") for name in shipped()}
     return table("Set-up|What it is", [[f"`{name}`", text] for name, text in about.items()])
 
@@ -146,16 +147,21 @@ def materials() -> str:
 
 
 def svg(figure: Figure) -> bytes:
-    """Return a figure on a transparent ground."""
+    """Return a figure as SVG with a transparent background."""
     file = io.BytesIO()
     figure.savefig(file, format="svg", transparent=True, bbox_inches="tight", metadata={"Date": None})
     return file.getvalue()
 
 
-def contact_force() -> bytes:
+def drawn(draw: Callable[[Any], None], height: float) -> bytes:
+    """Return the picture that a function draws on axes, 6.4 by `height` inches."""
+    figure = Figure(figsize=(6.4, height))
+    draw(figure.subplots())
+    return svg(figure)
+
+
+def contact_force(axes: Any) -> None:
     """Draw the force over the penetration for three restitutions."""
-    figure = Figure(figsize=(6.4, 3.6))
-    axes = figure.subplots()
     for restitution, colour in ((1.0, BLUE), (0.5, ORANGE), (0.1, GREEN)):
         scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.1), ig.Contact(1e5, restitution))
         trace = ig.simulate(scene, ig.Trapezoid(1.0, 8.0), trace=True).trace
@@ -164,37 +170,32 @@ def contact_force() -> bytes:
         axes.plot(1e3 * depth[depth >= 0], trace.contact_force[depth >= 0], color=colour, label=f"e = {restitution:g}")
     axes.set(xlabel="penetration, mm", ylabel="contact force, N", xlim=(0, None), ylim=(0, None))
     axes.legend()
-    return svg(figure)
 
 
-def restitution() -> bytes:
-    """Draw what each law delivers over what it is given."""
-    figure, nominal = Figure(figsize=(6.4, 4.2)), np.linspace(0.01, 1.0, 200)
-    axes = figure.subplots()
+def restitution(axes: Any) -> None:
+    """Draw the restitution that each law delivers over the nominal one."""
+    nominal = np.linspace(0.01, 1.0, 200)
     axes.plot(nominal, nominal, color=GREY, lw=1, ls="--", label="exact")
     for law in PUBLISHED:
         axes.plot(nominal, effective_restitution(law, nominal), lw=2.5 if law == "hu-guo" else 1.2, label=law)
     axes.set(xlabel="nominal restitution", ylabel="restitution of an isolated contact", xlim=(0, 1), ylim=(0, 1))
     axes.legend()
-    return svg(figure)
 
 
-def mechanism() -> bytes:
+def mechanism(axes: Any) -> None:
     """Draw the force of the paper's mechanism over the slider's position, and its stops."""
     law = ig.Bistable()
-    figure, position = Figure(figsize=(6.4, 3.4)), np.linspace(-1.05 * law.stroke, 1.05 * law.stroke, 400)
-    axes = figure.subplots()
+    position = np.linspace(-1.05 * law.stroke, 1.05 * law.stroke, 400)
     axes.axhline(0.0, color=GREY, lw=0.5)
     axes.plot(1e3 * position, law.force(position), color=BLUE)
     for stop, name in ((law.front_stop, "front stop"), (law.rear_stop, "rear stop")):
         axes.axvline(1e3 * stop, color=ORANGE, ls="--")
         axes.annotate(name, (1e3 * stop, -1.15), (4, 0), textcoords="offset points", color=ORANGE)
     axes.set(xlabel="position of the slider from the alignment, mm", ylabel="force on the tool, N")
-    return svg(figure)
 
 
-def convergence() -> bytes:
-    """Draw the error of one contact over evaluations of the force, in time and in the root of the penetration."""
+def convergence(axes: Any) -> None:
+    """Draw the error of one contact over the number of evaluations, in time and in the root of the penetration."""
     from scipy.integrate import solve_ivp
 
     damping = 1.5
@@ -212,8 +213,6 @@ def convergence() -> bytes:
         return float(state[0])
 
     parts.terminal, parts.direction = True, -1.0  # type: ignore[attr-defined]
-    figure = Figure(figsize=(6.4, 3.6))
-    axes = figure.subplots()
     for law, colour, name in ((in_time, ORANGE, "penetration over time"), (in_the_root, BLUE, "root over s")):
         runs = [
             solve_ivp(law, (0, 20), [0.0, 1.0], "DOP853", events=parts, rtol=10.0**-n, atol=10.0**-n)
@@ -223,7 +222,6 @@ def convergence() -> bytes:
         axes.loglog([run.nfev for run in runs], errors, "o-", color=colour, label=name)
     axes.set(xlabel="evaluations of the force in one contact", ylabel="error of the restitution")
     axes.legend()
-    return svg(figure)
 
 
 def contact() -> bytes:
@@ -245,7 +243,7 @@ TEXTS: dict[str, Callable[[], str]] = {
 
 
 def identified() -> bytes:
-    """Draw what the example of its page identifies."""
+    """Draw the result of the example on its page."""
     page = (DOCS / "how-to/identify.md").read_text()
     names: dict[str, Any] = {}
     with contextlib.redirect_stdout(io.StringIO()):
@@ -256,8 +254,9 @@ def identified() -> bytes:
 
 
 PICTURES: dict[str, Callable[[], bytes]] = {
-    "contact_force.svg": contact_force, "convergence.svg": convergence, "restitution.svg": restitution,
-    "mechanism.svg": mechanism, "identified.svg": identified, "contact.png": contact,
+    **{f"{draw.__name__}.svg": partial(drawn, draw, height)
+       for draw, height in ((contact_force, 3.6), (convergence, 3.6), (restitution, 4.2), (mechanism, 3.4))},
+    "identified.svg": identified, "contact.png": contact,
 }  # fmt: skip
 
 if __name__ == "__main__":

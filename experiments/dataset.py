@@ -33,7 +33,7 @@ from experiments.play import try_files
 from impact_gym.envs import IDS
 from impact_gym.files import reason, write_file
 from impact_gym.sources import compiled_from
-from impact_gym.teleop.checks import without_files
+from impact_gym.teleop.channels import without_files
 from impact_gym.validation import distinct, shown, whole
 
 PLAYERS = {
@@ -41,21 +41,22 @@ PLAYERS = {
     "profile": "the first baseline in the set-up's `against`",
     "policy": "its learned policy",
 }
-SEED = 70_000_000  # of the first episode; not used in training, tuning or evaluation
+SEED = 70_000_000  # of the first episode; training, tuning and evaluation use other seeds
 ROOT = "MINARI_DATASETS_PATH"
-Players = Callable[[float], Controller]  # by the time weight of an episode, m/s per s
+Players = Callable[[float], Controller]
+"""A controller for the time weight of an episode, m/s per s."""
 
 
 @dataclass(frozen=True)
 class DatasetOptions:
     """Record episodes as datasets of Minari, NAMESPACE/SETUP/PLAYER-vVERSION.
 
-    From a set-up: a dataset for each of --who. From a folder of tries written by impact-gym play: a dataset of persons,
-    or with --operator an operator for training.
+    A set-up gives a dataset for each player in --who. A folder of tries written by impact-gym play gives a dataset of
+    persons, or with --operator an operator for training.
     """
 
     source: Annotated[Positional[str], arg(metavar="SETUP|FOLDER|DATASET")]
-    """A set-up by name or file; a folder of tries; or with --check the id of a dataset."""
+    """A set-up by name or file, a folder of tries, or with --check the id of a dataset."""
     who: Annotated[tuple[str, ...], arg(metavar="NAME...")] = tuple(PLAYERS)
     """Players of a set-up: rule, profile, policy, another baseline by name, or MODULE:OBJECT with `predict`."""
     episodes: Annotated[int, arg(metavar="N")] = 1000
@@ -63,19 +64,17 @@ class DatasetOptions:
     seed: Annotated[int, arg(metavar="N")] = SEED
     """Seed of the first episode; the others follow."""
     operator: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: make a dataset)")] = None
-    """Write the tries as an operator that replays a random one in each episode: TOML for a set-up's [environment]."""
+    """Write an operator that replays a random try in each episode, as TOML for a set-up's [environment]."""
     include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
     """Include tries that are marked as interrupted or late."""
     namespace: Annotated[str, arg(metavar="NAME")] = "impact"
     """First part of the dataset's id."""
     version: Annotated[int, arg(metavar="N")] = 0
-    """Last part of it."""
+    """Last part of the dataset's id."""
     author: Annotated[str, arg(metavar="NAME")] = metadata("impact-gym")["Author"] or ""
-    """Written into the dataset."""
-    email: Annotated[str, arg(metavar="ADDRESS", help_behavior_hint="(default: none)")] = ""
-    """Or another contact of the author."""
+    """Author of the dataset."""
     link: Annotated[str, arg(metavar="URL", help_behavior_hint="(default: version and commit)")] = ""
-    """Public place of the code."""
+    """Public address of the code."""
     check: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
     """Replay a dataset and compare observations, rewards and ends bit by bit."""
 
@@ -87,7 +86,7 @@ class DatasetOptions:
 
 
 def players(name: str, setup: Setup) -> Players:
-    """Return the player of a set-up by a name as in `DatasetOptions.who`.
+    """Return the player with a name of `DatasetOptions.who`.
 
     Raises:
         ValueError: the name is unknown, or the player was not tuned or trained.
@@ -110,20 +109,20 @@ def players(name: str, setup: Setup) -> Players:
 
 
 def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], play: Players) -> EpisodeBuffer:
-    """Play an episode and return it; its options hold the full record, so that a reset with them repeats it.
+    """Play an episode and return it. Its options hold the full record, so a reset with them repeats the episode.
 
-    The infos of each step are those of `sensors`, in SI units, and the current numbers of the final info.
+    The infos of each step are those of `sensors` in SI units, and the current values of the final info.
     """
     bare: Any = env.unwrapped
 
-    def seen() -> dict[str, Any]:
+    def info() -> dict[str, Any]:
         flat = {name: value for name, value in bare.episode_info().items() if not isinstance(value, Mapping)}
         return {**bare.sensors(), **flat}
 
     observation, _ = env.reset(seed=seed, options={"record": dict(record)})
     controller = play(bare.episode_info()["time_weight"])
     state, start, ended = None, np.ones(1, np.bool_), False
-    observations, infos, steps = [observation], [seen()], list[tuple[Any, ...]]()
+    observations, infos, steps = [observation], [info()], list[tuple[Any, ...]]()
     while not ended:
         action, state = controller.predict(observation[None], state=state, episode_start=start, deterministic=True)
         start, action = np.zeros(1, np.bool_), np.asarray(action, np.float32)[0]
@@ -131,19 +130,19 @@ def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], pla
         ended = terminated or truncated
         steps.append((action, float(reward), terminated, truncated))
         observations.append(observation)
-        infos.append(seen())
+        infos.append(info())
     columns = map(list, zip(*steps, strict=True))
-    of_steps = {name: [info[name] for info in infos] for name in infos[0]}
+    of_steps = {name: [each[name] for each in infos] for name in infos[0]}
     return EpisodeBuffer(None, seed, {"record": bare.episode_info()["record"]}, observations, *columns, of_steps)
 
 
 def write(
     name: str, env: gym.Env[Any, Any], episodes: Iterator[EpisodeBuffer], options: DatasetOptions, who: str, about: str
 ) -> Any:
-    """Write a dataset atomically and return it; `who` is the player, `about` the description.
+    """Write a dataset atomically and return it; `who` is its player, `about` its description.
 
     Raises:
-        ValueError: the dataset exists already, or its name is invalid.
+        ValueError: the dataset exists, or its name is invalid.
     """
     final, (namespace, _, _) = get_dataset_path(name), parse_dataset_id(name)
     if final.exists():
@@ -154,7 +153,7 @@ def write(
         with patch.dict(os.environ, {ROOT: hidden}):
             made = minari.create_dataset_from_buffers(
                 name, episodes, env=env, eval_env=env, algorithm_name=who, description=about, author=options.author,
-                author_email=options.email or "none given", code_permalink=code, requirements=packages,
+                author_email="none given", code_permalink=code, requirements=packages,
             )  # fmt: skip
             made.storage.update_metadata({"solver": compiled_from()})
         if namespace not in list_local_namespaces():
@@ -185,7 +184,7 @@ def of_tries(options: DatasetOptions) -> Any:
             record = {**this.record, "operator.recording": number + 0.5}
             done = recorded(env, this.seed, record, partial(Given, this.actions))
             if done.infos["done_time"][-1] != this.result["done_time"]:
-                raise ValueError("a try does not end as it did: it was made with another version of the environment")
+                raise ValueError("a try ends differently: it was made with another version of the environment")
             yield done
 
     assists = ", ".join(sorted({this.assist for this in found}))
@@ -193,7 +192,7 @@ def of_tries(options: DatasetOptions) -> Any:
 
 
 class Given:
-    """Plays given actions at any time weight, then zeros."""
+    """Plays given actions, then zeros, at any time weight."""
 
     def __init__(self, actions: Sequence[Sequence[float]], _weight: float) -> None:
         given = np.array(actions, np.float32)
@@ -205,10 +204,10 @@ class Given:
 
 
 def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
-    """Make the environment of a dataset's metadata, which is not trusted: nothing named there is imported.
+    """Make the environment of a dataset's metadata. The metadata is not trusted: nothing that it names is imported.
 
     Raises:
-        ValueError: it is not an environment of this package, or names other code, a wrapper or a file.
+        ValueError: the environment is not of this package, or names other code, a wrapper or a file.
     """
     spec = json.loads(about["env_spec"])
     if spec["id"] not in IDS:
@@ -225,16 +224,16 @@ def check(name: str) -> int:
     """Replay a dataset of Minari; return the number of its episodes.
 
     Raises:
-        ValueError: the dataset is missing, or its replay differs, with the place of the difference.
+        ValueError: the dataset is missing, or its replay differs; says where.
     """
     if not get_dataset_path(name).is_dir():
         known = ", ".join(minari.list_local_datasets()) or "none"
         raise ValueError(f"there is no dataset {name!r:.80} in {get_dataset_path()}, which has: {known}")
     about = MinariStorage.read_raw_metadata(get_dataset_path(name) / "data")
     made = f"it was made with {', '.join(about.get('requirements', ['?']))}, solver {about.get('solver', '?')}"
-    other = f"{made}, and this is impact-gym {version('impact-gym')}, solver {compiled_from()}"
+    other = f"{made}; installed are impact-gym {version('impact-gym')}, solver {compiled_from()}"
     try:
-        env = environment_of(about)  # before Minari reads the dataset, which may make an environment, too
+        env = environment_of(about)  # first: Minari may make an environment when it reads the dataset
         dataset = minari.load_dataset(name)
     except (AssertionError, AttributeError, LookupError, TypeError, ValueError, gym.error.Error) as problem:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""A tool approaches an object: how to move and brake so that it arrives soon and does not shoot the object away."""
+"""A simulator and an environment of one collision: a tool should reach an object early and push it away slowly."""
 
 from impact_gym import beside, sources
 

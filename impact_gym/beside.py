@@ -1,4 +1,4 @@
-"""Import of `impact_gym.agents` and `impact_gym.experiments` in a checkout, where both lie beside the package."""
+"""Import of `impact_gym.agents` and `impact_gym.experiments` in a checkout, where both are beside the package."""
 
 import sys
 from importlib import import_module
@@ -18,14 +18,14 @@ class Beside:
 
     @staticmethod
     def create_module(spec: ModuleSpec) -> ModuleType:
-        """Import it under its name in the checkout."""
+        """Import the module under its name in the checkout."""
         module = import_module(spec.name.removeprefix("impact_gym."))
         spec.loader_state = module.__spec__
         return module
 
     @staticmethod
     def exec_module(module: ModuleType) -> None:
-        """Restore the module's own spec; it has run already."""
+        """Restore the spec of the module, which has run already."""
         module.__spec__ = module.__spec__.loader_state  # type: ignore[union-attr]
 
 

@@ -1,4 +1,4 @@
-"""Columns of numbers in a CSV file of any recorder: the reader of logs of blows and traces of channels.
+"""Columns of numbers in a CSV file of any recorder; reads logs of blows and traces of channels.
 
 It finds encoding, separator, decimal sign, preamble, names and units, reports them, and refuses ambiguous files.
 """
@@ -8,6 +8,7 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.files import parsed, utf_8
+from impact_gym.files import parsed
 from impact_gym.validation import shown
 
 SCALES: Mapping[str, Mapping[str, float]] = {
@@ -31,7 +32,7 @@ SCALES: Mapping[str, Mapping[str, float]] = {
 """Spellings of multiples of each SI unit, in lower case. Pound-force and standard gravity are exact."""
 IN_BRACKETS = (r"(.+?)[\s_]*[\[({<]([^\[({<]*)[\])}>]\s*", r"([^/]+?)\s*/\s*\(?(.+?)\)?")
 UNIT_FORMS = (*IN_BRACKETS, r"(.+)()", r"(.+?)(?:[\s_,:-]|\bin\b)+([^\s_]+)")
-"""Force (N), force/N, force without a unit, force_N; in the first two the text after the name must be a unit."""
+"""Force (N), force/N, force without a unit, force_N. In the first two forms the text after the name must be a unit."""
 SEPARATORS = ("\t", ";", ",", "|", None)  # None: blanks
 NUMBERS = {
     sign: re.compile(rf"[+-]?((\d+[{sign}]?\d*|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
@@ -39,20 +40,20 @@ NUMBERS = {
 }
 COMMENTS = ("#", "%", "//")
 COMMENT_LINE = re.compile(r"^[ \t]*(#|%|//).*", re.MULTILINE)
-FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # of a file, from which its layout is found
+FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # the part of a file that shows its layout
 
 
 class Column(NamedTuple):
-    """A wanted column."""
+    """A column that a file may have."""
 
     unit: str  # SI, one of SCALES
     names: str  # regular expression of its names in lower case, words separated by one blank
-    needs_unit: bool = False  # the file must have a unit, as several are usual
-    empty: float | None = None  # value of an empty field, nan or inf; None: it is refused
+    needs_unit: bool = False  # the file must name the unit, as several are usual
+    may_be_empty: bool = False  # an empty field is nan; otherwise it is refused
 
 
 class Table(NamedTuple):
-    """Columns of a file and how they were read."""
+    """Columns of a file, and how they were read."""
 
     columns: dict[str, NDArray[np.float64]]  # (n,) each, SI units
     said: str  # source of each column, and unused columns of the file
@@ -61,15 +62,15 @@ class Table(NamedTuple):
 class _Layout(NamedTuple):
     separator: str | None
     decimal: str
-    first: int  # line with the first numbers, from 0
-    least: int  # values in a line, at least
-    most: int
+    first: int  # index of the line with the first numbers
+    least: int  # least number of values in a line
+    most: int  # number of values in the first line of numbers
 
 
 class _Source(NamedTuple):
-    place: int
-    head: str  # its name in the file; "": none
-    scale: float | None  # None: the file has no unit
+    place: int  # index of the column in the file
+    head: str  # its name in the file, or ""
+    scale: float | None  # factor to SI; None: the file names no unit
 
 
 def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> Table:
@@ -78,10 +79,10 @@ def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str
     Args:
         path: a regular file; UTF-8, UTF-16 or Latin-1.
         wanted: columns by name.
-        unnamed: order of the columns of a file without names. Every file must have the first of them and another one.
+        unnamed: columns of a file without names, in order. Every file must have the first of them and another column.
 
     Raises:
-        ValueError: columns are missing or ambiguous, a unit is unknown or missing, or a value is no number; names file,
+        ValueError: a column is missing or ambiguous, a unit is unknown or missing, or a value is no number; names file,
             line, column and value.
     """
     return parsed(path, "CSV", partial(_table, wanted=wanted, unnamed=unnamed), _decoded)
@@ -89,14 +90,13 @@ def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str
 
 def _decoded(content: bytes) -> str:
     zeros = [len(content) > 1 and not any(content[k:100:2]) for k in (0, 1)]
+    marked = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    encoding = "utf-16" if marked else ("utf-16-be", "utf-16-le")[zeros.index(True)] if any(zeros) else "utf-8-sig"
     try:
-        if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-            text = content.decode("utf-16")
-        else:
-            text = content.decode(("utf-16-be", "utf-16-le")[zeros.index(True)]) if any(zeros) else utf_8(content)
+        text = content.decode(encoding)
     except UnicodeDecodeError:
         text = content.decode("latin-1")
-    text = re.sub("\r\n?", "\n", text)
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
     if strange := re.search(r"[\x00-\x08\x0e-\x1f]", text):
         raise ValueError(f"line {text.count(chr(10), 0, strange.start()) + 1} must be text, got {strange[0]!r}")
     return text
@@ -106,23 +106,12 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
     lines = text[:FIRST_CHARACTERS].split("\n")[:FIRST_LINES]
     layout = _layout(lines)
     sources, heads = _sources(lines, layout, wanted, unnamed)
-
-    def number(name: str, value: str) -> float:
-        if not value and (empty := wanted[name].empty) is not None:
-            return empty
-        if not NUMBERS[layout.decimal].fullmatch(value):
-            raise ValueError(f"line {k}: {name} must be a number, got {shown(value)}")
-        return float(value.replace(",", "."))
-
-    rows, places = [], {name: source.place for name, source in sources.items()}
-    for k, line in enumerate(text.split("\n")[layout.first :], layout.first + 1):
-        if line.strip() and not line.lstrip().startswith(COMMENTS):
-            row = _split(line, layout.separator)
-            if max(places.values()) >= len(row):
-                raise ValueError(f"line {k} must have {layout.least} values, got {shown(line)}")
-            rows.append([number(name, row[place]) for name, place in places.items()])
-    values = np.array(rows).T
-    columns = {name: values[n] * (source.scale or 1.0) for n, (name, source) in enumerate(sources.items())}
+    rows = {
+        k: line for k, line in enumerate(text.split("\n")[layout.first :], layout.first + 1)
+        if line.strip() and not line.lstrip().startswith(COMMENTS)
+    }  # fmt: skip
+    values = _numbers(rows, layout, {name: source.place for name, source in sources.items()}, wanted)
+    columns = {name: values[:, n] * (source.scale or 1.0) for n, (name, source) in enumerate(sources.items())}
     said = ", ".join(
         f"{name} ({wanted[name].unit}) from {shown(source.head) if source.head else f'column {source.place + 1}'}"
         + ("" if source.scale else " without a unit")
@@ -133,14 +122,35 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
     return Table(columns, f"{said}; not used: {', '.join(rest)}" if rest else said)
 
 
+def _numbers(
+    rows: Mapping[int, str], layout: _Layout, places: Mapping[str, int], wanted: Mapping[str, Column]
+) -> NDArray[np.float64]:
+    """Return the numbers (rows, columns) at some places of lines, which have their line numbers as keys."""
+    if layout.decimal == "." and not any('"' in line for line in rows.values()):
+        with suppress(ValueError):  # a wrong line, or an empty field: see below
+            return np.loadtxt(
+                rows.values(), comments=None, delimiter=layout.separator, usecols=[*places.values()], ndmin=2
+            )
+    table = []
+    for k, line in rows.items():
+        row = _split(line, layout.separator)
+        if max(places.values()) >= len(row):
+            raise ValueError(f"line {k} must have {layout.least} values, got {shown(line)}")
+        for name, place in places.items():
+            if not NUMBERS[layout.decimal].fullmatch(row[place]) and (row[place] or not wanted[name].may_be_empty):
+                raise ValueError(f"line {k}: {name} must be a number, got {shown(row[place])}")
+        table.append([float(row[place].replace(",", ".") or "nan") for place in places.values()])
+    return np.array(table)
+
+
 def _split(line: str, separator: str | None) -> list[str]:
-    if separator is None:
-        return line.split()
+    if separator is None or '"' not in line:
+        return [field.strip() for field in line.split(separator)]
     return [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
 
 
 def _layout(lines: Sequence[str]) -> _Layout:
-    """Return separator and decimal sign with which most fields of rows are numbers, and where these stand."""
+    """Return the separator and decimal sign with which most fields are numbers, and the place of the numbers."""
     best, most = None, 0.0
     for separator in SEPARATORS:
         rows = [[] if line.lstrip().startswith(COMMENTS) else _split(line, separator) for line in lines]
@@ -164,7 +174,7 @@ def _layout(lines: Sequence[str]) -> _Layout:
 def _sources(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column], unnamed: Sequence[str]
 ) -> tuple[dict[str, _Source], list[str]]:
-    """Return the sources of the wanted columns, and the file's names of all its columns."""
+    """Return the sources of the wanted columns, and the names of all columns in the file."""
     allowed = ", ".join(f"{name} ({column.unit})" for name, column in wanted.items())
     heads, units, between = _names(lines, layout, wanted)
     if heads and between:
@@ -198,7 +208,7 @@ def _sources(
 def _names(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column]
 ) -> tuple[list[str], list[str], list[int]]:
-    """Return names and units of columns above the numbers, and indices of other lines between, last first."""
+    """Return the names and units of the columns, and the indices of other lines below the names, from the last on."""
     units: list[str] = []
     between: list[int] = []
     for k in reversed(range(layout.first)):
@@ -217,7 +227,7 @@ def _names(
 
 
 def _heads(line: str, layout: _Layout) -> Iterator[list[str]]:
-    """Yield possible splits of a line into as many names as there are columns."""
+    """Yield all splits of a line that give as many names as there are columns."""
     rows = [_split(line, separator) for separator in (layout.separator, *SEPARATORS) if separator]
     rows += [re.split(pattern, line.strip()) for pattern in (r"\s{2,}", r"\s+(?![\[({</])")]
     for row in rows:
@@ -232,7 +242,7 @@ def _plain(name: str) -> str:
 
 
 def _meaning(head: str, wanted: Mapping[str, Column]) -> tuple[str, str] | None:
-    """Return the wanted column that a name means, and the unit in it, or ""."""
+    """Return the wanted column that a name in the file means, and the unit in that name, or ""."""
     for form in UNIT_FORMS:
         if parts := re.fullmatch(form, head):
             name = next((name for name in wanted if re.fullmatch(wanted[name].names, _plain(parts[1]))), None)
@@ -242,7 +252,7 @@ def _meaning(head: str, wanted: Mapping[str, Column]) -> tuple[str, str] | None:
 
 
 def _scale(unit: str, written: str) -> float | None:
-    """Return the factor of a written unit to the SI unit, None if it is unknown; MN is not mN."""
+    """Return the factor from a written unit to the SI unit; None: the unit is unknown. MN is not mN."""
     short = re.sub(r"[\s*\u00b7.]", "", written).replace("\u00b2", "^2").replace("\u207b", "-").replace("\u00b9", "1")
     short = re.sub(r"(?<=s)\^?(-?\d)$", r"^\1", short)
     return SCALES[unit].get(short if short[:1] == "M" and len(short) < 4 else short.lower())

@@ -1,4 +1,4 @@
-"""Reading users' files; atomic writes, with errors for a full disk; locks of folders."""
+"""Reading users' files, atomic writes with errors for a full disk, and locks of folders."""
 
 import csv
 import errno
@@ -16,34 +16,33 @@ Content = TypeVar("Content")
 
 
 def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -> Path:
-    """Return the file of a name: a `shipped` one with this `suffix`, a path, or a file `inside` a folder.
+    """Return the file that `name` means: a shipped name, a path, or a folder with one of the files `inside`.
 
     Raises:
-        TypeError, ValueError: neither a name nor a path, or no such file; names the nearest shipped one.
+        TypeError, ValueError: neither a name nor a path, or no such file; names the nearest shipped name.
     """
     one_of(kind, name, str, os.PathLike)
     for path in (shipped / f"{name}{suffix}", Path(name), *(Path(name) / file for file in inside)):
-        with suppress(OSError):  # of a name too long for a file
+        with suppress(OSError):  # the name is too long for a file
             if path.is_file():
                 return path
     known = (path.stem for path in shipped.glob(f"*{suffix}"))
     raise ValueError(f"{nearest(kind, str(name), known)} (there is no such file either)")
 
 
-LARGEST = 100_000_000  # bytes of a file that is read
+LARGEST = 100_000_000  # bytes of a user's file
 
 
-def utf_8(content: bytes) -> str:
-    """Return a text with line feeds as line ends, without the byte order mark that Excel writes."""
-    return io.TextIOWrapper(io.BytesIO(content), "utf-8-sig").read()
+def parsed(
+    path: Path, kind: str, parse: Callable[[str], Content], decode: Callable[[bytes], str] | None = None
+) -> Content:
+    """Return what `parse` makes of the text of a regular file; a device or a pipe might never end.
 
-
-def parsed(path: Path, kind: str, parse: Callable[[str], Content], decode: Callable[[bytes], str] = utf_8) -> Content:
-    """Return `parse` of the text of a regular file; a device or a pipe might never end.
+    Without `decode` the text is UTF-8; its line ends become line feeds, and a byte order mark is left out.
 
     Raises:
-        ValueError: it does not exist, is no regular file, larger than `LARGEST`, no text, or not of this `kind` for
-            `parse`; names the file.
+        ValueError: the file does not exist, is no regular file, is larger than `LARGEST`, is no text, or `parse`
+            refuses it; names the file and the `kind` of file.
     """
     try:
         if path.exists() and not path.is_file():
@@ -52,7 +51,7 @@ def parsed(path: Path, kind: str, parse: Callable[[str], Content], decode: Calla
             content = file.read(LARGEST + 1)
         if len(content) > LARGEST:
             raise ValueError(f"it must have at most {LARGEST:,} bytes")
-        return parse(decode(content))
+        return parse(decode(content) if decode else io.TextIOWrapper(io.BytesIO(content), "utf-8-sig").read())
     except (OSError, ValueError, TypeError, AttributeError, LookupError, RecursionError, csv.Error) as error:
         raise ValueError(f"{path} is not read as {kind}: {reason(error)}") from error
 
@@ -75,14 +74,14 @@ class DiskFullError(OSError):
 
 @contextmanager
 def writing(what: str) -> Iterator[None]:
-    """Turn errors of a full disk, of any library, into one line with `what` was being written.
+    """Turn errors of a full disk, from any library, into one line that says `what` was being written.
 
     Raises:
         DiskFullError: the disk or the quota is full.
     """
     try:
         yield
-    except DiskFullError:  # it names its file already
+    except DiskFullError:  # an inner `writing` named its file
         raise
     except OSError as error:
         if error.errno not in NO_ROOM:
@@ -92,14 +91,14 @@ def writing(what: str) -> Iterator[None]:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[IO[bytes]]:
-    """Write `path` atomically: open a file beside it, move it there when complete; of a link the target is written.
+    """Write `path` atomically: yield a new file in its folder, then rename it to `path`, or to the target of a link.
 
     Raises:
-        OSError: `path` is a folder, a device or a pipe, which stays unchanged.
+        OSError: `path` is a folder, a device or a pipe; it stays unchanged.
         DiskFullError: the disk is full; `path` is unchanged.
     """
     name, path = path, Path(os.path.realpath(path))
-    if path.is_symlink() or (path.exists() and not path.is_file()):  # realpath leaves a link where links form a ring
+    if path.is_symlink() or (path.exists() and not path.is_file()):  # links in a ring: realpath returns a link
         what = "a folder, a device, a pipe or a ring of links"
         raise OSError(f"{name} must be a file or not exist yet, but it is {what}: nothing is written")
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
@@ -117,12 +116,12 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
 
 @contextmanager
 def locked(path: Path, wait: bool = True) -> Iterator[None]:
-    """Hold the lock file `path` exclusively among processes and threads; the end of the process releases it.
+    """Hold the lock file `path` exclusively among processes and threads; the end of the process releases the lock.
 
-    Unfinished files of killed processes in its folder, or below, are removed.
+    Unfinished files of killed processes in the lock's folder, or below, are removed.
 
     Raises:
-        ValueError: another process holds it, and `wait` is false; or it is a link, a pipe or a device.
+        ValueError: another process holds the lock and `wait` is false; or `path` is a link, a pipe or a device.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.is_symlink() or (path.exists() and not path.is_file()):
@@ -138,7 +137,7 @@ def locked(path: Path, wait: bool = True) -> Iterator[None]:
 
 
 def write_file(path: Path, content: str | bytes) -> Path:
-    """Write bytes, or a text as UTF-8, to `path` as `whole_file` does, and return it."""
+    """Write bytes, or a text as UTF-8, to `path` as `whole_file` does, and return `path`."""
     with whole_file(path) as file:
         file.write(content.encode() if isinstance(content, str) else content)
     return path

@@ -1,9 +1,9 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, initializedcheck=False, cdivision=True, cpow=True
-"""The compiled program: all that runs inside a step, one unit, so that the compiler can inline each law.
+"""The compiled program: everything that runs inside a step, in one unit, so that the compiler can inline each law.
 
-The included files build on one another in their order. Below them are the functions that Python calls, and the layout
-of the records that both sides read and write, as NumPy data types. Arrays are passed without a check: callers make sure
-that they are contiguous and of these types.
+Each included file uses the files before it. Below are the functions that Python calls, and the records that both sides
+read and write, as NumPy data types. Arrays are passed without a check: callers must pass contiguous arrays of these
+types.
 """
 
 from cpython.buffer cimport PyBUF_SIMPLE, PyBuffer_Release, PyObject_GetBuffer
@@ -50,8 +50,11 @@ include "task/records.pxi"
 include "task/draw.pxi"
 include "task/alarm.pxi"
 include "task/settle.pxi"
+include "task/observation.pxi"
 include "task/episode.pxi"
 include "task/range_sensor.pxi"
+include "teleop/channel.pxi"
+include "teleop/operator.pxi"
 include "teleop/link.pxi"
 
 GRAVITY = STANDARD_GRAVITY
@@ -90,7 +93,7 @@ assert (APPROACH.itemsize, CHAIN.itemsize, EPISODE.itemsize) == (sizeof(Approach
 
 
 cdef void *memory_of(object array) except? NULL:
-    """Address of the numbers of a contiguous array."""
+    """Return the address of the numbers of a contiguous array."""
     cdef Py_buffer buffer
     PyObject_GetBuffer(array, &buffer, PyBUF_SIMPLE)
     cdef void *address = buffer.buf
@@ -99,7 +102,7 @@ cdef void *memory_of(object array) except? NULL:
 
 
 cdef Recorder recorder_of(tuple arrays):
-    """Recorder of contacts (CONTACT), trace (TRACE) and passages of a slider (s); arrays of no rows record nothing."""
+    """Return a recorder of contacts (CONTACT), trace (TRACE) and passages of a slider (s); empty arrays record nothing."""
     contacts, trace, snaps, interval = arrays
     return Recorder(
         <ContactRow *> memory_of(contacts), <TraceRow *> memory_of(trace), <double *> memory_of(snaps),
@@ -114,12 +117,12 @@ def approach_rows(
 
     Args:
         plans, chains: see above.
-        tables: numbers of all robots' tables (k,); the law of a plan says where its own begin.
+        tables: numbers of all robots' tables (k,); the mount of a plan has the index of its own table.
         first, last: rows.
-        tolerance: local error of a step, in its own scales.
-        max_steps: integration steps after which a row gives up; its status says so.
-        recorder: arrays for contacts (CONTACT), trace (TRACE) and passages of a slider (s) of the last row, which
-            record nothing if they have no rows; and the time between two trace points in flight, s.
+        tolerance: local error of a step, scaled.
+        max_steps: integration steps after which a row stops with the status STEP_LIMIT.
+        recorder: arrays for contacts (CONTACT), trace (TRACE) and passages of a slider (s) of the last row, empty to
+            record nothing; and the time between two trace points in flight, s.
     """
     cdef Run run
     cdef Work work
@@ -165,7 +168,7 @@ def draw_uniforms(list generators, rows, uniforms):
 
 
 cdef class Rows:
-    """A batch of environments: arrays of rows, of which Python owns the memory, and the kernels that move them."""
+    """A batch of environments: arrays of rows, whose memory belongs to Python, and the functions that step them."""
 
     cdef object arrays
     cdef const Task *tasks
@@ -188,7 +191,7 @@ cdef class Rows:
         self, tasks, draws, laws, tables, chains, episodes, readings, ranges, links, packets, observations, rewards,
         entries, tuple recorder, max_steps, action_size,
     ):
-        """Take arrays of `size` rows each; `tasks` and `laws` may have one for all.
+        """Set the arrays, of `size` rows each; `tasks` and `laws` may have one row for all.
 
         Args:
             tasks: (size,) or (1,), TASK.
@@ -200,10 +203,10 @@ cdef class Rows:
             ranges: (size, slots), RANGE_READING, or no rows without a range sensor.
             links, packets: (size,) and (size, slots), or no rows without an operator; LINK and PACKET.
             observations: (size, length), float32.
-            entries: of an observation (length,), ENTRY.
+            entries: numbers of an observation (length,), ENTRY.
             recorder: see `approach_rows`; its trace is (size, points).
-            max_steps: integration steps of an episode.
-            action_size: numbers of an action.
+            max_steps: most integration steps of an episode.
+            action_size: number of numbers in an action.
         """
         self.arrays = (
             tasks, draws, laws, tables, chains, episodes, readings, ranges, links, packets, observations, rewards, entries,
@@ -224,7 +227,7 @@ cdef class Rows:
         self.recorder, self.max_steps = recorder_of(recorder), max_steps
 
     cdef inline Row row(self, int64_t i) noexcept nogil:
-        """One environment."""
+        """Return one environment."""
         return Row(
             &self.tasks[i * self.each_task], &self.chains[i], &self.episodes[i], &self.readings[i * self.slots],
             self.slots, self.entries, self.length, &self.observations[i * self.length],

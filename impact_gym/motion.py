@@ -1,7 +1,7 @@
 """Imposed motion of the flange: pieces of constant acceleration.
 
-Every motion is a sequence of commands: go to this velocity with this acceleration, then hold it. A trapezoid is one
-command at t = 0 and, if it brakes, a second one when the contact alarm reaches the controller.
+Every motion is a sequence of commands, each a velocity to hold and the acceleration towards it. A trapezoid is one
+command at t = 0 and, with a brake, a second one when the contact alarm reaches the controller.
 """
 
 from dataclasses import dataclass
@@ -18,8 +18,7 @@ from impact_gym.validation import one_of, rising
 class Brake(Parameters, path="motion.brake"):
     """Brake to a stop, `delay` after the contact force first exceeds `threshold`.
 
-    The delay is the paper's 16 ms; the deceleration of the paper is not printed (8 m/s^2 identified, see
-    docs/provenance.md).
+    The delay of 16 ms is the paper's. The paper does not print its deceleration; docs/provenance.md identifies 8 m/s^2.
     """
 
     threshold: float = 1.0  # N
@@ -29,7 +28,7 @@ class Brake(Parameters, path="motion.brake"):
 
 @dataclass(frozen=True, slots=True)
 class Trapezoid(Parameters, path="motion"):
-    """From rest to `speed` at `acceleration`, then constant without end (paper, Fig. 11)."""
+    """From rest to `speed` at `acceleration`, then constant (paper, Fig. 11)."""
 
     speed: float  # m/s
     acceleration: float  # m/s^2
@@ -49,10 +48,10 @@ class Trapezoid(Parameters, path="motion"):
 
 @dataclass(frozen=True, slots=True)
 class Motion(Parameters, path="motion"):
-    """Any commanded motion, from rest: pieces of constant acceleration between velocities, the last one held."""
+    """Any motion from rest: a constant acceleration between each two points; the last velocity is held."""
 
-    times: Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e12)]  # rising, from 0
-    velocities: Annotated[tuple[float, ...], SI("m/s", at_least=-1e9, at_most=1e9)]  # at each, the first 0
+    times: Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e12)]  # rising from 0
+    velocities: Annotated[tuple[float, ...], SI("m/s", at_least=-1e9, at_most=1e9)]  # one for each time, the first 0
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)

@@ -22,29 +22,29 @@ class ContactRecord(NamedTuple):
     separation_velocity: float  # m/s, at which the surfaces part; at `duration` if unfinished
     peak_force: float  # N
     impulse: float  # N s, on the object
-    object_velocity: float  # m/s, at the end
+    object_velocity: float  # m/s, at the end of the contact
     coupling_impulse: float  # N s, of the coupling on the tool (paper, eq. 21)
     momentum_error: float  # -, residual of the paper's eq. 20 over the impulse
 
 
 class Trace(NamedTuple):
-    """Time histories, (n,) each; points lie closer together inside contacts."""
+    """Time histories, (n,) each, with denser points in contacts."""
 
     time: Array  # s
-    flange_position: Array  # m, with a compliant robot and a rigid coupling that of the tool
+    flange_position: Array  # m; with a compliant robot and a rigid coupling the position of the tool
     flange_velocity: Array  # m/s
     tool_position: Array  # m
     tool_velocity: Array  # m/s
-    object_position: Array  # m, its face; the tool's face is at 0 when t = 0
+    object_position: Array  # m, of its face; the face of the tool is at 0 at t = 0
     object_velocity: Array  # m/s
     contact_force: Array  # N, on the object
     coupling_force: Array  # N, on the tool
-    command_position: Array  # m, of the imposed motion; the flange's if the robot is rigid
-    command_velocity: Array  # m/s, likewise
+    command_position: Array  # m, of the imposed motion; with a rigid robot equal to the flange position
+    command_velocity: Array  # m/s, of the imposed motion
 
     @classmethod
     def of(cls, points: NDArray[Any]) -> "Trace":
-        """Return a copy of recorded points (n, TRACE)."""
+        """Return a copy of recorded points (n,), TRACE."""
         return cls(*(points[name].copy() for name in cls._fields))
 
 
@@ -62,17 +62,17 @@ class Outcome(NamedTuple):
     steps: int  # integration steps in contact, rejected ones included
     status: str  # "ok"
     trace: Trace | None
-    snap_through: tuple[float, ...]  # s, when the slider of a mechanism passes its alignment, first backwards
+    snap_through: tuple[float, ...]  # s, times at which the slider of a mechanism passes its alignment
     peak_object_velocity: float  # m/s; without friction the object never loses velocity
-    slide: float | None  # m, to where the object rests without contacts after `duration`; None without friction
-    rest_time: float | None  # s, from when on it rests and the tool stays below 1 mm/s, inf if never; None likewise
+    slide: float | None  # m, of the object until it rests, without contacts after `duration`; None without friction
+    rest_time: float | None  # s, object at rest, tool below 1 mm/s from then on; inf if never; None without friction
 
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """Results of a sweep, arrays of the shape that the varied parameters broadcast to; see `Outcome`.
+    """Results of a sweep, arrays of the broadcast shape of the varied parameters; see `Outcome`.
 
-    A row whose run cannot finish has nan for its numbers and the reason as its status; it does not affect other rows.
+    If a run cannot finish, its numbers are nan and its status is the reason. Other runs are not affected.
     """
 
     object_velocity: Array  # m/s
@@ -82,7 +82,7 @@ class Outcomes:
     detection_time: Array  # s, nan if the threshold was never exceeded
     first_contact: Array  # s, nan if there was none
     contact_count: NDArray[np.int64]
-    snap_count: NDArray[np.int64]  # passages of the slider of a mechanism through its alignment
+    snap_count: NDArray[np.int64]  # passages of a slider through its alignment
     coupling_impulse: Array  # N s
     momentum_error: Array  # -
     peak_object_velocity: Array  # m/s
@@ -94,27 +94,27 @@ class Outcomes:
 
 @dataclass(frozen=True)
 class Model:
-    """A model of the scenes and its errors beside the full one."""
+    """A model of the scenes, and its errors relative to the full model."""
 
     name: str
     simplify: Callable[[Scene], Scene]
-    errors: Array  # (scenes,), -, relative; inf where a run did not finish
-    time_saved: float  # -, share of the full model's time
+    errors: Array  # (scenes,), -, relative; inf if a run did not finish
+    time_saved: float  # -, as a share of the time of the full model
 
     @property
     def bound(self) -> float:
-        """Largest error seen."""
+        """Largest error in the scenes."""
         return float(self.errors.max())
 
 
 @dataclass(frozen=True)
 class Advice:
-    """The fastest model that keeps a tolerance in all scenes."""
+    """The fastest model within a tolerance in all scenes."""
 
     quantity: Advised
     tolerance: float  # -, relative
     model: Model
-    tried: tuple[Model, ...]  # the full one first
+    tried: tuple[Model, ...]  # the full model first
 
     def __str__(self) -> str:
         head = f"{self.quantity} within {self.tolerance:g} in {len(self.model.errors)} scenes: {self.model.name}"

@@ -10,18 +10,17 @@ from impact_gym.validation import number, numbers
 
 
 class SI:
-    """Annotation of a field with unit and limits, for a number that has no row in `quantities`."""
+    """Unit and limits of a field, as its annotation, if it has no row in `quantities`."""
 
     def __init__(self, unit: str, **limits: float) -> None:
         self.unit, self.limits = unit, limits
 
 
 class Parameters:
-    """A frozen dataclass that checks its numbers when it is made, and holds floats.
+    """A frozen dataclass that checks its numbers when it is made, and stores them as floats.
 
-    Numbers of a scene have a row in `quantities` under the dotted path `path.field`, others an annotation,
-    `Annotated[float, SI("m", above=0)]`. A field whose default is None may be None; a field of several numbers is a
-    tuple of floats.
+    The row `path.field` in `quantities` gives the limits of a field, or else its annotation,
+    `Annotated[float, SI("m", above=0)]`. A field with the default None may be None. Several numbers become a tuple.
     """
 
     __slots__ = ()
@@ -33,7 +32,7 @@ class Parameters:
             cls.path = path
 
     def __post_init__(self) -> None:
-        kind: Any = type(self)  # hashable, whatever mypy makes of a dataclass
+        kind: Any = type(self)  # Any: mypy takes a dataclass for unhashable
         for name, optional, check in _checks(kind):
             value = getattr(self, name)
             if value is not None or not optional:
@@ -42,7 +41,7 @@ class Parameters:
 
 @cache
 def _checks(kind: Any) -> list[tuple[str, bool, Callable[[Any], Any]]]:
-    """Return name, whether it may be None, and check of each number of a class."""
+    """Return for each number of a class its name, whether it may be None, and its check."""
     checks: list[tuple[str, bool, Callable[[Any], Any]]] = []
     for field in fields(kind):
         hint: Any = field.type

@@ -1,7 +1,7 @@
 """The description of a scene: a tool, its coupling to the flange, the robot behind it, an object, and their contact.
 
-One axis, +x from the robot to the object. All classes are frozen, hold floats in SI units and check them when they are
-made, so that no later code has to. The limits stand in `impact_gym.quantities`.
+The one axis, +x, points from the robot to the object. All classes are frozen. They store floats in SI units and check
+them when they are made, so that later code need not; `impact_gym.quantities` has the limits.
 """
 
 import math
@@ -18,16 +18,17 @@ from scipy.interpolate import CubicSpline
 from impact_gym.kernels import bistable_energy, bistable_force, rest_of
 from impact_gym.parameters import Parameters
 from impact_gym.quantities import BY_PATH
-from impact_gym.validation import number, one_of
+from impact_gym.validation import choice, number, one_of
 
 Dissipation = Literal[
     "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores", "fixed"
 ]
-"""How the damping follows from the restitution; `physics.dissipation.effective_restitution` says what each delivers."""
+"""Laws of the damping for a restitution; `physics.dissipation.effective_restitution` says which one each delivers."""
+LAWS = get_args(Dissipation)
 
 
 STOP_STIFFNESS, STOP_DAMPING_RATIO = 1e5, 1.0
-"""Defaults of stops, N/m and -."""
+"""Defaults of the stops of couplings, N/m and -."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,38 +40,37 @@ class Tool(Parameters, path="tool"):
 
 @dataclass(frozen=True, slots=True)
 class Object(Parameters, path="object"):
-    """The body that is struck; at rest until then.
+    """The body that is struck, at rest before.
 
-    With `friction` it sticks to the ground until the contact force exceeds mu m_p g, slides, in a contact and after it,
-    and sticks again once it has come to rest; g = 9.80665 m/s^2. The paper neglects friction and calls it small and
-    beneficial.
+    With `friction` it sticks to the ground until the contact force exceeds mu m_p g, with g = 9.80665 m/s^2. Then it
+    slides, and sticks again when it comes to rest. The paper neglects friction and calls it small and beneficial.
     """
 
     mass: float  # kg
-    distance: float  # m, gap between the faces at rest, t = 0
-    friction: float | None = None  # -, mu, Coulomb's, between object and ground
+    distance: float  # m, gap between the faces at t = 0
+    friction: float | None = None  # -, mu, Coulomb friction between object and ground
 
 
 @dataclass(frozen=True, slots=True)
 class Contact(Parameters, path="contact"):
     """Contact of a plane tool with an object, F = k_c delta^m + chi delta^n delta_dot, never negative (paper, eq. 5).
 
-    m = n = 3/2, the default, is a sphere with hysteresis damping; m = 1, n = 0 a linear spring and damper.
-    `dissipation` says how chi follows from the restitution: "hu-guo" is the paper's eq. 7, which delivers a little
-    less than it is given (0.4877 for 0.5, 0.0741 for 0.1; see docs/provenance.md), "exact" delivers it, the others
-    are in `physics.dissipation` with their sources. They set the damping in the contact's own scales,
-    chi = d k_c delta0^(m - n) / v_in, with v_in the approach velocity of this contact. So its restitution is the same
-    at every velocity. With "fixed" chi itself is the same: a contact that begins at `reference_velocity` shows the
-    restitution, a faster one less and a slower one more, as measured.
+    m = n = 3/2, the default, is a sphere with hysteresis damping; m = 1, n = 0 is a linear spring and damper.
+    `dissipation` gives chi for a nominal restitution. "exact" delivers the nominal value. "hu-guo", the paper's eq. 7,
+    delivers a little less (0.4877 for 0.5, 0.0741 for 0.1; see docs/provenance.md). The others are in
+    `physics.dissipation` with their sources. All these laws scale with the approach velocity v_in of the contact,
+    chi = d k_c delta0^(m - n) / v_in, so its restitution is the same at every velocity. With "fixed" chi is constant:
+    a contact that begins at `reference_velocity` has the nominal restitution, a faster one less and a slower one more,
+    as measured.
     """
 
-    checked_by_itself: ClassVar = ("stiffness",)  # its unit depends on the exponent
+    checked_by_itself: ClassVar = ("stiffness",)  # the unit depends on the exponent
     stiffness: float  # N/m^m
     restitution: float  # -, nominal
     dissipation: Dissipation = "hu-guo"
     stiffness_exponent: float = 1.5  # -, m
     damping_exponent: float = 1.5  # -, n, 0 or at least 1
-    reference_velocity: float | None = None  # m/s, of "fixed" only; None: 1 m/s
+    reference_velocity: float | None = None  # m/s, for "fixed" only; None: 1 m/s
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
@@ -83,25 +83,24 @@ class Contact(Parameters, path="contact"):
             )
         if 0 < self.damping_exponent < 1:
             raise ValueError(
-                f"Contact.damping_exponent must be 0 or at least 1 (no unit), got {self.damping_exponent!r} (no unit)"
+                f"Contact.damping_exponent must be 0 or at least 1, got {self.damping_exponent!r} (no unit)"
             )
         quantity, unit = BY_PATH["contact.stiffness"], f"N/m^{self.stiffness_exponent:g}"
         stiffness = number("Contact.stiffness", self.stiffness, unit, **quantity.limits._asdict())
         object.__setattr__(self, "stiffness", stiffness)
-        if self.dissipation not in get_args(Dissipation):
-            raise ValueError(f"Contact.dissipation must be one of {get_args(Dissipation)}, got {self.dissipation!r}")
+        choice("Contact.dissipation", self.dissipation, LAWS)
 
 
 @dataclass(frozen=True, slots=True)
 class Rigid:
-    """Tool fixed to the flange; with a rigid robot its motion is imposed, as if infinitely heavy (paper, Fig. 4a)."""
+    """Tool fixed to the flange; with a rigid robot the tool's motion is imposed (paper, Fig. 4a)."""
 
 
 @dataclass(frozen=True, slots=True)
 class SpringDamper(Parameters, path="coupling"):
-    """Tool behind a linear spring and damper (paper, eq. 17-18); c_t = 2 zeta sqrt(k_t m_t).
+    """Tool on a linear spring and damper (paper, eq. 17-18); c_t = 2 zeta sqrt(k_t m_t).
 
-    With a `stroke` the tool hits stops there, which are like the default stops of `Bistable`.
+    A `stroke` adds stops, with stiffness and damping like the default stops of `Bistable`.
     """
 
     stiffness: float  # N/m
@@ -113,16 +112,16 @@ class SpringDamper(Parameters, path="coupling"):
 class Bistable(Parameters, path="coupling"):
     """Tool on a bistable mechanism with two stops (paper, eq. 23-24, Fig. 21-22).
 
-    Positions are those of the slider from the vertical alignment of the spring. Each stop is a one-sided linear
-    spring and damper that never pulls, c_s = 2 zeta_s sqrt(k_s m_t): not completely inelastic, as the paper assumes,
-    but with a restitution of exp(-2) = 0.135 at zeta_s = 1. Stops, their stiffness and damping are identified or
-    chosen by us, not the paper's (see docs/provenance.md). The slider starts at rest against the front stop, pressed
-    by the mechanism's own force, and leaves it if the flange accelerates faster than that holds.
+    Positions of the slider are measured from the vertical alignment of the spring. Each stop is a one-sided linear
+    spring and damper that never pulls, c_s = 2 zeta_s sqrt(k_s m_t). At zeta_s = 1 its restitution is exp(-2) = 0.135;
+    the paper assumes completely inelastic stops. Places, stiffness and damping of the stops are identified or chosen
+    here, not the paper's (see docs/provenance.md). The slider starts at rest, pressed against the front stop by the
+    force of the mechanism; it leaves that stop if the flange accelerates too fast.
     """
 
     stiffness: float = 50.0  # N/m, k
     free_length: float = 0.07  # m, L0
-    height: float = 0.028  # m, H, of the pivot above the path
+    height: float = 0.028  # m, H, of the pivot above the path of the slider
     front_stop: float = 0.0208  # m, between 0 and the stroke sqrt(L0^2 - H^2)
     rear_stop: float = -0.02  # m, between minus the stroke and 0
     stop_stiffness: float = STOP_STIFFNESS  # N/m, k_s
@@ -135,31 +134,22 @@ class Bistable(Parameters, path="coupling"):
                 f"Bistable.height must be below Bistable.free_length = {self.free_length!r} m, got {self.height!r} m: "
                 "a spring that is not compressed at its alignment has one stable position"
             )
-        if not self.rear_stop < self.front_stop:
-            raise ValueError(f"Bistable.rear_stop must be below Bistable.front_stop = {self.front_stop!r} m, got "
-                             f"{self.rear_stop!r} m")  # fmt: skip
         stroke = self.stroke
         if not 0 < self.front_stop < stroke:
-            raise ValueError(
-                f"Bistable.front_stop must be above 0 and below the stroke {stroke:.6g} m, got {self.front_stop!r} m"
-            )
+            allowed = f"above 0 and below the stroke {stroke:.6g} m"
+            raise ValueError(f"Bistable.front_stop must be {allowed}, got {self.front_stop!r} m")
         if not -stroke < self.rear_stop < 0:
-            raise ValueError(f"Bistable.rear_stop must be above minus the stroke, {-stroke:.6g} m, and below 0, got "
-                             f"{self.rear_stop!r} m")  # fmt: skip
+            allowed = f"above minus the stroke, {-stroke:.6g} m, and below 0"
+            raise ValueError(f"Bistable.rear_stop must be {allowed}, got {self.rear_stop!r} m")
 
     @property
     def stroke(self) -> float:
-        """Distance of the stable equilibria of the spring alone from the alignment, m."""
+        """Distance of the stable equilibria from the alignment, without stops, m."""
         return math.sqrt((self.free_length - self.height) * (self.free_length + self.height))
 
     @property
-    def equilibria(self) -> tuple[float, float, float]:
-        """Equilibria of the mechanism without stops, m: stable, unstable, stable."""
-        return -self.stroke, 0.0, self.stroke
-
-    @property
     def rest(self) -> float:
-        """Position of the slider at t = 0, where the front stop bears the mechanism's own force, m."""
+        """Position of the slider at t = 0, pressed against the front stop, m."""
         return float(rest_of(self.stiffness, self.free_length, self.height, self.front_stop, self.stop_stiffness))
 
     @property
@@ -169,7 +159,7 @@ class Bistable(Parameters, path="coupling"):
 
     @property
     def barrier(self) -> float:
-        """Energy between a stable equilibrium and the alignment, J."""
+        """Energy at the alignment above a stable equilibrium, J."""
         return float(self.energy(0.0))
 
     @property
@@ -183,11 +173,11 @@ class Bistable(Parameters, path="coupling"):
         return float(self.force(self.peak_position))
 
     def force(self, position: ArrayLike) -> NDArray[np.float64] | float:
-        """Force of the spring on the tool, N, without stops, at `position` (m) of the slider; any shape."""
+        """Return the force of the spring on the tool, N, without stops, at `position` (m) of the slider; any shape."""
         return self._at(bistable_force, position)
 
     def energy(self, position: ArrayLike) -> NDArray[np.float64] | float:
-        """Energy of the spring, J, at `position` (m) of the slider; any shape."""
+        """Return the energy of the spring, J, at `position` (m) of the slider; any shape."""
         return self._at(bistable_energy, position)
 
     def _at(self, law: Callable[..., float], position: ArrayLike) -> NDArray[np.float64] | float:
@@ -203,8 +193,8 @@ Coupling = Rigid | SpringDamper | Bistable
 class Robot(Parameters, path="robot"):
     """Lumped compliance of a robot along the approach (paper, eq. 8-9, Fig. 8), at rest and relaxed at t = 0.
 
-    The imposed motion x_r drives the mass through spring and damper. With a `Rigid` coupling robot and tool are one
-    mass; with any other coupling the flange is a separate mass between the two.
+    The imposed motion x_r drives the mass through spring and damper. With a `Rigid` coupling, robot and tool are one
+    mass. With any other coupling the flange is a separate mass, to which the coupling connects the tool.
     """
 
     mass: float  # kg, m_r
@@ -214,13 +204,13 @@ class Robot(Parameters, path="robot"):
 
 @dataclass(frozen=True, slots=True)
 class RobotTable(Parameters, path="robot"):
-    """A compliant robot whose parameters vary along its imposed motion (paper, eq. 16, Fig. 12).
+    """A compliant robot with parameters that vary along its imposed motion (paper, eq. 16, Fig. 12).
 
-    Between the positions each parameter is a cubic spline (not-a-knot), beyond them it is constant.
+    Between the positions each parameter is a cubic spline (not-a-knot), outside them it is constant.
     """
 
     position: tuple[float, ...]  # m, of the imposed motion from its start; rising, at least 4
-    mass: tuple[float, ...]  # kg, at each position, as are the next two
+    mass: tuple[float, ...]  # kg, one value per position; likewise stiffness and damping
     stiffness: tuple[float, ...]  # N/m
     damping: tuple[float, ...]  # N s/m
 
@@ -243,9 +233,10 @@ class RobotTable(Parameters, path="robot"):
                 )
 
     @property
+    @lru_cache(maxsize=64)  # noqa: B019  # it may keep 64 tables
     def splines(self) -> Any:
-        """The three parameters as one `scipy.interpolate.CubicSpline` of the position."""
-        return _splines(self.position, self.mass, self.stiffness, self.damping)
+        """The three parameters as a `scipy.interpolate.CubicSpline` of the position."""
+        return CubicSpline(self.position, np.array([self.mass, self.stiffness, self.damping]).T)
 
     def at(self, position: float) -> Robot:
         """Return the robot with its parameters at `position` (m)."""
@@ -253,14 +244,9 @@ class RobotTable(Parameters, path="robot"):
         return Robot(*map(float, self.splines(min(max(x, self.position[0]), self.position[-1]))))
 
 
-@lru_cache(maxsize=64)
-def _splines(position: tuple[float, ...], *columns: tuple[float, ...]) -> Any:
-    return CubicSpline(position, np.array(columns).T)
-
-
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Tool, object and what connects them to the robot, at rest at t = 0."""
+    """Tool, object, contact, coupling and robot, at rest at t = 0."""
 
     tool: Tool
     object: Object
@@ -277,12 +263,12 @@ class Scene:
 
 
 def warn_of_stroke(coupling: Coupling, tool_mass: float, acceleration: float) -> None:
-    """Warn if the arm's acceleration presses the tool against its stop."""
+    """Warn if a steady acceleration (m/s^2) of the arm presses the tool against its stop."""
     if isinstance(coupling, SpringDamper) and coupling.stroke:
         rest = acceleration * tool_mass / coupling.stiffness
         if rest > coupling.stroke:
             warnings.warn(
                 f"SpringDamper.stroke is {coupling.stroke:g} m, but under {acceleration:g} m/s^2 the tool's place of "
-                f"rest is {rest:.3g} m away: it lies on its stop whenever the arm accelerates",
+                f"rest is {rest:.3g} m away: a stop holds the tool whenever the arm accelerates",
                 stacklevel=4,
             )

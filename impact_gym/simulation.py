@@ -1,4 +1,4 @@
-"""Approaches from rest: `simulate` runs one, `sweep` many on all cores, `advise` compares simpler models of a scene."""
+"""Approaches from rest: `simulate` runs one, `sweep` runs many on all cores, `advise` compares simpler models."""
 
 import math
 from collections import namedtuple
@@ -18,20 +18,20 @@ from impact_gym.outcome import Advice, Advised, Array, ContactRecord, Model, Out
 from impact_gym.quantities import QUANTITIES
 from impact_gym.robot import Approach, Arm
 from impact_gym.robot.approach import Mass
-from impact_gym.scene import Bistable, Rigid, Robot, RobotTable, Scene, SpringDamper, warn_of_stroke
+from impact_gym.scene import Bistable, Rigid, RobotTable, Scene, SpringDamper, warn_of_stroke
 from impact_gym.task.nested import flatten, parts, replaced
-from impact_gym.threads import cores, over_rows
+from impact_gym.threads import CORES, over_rows
 from impact_gym.to_kernel import LOCAL_SHARE, STATUS_MESSAGES, approach_to_kernel, to_bytes
-from impact_gym.validation import WrongTypeError, array, number, one_of, shown, whole
+from impact_gym.validation import WrongTypeError, array, choice, number, one_of, shown, whole
 
 MAX_STEPS = 1_000_000
-"""Integration steps after which a run is given up; an ordinary approach takes about fifty."""
+"""Integration steps after which the solver gives up a run; an ordinary approach takes about fifty."""
 
 APPROACHES_PER_THREAD = 16  # at least, in a sweep
-_CONTACT_ROWS, _SNAP_ROWS, _TRACE_ROWS = 4096, 64, 4096  # a run that needs more is repeated with larger arrays
+_CONTACT_ROWS, _SNAP_ROWS, _TRACE_ROWS = 4096, 64, 4096  # if a run needs more, it is repeated with larger arrays
 _NO_TRACE, _NO_SNAPS = np.empty(0, TRACE), np.empty(0)
 NOTHING_RECORDED = np.empty(0, CONTACT), _NO_TRACE, _NO_SNAPS, 1.0
-"""The kernels' recorder that keeps no contacts, no trace and no snap-through times."""
+"""A recorder of the compiled program that keeps nothing."""
 
 
 def simulate(
@@ -43,14 +43,13 @@ def simulate(
         scene: tool, object, contact, coupling and robot; at rest at t = 0.
         motion: imposed motion of the robot.
         duration: length of the run, s.
-        rtol: relative error allowed in the results of the contacts. Flights are exact where they have a closed form,
-            otherwise (bistable, robot) integrated to the same tolerance.
-        trace: also return time histories; in flight one point every ms, at most 1e5 in all. Recording them does not
-            change the motion.
+        rtol: relative error allowed in the results of the contacts. Flights without a closed form (bistable, robot)
+            are integrated to the same tolerance, the others are exact.
+        trace: also return time histories, in flight one point per ms, at most 1e5 in all; changes no other result.
 
     Raises:
-        TypeError, ValueError: an argument has a wrong type or is out of range; names it.
-        RuntimeError: the run cannot finish; says why.
+        TypeError, ValueError: an argument has a wrong type or is out of range.
+        RuntimeError: the run cannot finish.
     """
     one_of("scene", scene, Scene)
     one_of("motion", motion, Trapezoid, Motion)
@@ -66,7 +65,7 @@ def simulate(
         approach_rows(plans, table, chains, 0, 1, LOCAL_SHARE * rtol, MAX_STEPS, recorder)
         end = _End._make(chains.item())
         if end.logged <= len(contacts) and end.traced <= len(points) and end.snaps <= len(snaps):
-            break  # else the same run again, which repeats itself to the bit
+            break  # else repeat the run, which is deterministic
         contacts, points, snaps = np.empty(end.logged, CONTACT), np.empty(end.traced, TRACE), np.empty(end.snaps)
     if end.status < 0:
         raise RuntimeError(f"the run stopped at t = {end.time:.6g} s: {STATUS_MESSAGES[end.status]}")
@@ -89,9 +88,9 @@ def simulate(
     )
 
 
-_namedtuple: Any = namedtuple  # mypy would want its fields as literals
+_namedtuple: Any = namedtuple  # Any: mypy accepts only literal fields
 _End = _namedtuple("_End", CHAIN.names)
-"""A chain at the end of a run as Python's own numbers: one read instead of one for each field."""
+"""A chain at the end of a run as Python numbers, which one call reads."""
 
 
 def sweep(
@@ -100,17 +99,16 @@ def sweep(
 ) -> Outcomes:  # fmt: skip
     """Run many approaches that differ from `scene` and `motion` in the parameters of `varied`.
 
-    Args:
-        scene: what all have in common; its types of coupling and robot are those of all.
-        motion: likewise.
-        varied: values by name, broadcast against each other: "object.mass", "contact.stiffness", "coupling.height",
-            "motion.speed", "motion.brake.delay" and so on; any number of scene and motion except those of a
-            `RobotTable`.
-        duration: length of the runs, s; is broadcast, too.
-        rtol: see `simulate`.
-        threads: how many to use, None for all cores; changes no result.
+    Each equals the result of `simulate` to the bit.
 
-    Each row equals `simulate` of that row to the bit.
+    Args:
+        scene: the common scene, types of coupling and robot included.
+        motion: the common motion.
+        varied: values by dotted path, such as "object.mass", "coupling.height" or "motion.brake.delay", broadcast
+            against each other: any number of scene and motion, but not of a `RobotTable`.
+        duration: length of the runs, s; also broadcast.
+        rtol: see `simulate`.
+        threads: their number, None for all cores; changes no result.
 
     Raises:
         TypeError, ValueError: an argument or a value has a wrong type or is out of range; names it, and the row.
@@ -119,7 +117,7 @@ def sweep(
     one_of("motion", motion, Trapezoid)
     one_of("varied", varied, Mapping)
     rtol = QUANTITIES["rtol"].check(rtol)
-    threads = cores() if threads is None else whole("threads", threads, at_least=1)
+    threads = CORES if threads is None else whole("threads", threads, at_least=1)
     template = {**parts(scene), "motion": motion}
     known = list(flatten(template))
     for name in varied:
@@ -137,10 +135,8 @@ def sweep(
     if approaches:
         tables = np.concatenate([table for _, table in approaches])
         plans = np.array([plan for plan, _ in approaches], APPROACH)
-
-        def run(first: int, last: int) -> None:
-            approach_rows(plans, tables, chains, first, last, LOCAL_SHARE * rtol, MAX_STEPS, NOTHING_RECORDED)
-
+        limits = {"tolerance": LOCAL_SHARE * rtol, "max_steps": MAX_STEPS, "recorder": NOTHING_RECORDED}
+        run = partial(approach_rows, plans, tables, chains, **limits)
         over_rows(run, len(approaches), threads, APPROACHES_PER_THREAD)
     chains = chains.reshape(shape)
     results = {field: chains[name] for field, name in _OUTCOMES.items()}
@@ -154,11 +150,11 @@ def sweep(
 _FIELDS_OF_CHAIN = {f"{body}_velocity": f"final_{body}_velocity" for body in ("object", "tool", "flange")}
 _FIELDS_OF_CHAIN |= {"contact_count": "contacts", "snap_count": "snaps", "detection_time": "detection"}
 _OUTCOMES = {field: _FIELDS_OF_CHAIN.get(field, field) for field in Outcomes.__dataclass_fields__}
-"""Field of a chain for each field of `Outcomes`."""
+"""The field of a chain for each field of `Outcomes`."""
 
 
 def _approaches(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Iterator[tuple[Any, Array]]:
-    """Yield the plan of each row and its robot's table, which begins where that of the row before ends."""
+    """Yield the plan of each row and the table of its robot."""
     flat = {name: column.ravel() for name, column in columns.items()}
     durations, table_at = flat.pop("duration"), 0
     for row in range(len(durations)):
@@ -174,34 +170,33 @@ def _approaches(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]
         yield plan, table
 
 
-ROUNDS = 3  # runs of a model; the fastest counts
+ROUNDS = 3  # runs of each model, of which the fastest counts
 
 
 def advise(
     scenes: Scene | Sequence[Scene], motion: Trapezoid, tolerance: float = 1e-3, quantity: Advised = "object_velocity",
     duration: float = 1.5, arm: tuple[Arm, Approach] | None = None,
 ) -> Advice:  # fmt: skip
-    """Run every simpler model of `scenes` beside the full one; return the fastest that keeps `tolerance` in all.
+    """Compare simpler models of `scenes` with the full model; return the fastest within `tolerance` in all scenes.
 
     Args:
-        scenes: one, or a sample of those that will be run; the advice holds for the sample.
+        scenes: a scene, or a sample of the scenes to be run; the advice holds for this sample.
         motion: imposed motion of the robot.
         tolerance: relative error allowed.
-        quantity: the object's velocity at the end, the largest contact force, or the impulse of all contacts.
+        quantity: final velocity of the object, largest contact force, or impulse of all contacts.
         duration: of a run, s.
-        arm: an arm and the line it moves along, `(arm, arm.along(...))`, for scenes without a robot. The full model is
-            then `impact_gym.robot.all_joints`. The simpler models replace it by one mass of each kind,
-            varying along the line or frozen where the object stands, or by a rigid robot.
+        arm: an arm and its line of approach, `(arm, arm.along(...))`, for scenes without a robot. The full model is
+            then `impact_gym.robot.all_joints`. The simpler models have one mass of each kind, varying along the line or
+            constant at the place of the object, or a rigid robot.
 
     Raises:
-        TypeError, ValueError: an argument has a wrong type or is out of range; names it.
-        RuntimeError: a full run cannot finish; says why.
+        TypeError, ValueError: an argument has a wrong type or is out of range.
+        RuntimeError: a full run cannot finish.
     """
     sample = [scenes] if isinstance(scenes, Scene) else list(scenes)
     if not sample:
         raise ValueError("scenes must be a Scene or a sequence of them, got none")
-    if quantity not in get_args(Advised):
-        raise ValueError(f"quantity must be one of {', '.join(get_args(Advised))}, got {quantity!r}")
+    choice("quantity", quantity, get_args(Advised))
     tolerance = number("tolerance", tolerance, "(no unit)", above=0)
     if arm is not None and [type(each) for each in (arm if isinstance(arm, tuple) else ())] != [Arm, Approach]:
         raise WrongTypeError(f"arm must be a pair, an Arm and its Approach, got {shown(arm)}")
@@ -216,7 +211,7 @@ def advise(
         seen.append(simpler)
         try:
             values, taken = run(simpler)
-        except (RuntimeError, ValueError):  # a simpler model may be impossible where the scene is not
+        except (RuntimeError, ValueError):  # a simpler model can be invalid for a valid scene
             tried.append(Model(name, simplify, np.full(len(sample), math.inf), 0.0))
             continue
         gap = np.abs(values - exact)
@@ -226,49 +221,43 @@ def advise(
     return Advice(quantity, tolerance, max(kept, key=lambda model: model.time_saved), tuple(tried))
 
 
+FROZEN = "frozen where the object stands"
+TOOLS: dict[str, Callable[[Any], Any]] = {
+    "": lambda tool: tool,
+    "tool fixed to the flange": lambda tool: Rigid() if isinstance(tool, SpringDamper) else tool,
+    "stops ten times softer": lambda tool: (
+        replace(tool, stop_stiffness=0.1 * tool.stop_stiffness) if isinstance(tool, Bistable) else tool
+    ),
+}
+"""Simpler tools, by name; "": as it is."""
+
+
 def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
-    """Yield name and change of each model: every robot with every tool; an arm's robots have one mass along `line`."""
-    robots: dict[str, Callable[[Scene], Any]] = {"robot rigid": lambda scene: None}
+    """Yield name and change of each model: every robot with every tool; an arm becomes one mass along `line`."""
+    robots: dict[str, Any] = {"robot rigid": None}
     if line is None:
-        robots = {
-            "": lambda scene: scene.robot,
-            "robot frozen where the object stands": partial(_frozen, None),
-            **robots,
-        }
-    for mass, table in ((mass, line.robot_table(mass)) for mass in get_args(Mass)) if line else ():
-        robots[f"robot one mass, {mass}"] = partial(_replaced, table)
-        robots[f"robot one mass, {mass}, frozen where the object stands"] = partial(_frozen, table)
-    tools: dict[str, Callable[[Any], Any]] = {
-        "": lambda tool: tool,
-        "tool fixed to the flange": lambda tool: Rigid() if isinstance(tool, SpringDamper) else tool,
-        "stops ten times softer": lambda tool: (
-            replace(tool, stop_stiffness=0.1 * tool.stop_stiffness) if isinstance(tool, Bistable) else tool
-        ),
-    }
-    for (robot, of_robot), (tool, of_tool) in product(robots.items(), tools.items()):
-        if robot or tool:
-            yield ", ".join(filter(None, (robot, tool))), partial(_changed, of_robot, of_tool)
+        robots = {"": "its own", f"robot {FROZEN}": "its own", **robots}
+    else:
+        for mass in get_args(Mass):
+            robots[f"robot one mass, {mass}"] = robots[f"robot one mass, {mass}, {FROZEN}"] = line.robot_table(mass)
+    for (name, robot), (tool, of_tool) in product(robots.items(), TOOLS.items()):
+        if name or tool:
+            yield ", ".join(filter(None, (name, tool))), partial(_simplified, robot, name.endswith(FROZEN), of_tool)
 
 
-def _replaced(table: RobotTable, _scene: Scene) -> RobotTable:
-    return table
-
-
-def _frozen(table: RobotTable | None, scene: Scene) -> Robot | RobotTable | None:
-    robot = table or scene.robot
-    return robot.at(scene.object.distance) if isinstance(robot, RobotTable) else robot
-
-
-def _changed(of_robot: Callable[[Scene], Any], of_tool: Callable[[Any], Any], scene: Scene) -> Scene:
-    return replace(scene, robot=of_robot(scene), coupling=of_tool(scene.coupling))
+def _simplified(robot: Any, frozen: bool, of_tool: Callable[[Any], Any], scene: Scene) -> Scene:
+    """Return a scene with another robot, frozen or not, and another tool."""
+    own = scene.robot if robot == "its own" else robot
+    robot = own.at(scene.object.distance) if frozen and isinstance(own, RobotTable) else own
+    return replace(scene, robot=robot, coupling=of_tool(scene.coupling))
 
 
 def _timed(
     motion: Trapezoid, duration: float, quantity: Advised, scenes: Sequence[Scene],
     arm: tuple[Arm, Approach] | None = None,
 ) -> tuple[Array, float]:  # fmt: skip
-    """Return the quantity of each scene and the time for all of them, s; with `arm` on the whole arm."""
-    from impact_gym.robot.all_joints import simulate as simulate_arm  # takes 40 ms to import, seldom needed
+    """Return the quantity of each scene, with `arm` of the whole arm; and the time for all scenes, s."""
+    from impact_gym.robot.all_joints import simulate as simulate_arm  # its import takes 40 ms
 
     times: list[float] = []
     for _ in range(1 if arm else ROUNDS):

@@ -1,4 +1,4 @@
-"""The sources of the compiled solver: which are generated, and a check that it was compiled from those beside it."""
+"""The sources of the compiled program: generated ones, and a check that it was compiled from the present sources."""
 
 import hashlib
 import runpy
@@ -13,21 +13,21 @@ REMEDY = "compile it with `make setup`, or `python setup.py build_ext --inplace`
 
 TABLEAU, NUMBERS = "solver/dop853.pxi", "task/numbers.pxi"
 GENERATORS = {TABLEAU: HERE / "solver" / "tableau.py", NUMBERS: HERE / "task" / "numbers.py"}
-"""Sources written by setup.py, each with the module whose `text()` it is."""
+"""Sources that setup.py writes, each with the module whose function `text()` returns it."""
 INPUTS = [f"impact_gym/{name}" for name in ("solver/tableau.py", "task/numbers.py", "quantities.py")]
-"""What they are written from, in the project's folder: a change of it compiles anew."""
+"""Files in the project's folder that determine them: after a change of one, setup.py compiles again."""
 
 
 def generated(name: str) -> str:
     """Return the text of a generated source."""
-    if "impact_gym" not in sys.modules:  # to compile: the package's own __init__ needs the solver
+    if "impact_gym" not in sys.modules:  # when compiling: the package's __init__ needs the solver
         sys.modules["impact_gym"] = package = ModuleType("impact_gym")
         package.__path__ = [str(HERE)]
     return str(runpy.run_path(str(GENERATORS[name]))["text"]())
 
 
 def write() -> None:
-    """Write the generated sources; one that is up to date is left alone, so that it is not compiled anew."""
+    """Write the generated sources that have changed; a new file would be compiled again."""
     for name in GENERATORS:
         file, text = HERE / name, generated(name)
         if not file.is_file() or file.read_text() != text:
@@ -35,7 +35,7 @@ def write() -> None:
 
 
 def digest() -> str:
-    """Return a digest of the sources of `impact_gym.kernels`, empty where a wheel left them out."""
+    """Return a digest of the sources of `impact_gym.kernels`; empty in a wheel, which has no sources."""
     files = {*HERE.glob("*.pyx"), *HERE.glob("*/*.pxi"), *HERE.glob("*/*.h")} - {HERE / name for name in GENERATORS}
     if not files:
         return ""
@@ -44,14 +44,14 @@ def digest() -> str:
 
 
 def compiled_from() -> str:
-    """Return the digest of the sources that the solver was compiled from."""
+    """Return the digest of the sources from which the solver was compiled."""
     from impact_gym.kernels import COMPILED_FROM
 
     return str(COMPILED_FROM)
 
 
 def check() -> None:
-    """Raise ImportError if the solver is not compiled, or was from other sources than those beside it."""
+    """Raise ImportError if the solver is not compiled, or was compiled from other sources than the present ones."""
     if find_spec("impact_gym.kernels") is None:
         raise ImportError(f"impact_gym: the solver is not compiled; {REMEDY}")
     if digest() not in ("", compiled_from()):

@@ -1,25 +1,21 @@
-"""Rows on all cores, by threads: compiled loops release the interpreter lock."""
+"""Work on rows by several threads: compiled loops release the interpreter lock."""
 
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
+CORES = os.cpu_count() or 1  # default number of threads
 _pools: dict[int, ThreadPoolExecutor] = {}
 
 
-def cores() -> int:
-    """Return the default number of threads."""
-    return os.cpu_count() or 1
-
-
 def over_rows(run: Callable[[int, int], object], rows: int, threads: int, smallest: int) -> None:
-    """Call `run(first, last)` for pieces of `rows`, each of at least `smallest` rows, on up to `threads` threads."""
+    """Call `run(first, last)` on up to `threads` threads, each for a piece of at least `smallest` of the `rows`."""
     pieces = max(1, min(threads, rows // smallest))
     (first, last), *others = pairwise(rows * piece // pieces for piece in range(pieces + 1))
     if others and os.getpid() not in _pools:  # a forked child makes its own pool
         _pools.clear()
-        _pools[os.getpid()] = ThreadPoolExecutor(cores(), thread_name_prefix="impact_gym")
+        _pools[os.getpid()] = ThreadPoolExecutor(CORES, thread_name_prefix="impact_gym")
     submitted = [_pools[os.getpid()].submit(run, *other) for other in others]
     run(first, last)
     for piece in submitted:

@@ -1,4 +1,4 @@
-"""From the description of a scene to the flat records that the kernels read."""
+"""Scenes and motions as flat records for the compiled program."""
 
 import math
 import struct
@@ -30,7 +30,7 @@ ROBOT_NUMBERS: tuple[str, ...] = kernels.MOUNT["robot"].names or ()
 
 
 def _codes(record: np.dtype[Any]) -> str:
-    """Return the format of a record's fields in the notation of `struct`."""
+    """Return the format of a record in the notation of `struct`."""
     fields = [record[name] for name in record.names or ()]
     return "".join(_codes(field) if field.names else "dq"[field.kind == "i"] for field in fields)
 
@@ -39,7 +39,7 @@ _APPROACH = struct.Struct(_codes(kernels.APPROACH))
 
 
 def places(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
-    """Return the index of each number of a compiled record, by its dotted name."""
+    """Return the index of each number of a compiled record, by its dotted path."""
     by_name: dict[str, int] = {}
     for name, (inner, offset, *_) in (kind.fields or {}).items():
         at = before + offset // 8
@@ -48,20 +48,20 @@ def places(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
 
 
 LOCAL_SHARE = 0.2
-"""Local error allowed in a step, as a share of the `rtol` of the whole run."""
+"""Local error allowed in a step, as a share of the `rtol` of the run."""
 
 STATUS_MESSAGES = {
     kernels.UNSETTLED: "not settled: further contacts were possible at the time limit, V_p is the value then",
     kernels.STEP_LIMIT: "more integration steps than allowed: the motion has too many swings or contacts",
     kernels.NOT_FINITE: "the state overflowed: the scene's scales differ by more than floating point can hold",
 }
-"""Meaning of a status other than 0 of a run or of an episode."""
+"""Sentences for the status of a run or an episode, if that is not 0."""
 
 
 def approach_to_kernel(
     scene: Scene, motion: Trapezoid | Motion, duration: float, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Return an approach as the fields of the kernels' `Approach`, and its tables, which begin at `table_at`."""
+    """Return an approach as the fields of APPROACH, and its tables, which begin at `table_at` among all tables."""
     held, table = mount_to_kernel(scene.tool.mass, scene.coupling, scene.robot, table_at)
     target = scene.object
     profile: tuple[float, ...]
@@ -77,13 +77,13 @@ def approach_to_kernel(
 
 
 def to_bytes(plan: tuple[Any, ...]) -> bytes:
-    """Return a plan as the bytes of one APPROACH, at a tenth of the cost of an array."""
+    """Return a plan as the bytes of one APPROACH, ten times faster than as an array."""
     (coupling_kind, robot_kind, tool_mass, coupling, robot, *table), contact, *rest = plan
     return _APPROACH.pack(coupling_kind, robot_kind, tool_mass, *coupling, *robot, *table, *contact, *rest)
 
 
 def contact_to_kernel(contact: Contact) -> tuple[Any, ...]:
-    """Return a contact as the fields of the kernels' `Contact`."""
+    """Return a contact as its fields in the compiled program."""
     m, n = contact.stiffness_exponent, contact.damping_exponent
     damping = damping_factor(contact.dissipation, contact.restitution, m, n)
     return tuple(kernels.contact_of(contact.stiffness, damping, m, n, contact.reference_velocity or 0.0).values())
@@ -97,7 +97,7 @@ _NO_MECHANISM = _NO_COUPLING[2:]
 def mount_to_kernel(
     tool_mass: float, coupling: Coupling, robot: Robot | RobotTable | None = None, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Return coupling and robot as the fields of `Mount`, and the robot's table, which begins at `table_at`."""
+    """Return coupling and robot as the fields of MOUNT, and the robot's table, which begins at `table_at`."""
     kind, numbers = kernels.DIRECT, _NO_COUPLING
     if isinstance(coupling, SpringDamper):
         kind, numbers = kernels.SPRING_DAMPER, (coupling.stiffness, coupling.damping_ratio, *_NO_MECHANISM)

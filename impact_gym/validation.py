@@ -1,4 +1,4 @@
-"""Checks at the border: one sentence that names the field, the value, the unit and what is allowed."""
+"""Checks of input. Each message is one sentence with the field, the value, its unit and the allowed values."""
 
 import math
 import operator
@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 Range = tuple[float, float]
-WIDEST = 1e12  # high over low of a range
+WIDEST = 1e12  # largest ratio of the ends of a range
 IDENTIFIER = re.compile("[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
 class WrongTypeError(TypeError, ValueError):
-    """Something of another type than wanted: a TypeError, as in Python, and a ValueError, as all bad input is here."""
+    """A value of a wrong type: a TypeError as in Python, and a ValueError like all wrong input here."""
 
 
 def shown(value: Any, longest: int = 200) -> str:
-    """Return a value as messages show it: in one line, and what is long by its kind and how it begins."""
+    """Return a value as messages show it: in one line; a long one by its type and beginning."""
     try:
         text = " ".join(repr(value).split())
     except ValueError:  # an int of thousands of digits
@@ -33,48 +33,41 @@ def shown(value: Any, longest: int = 200) -> str:
 
 
 def nearest(kind: str, name: str, known: Iterable[str]) -> str:
-    """Return what a message says of a `name` that is not among those `known`: the nearest of these, or all of them.
+    """Return a message about an unknown `name`, with the nearest `known` name, or all of them.
 
-    Args:
-        kind: what is named, such as "set-up".
-        name: as it was given.
-        known: the names that there are.
+    `kind` says what the name stands for, such as "set-up".
     """
     names = sorted(known)
     near = get_close_matches(name, names, 1)
     return f"no {kind} {shown(name)}: " + (f"{near[0]}?" if near else f"there are {', '.join(names)}")
 
 
-def unit_text(unit: str) -> str:
-    """Return a unit as messages say it."""
-    return "(no unit)" if unit == "-" else unit
-
-
-def in_unit(unit: str) -> str:
-    """Return "in" and the unit, or that there is none."""
-    return f" {unit}" if unit.startswith("(") else f" in {unit}"
+def unit_text(unit: str, preposition: str = "") -> str:
+    """Return a unit for a message, after a preposition if it is not "(no unit)"."""
+    text = "(no unit)" if unit == "-" else unit
+    return text if text.startswith("(") else f"{preposition}{text}"
 
 
 def number(
     field: str, value: Any, unit: str, *, above: float = -math.inf, at_least: float = -math.inf,
     at_most: float = math.inf,
 ) -> float:  # fmt: skip
-    """Return `value` as a float, or raise; a `unit` of "-" is none.
+    """Return `value` as a float, or raise; the unit "-" means no unit.
 
     Raises:
-        TypeError: `value` is no number (a string, None, a bool, an array).
+        TypeError: `value` is not a number (a string, None, a bool, an array).
         ValueError: `value` is not finite, or not in (above, at_most] or [at_least, at_most].
     """
-    if type(value) is float and above < value <= at_most and at_least <= value < math.inf:  # as nearly always
+    if type(value) is float and above < value <= at_most and at_least <= value < math.inf:  # the usual case
         return value
+    wrong = WrongTypeError(f"{field} must be a number {unit_text(unit, 'in ')}, got {shown(value)}")
     unit = unit_text(unit)
-    wrong = WrongTypeError(f"{field} must be a number{in_unit(unit)}, got {shown(value)}")
     kind = getattr(getattr(value, "dtype", None), "kind", "f")
     if isinstance(value, (str, bytes, bool)) or not hasattr(value, "__float__") or kind not in "fiu":
         raise wrong
     try:
         result = float(value)
-    except OverflowError:  # an int beyond the range of floats
+    except OverflowError:  # an int too large for a float
         result = math.inf
     except (TypeError, ValueError):  # an array of several numbers, say
         raise wrong from None
@@ -86,22 +79,17 @@ def number(
 
 
 def numbers(field: str, values: Any, unit: str, **limits: float) -> tuple[float, ...]:
-    """Return `values`, a sequence or array of one dimension, as floats, or raise as `number` does for each."""
+    """Return `values`, a sequence or an array of one dimension, as floats, each checked by `number`."""
     kind = getattr(getattr(values, "dtype", None), "kind", "f")
     listed = hasattr(values, "__getitem__") and not isinstance(values, (str, bytes, Mapping, type))
     if not listed or getattr(values, "ndim", 1) != 1 or kind not in "fiuO":
-        raise WrongTypeError(f"{field} must be a sequence of numbers{in_unit(unit_text(unit))}, got {shown(values)}")
+        raise WrongTypeError(f"{field} must be a sequence of numbers {unit_text(unit, 'in ')}, got {shown(values)}")
     values = values.tolist() if hasattr(values, "tolist") else values
     return tuple(number(f"{field}[{place}]", value, unit, **limits) for place, value in enumerate(values))
 
 
 def whole(field: str, value: Any, at_least: int) -> int:
-    """Return `value` as an int, or raise.
-
-    Raises:
-        TypeError: `value` is no whole number.
-        ValueError: `value` is below `at_least`.
-    """
+    """Return `value` as an int, or raise: TypeError if it is not a whole number, ValueError if below `at_least`."""
     kind = getattr(getattr(value, "dtype", None), "kind", "i")
     if isinstance(value, bool) or not hasattr(value, "__index__") or getattr(value, "ndim", 0) > 0 or kind not in "iu":
         raise WrongTypeError(f"{field} must be a whole number of at least {at_least}, got {shown(value)}")
@@ -112,11 +100,7 @@ def whole(field: str, value: Any, at_least: int) -> int:
 
 
 def identifier(field: str, value: Any) -> str:
-    """Return `value` if it can be part of a path, a link, a page and a command as it is, or raise.
-
-    Raises:
-        ValueError: it is no text of 1 to 100 letters a-z and A-Z, digits, '.', '_' and '-', the first no sign.
-    """
+    """Return `value` if it can be part of a path, a link, a page and a command without quoting, or raise ValueError."""
     if not isinstance(value, str) or not IDENTIFIER.fullmatch(value):
         allowed = "a name of letters a-z and A-Z, digits, '.', '_' and '-', at most 100 and the first no sign"
         raise ValueError(f"{field} must be {allowed}, got {value!r:.80}")
@@ -124,7 +108,7 @@ def identifier(field: str, value: Any) -> str:
 
 
 def fits_memory(field: str, count: int, each: int) -> None:
-    """Raise ValueError if `count` things of `each` bytes cannot fit into this machine's memory."""
+    """Raise ValueError if `count` items of `each` bytes exceed the memory of this machine."""
     if hasattr(os, "sysconf") and count * each > (most := os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")):
         needed = f"so many take {count * each / 2**30 if count < 10**15 else math.inf:,.0f} GiB"
         raise ValueError(
@@ -133,20 +117,20 @@ def fits_memory(field: str, count: int, each: int) -> None:
 
 
 def flag(field: str, value: Any) -> None:
-    """Raise TypeError unless `value` is True or False, in Python or NumPy."""
+    """Raise TypeError unless `value` is True or False, of Python or NumPy."""
     if not isinstance(value, (bool, np.bool_)):
         raise WrongTypeError(f"{field} must be True or False, got {shown(value)}")
 
 
 def distinct(field: str, values: Sequence[Any]) -> None:
-    """Raise ValueError if one of `values` is there twice."""
+    """Raise ValueError if two of `values` are equal."""
     for value in values:
         if values.count(value) > 1:
             raise ValueError(f"{field} must name none twice, got {shown(value)} twice")
 
 
 def one_of(field: str, value: Any, *kinds: type[Any]) -> None:
-    """Raise TypeError unless `value` is of one of `kinds`."""
+    """Raise TypeError unless `value` is an instance of one of `kinds`."""
     if not isinstance(value, kinds):
         names = {type(None): "None", Mapping: "mapping", os.PathLike: "path"}
         wanted = " or ".join(names.get(kind, kind.__name__) for kind in kinds)
@@ -154,7 +138,7 @@ def one_of(field: str, value: Any, *kinds: type[Any]) -> None:
 
 
 def choice(field: str, value: Any, allowed: Container[str | None]) -> None:
-    """Raise ValueError unless `value` is one of the texts `allowed`, or None if that is."""
+    """Raise ValueError unless `value` is one of the `allowed` strings, or None if that is allowed."""
     if not isinstance(value, (str, type(None))) or value not in allowed:
         raise ValueError(f"{field} must be one of {allowed}, got {shown(value)}")
 
@@ -162,10 +146,9 @@ def choice(field: str, value: Any, allowed: Container[str | None]) -> None:
 def array(
     field: str, values: Any, shape: tuple[int, ...] | None = None, kinds: str = "fiu", what: str = "numbers"
 ) -> NDArray[Any]:
-    """Return `values` as an array, of a `shape` if one is wanted, its dtype of these `kinds`: else it is not `what`.
+    """Return `values` as an array, or raise TypeError or ValueError: its dtype or its shape is another one.
 
-    Raises:
-        TypeError, ValueError: of another kind or shape; numbers may be other than finite.
+    `kinds` are the allowed kinds of dtype, `what` their name in messages. Numbers need not be finite.
     """
     try:
         result = np.asarray(values)
@@ -179,7 +162,7 @@ def array(
 
 
 def rising(field: str, time: Sequence[float], columns: Mapping[str, Sequence[float]]) -> None:
-    """Raise ValueError unless times begin at 0 and rise, and each column has as many finite numbers, at least 2."""
+    """Raise ValueError unless the times, at least 2, rise from 0 and each column has a finite number for each time."""
     for name, values in columns.items():
         if len(values) != len(time) or len(time) < 2 or not np.isfinite([*time, *values]).all():
             raise ValueError(f"{field} must have at least 2 times in s and a finite {name} at each, got {len(time)}")
@@ -189,11 +172,7 @@ def rising(field: str, time: Sequence[float], columns: Mapping[str, Sequence[flo
 
 
 def interval(field: str, value: Any, unit: str, **limits: float) -> Range:
-    """Return `value`, a number or a pair (low, high), as a checked pair.
-
-    Raises:
-        TypeError, ValueError: not a number or a pair of them, out of range, or inverted; names `field`.
-    """
+    """Return `value`, a number or a pair (low, high), as a pair, or raise TypeError or ValueError."""
     unit = unit_text(unit)
     if not (isinstance(value, (tuple, list)) or getattr(value, "ndim", 0) > 0):
         single = number(field, value, unit, **limits)

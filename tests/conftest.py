@@ -5,18 +5,18 @@ from pages import chromium
 
 @pytest.fixture
 def mine(tmp_path):
-    """A set-up of one's own, in a file."""
+    """The file of a user's set-up."""
     return own_set_up(tmp_path)
 
 
 @pytest.fixture
 def no_display(monkeypatch):
-    """Nothing that draws needs a display."""
+    """Draw without a display."""
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
 
 
 @pytest.fixture(scope="module")
 def browser():
-    """Chromium, for all tests of a file."""
+    """Chromium, once for all tests of a file."""
     with chromium() as program:
         yield program

@@ -1,4 +1,4 @@
-"""The files in docs/examples: scripts print the numbers of `simulate`, set-ups describe what they say."""
+"""The files in docs/examples: scripts print the numbers of `simulate`, set-ups hold what their texts say."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""Files of ours: written whole, through links, and never in the place of what is no file."""
+"""Atomic writing of files, through links, and never over anything but a file; locks."""
 
 import os
 
@@ -7,10 +7,10 @@ import pytest
 from impact_gym.files import locked, write_file
 
 
-def test_write_file_writes_through_links_which_stay(tmp_path):
+def test_write_file_writes_through_links_and_keeps_them(tmp_path):
     target, link = tmp_path / "there" / "it.txt", tmp_path / "link.txt"
     (tmp_path / "link to link").symlink_to(link)
-    link.symlink_to("there/it.txt")  # is not there yet
+    link.symlink_to("there/it.txt")  # does not exist yet
     for text in ("first", "second"):
         assert write_file(tmp_path / "link to link", text) == tmp_path / "link to link"
         assert (target.is_symlink(), target.read_text()) == (False, text)
@@ -19,7 +19,7 @@ def test_write_file_writes_through_links_which_stay(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["pipe", "ring", "link to a pipe"])
-def test_write_file_leaves_what_is_no_file(tmp_path, kind):
+def test_write_file_keeps_anything_but_a_file(tmp_path, kind):
     path = tmp_path / "it"
     if kind == "ring":
         path.symlink_to(path)

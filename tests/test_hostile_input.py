@@ -1,4 +1,4 @@
-"""Whatever stands in one place of an input that is good otherwise: it works, or one line names the place, and soon."""
+"""A good input with one hostile value works, or is refused in one line that names the place, within SECONDS."""
 
 import csv
 import json
@@ -32,12 +32,12 @@ from impact_gym.task import evaluation_sets
 
 SECONDS = 2.0
 MOST = 10**30
-PLAIN = [  # what a file may hold
+PLAIN = [  # values in a file
     True, False, 0, -1, 1, 3, MOST, -MOST, 0.0, -0.0, 1e-320, 1e300, -1.5, 0.5, math.nan, math.inf, -math.inf,
     "", "0.1", "nan", "Rigid", "a\nb", "x" * 5000, "\x00", [], [1.0], [1.0, 2.0], [2.0, 1.0], [[1.0], [1.0, 2.0]],
     [1, "a"], [True], {}, {"type": "Rigid"}, {"a": {"b": [1]}}, [math.nan, 1.0], [0.0, 1e300],
 ]  # fmt: skip
-PYTHON = [  # and what only a caller may give
+PYTHON = [  # values that only a Python call can have
     None, 1j, 10**400, b"1", bytearray(b"\xff"), {1, 2}, range(3), object, object(), len, Ellipsis, (1.0,),
     *(lambda values=values: np.array(values) for values in (1.0, [1.0, 2.0], [1j], ["a"], [[1.0]], [None], [])),
     lambda: np.float32(math.nan), lambda: np.int64(-5), lambda: np.zeros((3, 2, 2)), lambda: np.zeros(10**5),
@@ -47,7 +47,7 @@ KEYS = ["", "mass", "tool_mas", "__class__", "type", "scenario", "Stiffness", "a
 
 
 def places(tree, path=()):
-    """Every place in an input, the whole first, but for the whole."""
+    """Every place inside an input, outer places first."""
     items = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
     for key, value in items:
         yield (*path, key)
@@ -56,7 +56,7 @@ def places(tree, path=()):
 
 @st.composite
 def spoiled(draw, tree, hostile):
-    """An input with one place replaced, removed or added, and the keys of which a refusal must name one."""
+    """An input with one place replaced, removed or added, and keys; a refusal must name one of the keys."""
     tree = deepcopy(tree)
     path = draw(st.sampled_from([*places(tree)]))
     *outer, last = path
@@ -125,7 +125,7 @@ def read_log(source):
 
 
 def written(tree, folder, suffix):
-    """A file of its own with this content."""
+    """A new file with this content."""
     path = folder / f"{len(os.listdir(folder))}{suffix}"
     if suffix == ".toml":
         path.write_text(tomli_w.dumps(tree), encoding="utf-8-sig")
@@ -178,7 +178,7 @@ ALSO_NAMED = {
     "reset of a batch": ["option"],
     "reset": ["option"],
 }
-"""What a refusal may name instead of a key: a file of arrays, a line of a table."""
+"""Words that a refusal may contain instead of a key, such as the line of a table."""
 
 
 @settings(STORM, max_examples=int(os.environ.get("HOSTILE", "500")), derandomize="HOSTILE" not in os.environ)

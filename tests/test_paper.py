@@ -1,8 +1,8 @@
-"""Numbers for the paper's scenes: the table 'Printed, and ours' in docs/provenance.md, by our solver and the slow one.
+"""The paper's scenes by our solver and the slow one: the table 'Printed, and ours' in docs/provenance.md.
 
-Printed are the speed of 1 m/s, the detection, each scene's masses, stiffnesses and restitution. Distance, acceleration
-and stops were identified by the project, and the numbers asserted here were found by the independent solver. What the
-text says of them is compared in the study `paper`, whose verdicts tests/experiments/test_paper_study.py asserts.
+The paper prints the speed of 1 m/s, the detection, and each scene's masses, stiffnesses and restitution. We identified
+distance, acceleration and stops. The asserted numbers are from the independent solver. The study `paper` compares them
+with the text; tests/experiments/test_paper_study.py asserts its verdicts.
 """
 
 import pytest

@@ -1,7 +1,7 @@
-"""The independent solver against conservation of energy and closed forms; and its parts.
+"""The independent solver: conservation of energy, closed forms, and its parts.
 
-That it comes to golden tables, other closed forms and the paper's numbers is tested where the fast one is, and that the
-two agree on random chains in tests/solver/test_agreement.py.
+The tests of the fast solver also compare the independent one with golden tables, closed forms and the paper's numbers.
+tests/solver/test_agreement.py compares the two on random chains.
 """
 
 from math import hypot, pi
@@ -19,7 +19,7 @@ from impact_gym.physics import dissipation
 
 
 def energy(case, outcome, t):
-    """In the frame of the cruise, in which the object ahead of an undamped chain moves, J."""
+    """Energy (J) of an undamped chain and the object in the frame of the cruise, in which the object moves."""
     coupling, robot = case.coupling, case.robot
     deflection = outcome.flange_position - outcome.tool_position
     stored = 0.5 * coupling.stiffness * deflection**2
@@ -56,7 +56,7 @@ def test_simulate_has_a_floor_for_the_approach_velocity_in_the_damping():
     ({"contact": Record(stiffness=1e5, restitution=0.5, dissipation="guess")}, {}, ("dissipation", "'guess'")),
     ({}, {"method": "Euler"}, ("method", "must be one of")), ({"coupling": Record(stiffness=1.0)}, {}, ("coupling",)),
 ])  # fmt: skip
-def test_simulate_refuses_what_it_does_not_know(changes, options, says):
+def test_simulate_refuses_unknown_laws_methods_and_couplings(changes, options, says):
     case = Record(**{name: getattr(scene(), name) for name in ("tool", "object", "contact", "coupling")} | changes)
     with pytest.raises((ValueError, NotImplementedError), match=".*".join(says)):
         simulate(case, CRUISE, 0.1, **options)
@@ -73,7 +73,7 @@ def first_turn(switches, method="DOP853"):
 def test_advance_finds_a_switch_that_turns_there_and_back_within_a_step(above, method):
     tau, y, switch = first_turn([Switch("touch", False, lambda _, y: y[0] - (1 - above))], method)
     assert switch is not None
-    # the closer to the summit, the less an error of x says about the time
+    # near the maximum a small error of x is a large error of the time
     assert tau == pytest.approx(np.arcsin(1 - above), abs=1e-10 / np.sqrt(2 * above))
     assert y[0] == pytest.approx(1 - above, abs=1e-10)
     assert first_turn([Switch("touch", False, lambda _, y: y[0] - (1 + above))], method)[2] is None

@@ -1,5 +1,5 @@
-"""Which coupling to build: the design that, with its best controller, leaves the object slowest at each approach time.
+"""Search for the coupling that, with its best controller, leaves the object slowest at each approach time.
 
-`impact-gym design SETUP --free NAME=LOW:HIGH ... --out DIR` searches design and controller together by CMA-ES on
-training scenarios, keeps what it has done in DIR, and plays what it chose on the test set.
+`impact-gym design SETUP --free NAME=LOW:HIGH ... --out DIR` searches coupling and controller together by CMA-ES on
+training scenarios, keeps finished searches in DIR, and plays the chosen design on the test set.
 """

@@ -1,4 +1,4 @@
-"""What a search for a design found: a row for each design and coupling, their gains, the front as a chart."""
+"""The result of a search for a design: a row for each design and coupling, their gains, the front as a chart."""
 
 import json
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from impact_gym.quantities import QUANTITIES
 LABELS = {FRONT: "best design for each approach time", CHOSEN: "chosen design"}
 BINS = 5  # of distances
 ENTRY = ("line", "allowed", "seed", "loss", "rule", "design", "parameters")
-"""Columns that tell entries apart: design and parameters are JSON."""
+"""Columns that identify an entry; design and parameters are JSON."""
 
 
 def mean(rows: pl.DataFrame, name: str) -> float:
@@ -47,26 +47,13 @@ def summary(frame: pl.DataFrame) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: (lines.index(row["line"]), row["approach_time"]))
 
 
-def sentence(row: dict[str, Any]) -> str:
-    """Return a row in words."""
-    parts = [
-        f"{row['line']} at {row['allowed']:g}: V_p {row['object_velocity']:.4f} m/s, {row['lower']:.1%} less, at "
-        f"{row['approach_time']:.4f} s",
-        f"deflection {1e3 * row['deflection']:.1f} mm, stroke {1e3 * row['stroke']:.1f} mm, a second blow in "
-        f"{row['second_blow']:.1%}, missed {row['missed']}",
-        f"BEYOND ITS LIMITS by {row['excess']:.2g}" if row["excess"] else "",
-        row["design"],
-    ]
-    return "; ".join(filter(None, parts))
-
-
 def with_unit(name: str, value: float) -> str:
     """Return a number of a design with its unit."""
     return f"{value:.4g} {QUANTITIES[name].unit.removeprefix('-')}".strip()
 
 
 def reduction(line: pl.DataFrame, paper: pl.DataFrame) -> Estimate:
-    """Return by which share a line's V_p is below that of the paper's rule, at the mean approach time of that rule."""
+    """Return the share by which a line's V_p is below the paper's rule's, at the mean approach time of that rule."""
     resamples = Resamples(len(paper))
 
     def front(rows: pl.DataFrame) -> Front:
@@ -81,7 +68,7 @@ def reduction(line: pl.DataFrame, paper: pl.DataFrame) -> Estimate:
 
 
 def chart(rows: Sequence[dict[str, Any]]) -> Figure:
-    """Return approach time against V_p, each design of the front with its largest deflection in free flight."""
+    """Return a figure of V_p against approach time, each design of the front with its largest deflection."""
     figure = Figure(figsize=(8.4, 4.8))
     axes = figure.subplots()
     lines: dict[str, list[dict[str, Any]]] = {}
@@ -104,7 +91,7 @@ def chart(rows: Sequence[dict[str, Any]]) -> Figure:
 
 
 def analyse(options: DesignOptions, frames: Frames, _: bool) -> Findings:
-    """Return what the plays on the test set say."""
+    """Compare the designs and couplings on the test set."""
     frame = frames["designs"]
     rows, paper = summary(frame), frame.filter(line=PAPER)
     lines = {name: played for (name,), played in grid.groups(frame, "line") if name != PAPER}
@@ -122,15 +109,17 @@ def analyse(options: DesignOptions, frames: Frames, _: bool) -> Findings:
         f"Chosen: {numbers}{pad}. At the mean approach time of the paper's rule it leaves the object "
         f"{percent(gains[CHOSEN])} slower than the paper's rule with the paper's spring; in no fifth of the distances "
         f"less than {100 * least:.1f} %. Before the first touch its tool moves at most {1e3 * moved:.1f} mm against "
-        f"the flange. As a set-up: {options.file.name}.{missed}"
+        f"the flange. Its set-up: {options.file.name}.{missed}"
     )
     gained = [(LABELS.get(name, name), percent(gain)) for name, gain in gains.items()]
     scaled = [{**row, **{name: 1e3 * row[name] for name in ("deflection", "stroke")}} for row in rows]
-    caption = ("Down and left is better; test scenarios, which no search has seen. Beside each design of the front: "
-               "largest deflection of its coupling before the first touch. A line is one coupling with a controller "
-               "searched for each of its approach times.")  # fmt: skip
+    caption = (
+        "Down and left is better; test scenarios, which no search used. Beside each design of the front: largest "
+        "deflection of its coupling before the first touch. A line is one coupling with a controller searched for each "
+        "approach time."
+    )
     alt = "Mean approach time against mean V_p: designs, the chosen design, others and the paper's rule."
-    read = "Read between the two approach times beside the paper's, or at the nearest; the scenarios are resampled."
+    read = "Interpolated between the two approach times beside the paper's; the scenarios are resampled."
     return Findings(answer, [
         Section("Approach time against V_p", [
             Picture("front", chart(rows), alt, caption),
@@ -140,6 +129,7 @@ def analyse(options: DesignOptions, frames: Frames, _: bool) -> Findings:
             "coupling": "{line}", "time allowed (paper's = 1)": "{allowed:.2f}", "approach (s)": "{approach_time:.4f}",
             "V_p (m/s)": "{object_velocity:.4f}", "lower": "{lower:.1%}", "deflection (mm)": "{deflection:.1f}",
             "stroke (mm)": "{stroke:.1f}", "peak force, 95 % (N)": "{peak_force:.0f}",
-            "second blow": "{second_blow:.1%}", "missed": "{missed}", "design": "{design}",
+            "second blow": "{second_blow:.1%}", "missed": "{missed}", "beyond its limits": "{excess:.2g}",
+            "design": "{design}",
         })]),
     ], {"summary": pl.DataFrame(rows, infer_schema_length=None)})  # fmt: skip

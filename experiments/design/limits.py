@@ -1,7 +1,7 @@
-"""The limits of a design, and how far the tool moves against the flange while a controller flies it.
+"""The limits of a design.
 
-The deflection counts until the first touch, over all distances at which objects stand: it is due to the arm's own
-motion alone. The stroke counts the blow and the retreat as well.
+The deflection of the tool from the flange counts until the first touch, so only the arm's own motion causes it. The
+stroke is the deflection of the whole episode, with contact and retreat.
 """
 
 import math
@@ -15,26 +15,26 @@ from experiments.design.pads import Pad
 from impact_gym.validation import number
 
 WITHIN = 0.95
-"""Share of the episodes that keep to the limits of peak force and energy; deflection and stroke hold in all."""
+"""Share of the episodes that keep the limits of peak force and energy. Deflection and stroke are kept in all."""
 UNITS = {"deflection": "m", "stroke": "m", "peak_force": "N", "release": "J", "energy": "J", "touched_once": "-"}
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a design must keep to; None: no limit."""
+    """Limits that a design must keep; None: no limit."""
 
     deflection: float | None = 0.05
-    """m, that the tool may move against the flange before the first touch."""
+    """m, largest deflection of the tool from the flange before the first touch."""
     stroke: float | None = None
-    """m, likewise in the whole episode."""
+    """m, largest deflection in the whole episode."""
     peak_force: float | None = None
     """N, of the contact."""
     release: float | None = None
-    """J, that a mechanism may set free where it snaps through."""
+    """J, energy that a mechanism releases when it snaps through."""
     energy: float | None = None
-    """J, that the object leaves with."""
+    """J, kinetic energy of the object in the end."""
     touched_once: float | None = None
-    """Least share of the scenarios without a second blow, such as 0.95."""
+    """Least share of the scenarios without a second touch, such as 0.95."""
 
     def __post_init__(self) -> None:
         for name, unit in UNITS.items():
@@ -42,13 +42,14 @@ class Limits:
                 number(name, getattr(self, name), unit, above=0, at_most=1.0 if name == "touched_once" else math.inf)
 
     def excess(self, played: Episodes, travel: Travel, release: Floats, pad: Pad | None = None) -> Floats:
-        """Return how far each candidate is beyond the limits: shares of each limit, summed; 0 within them.
+        """Return the excess of each candidate over the limits, as shares of the limits, summed; 0 within them.
 
         Args:
-            played: equally many episodes of each candidate, one candidate after the other.
+            played: episodes of all candidates, equally many of each, one candidate after the other.
             travel: of their tools.
-            release: J, of each candidate (n,).
-            pad: may be pressed in as far as its law holds, in the share WITHIN of the episodes.
+            release: energy released by each candidate (n,), J.
+            pad: Hertz's law holds for small penetrations, so the pad's may be at most half its radius, in the share
+                WITHIN of the episodes.
         """
         count = len(release)
         loads = played.peak_force, kinetic(played)
@@ -58,7 +59,7 @@ class Limits:
             (self.deflection, travel.deflection.reshape(count, -1).max(axis=1)),
             (self.stroke, travel.stroke.reshape(count, -1).max(axis=1)),
             (self.peak_force, peak),
-            (pad.deepest, pad.pressed(peak)) if pad else (None, peak),
+            (0.5 * pad.radius, (peak / pad.stiffness) ** (2.0 / 3.0)) if pad else (None, peak),
             (self.release, release),
             (self.energy, energy),
             (repeated, (played.contact_count > 1).reshape(count, -1).mean(axis=1)),
@@ -67,5 +68,5 @@ class Limits:
 
 
 def kinetic(played: Episodes) -> Floats:
-    """Return the energy that the object leaves with in each episode, J."""
+    """Return the object's final kinetic energy in each episode, J."""
     return 0.5 * played.scenario["object_mass"] * played.object_velocity**2

@@ -1,4 +1,4 @@
-"""The options of `impact-gym design`, checked, and what follows from them; the chosen design as a set-up's file."""
+"""The options of `impact-gym design`, and the file of the chosen design."""
 
 import tomllib
 from collections.abc import Mapping
@@ -14,14 +14,14 @@ import tyro
 from agents.setups import Setup, load_setup
 from experiments.design.limits import Limits
 from experiments.design.pads import on_pad, pad_of
-from experiments.design.search import CONTACT, MARGIN, Candidate, SearchBudget
-from experiments.design.variables import SearchVariable, as_built, search_variables, searched_environment
+from experiments.design.search import CONTACT, Candidate, SearchBudget
+from experiments.design.variables import SearchVariable, search_variables, searched_environment
 from impact_gym.files import parsed, write_file
 from impact_gym.task import Task
 from impact_gym.validation import distinct, identifier, number, whole
 
 PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"
-"""Lines of the trade-off beside the couplings that are compared."""
+"""Lines of the trade-off, besides those of the compared couplings."""
 LIMITED = (FRONT, CHOSEN)
 
 
@@ -29,39 +29,39 @@ LIMITED = (FRONT, CHOSEN)
 class DesignOptions:
     """Search for the coupling that, with its best controller, leaves the object slowest at each approach time.
 
-    Deflection and stroke are kept to in all scenarios of the search, peak force and energy in 95 % of them.
+    The limits of deflection and stroke hold in all scenarios of the search, those of peak force and energy in 95 %.
     """
 
     setup: tyro.conf.Positional[str]
     """A name or a file."""
     free: tuple[str, ...]
-    """NAME=LOW:HIGH of each number that may be chosen, tool_mass or of the coupling: coupling.stiffness=10:300."""
+    """NAME=LOW:HIGH of each free number: tool_mass or a number of the coupling, such as coupling.stiffness=10:300."""
     out: Path
-    """Folder for all of it; finished searches are kept there, and the same command continues."""
+    """Folder of all results. Finished searches are kept there; the same command continues."""
     pad: str = ""
-    """A pad on the tool: memory-foam, neoprene or norbornene; its mass counts as the tool's."""
+    """A pad on the tool: memory-foam, neoprene or norbornene. Its mass counts as the tool's."""
     times: tuple[float, ...] = (0.9, 1.0, 1.15, 1.35)
-    """Approach times, as multiples of that of the paper's rule with the paper's spring."""
+    """Approach times, over the mean of the paper's rule with the paper's spring."""
     limits: Annotated[Limits, tyro.conf.arg(name="")] = field(default_factory=Limits)
     search: Annotated[SearchBudget, tyro.conf.arg(name="")] = field(default_factory=SearchBudget)
     against: tuple[str, ...] = ("bistable-blind", "bistable-paper")
-    """Set-ups whose coupling is compared, with a controller of its own."""
+    """Set-ups whose couplings are compared, each with its own controller."""
     seeds: int = 2
-    """Searches for each design, of which validation chooses one."""
+    """Searches for each approach time. The best on the validation set is used."""
     processes: int = 2
-    """Searches at a time, each on one core; 0: none but this process."""
+    """Searches at the same time, each on one core; 0: all in this process."""
 
     def checked(self) -> "DesignOptions":
-        """Return the options, the times in order.
+        """Return the options with sorted times.
 
         Raises:
-            ValueError: names an option that is out of range, or a design that cannot be searched.
+            ValueError: an option is out of range, or a design cannot be searched.
         """
         whole("seeds", self.seeds, at_least=1)
         whole("processes", self.processes, at_least=0)
-        identifier("setup", f"{self.arm.name}-designed")  # what it ends with
+        identifier("setup", f"{self.arm.name}-designed")  # the name of the result
         if not self.times:
-            raise ValueError("times must name an approach time at least, as a multiple of that of the paper's rule")
+            raise ValueError("times must name an approach time, as a multiple of that of the paper's rule")
         for time in self.times:
             number("times", time, "-", above=0)
         distinct("times", self.times)
@@ -69,7 +69,7 @@ class DesignOptions:
         if self.pad:
             pad_of(self.pad)
         options = replace(self, times=tuple(sorted(self.times)))
-        _ = options.searched, options.others  # each refuses what cannot be searched or compared
+        _ = options.searched, options.others  # both refuse invalid designs
         return options
 
     @cached_property
@@ -79,7 +79,7 @@ class DesignOptions:
 
     @cached_property
     def variables(self) -> list[SearchVariable]:
-        """The numbers that the search may choose."""
+        """The free numbers."""
         return search_variables(self.free, self.arm)
 
     @cached_property
@@ -89,42 +89,38 @@ class DesignOptions:
 
     @cached_property
     def others(self) -> dict[str, dict[str, Any]]:
-        """The environments to compare with, by name."""
+        """The environments with the compared couplings, by name."""
         couplings = {name: load_setup(name).environment["coupling"] for name in self.against}
         compared = {name: {**self.arm.environment, "coupling": coupling} for name, coupling in couplings.items()}
         return {"paper's spring": with_papers_spring(self.arm.environment)} | compared
 
     @property
     def file(self) -> Path:
-        """The file of the set-up that is designed."""
+        """The set-up file of the chosen design."""
         return self.out / f"{self.arm.name}-designed.toml"
 
     @property
     def rule(self) -> str:
-        """Which controller the set-up's observation allows."""
+        """Name of the controller: a profile, or with a range sensor one that uses the estimate."""
         return "BlindProfile" if Task(**self.arm.environment).range_noise is None else "Ranged"
 
     @property
     def typical(self) -> float:
-        """The allowed approach time that is nearest to that of the paper's rule."""
+        """The approach time that is nearest to that of the paper's rule."""
         return min(self.times, key=lambda allowed: abs(allowed - 1.0))
 
     def limits_of(self, line: str) -> Limits:
-        """Return what a line must keep to; couplings that are only compared with have no limits."""
+        """Return the limits of a line; compared couplings have none."""
         return self.limits if line in LIMITED else Limits(deflection=None)
-
-    def built(self, design: Mapping[str, float]) -> dict[str, Any]:
-        """Return the environment of a design as a search meets it, each number off by a share in each episode."""
-        return Task(**self.arm.environment).changed(as_built(design, MARGIN * self.search.tolerance)).arguments()
 
 
 def with_papers_spring(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an environment's arguments with the default coupling, the paper's spring."""
+    """Return the arguments of an environment with the default coupling, the paper's spring."""
     return {name: value for name, value in environment.items() if name != "coupling"}
 
 
 OF_TEACHER = ("teacher", "imitation_steps")
-"""Settings of training that concern a baseline of the set-up that was begun with."""
+"""Settings of training that depend on a baseline of the original set-up."""
 DRAWN = (
     "this file draws stiffness and restitution of the contact independently from the ranges that the pad leaves, "
     "where on the pad both follow from the object's own: the softer it is, the more it keeps of its own restitution"
@@ -132,9 +128,9 @@ DRAWN = (
 
 
 def write_setup(path: Path, setup: Setup, candidate: Candidate, command: str) -> Path:
-    """Write a design as a set-up to `path`, and return it; `command` made it.
+    """Write a design, found by `command`, as a set-up to `path`, and return the path.
 
-    With a pad the contact's ranges are those that the pad leaves of them; see DRAWN.
+    With a pad the ranges of the contact are those through the pad; see DRAWN.
     """
     content = parsed(setup.path, "TOML", tomllib.loads)
     environment = Task(**setup.environment).changed(candidate.design).arguments()
@@ -160,7 +156,7 @@ def write_setup(path: Path, setup: Setup, candidate: Candidate, command: str) ->
 
 
 def _on_pad(environment: Mapping[str, Any], pad: str) -> dict[str, list[float]]:
-    """Return ranges of the scenario with what a pad leaves of contact stiffness and restitution."""
+    """Return the ranges of the scenario, those of contact stiffness and restitution through the pad."""
     ranges = {name: list(ends) for name, ends in Task(**environment).scenario.by_id().items()}
     corners = on_pad(pad, *np.meshgrid(*(ranges[name] for name in CONTACT)))
     return ranges | {name: [float(v.min()), float(v.max())] for name, v in zip(CONTACT, corners, strict=True)}

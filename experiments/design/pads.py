@@ -1,12 +1,12 @@
-"""Pads on the tool: a dome of a soft material between tool and object, two Hertz springs one behind the other.
+"""Pads on the tool: a dome of soft material between tool and object, as two Hertz springs in series.
 
 Both carry the same force F = k_i delta_i^1.5, so the penetrations add up to that of one spring with
 
     k^(-2/3) = k_pad^(-2/3) + k_object^(-2/3),
 
-and each stores 2/5 F delta_i, the share k_i^(-2/3) / k^(-2/3) of the whole. Each loses the share 1 - e_i^2 of what it
-stores, so 1 - e^2 is the mean of these, weighted by what is stored. The object's own numbers are those of its contact
-with a tool without a pad, which is far stiffer than any pad.
+and spring i stores 2/5 F delta_i, the share k_i^(-2/3) / k^(-2/3) of the energy. It loses the share 1 - e_i^2 of its
+energy, so 1 - e^2 is the mean of these shares, weighted by the stored energy. The object's own stiffness and
+restitution are those of its contact with a tool without a pad, which is far stiffer than any pad.
 """
 
 import math
@@ -18,43 +18,34 @@ from agents.baselines.rule import Floats
 from agents.setups.keys import known
 from impact_gym.physics.hertz import MATERIALS, hertz
 
-RIGID = (1e30, 0.0)  # Pa and Poisson's ratio of something far stiffer than any pad
+RIGID = (1e30, 0.0)  # Pa, Poisson's ratio: far stiffer than any pad
 PADS = {"norbornene": 0.01, "neoprene": 0.01, "memory-foam": 0.04}
-"""Radius (m) of the dome of each material, of `impact_gym.MATERIALS`, that may be put on a tool."""
+"""Materials of pads, of `impact_gym.MATERIALS`, with the radius of the dome (m)."""
 
 
 class Pad(NamedTuple):
-    """A dome of one material, which sits on the tool and counts as part of its mass."""
+    """A dome of one material on the tool; its mass counts as the tool's."""
 
-    stiffness: float  # N/m^1.5, Hertz's against something far stiffer
-    restitution: float  # -, against something that loses nothing
+    stiffness: float  # N/m^1.5, in contact with a rigid body
+    restitution: float  # -, in contact with a body that loses no energy
     radius: float  # m, of the dome
-
-    @property
-    def deepest(self) -> float:
-        """How far it may be pressed in, m: Hertz's law is one of small penetrations, and is stretched at half of R."""
-        return 0.5 * self.radius
-
-    def pressed(self, force: Floats) -> Floats:
-        """Return how far forces (N, any shape) press it in, m."""
-        return (np.asarray(force) / self.stiffness) ** (2.0 / 3.0)
 
 
 def pad_of(material: str) -> Pad:
-    """Return the pad of a material: as stiff as in the middle of what is measured, and at its bounciest.
+    """Return the pad of a material, with the middle of its measured stiffness and the largest restitution.
 
     Raises:
-        ValueError: there is none of it.
+        ValueError: no pad is made of this material.
     """
     known("--pad ", [material], PADS)
     measured, radius = MATERIALS[material], PADS[material]
-    assert measured.restitution is not None  # of each material of which there is a pad
+    assert measured.restitution is not None  # all materials of PADS have one
     stiffness = hertz(radius, math.sqrt(math.prod(measured.young)), sum(measured.poisson) / 2.0, *RIGID)
     return Pad(stiffness, measured.restitution[1], radius)
 
 
 def on_pad(name: str, stiffness: Floats, restitution: Floats) -> tuple[Floats, Floats]:
-    """Return stiffness (N/m^1.5) and restitution (-) of contacts with the pad in between, any shape."""
+    """Return the stiffness (N/m^1.5) and restitution (-) of contacts through the pad, any shape."""
     pad = pad_of(name)
     of_pad, of_object = pad.stiffness ** (-2.0 / 3.0), np.asarray(stiffness) ** (-2.0 / 3.0)
     share = of_pad / (of_pad + of_object)

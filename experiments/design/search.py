@@ -1,7 +1,7 @@
-"""One search: design and controller together, for the least V_p at an approach no later than a given time.
+"""One search over design and controller together, for the least V_p with a limited mean approach time.
 
-A design has to be judged by its own best controller, which takes a few hundred generations to find. One search over
-both takes about twice as many; a search of designs, each with a search of its controller, takes that many for each.
+A design must be judged with its own best controller. Finding that takes a few hundred generations. One search over both
+takes about twice as many; a search of designs would need a search of the controller for each design.
 """
 
 import json
@@ -27,11 +27,11 @@ from impact_gym.validation import number, whole
 
 RTOL = 1e-5  # of the simulation while searching: V_p is within 1e-6 m/s
 PENALTY = 2.0
-"""m/s for each share by which a limit, or the approach time, is exceeded: more than V_p can gain by it, so that the
-optimum lies within the limits."""
+"""m/s for each share by which a limit or the approach time is exceeded. V_p gains less by it, so that the optimum is
+within the limits."""
 MARGIN = 1.2
-"""In a search a design is off by so many times the tolerance. A search looks at few scenarios: what barely holds its
-tool in all of them lets it go in others."""
+"""Factor on the tolerance in a search. A search uses few scenarios: a mechanism that barely holds its tool in all of
+them lets go in others."""
 CONTACT = ("contact_stiffness", "restitution")
 
 
@@ -43,43 +43,31 @@ class Candidate:
     rule: str  # name of the controller
     parameters: Sequence[float] = ()  # of the controller
     design: Mapping[str, float] = field(default_factory=dict)  # numbers that differ from the environment
-    pad: str = ""  # on the tool, from the table; empty: none
+    pad: str = ""  # material of the pad on the tool; empty: no pad
 
     @cached_property
     def task(self) -> Task:
         """The environment's task."""
         return Task(**self.environment)
 
-    @property
-    def controller(self) -> Rule:
-        """The controller, made for the environment."""
-        return self.controller_of(self.parameters)
-
-    def controller_of(self, parameters: ArrayLike) -> Rule:
-        """Return the controller with other parameters, (k,) or (rows, k)."""
-        return RULES[self.rule].of(parameters).for_task(self.task)
-
-    @property
+    @cached_property
     def soft(self) -> Pad | None:
         """The pad on the tool."""
         return pad_of(self.pad) if self.pad else None
 
-    def built(self, tolerance: float) -> Task:
-        """Return the task with the design, each number of it off by a share in each episode."""
-        return self.task.changed(as_built(self.design, tolerance))
+    def controller(self, parameters: ArrayLike | None = None) -> Rule:
+        """Return the controller, with its own or with other parameters, (k,) or (rows, k)."""
+        return RULES[self.rule].of(self.parameters if parameters is None else parameters).for_task(self.task)
 
     def contact(self, stage: ScenarioBatch) -> dict[str, Floats]:
-        """Return the contact of each scenario with the pad between tool and object; nothing without one.
-
-        The controller is played to learn the scenarios.
-        """
+        """Return stiffness and restitution of each scenario's contact through the pad; nothing without a pad."""
         if not self.pad:
             return {}
-        scenario = stage.play(self.controller).scenario
+        scenario = stage.play(self.controller()).scenario  # a play draws the scenarios
         return dict(zip(CONTACT, on_pad(self.pad, *(scenario[name] for name in CONTACT)), strict=True))
 
     def released(self, design: Mapping[str, Floats], count: int) -> Floats:
-        """Return the energy (J) that each of `count` designs sets free from its front stop to its rear one (count,)."""
+        """Return the energy (J) that each of `count` designs releases from its front stop to its rear stop (count,)."""
         coupling = self.task.coupling
         if not isinstance(coupling, Bistable):
             return np.zeros(count)
@@ -91,17 +79,17 @@ class Candidate:
 
 @dataclass(frozen=True)
 class SearchBudget:
-    """How much a search does."""
+    """Size of a search."""
 
     tolerance: float = 0.05
-    """Share by which each number of a design may be off as it is built: in search and test each scenario meets another.
-    Without it a mechanism is found that barely holds its tool."""
+    """Share by which each number of a design may differ when it is built. In search and test it differs in each
+    scenario; without a tolerance the search finds mechanisms that barely hold their tool."""
     scenarios: int = 500
-    """Training scenarios that each candidate is played through."""
+    """Training scenarios for each candidate."""
     budget: int = 7200
     """Candidates of each search."""
     population: int = 18
-    """Candidates per generation: they are played together."""
+    """Candidates of a generation, which are played together."""
 
     def __post_init__(self) -> None:
         number("tolerance", self.tolerance, "-", at_least=0.0, at_most=0.5)
@@ -116,9 +104,9 @@ def objective(
     limits: Limits,
     budget: SearchBudget,
 ) -> Losses:
-    """Return the losses (population, 1), m/s, of candidates (population, 1, k): designs, then controllers.
+    """Return a function from candidates (population, 1, k), designs and controllers, to losses (population, 1), m/s.
 
-    All are played through the same training scenarios; arguments as in `search`.
+    All are played in the same training scenarios. Arguments as in `search`.
     """
     population, scenarios = budget.population, budget.scenarios
     task = candidate.task.changed({"rtol": RTOL})
@@ -134,8 +122,7 @@ def objective(
         record = {name: np.outer(values, factors).ravel() for (name, values), factors in built}
         record |= {name: np.tile(values, population) for name, values in contact.items()}
         travel = Travel(population * scenarios)
-        played = stage.play(candidate.controller_of(np.repeat(of_rule, scenarios, axis=0)), record, travel)
-        # what the environment charges for a miss instead of V_p
+        played = stage.play(candidate.controller(np.repeat(of_rule, scenarios, axis=0)), record, travel)
         velocity = np.where(played.missed, played.missed_cost, np.nan_to_num(played.object_velocity))
         velocity, time = (values.reshape(population, -1).mean(axis=1) for values in (velocity, played.approach_time))
         late = np.maximum(time / approach_time - 1.0, 0.0)
@@ -149,12 +136,13 @@ def search(
     candidate: Mapping[str, Any], variables: Sequence[Sequence[Any]], approach_time: float,
     limits: Mapping[str, float | None], budget: Mapping[str, Any], seed: int,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Return one row: the best `design` and the `parameters` of its rule, as JSON, and their `loss`, m/s.
+    """Return one row: the best `design` and the `parameters` of its rule as JSON, and their `loss` (m/s).
 
     Args:
-        candidate: fields of a `Candidate`: its environment has a range for each variable; its parameters are the first.
-        variables: fields of each `SearchVariable`; none: only the controller is searched.
-        approach_time: s, that the mean over the scenarios may take.
+        candidate: fields of a `Candidate`. Its environment has a range for each variable, the search starts at its
+            parameters.
+        variables: fields of each `SearchVariable`; if empty, only the controller is searched.
+        approach_time: largest mean over the scenarios, s.
         limits: fields of `Limits`.
         budget: fields of `SearchBudget`.
         seed: of the search.
@@ -171,24 +159,22 @@ def search(
     return [{**found, "loss": float(best.loss[0])}]
 
 
-def play(
-    candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any], count: int | None = None
-) -> pl.DataFrame:
-    """Return a row for each scenario of a frozen set: its fields, results, deflection and stroke of the tool (m).
+def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any]) -> pl.DataFrame:
+    """Return a row for each scenario of a frozen set: scenario, results, deflection and stroke of the tool (m).
 
-    The `excess`, how far all scenarios together are beyond the limits, is the same in each row.
+    The `excess` over the limits concerns all scenarios together and is the same in each row.
 
     Args:
         candidate: fields of a `Candidate`.
-        tolerance: largest share by which each number of the design is off, another in each scenario.
+        tolerance: largest share by which each number of the design differs, drawn anew in each scenario.
         name: of the set.
         limits: fields of `Limits`.
-        count: how many scenarios of the set; all unless given.
     """
     player = Candidate(**candidate)
-    stage = ScenarioBatch.of(name, count, player.built(tolerance), threads=1)
+    task = player.task.changed(as_built(player.design, tolerance))
+    stage = ScenarioBatch.of(name, None, task, threads=1)
     travel = Travel(stage.count)
-    played = stage.play(player.controller, player.contact(stage), travel)
+    played = stage.play(player.controller(), player.contact(stage), travel)
     released = player.released({name: np.array([value]) for name, value in player.design.items()}, 1)
     excess = Limits(**limits).excess(played, travel, released, player.soft)
     columns = {name: getattr(played, name) for name in RESULTS} | played.scenario

@@ -1,14 +1,13 @@
-"""The study behind `impact-gym design`: searches, choice by validation, play on the test set.
+"""The study of `impact-gym design`: searches, choice on the validation set, results on the test set.
 
-For each approach time the design is the best of its seeds on the validation set. The one at the paper's own time is
-chosen, and its controller searched for the other times. Nothing is chosen by the test set.
+For each approach time the design is the best of its seeds on the validation set. The design at the approach time of the
+paper's rule is chosen, and its controller is searched for the other times. The test set chooses nothing.
 """
 
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -17,10 +16,12 @@ from agents.baselines.tuned import read_tuned
 from agents.evaluate import TUNING_SEED, ScenarioBatch
 from experiments.design.findings import ENTRY, analyse, mean
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions, with_papers_spring
-from experiments.design.search import PENALTY, Candidate, play, search
+from experiments.design.search import MARGIN, PENALTY, Candidate, play, search
+from experiments.design.variables import as_built
 from experiments.lab import grid
 from experiments.lab.study import Cell, Frames, Measurement, Study
 from impact_gym.scene import Bistable
+from impact_gym.task import Task
 
 DEPENDS = (
     "impact_gym", "agents.baselines", "agents.evaluate", "agents.setups",
@@ -28,7 +29,7 @@ DEPENDS = (
 )  # fmt: skip
 PAPERS_RULE = "ConstantSpeed", [1.0, 8.0, 8.0]  # paper, section 3.2
 STARTS = {("BlindProfile", False): "blind-profile", ("BlindProfile", True): "bistable-blind-profile"}
-"""Tuned baseline whose parameters begin a search, by its rule and whether there is a mechanism; otherwise "ranged"."""
+"""Tuned baseline whose parameters start a search, by rule and whether the coupling is bistable; otherwise "ranged"."""
 
 
 @dataclass(frozen=True)
@@ -41,18 +42,10 @@ class Entry:
     seed: int = 1
     loss: float = np.nan  # m/s, V_p on the scenarios of the search, with the penalty for exceeded limits
 
-    @property
-    def labels(self) -> dict[str, Any]:
-        """Columns of its rows."""
-        candidate = self.candidate
-        written = {"design": json.dumps(dict(candidate.design)), "parameters": json.dumps(list(candidate.parameters))}
-        values = (self.line, self.allowed, self.seed, self.loss, candidate.rule)
-        return dict(zip(ENTRY, values, strict=False)) | written
-
 
 @dataclass(frozen=True)
 class Search:
-    """The cells of each table, from the options and the tables before."""
+    """The cells of each table, which depend on the options and on earlier tables."""
 
     options: DesignOptions
 
@@ -62,7 +55,7 @@ class Search:
         return Entry(PAPER, 1.0, Candidate(with_papers_spring(self.options.arm.environment), *PAPERS_RULE))
 
     def searches(self, _: bool, __: Frames) -> Iterator[Cell]:
-        """Yield the searches of designs, and of controllers for the couplings to compare with."""
+        """Yield the searches of designs, and of controllers for the compared couplings."""
         options = self.options
         designs = Candidate(options.searched, options.rule, pad=options.pad)
         entries = [
@@ -76,18 +69,18 @@ class Search:
         yield from self._searched(entries)
 
     def validation(self, _: bool, frames: Frames) -> Iterator[Cell]:
-        """Yield plays of all designs, and of the paper's rule, on the validation set."""
+        """Yield plays of the paper's rule and of all designs on the validation set."""
         yield from self._played([self.paper, *self._front_of(frames)], "validation")
 
     def controllers(self, _: bool, frames: Frames) -> Iterator[Cell]:
         """Yield the searches of the chosen design's controller for the other approach times."""
         chosen = self.chosen(frames)
-        built = replace(chosen.candidate, design={})
+        built = replace(chosen.candidate, design={})  # its environment has the design
         others = [time for time in self.options.times if time != self.options.typical]
         yield from self._searched([Entry(CHOSEN, time, built) for time in others], chosen.candidate.parameters)
 
     def designs(self, _: bool, frames: Frames) -> Iterator[Cell]:
-        """Yield plays on the test set: the paper's rule, the front, the chosen design and what is compared."""
+        """Yield plays on the test set: the paper's rule, the front, the chosen design and the compared couplings."""
         options, chosen = self.options, self.chosen(frames)
         curve = [chosen]
         for row in frames["controllers"].to_dicts() if "controllers" in frames else ():
@@ -102,15 +95,17 @@ class Search:
         yield from self._played([self.paper, *self.front(frames), *curve, *compared], "test")
 
     def chosen(self, frames: Frames) -> Entry:
-        """Return the design of the approach time that is nearest to that of the paper's rule, as it is built."""
-        entry = next(entry for entry in self.front(frames) if entry.allowed == self.options.typical)
-        environment = self.options.built(entry.candidate.design)
+        """Return the design at the approach time of the paper's rule; its environment draws the numbers as built."""
+        options = self.options
+        entry = next(entry for entry in self.front(frames) if entry.allowed == options.typical)
+        built = as_built(entry.candidate.design, MARGIN * options.search.tolerance)
+        environment = Task(**options.arm.environment).changed(built).arguments()
         return replace(entry, line=CHOSEN, candidate=replace(entry.candidate, environment=environment))
 
     def front(self, frames: Frames) -> list[Entry]:
-        """Return for each approach time the design that leaves the object slowest on the validation set.
+        """Return for each approach time the design with the lowest V_p on the validation set.
 
-        Misses, exceeded limits and a later approach count as in a search.
+        Misses, exceeded limits and a later approach are penalised as in a search.
         """
         played = dict(grid.groups(frames["validation"], "line", "allowed", "seed"))
         paper = mean(played[PAPER, 1.0, 1], "approach_time")
@@ -136,12 +131,13 @@ class Search:
         ]  # fmt: skip
 
     def _searched(self, entries: Sequence[Entry], start: Sequence[float] = ()) -> Iterator[Cell]:
-        """Yield searches; controllers begin with `start`, or else with a shipped one.
+        """Yield searches; controllers start at `start`, or else at a shipped one.
 
-        On the line FRONT the design is searched, elsewhere the controller alone.
+        On the line FRONT design and controller are searched, on others only the controller.
         """
-        options = self.options
-        paper = mean_time(self.paper.candidate, options.search.scenarios)
+        options, papers_rule = self.options, self.paper.candidate
+        batch = ScenarioBatch(TUNING_SEED, options.search.scenarios, papers_rule.task, threads=1)
+        paper = float(batch.play(papers_rule.controller()).approach_time.mean())
         for entry in entries:
             time = entry.allowed * paper
             begin = replace(entry.candidate, parameters=list(start or start_of(entry.candidate, time)))
@@ -152,21 +148,19 @@ class Search:
             })  # fmt: skip
 
     def _played(self, entries: Sequence[Entry], name: str) -> Iterator[Cell]:
-        """Yield plays of entries on the frozen set of this name."""
+        """Yield plays of entries on a frozen set."""
         for entry in entries:
-            limits = asdict(self.options.limits_of(entry.line))
-            arguments = {"candidate": asdict(entry.candidate), "limits": limits, "name": name}
-            yield Cell(entry.labels, arguments | {"tolerance": self.options.search.tolerance})
-
-
-def mean_time(candidate: Candidate, scenarios: int) -> float:
-    """Return the mean approach time (s) on the scenarios of a search."""
-    batch = ScenarioBatch(TUNING_SEED, scenarios, candidate.task, threads=1)
-    return float(batch.play(candidate.controller).approach_time.mean())
+            candidate, limits = entry.candidate, asdict(self.options.limits_of(entry.line))
+            written = json.dumps(dict(candidate.design)), json.dumps(list(candidate.parameters))
+            values = (entry.line, entry.allowed, entry.seed, entry.loss, candidate.rule, *written)
+            yield Cell(dict(zip(ENTRY, values, strict=True)), {
+                "candidate": asdict(candidate), "limits": limits, "name": name,
+                "tolerance": self.options.search.tolerance,
+            })  # fmt: skip
 
 
 def start_of(candidate: Candidate, approach_time: float) -> list[float]:
-    """Return the parameters of the shipped controller of the same rule whose approach time (s) is nearest."""
+    """Return the parameters of the shipped controller with the same rule and the nearest approach time (s)."""
     bistable = isinstance(candidate.task.coupling, Bistable)
     weights = read_tuned(STARTS.get((candidate.rule, bistable), "ranged"))["weights"].values()
     nearest = min(weights, key=lambda tuned: abs(tuned["validation"]["approach_time"] - approach_time))

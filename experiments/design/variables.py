@@ -1,4 +1,4 @@
-"""The numbers of a design that a search may choose, `NAME=LOW:HIGH`, checked before anything is searched."""
+"""The free numbers of a design, `NAME=LOW:HIGH`, which are checked before the search begins."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -17,11 +17,11 @@ from impact_gym.task import Task
 from impact_gym.validation import number
 
 WIDE = 10.0
-"""A range whose ends differ by this factor is searched by ratio, as stiffness and mass always are."""
+"""A range whose ends differ by this factor is searched on a logarithmic scale, as stiffness and mass always are."""
 
 
 class SearchVariable(NamedTuple):
-    """A number of the design that the search may choose."""
+    """A free number of the design."""
 
     name: str  # dotted, such as coupling.stiffness
     low: float
@@ -30,33 +30,33 @@ class SearchVariable(NamedTuple):
 
     @property
     def logarithmic(self) -> bool:
-        """Whether it is searched by ratio."""
+        """Whether it is searched on a logarithmic scale."""
         return QUANTITIES[self.name].by_ratio(self.low) or 0.0 < WIDE * self.low <= self.high
 
     def parameter(self) -> Parameter:
-        """Return the search's parameter; it begins in the middle where `start` is not within the range."""
+        """Return the search's parameter. It starts in the middle of the range if `start` is outside."""
         low, high = float(self.searched(self.low)), float(self.searched(self.high))
         begin = float(self.searched(self.start)) if self.low <= self.start <= self.high else 0.5 * (low + high)
         return Parameter(self.name, QUANTITIES[self.name].unit, low, high, begin)
 
     def searched(self, value: ArrayLike) -> Floats:
-        """Return the search's numbers for physical values, any shape."""
+        """Return physical values (any shape) on the scale of the search."""
         return np.log(value) if self.logarithmic else np.asarray(value, np.float64)
 
     def value(self, searched: Floats) -> Floats:
-        """Return the physical values of the search's numbers, any shape."""
+        """Return the physical values of numbers of the search (any shape)."""
         return np.clip(np.exp(searched) if self.logarithmic else searched, self.low, self.high)
 
 
 def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]:
-    """Return the variables, `NAME=LOW:HIGH` each; they begin with the set-up's own value, the middle of what it draws.
+    """Return the variables of texts `NAME=LOW:HIGH`. They start at the set-up's own value, the mean of a drawn one.
 
     Raises:
-        ValueError: there is none, a text has another form, a name stands twice or is no number of the set-up's coupling
-            and tool, or LOW is not below HIGH.
+        ValueError: there are no texts, a text has another form, a name is repeated or is no number of the set-up's
+            coupling and tool, or LOW is not below HIGH.
     """
     if not texts:
-        raise ValueError("--free must name a number of the design at least, such as coupling.stiffness=10:300")
+        raise ValueError("--free must name a number of the design, such as coupling.stiffness=10:300")
     task = Task(**setup.environment)
     own = {f"coupling.{field.name}": getattr(task.coupling, field.name) for field in fields(task.coupling)}
     variables = {}
@@ -69,7 +69,7 @@ def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]
 
 
 def _read(text: str, own: Mapping[str, float]) -> SearchVariable:
-    """Return the variable in a text, which begins with the set-up's `own` value."""
+    """Return the variable in a text; it starts at the set-up's `own` value."""
     name, _, ends = text.partition("=")
     try:
         low, high = map(float, ends.split(":"))
@@ -83,24 +83,25 @@ def _read(text: str, own: Mapping[str, float]) -> SearchVariable:
 
 
 def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[float]]:
-    """Return the numbers of a design as ranges, which reach by a share `tolerance` to either side."""
+    """Return the numbers of a design as ranges: a share `tolerance` to either side."""
     return {name: sorted([value * (1.0 - tolerance), value * (1.0 + tolerance)]) for name, value in design.items()}
 
 
 def searched_environment(setup: Setup, variables: Sequence[SearchVariable], deflection: float | None) -> dict[str, Any]:
-    """Return the set-up's arguments with a range for each variable, as episodes would draw it.
+    """Return the set-up's arguments with a range for each variable, as for drawn numbers.
 
     Raises:
-        ValueError: an end of a range is no coupling; or no design in them holds the tool, within `deflection` (m).
+        ValueError: an end of a range is no valid coupling, or no design in the ranges holds the tool within
+            `deflection` (m).
     """
     with within("--free"):
         task = Task(**setup.environment).changed({each.name: [each.low, each.high] for each in variables})
         warnings(task)
         springs = [corner for corner in corners(task) if isinstance(corner.coupling, SpringDamper)]
-        # in equilibrium the tool stays behind by m a / k
+        # in equilibrium the tool lags by m a / k
         lag = task.acceleration_range[0] * min((c.tool_mass / c.coupling.stiffness for c in springs), default=0.0)
         if deflection is not None and lag > deflection:
-            raise ValueError(f"no design in these ranges holds the tool within {1e3 * deflection:g} mm: even at "
-                             f"{task.acceleration_range[0]:g} m/s^2, the least that the arm makes, the stiffest lets "
-                             f"it lag {1e3 * lag:.3g} mm behind")  # fmt: skip
+            raise ValueError(f"no design in these ranges holds the tool within {1e3 * deflection:g} mm: even at the "
+                             f"arm's least acceleration, {task.acceleration_range[0]:g} m/s^2, the tool lags "
+                             f"{1e3 * lag:.3g} mm behind with the stiffest")  # fmt: skip
     return task.arguments()

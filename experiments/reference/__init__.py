@@ -1,16 +1,16 @@
-"""The slow, obvious, independent solver that the fast one is checked against.
+"""The slow, simple and independent solver, with which the fast one is compared.
 
-Shares no code with `impact_gym`: it reads the attributes of a scene and of a motion, no more. The motion is cut into
-phases with smooth equations at every event: touch and separation, the contact force clamped at zero or released,
-passing the brake's threshold or at its peak, a stop that pushes or lets go, the slider at its alignment, a change of
-the commanded acceleration, a node of a table of robot parameters.
+It shares no code with `impact_gym` and only reads the attributes of a scene and a motion. Events cut the motion into
+phases with smooth equations: touch and separation, the contact force clamped at zero or released, at the brake's
+threshold or at its peak, a stop that begins or ceases to push, the slider at its alignment, a change of the commanded
+acceleration, a node of a table of robot parameters.
 
     `laws`         dissipation of a contact, bistable mechanism, robot's table
     `command`      imposed motion of the robot, planned or steered
-    `chain`        forces and accelerations, in units that a contact chooses
-    `integration`  one phase by SciPy's integrators, cut at the first event; linear flight by the matrix exponential
-    `motion`       a chain under way from one event to the next
-    `task`         the environment's whole episode, with a controller that is asked
+    `chain`        forces and accelerations, in the scales of each contact
+    `integration`  one phase by SciPy's integrators, up to the first event; linear flight by the matrix exponential
+    `motion`       the motion of a chain from event to event
+    `task`         whole episodes of the environment, with a controller
 
 A contact runs in its own scales,
 
@@ -27,38 +27,38 @@ from experiments.reference.chain import Chain
 from experiments.reference.integration import SOLVERS
 from experiments.reference.motion import ContactRecord, Motion
 
-STIFF_RATES = 1e5  # -, decay rate of a stop times duration, beyond which flight is left to an implicit method
+STIFF_RATES = 1e5  # -, decay rate of a stop times duration, above which flight is integrated by an implicit method
 
 
 @dataclass(frozen=True)
 class Reference:
-    """State at the end of the run (m/s, m) and what happened on the way."""
+    """State at the end of a run (m/s, m), and its events."""
 
     object_velocity: float
     peak_object_velocity: float
     tool_velocity: float
-    flange_velocity: float  # of the imposed motion, or of the robot's mass where it has one
+    flange_velocity: float  # of the imposed motion, or of the robot's mass if it has one
     peak_force: float  # N
     detection_time: float | None  # s; None: the force never exceeded the brake's threshold
     contacts: tuple[ContactRecord, ...]
-    coupling_impulse: float  # N s, of the coupling on the tool over the contacts (paper, eq. 21)
-    snap_through: tuple[float, ...]  # s, the slider passes its alignment
-    object_position: float  # its face; 0 is where the tool's face is at the start
+    coupling_impulse: float  # N s, of the coupling on the tool during the contacts (paper, eq. 21)
+    snap_through: tuple[float, ...]  # s, times at which the slider passes its alignment
+    object_position: float  # of its face; 0 is the tool's face at the start
     tool_position: float
     flange_position: float  # from its start
-    stop_hits: int  # how often a stop begins to push
+    stop_hits: int  # number of times a stop begins to push
     contact_seconds: float = field(compare=False)  # of processor time, spent in the contacts
 
 
 def simulate(scene: Any, motion: Any, duration: float, rtol: float = 1e-11, method: str = "DOP853") -> Reference:
-    """Run `scene` under `motion` for `duration` seconds.
+    """Simulate `scene` under `motion` for `duration` seconds.
 
-    `method`, any of solve_ivp's, and `rtol` are about the contacts only: flight is exact or near rounding.
+    `method`, any of solve_ivp's, and `rtol` concern only the contacts; flight is exact to rounding or nearly so.
 
     Raises:
-        ValueError: there is no such method, or no such law of dissipation.
-        NotImplementedError: the coupling is of no known kind.
-        RuntimeError: SciPy gives up, or something turns back and forth without end.
+        ValueError: the method or the law of dissipation is unknown.
+        NotImplementedError: the kind of coupling is unknown.
+        RuntimeError: SciPy gives up, or switches chatter without end.
     """
     if method not in SOLVERS:
         raise ValueError(f"method must be one of {list(SOLVERS)}, got {method!r}")

@@ -1,4 +1,4 @@
-"""What moves and what joins it: forces and accelerations of object, tool and flange.
+"""The bodies and their connections: forces and accelerations of object, tool and flange.
 
 The state is y = (delta, delta', u, u', w, w', impulse of F, impulse of T) with the penetration delta = x_t - x_p, the
 deflections u = x_f - x_t of the coupling and w = x_r - x_f of the robot, and the forces F of the tool on the object,
@@ -15,29 +15,24 @@ from experiments.reference.command import Command
 from experiments.reference.integration import Switch, Vector
 from experiments.reference.laws import BistableForce, StoppedSpring, damping_factor, robot_law
 
-# both tend to zero where a contact with little restitution creeps apart, and would then follow the rounding
-SLACK = 1e-12  # of the sign and of the slope of the contact force, in the scales of the contact
-STEADY = 1e-9  # of the force beyond friction, which tends to zero where an object is pushed along; likewise
+# Slacks, in the scales of the contact: gauges that tend to zero would otherwise switch by rounding.
+SLACK = 1e-12  # of the sign and slope of the contact force, in a contact with little restitution that ends slowly
+STEADY = 1e-9  # of the contact force minus friction, while an object is pushed along
 POSITION_SLACK = 1e-16  # m, of the slider
 G = 9.80665  # m/s^2
 
 
 @dataclass(frozen=True)
 class Scales:
-    """Units of a contact, in SI; those of flight are `UNITS`."""
+    """Units of a contact, in SI; `UNITS` are those of flight."""
 
     length: float  # delta0
     time: float  # t0
     force: float  # F0
 
     @property
-    def impulse(self) -> float:
-        """N s."""
-        return self.force * self.time
-
-    @property
     def state(self) -> Vector:
-        """Of penetration and deflections, each with its rate (m, m/s)."""
+        """Units of penetration and deflections, each with its rate (m, m/s)."""
         return np.tile([self.length, self.length / self.time], 3)
 
 
@@ -49,9 +44,9 @@ class StiffError(Exception):
 
 
 class Chain:
-    """The bodies and laws of a scene (SI units), and which one-sided parts are on.
+    """The bodies and laws of a scene (SI units), and the states of its one-sided parts.
 
-    `motion` has the attributes of a trapezoid, or is a `Command`.
+    `motion` is a `Command`, or has the attributes of a trapezoid.
     """
 
     def __init__(self, scene: Any, motion: Any) -> None:
@@ -60,9 +55,8 @@ class Chain:
         self.m = float(getattr(contact, "stiffness_exponent", 1.5))
         self.n = float(getattr(contact, "damping_exponent", 1.5))
         self.d = damping_factor(getattr(contact, "dissipation", "hu-guo"), contact.restitution, self.m, self.n)
-        self.reference_velocity = getattr(contact, "reference_velocity", None)  # m/s, where chi is fixed
+        self.reference_velocity = getattr(contact, "reference_velocity", None)  # m/s, of a fixed chi
         self.friction = (getattr(scene.object, "friction", None) or 0.0) * self.m_p * G  # N
-        self.clamp = getattr(contact, "clamp", True)  # of the contact force, at zero: without it the surfaces may pull
         self.on = dict.fromkeys(("pressed", "loading", "alignment", "gaining"), True)
         self.on |= {"rear": False, "sliding": False, "front": hasattr(coupling, "free_length")}
 
@@ -81,7 +75,7 @@ class Chain:
         nodes = getattr(robot, "position", ())  # of a table
         self.command.nodes = np.array(nodes)
         self.linear = self.bistable is None and not len(nodes) and not self.friction
-        slow, fast = [0.0], [0.0]  # 1/s: of oscillations of the chain, of its stops
+        slow, fast = [0.0], [0.0]  # 1/s, rates of the chain's oscillations and of its stops
         if robot is not None:
             slow.append(float(np.sqrt(np.max(np.divide(robot.stiffness, robot.mass)))))
         if self.bistable is not None:
@@ -92,7 +86,7 @@ class Chain:
         self.slow_rate, self.stop_rate, self.stop_decay = max(slow), max(fast[:2]), max(fast)
 
     def damping(self, t: float, v_in: float) -> float:
-        """Damping factor d of a contact that begins at t (s) with v_in (m/s)."""
+        """Return the damping factor d of a contact that begins at t (s) with v_in (m/s)."""
         if self.reference_velocity is None:
             return self.d
         there, here = (self.contact_scales(t, v).length for v in (self.reference_velocity, v_in))
@@ -100,7 +94,7 @@ class Chain:
         return float(chi * v_in / (self.k_c * here ** (self.m - self.n)))
 
     def contact_scales(self, t: float, v_in: float) -> Scales:
-        """Scales of a contact that begins at t (s) with v_in (m/s)."""
+        """Return the scales of a contact that begins at t (s) with v_in (m/s)."""
         m_t = self.m_t
         if self.rigid:
             m_t = inf if self.robot is None else m_t + self.robot(self.command.at(t)[0])[0]
@@ -110,7 +104,7 @@ class Chain:
 
 
 class System:
-    """The equations of one flight or contact in its scales: `rates` for the integrator, and switches."""
+    """The equations of one flight or contact in its scales."""
 
     def __init__(self, chain: Chain, scales: Scales, touching: bool, damping: float = 0.0) -> None:
         self.chain, self.scales, self.touching, self.on = chain, scales, touching, chain.on
@@ -121,37 +115,37 @@ class System:
         self.mass_unit = self.damping_unit * scales.time
         self.m_t, self.m_p = chain.m_t / self.mass_unit, chain.m_p / self.mass_unit
         self.k_t, self.c_t = chain.k_t / self.stiffness_unit, chain.c_t / self.damping_unit
-        self.patience = inf  # evaluations of the rates
+        self.patience = inf  # evaluations of the rates that are left
 
     def enter(self, t: float) -> float:
-        """Begin a phase at t (s); return when the commanded motion is to be cut next, s."""
+        """Begin a phase at t (s); return the time at which the commanded motion must be cut next (s)."""
         self.x_r, self.v_r, self.a, cut = self.chain.command.at(t)
         self.alpha = self.a * self.scales.time**2 / self.scales.length
         return cut
 
     def robot(self, tau: float) -> tuple[float, float, float]:
-        """m_r, k_r, c_r, scaled, at the commanded position of this instant."""
+        """Return m_r, k_r, c_r, scaled, at the commanded position at tau."""
         assert self.chain.robot is not None
         s = tau * self.scales.time
         m_r, k_r, c_r = self.chain.robot(self.x_r + (self.v_r + self.a * s / 2) * s)
         return m_r / self.mass_unit, k_r / self.stiffness_unit, c_r / self.damping_unit
 
     def force(self, y: Any) -> float:
-        """Contact force F, scaled (paper, eq. 5)."""
+        """Return the contact force F, scaled (paper, eq. 5)."""
         if not (self.touching and self.on["pressed"]):
             return 0.0
         u = y[0] if y[0] > 0 else 0.0
         return float(u**self.m + self.d * u**self.n * y[1])
 
     def coupling_force(self, u: float, u_dot: float) -> float:
-        """Force T of a spring or a bistable mechanism on the tool, scaled."""
+        """Return the force T of a spring or a bistable mechanism on the tool, scaled."""
         if self.chain.bistable is None:
             return self.k_t * u + self.c_t * u_dot
         length, time = self.scales.length, self.scales.time
         return self.chain.bistable.force(length * u, length / time * u_dot, self.on) / self.scales.force
 
     def derivatives(self, tau: float, y: list[float], alpha: float) -> list[float]:
-        """Derivative of the state at a commanded acceleration, scaled (paper, eq. 8-9 and 17-18)."""
+        """Return the derivative of the state at a commanded acceleration, scaled (paper, eq. 8-9 and 17-18)."""
         _, rate, u, u_dot, w, w_dot, _, _ = y
         F, T = self.force(y), self.coupling_force(u, u_dot)
         x_t_ddot = x_f_ddot = alpha
@@ -171,12 +165,12 @@ class System:
         return [rate, x_t_ddot - x_p_ddot, u_dot, x_f_ddot - x_t_ddot, w_dot, alpha - x_f_ddot, F, T]
 
     def object_velocity(self, tau: float, y: Any) -> float:
-        """Of an object with friction, scaled."""
+        """Return the velocity of an object with friction, scaled."""
         v_r = self.v_r + self.a * tau * self.scales.time
         return float(v_r * self.scales.time / self.scales.length - y[5] - y[3] - y[1])
 
     def rates(self, tau: float, y: Vector) -> list[float]:
-        """`derivatives` as an integrator calls it, `patience` times; a trial step that overflows is one to reject."""
+        """Return `derivatives` for an integrator, at most `patience` times; nan if a trial step overflows."""
         self.patience -= 1
         if self.patience < 0:
             raise StiffError
@@ -186,17 +180,17 @@ class System:
             return [nan] * 8
 
     def matrix(self) -> Vector:
-        """The A of z' = A z, z = (delta, delta', u, u', w, w', 1), of a linear chain in flight: paper, eq. 8 and 17."""
+        """Return A of z' = A z, z = (delta, delta', u, u', w, w', 1) of a linear chain in flight (eq. 8 and 17)."""
         A = np.zeros((7, 7))
         A[:6, 6] = self.derivatives(0.0, [0.0] * 8, self.alpha)[:6]
         A[:6, :6] = np.array([self.derivatives(0.0, unit, 0.0) for unit in np.eye(8)[:6].tolist()]).T[:6]
         return A
 
     def switches(self) -> list[Switch]:
-        """What to watch from here on."""
+        """Return the switches to watch in this phase."""
         chain, on = self.chain, self.on
         watched = [Switch("touching", self.touching, lambda _, y: y[0])]
-        if self.touching and self.d > 0 and chain.clamp:
+        if self.touching and self.d > 0:
             watched.append(Switch("pressed", on["pressed"], self._sign_of_force, SLACK))
         if self.touching and on["pressed"]:
             watched.append(Switch("loading", on["loading"], self._slope_of_force, SLACK))
@@ -223,12 +217,12 @@ class System:
         return watched
 
     def _sign_of_force(self, _: float, y: list[float]) -> float:
-        """Contact force without the lower power of delta."""
+        """Return the contact force over the lower power of delta."""
         u, m, n = max(y[0], 0.0), self.m, self.n
         return float(u ** (m - n) + self.d * y[1] if n < m else 1 + self.d * u ** (n - m) * y[1])
 
     def _slope_of_force(self, tau: float, y: list[float]) -> float:
-        """Rate of the contact force, without the lower power of delta."""
+        """Return the rate of the contact force over the lower power of delta."""
         u, v, m, n, d = max(y[0], 0.0), y[1], self.m, self.n, self.d
         if d == 0:
             return v

@@ -1,13 +1,13 @@
-"""How a motion is carried on: one smooth phase by SciPy's integrators, or the flight of a linear chain, exactly.
+"""Integration of one smooth phase by SciPy's integrators, or of the flight of a linear chain by the exact solution.
 
-`solve_ivp` compares the signs of an event function at the two ends of a step and so misses what turns there and back
-within one. Here every step is looked into as well: first along the cubic that its ends and slopes define, which costs
-no evaluation, and where that shows a change of sign or a turn towards one, along the integrator's own interpolant.
+`solve_ivp` compares the signs of an event function at the two ends of a step, so it misses an event function that
+crosses zero twice in a step. Here the inside of each step is searched, too: first on the cubic through the values and
+slopes at its ends, without further evaluations. If the cubic crosses zero or comes near it, the interpolant of the
+integrator is searched.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from math import ceil
 from typing import Any
@@ -21,7 +21,7 @@ from scipy.optimize import brentq, minimize_scalar
 Vector = NDArray[np.float64]
 SOLVERS: dict[str, Any] = {s.__name__: s for s in (RK23, RK45, DOP853, Radau, BDF, LSODA)}
 
-# the two points next to the ends show a turn that lies between an end and its neighbour
+# the points next to the ends show an extremum between an end and its neighbour
 POINTS = np.array([0.0, 0.001, 0.3, 0.7, 0.999, 1.0])
 LEFT, RIGHT = (1 - POINTS) ** 2, POINTS**2
 HERMITE = np.array([(1 + 2 * POINTS) * LEFT, POINTS * LEFT, RIGHT * (3 - 2 * POINTS), RIGHT * (POINTS - 1)]).T
@@ -30,15 +30,15 @@ TIGHT = {"rtol": 4 * np.finfo(float).eps}  # of brentq
 
 @dataclass
 class Switch:
-    """Something that is on while its gauge, of time and state, is positive."""
+    """A part that is on while its gauge, a function of time and state, is positive."""
 
     name: str
     on: bool
     gauge: Callable[[float, list[float]], float]
-    slack: float = 0.0  # rounding of the gauge: it turns only beyond this, or it would turn back and forth at zero
+    slack: float = 0.0  # rounding of the gauge, beyond which it switches; otherwise it would chatter at zero
 
     def margin(self, t: float, y: list[float]) -> float:
-        """How far it is from turning: below zero it has."""
+        """Return the distance from switching; below zero it has switched."""
         return (self.gauge(t, y) if self.on else -self.gauge(t, y)) + self.slack
 
 
@@ -46,9 +46,9 @@ def advance(
     equations: Any, end: float, y: Vector, switches: list[Switch], method: str, rtol: float, atol: Vector,
     longest_step: float,
 ) -> tuple[float, Vector, Switch | None]:  # fmt: skip
-    """Integrate from time 0 to `end` or to the first switch that turns; return time, state and switch.
+    """Integrate from time 0 to `end` or to the first change of a switch; return time, state and switch.
 
-    `equations` have `rates` of time and state.
+    `equations` has `rates`, a function of time and state.
 
     Raises:
         RuntimeError: SciPy gives up.
@@ -59,7 +59,7 @@ def advance(
         return SOLVERS[method](equations.rates, start, y, end, **options)
 
     def step(solver: Any) -> None:
-        with np.errstate(over="ignore", invalid="ignore"):  # in a trial step, which is then rejected
+        with np.errstate(over="ignore", invalid="ignore"):  # a trial step that overflows is rejected
             message = solver.step()
         if solver.status == "failed":
             raise RuntimeError(f"reference: {message}")
@@ -73,7 +73,7 @@ def advance(
         turn = _first_turn(solver, y_old, slope_old, slope, switches)
         if turn is not None:
             tau, switch = turn
-            # steps that end on the event are more accurate than the interpolant
+            # a step that ends at the event is more accurate than the interpolant
             last = begin(solver.t_old, y_old, tau)
             while last.status == "running":
                 step(last)
@@ -84,7 +84,7 @@ def advance(
 def _first_turn(
     solver: Any, y_old: Vector, slope_old: Vector, slope: Vector, switches: list[Switch]
 ) -> tuple[float, Switch] | None:
-    """Return when and which switch turns first in the step just made."""
+    """Return the time and the switch of the first change in the last step."""
     start, h = solver.t_old, solver.t - solver.t_old
     points = (HERMITE @ np.array([y_old, h * slope_old, solver.y, h * slope])).tolist()
     times = (start + h * POINTS).tolist()
@@ -94,23 +94,22 @@ def _first_turn(
         g = [switch.margin(s, y) for s, y in zip(times, points, strict=True)]
         if min(g[1:]) < 0 or any(_turns(*g[j - 1 : j + 2]) for j in range(1, len(g) - 1)):
             dense = dense or solver.dense_output()
-            tau = _root(partial(_margin_along, switch, dense), times, g)
+            tau = _root(switch, dense, times, g)
             turns += [] if tau is None else [(tau, switch)]
     return min(turns, key=lambda turn: turn[0], default=None)
 
 
-def _margin_along(switch: Switch, dense: Any, s: float) -> float:
-    """Margin of a switch on the integrator's interpolant."""
-    return switch.margin(s, dense(s).tolist())
-
-
 def _turns(left: float, middle: float, right: float) -> bool:
-    """Whether a gauge falls and rises again so near zero, for the size of its changes, that it may have been below."""
+    """Return whether the middle is a minimum so near zero, beside the changes, that the gauge may have been below."""
     return middle < left and middle <= right and middle < 2 * (max(left, right) - middle)
 
 
-def _root(gauge: Callable[[float], float], times: list[float], g: list[float]) -> float | None:
-    """First time at which `gauge` falls through zero; g are its values at `times`, roughly inside."""
+def _root(switch: Switch, dense: Any, times: list[float], g: list[float]) -> float | None:
+    """Return the first time at which a switch changes on the interpolant; g are approximate margins at `times`."""
+
+    def gauge(s: float) -> float:
+        return switch.margin(s, dense(s).tolist())
+
     for j in range(1, len(times)):
         low = times[j]
         if not g[j] < 0:
@@ -132,9 +131,9 @@ def _root(gauge: Callable[[float], float], times: list[float], g: list[float]) -
 
 
 def fly(A: Vector, z: Vector, t: float, t_end: float) -> tuple[float, Vector, bool]:
-    """Follow z' = A z from t until z[0] rises through zero or to `t_end`; return when, the state and whether it rose.
+    """Solve z' = A z by the matrix exponential from t until z[0] rises through zero, or to `t_end`.
 
-    The matrix exponential carries it, exactly.
+    Returns the time, the state and whether z[0] rose.
     """
     n = ceil(max(8, 5 * (t_end - t) * np.abs(np.linalg.eigvals(A)).max()))  # 5 per time constant
     h = (t_end - t) / n
@@ -149,7 +148,7 @@ def fly(A: Vector, z: Vector, t: float, t_end: float) -> tuple[float, Vector, bo
 
 
 def _first_rise(A: Vector, z: Vector, z_next: Vector, h: float) -> float | None:
-    """First s in (0, h] at which z[0] rises through zero, if any does: looks at its extremum, where z[1] = 0, too."""
+    """Return the first s in (0, h] at which z[0] rises through zero; its extremum, where z[1] = 0, is also checked."""
 
     def state(s: float, i: int) -> float:
         return float((expm(A * s) @ z)[i])

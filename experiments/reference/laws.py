@@ -1,7 +1,7 @@
-"""The laws that need more than a line: dissipation of a contact, the robot's parameters, the bistable mechanism."""
+"""Laws of the dissipation of a contact, of the robot's parameters, and of mechanisms with stops."""
 
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, cached_property
 from math import exp, hypot, log, log1p, sqrt
 from typing import Any
 
@@ -19,19 +19,19 @@ CLOSURES: dict[str, Callable[[float], float]] = {
     "gonthier": lambda e: (1 - e * e) / e,  # Gonthier, McPhee, Lange and Piedboeuf 2004
     "herbert-mcwhannell": lambda e: 6 * (1 - e) / ((2 * e - 1) ** 2 + 3),  # Herbert and McWhannell 1977
 }
-STIFF = 1e3  # d beyond which an isolated contact is left to an implicit method
+STIFF = 1e3  # d above which an isolated contact is integrated by an implicit method
 RobotLaw = Callable[[float], tuple[float, float, float]]
-"""m_r (kg), k_r (N/m), c_r (N s/m) by the commanded position x_r (m)."""
+"""m_r (kg), k_r (N/m), c_r (N s/m) at the commanded position x_r (m)."""
 
 
 def damping_factor(name: str, e: float, m: float, n: float) -> float:
     """Return d of the contact force u^m + d u^n u' in the contact's own scales, for restitution e and exponents m, n.
 
-    chi = d k_c delta0^(m-n) / v_in, which for m = n is the usual d = chi v_in / k_c. "exact" is the factor with which
-    an isolated contact has restitution e.
+    chi = d k_c delta0^(m-n) / v_in, for m = n the usual d = chi v_in / k_c. With "exact" an isolated contact has
+    restitution e exactly.
 
     Raises:
-        ValueError: there is no law of that name.
+        ValueError: no law has this name.
     """
     if name in CLOSURES:
         return CLOSURES[name](e)
@@ -48,7 +48,7 @@ def damping_factor(name: str, e: float, m: float, n: float) -> float:
 
 
 def _equal_exponents(e: float) -> float:
-    """Root of ln((1+d)/(1-d e)) = d (1+e), as phi(d) = e^2 phi(-d e): without the root d = 0 and cancellation."""
+    """Return the root of ln((1+d)/(1-d e)) = d (1+e), as phi(d) = e^2 phi(-d e): no root d = 0, no cancellation."""
 
     def phi(z: float) -> float:  # (ln(1+z) - z)/z^2
         if abs(z) > 0.1:
@@ -64,7 +64,7 @@ def _equal_exponents(e: float) -> float:
 
 
 def _linear_restitution(zeta: float) -> float:
-    """Of a linear spring and damper that never pulls: speed where x'' = 0 again, over that at the onset."""
+    """Return the restitution of a linear spring and damper, which part where x'' = 0 so that they never pull."""
     critical = abs(zeta - 1) < 1e-9
     ratio = 1 - (zeta - 1) / 3 if critical else abs(emath.arccos(zeta) / emath.sqrt(1 - zeta**2))
     return exp(-2 * zeta * ratio)
@@ -72,7 +72,7 @@ def _linear_restitution(zeta: float) -> float:
 
 @cache
 def _unequal_exponents(e: float, m: float, n: float) -> float:
-    """The factor d by integrating isolated contacts."""
+    """Return the factor d, found by integrating isolated contacts."""
     upper = 1.0
     while _isolated_restitution(upper, m, n) > e:
         upper *= 4
@@ -82,10 +82,10 @@ def _unequal_exponents(e: float, m: float, n: float) -> float:
 
 
 def _isolated_restitution(d: float, m: float, n: float) -> float:
-    """Separation speed of u'' = -max(0, u^m + d u^n u'), u(0) = 0, u'(0) = 1.
+    """Return the separation speed of u'' = -max(0, u^m + d u^n u'), u(0) = 0, u'(0) = 1.
 
-    For n < m the force is clamped once and stays so: u^(m-n) + d u' goes on falling while u coasts back. For n >= m it
-    is never clamped.
+    For n < m the force is clamped once and stays zero, as u^(m-n) + d u' falls while u returns at constant speed. For
+    n >= m it is never clamped.
     """
 
     def rates(_: float, y: list[float]) -> tuple[float, float]:
@@ -95,14 +95,14 @@ def _isolated_restitution(d: float, m: float, n: float) -> float:
     def end(_: float, y: list[float]) -> float:
         return float(max(y[0], 0.0) ** (m - n) + d * y[1] if n < m else y[0])
 
-    end.terminal, end.direction = True, -1  # type: ignore[attr-defined]  # how solve_ivp is told
+    end.terminal, end.direction = True, -1  # type: ignore[attr-defined]  # read by solve_ivp
     method = "Radau" if d > STIFF else "DOP853"
     run = solve_ivp(rates, (0.0, np.inf), [0.0, 1.0], method, events=end, rtol=1e-13, atol=1e-15, first_step=1e-6)
     return -float(run.y[1, -1])
 
 
 def robot_law(robot: Any) -> RobotLaw:
-    """Return the robot's parameters: constant, or a spline that is held beyond its ends (paper, eq. 16)."""
+    """Return the robot's parameters: constant, or a spline with constant values beyond its ends (paper, eq. 16)."""
     if not hasattr(robot, "position"):
         constant = (float(robot.mass), float(robot.stiffness), float(robot.damping))
         return lambda _: constant
@@ -118,9 +118,10 @@ def robot_law(robot: Any) -> RobotLaw:
 
 
 class BistableForce:
-    """The bistable mechanism and its stops (paper, eq. 23-24; the stops' law is the project's own).
+    """The bistable mechanism and its stops (paper, eq. 23-24; the law of the stops is ours).
 
-    Forces on the tool, N, by the deflection u = x_f - x_t (m), 0 at rest against the front stop, and its rate.
+    Forces on the tool (N) are functions of the deflection u = x_f - x_t (m) and its rate. u is 0 at rest against the
+    front stop.
     """
 
     def __init__(self, coupling: Any, tool_mass: float) -> None:
@@ -128,30 +129,30 @@ class BistableForce:
         self.k_s = float(coupling.stop_stiffness)
         self.c_s = float(2 * coupling.stop_damping_ratio * sqrt(self.k_s * tool_mass))
         tight = {"xtol": 1e-300, "rtol": 4 * np.finfo(float).eps}
-        # the spring force is below k L0 everywhere, so that the stop holds it before p = k L0 / k_s
+        # the spring force is below k L0 everywhere, so the stop balances it at some p < k L0 / k_s
         limits = (0.0, self.k * self.L0 / self.k_s)
         held = brentq(lambda p: self.spring(coupling.front_stop + p) - self.k_s * p, *limits, **tight)
         self.p_front = float(held)  # m
-        self.x0 = float(coupling.front_stop + self.p_front)  # m, slider from the alignment at rest
-        self.p_rear = float(coupling.rear_stop - self.x0)  # m, negative: into the rear stop at rest
+        self.x0 = float(coupling.front_stop + self.p_front)  # m, position of the slider at rest, from the alignment
+        self.p_rear = float(coupling.rear_stop - self.x0)  # m, penetration of the rear stop at rest: negative
 
     def spring(self, x: float) -> float:
-        """F_T of the slider at x (m) from the vertical alignment, N."""
+        """Return F_T (N) of the slider at x (m) from the vertical alignment."""
         L = hypot(self.H, x)
         return self.k * (self.L0 - L) * x / L
 
     def front(self, u: float, u_dot: float) -> float:
-        """Positive while the front stop pushes: penetrated, and k_s p + c_s p' > 0."""
+        """Return a gauge that is positive while the front stop pushes: p > 0 and k_s p + c_s p' > 0."""
         p = self.p_front - u
         return min(self.k_s * p, self.k_s * p - self.c_s * u_dot)
 
     def rear(self, u: float, u_dot: float) -> float:
-        """Positive while the rear stop pushes."""
+        """Return a gauge that is positive while the rear stop pushes."""
         p = self.p_rear + u
         return min(self.k_s * p, self.k_s * p + self.c_s * u_dot)
 
     def force(self, u: float, u_dot: float, on: Mapping[str, bool]) -> float:
-        """Spring and the stops that are on, N."""
+        """Return the force of the spring and of the stops that are on (N)."""
         T = self.spring(self.x0 - u)
         if on["front"]:
             T -= self.k_s * (self.p_front - u) - self.c_s * u_dot
@@ -160,23 +161,21 @@ class BistableForce:
         return T
 
     def energy(self, u: float) -> float:
-        """Of the spring and of the stops that are penetrated, J."""
+        """Return the energy of the spring and of the penetrated stops (J)."""
         spring = self.k / 2 * (hypot(self.H, self.x0 - u) - self.L0) ** 2
         return spring + self.k_s / 2 * (max(self.p_front - u, 0.0) ** 2 + max(self.p_rear + u, 0.0) ** 2)
 
-    def rest(self, front: bool) -> float:
-        """Deflection at which a stop holds the mechanism, m."""
-        if front:
-            return 0.0
-
-        def pull(u: float) -> float:
-            return self.spring(self.x0 - u) + self.k_s * (self.p_rear + u)
-
-        return float(brentq(pull, -self.p_rear, 1 - self.p_rear))
+    @cached_property
+    def rests(self) -> tuple[float, float]:
+        """Deflections at rest against the front and the rear stop (m)."""
+        rear = brentq(lambda u: self.spring(self.x0 - u) + self.k_s * (self.p_rear + u), -self.p_rear, 1 - self.p_rear)
+        return 0.0, float(rear)
 
 
 class StoppedSpring(BistableForce):
-    """A linear spring and damper whose way ends at stops, like those of a mechanism."""
+    """A linear spring and damper whose travel ends at stops, like those of a mechanism."""
+
+    rests = (0.0, 0.0)
 
     def __init__(self, coupling: Any, tool_mass: float, stop_stiffness: float = 1e5, stop_damping: float = 1.0) -> None:
         self.k, self.c = float(coupling.stiffness), 2 * coupling.damping_ratio * sqrt(coupling.stiffness * tool_mass)
@@ -184,17 +183,13 @@ class StoppedSpring(BistableForce):
         self.x0, self.p_front, self.p_rear = 0.0, -float(coupling.stroke), -float(coupling.stroke)
 
     def spring(self, x: float) -> float:
-        """Of the spring alone, N."""
+        """Return the force of the spring alone (N)."""
         return -self.k * x
 
     def force(self, u: float, u_dot: float, on: Mapping[str, bool]) -> float:
-        """Spring, damper and the stops that are on, N."""
+        """Return the force of spring, damper and the stops that are on (N)."""
         return super().force(u, u_dot, on) + self.c * u_dot
 
     def energy(self, u: float) -> float:
-        """Of the spring and of the stops that are penetrated, J."""
+        """Return the energy of the spring and of the penetrated stops (J)."""
         return self.k / 2 * u**2 + self.k_s / 2 * (max(self.p_front - u, 0.0) ** 2 + max(self.p_rear + u, 0.0) ** 2)
-
-    def rest(self, front: bool) -> float:
-        """Where it is at rest, m."""
-        return 0.0

@@ -1,4 +1,4 @@
-"""A chain under way, moved from one instant that matters to the next, and what it came to so far."""
+"""The motion of a chain, from event to event, and its results."""
 
 from dataclasses import dataclass
 from math import inf, sqrt
@@ -9,9 +9,9 @@ import numpy as np
 from experiments.reference.chain import UNITS, Chain, Scales, StiffError, System
 from experiments.reference.integration import Switch, Vector, advance, fly
 
-FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # of the chains that are not flown exactly; -, m
-STIFF_RTOL = 1e-8  # at least, where an implicit method steps in: it is of lower order, and what is stiff changes slowly
-MOST_STALLED = 16  # phases without a step of time: then something turns back and forth for ever
+FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # -, m: of flights without a closed form
+STIFF_RTOL = 1e-8  # least rtol of the implicit method, whose order is low; stiff motion changes slowly
+MOST_STALLED = 16  # phases of no duration; after more, switches chatter without end
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class ContactRecord:
 
 
 class Motion:
-    """Starts at rest with the object `distance` (m) ahead; its contacts are integrated by `method` to `rtol`.
+    """A motion that starts at rest, `distance` (m) before the object. Contacts are integrated by `method` to `rtol`.
 
     `floor` (m/s) is the least v_in in the scales and the damping of a contact. `flight_stride` is the longest step of
-    flight in sixths of a period; in a contact it is one. A phase of a contact that takes the method more evaluations
-    than its `patience` is stiff: from there Radau goes on.
+    flight in sixths of a period; in a contact it is 1. If a phase of a contact takes more than `patience` evaluations,
+    it is stiff, and Radau continues.
     """
 
     flight_method = "DOP853"
@@ -47,14 +47,16 @@ class Motion:
         self.peak_force = 0.0  # N
         self.unread_force = 0.0  # N, largest since the sensor was last read
         self.records: list[ContactRecord] = []  # of the contacts that are over
-        self.past_impulse = self.coupling_impulse = 0.0  # N s, over these: on the object; of the coupling on the tool
+        self.past_impulse = self.coupling_impulse = (
+            0.0  # N s, of past contacts: on the object, of the coupling on the tool
+        )
         self.snap_through: list[float] = []  # s
-        self.contacts, self.first_contact = 0, inf  # how many have begun, and when the first did, s
+        self.contacts, self.first_contact = 0, inf  # number begun, start of the first (s)
         self.contact_seconds = 0.0  # of processor time
         self.top_speed = 0.0  # m/s, of the object
         self.stop_hits = 0
         self.fastest = max(chain.slow_rate, chain.stop_rate)  # 1/s
-        # a stop turns the rounding of a position into a velocity, which no tolerance must ask for
+        # a stop turns the rounding of a position into an error of velocity, so no tolerance may be below that
         self.flight_atol = FLIGHT_ATOL * np.tile([1.0, max(1.0, chain.stop_rate)], 4)
         self._go_on(UNITS, np.array([-distance, 0.0, 0.0, 0.0, 0.0, 0.0]), touching=False)
 
@@ -75,35 +77,38 @@ class Motion:
 
     @property
     def object_velocity(self) -> float:
-        """Of the impulse it was given, or, with friction, as it moves, m/s."""
+        """From its impulse, or with friction from the state (m/s)."""
         if self.chain.friction:
             _, rate, _, u_dot, _, w_dot = self.state.tolist()
             return float(self.command.at(self.t)[1] - w_dot - u_dot - rate) if self.chain.on["sliding"] else 0.0
-        return float((self.past_impulse + self._system.scales.impulse * self._y[6]) / self.chain.m_p)
+        scales = self._system.scales
+        return float((self.past_impulse + scales.force * scales.time * self._y[6]) / self.chain.m_p)
 
     def over(self) -> bool:
-        """Whether nothing touches, and nothing will: the energy behind the tool cannot take it to the object's speed.
+        """Return whether no contact is left or possible: the chain's energy cannot take the tool to the object's speed.
 
-        Behind a flange that stands still it only falls.
+        While the flange is at rest, this energy only falls.
         """
-        if self.touching or not self.command.rests(self.t):
+        x_r, v_r, a, cut = self.command.at(self.t)
+        if self.touching or v_r or a or cut < inf:  # the flange is not at rest for good
             return False
         chain, law = self.chain, self.chain.bistable
         delta, _, u, u_dot, w, w_dot = self.state.tolist()
-        if chain.friction:  # the object slows down, but it does not come back: only the way that is left counts
+        if chain.friction:  # the object slows down but does not return: only the distance counts
             swing = 0.0 if chain.rigid else sqrt(u**2 + u_dot**2 * chain.m_t / chain.k_t)
             return not chain.on["sliding"] and swing + u < -delta
-        m_r, k_r, _ = (0.0, 0.0, 0.0) if chain.robot is None else chain.robot(self.command.at(self.t)[0])
+        m_r, k_r, _ = (0.0, 0.0, 0.0) if chain.robot is None else chain.robot(x_r)
         m_t = chain.m_t + m_r if chain.rigid else chain.m_t
         energy = chain.m_t * (u_dot + w_dot) ** 2 / 2 + m_r * w_dot**2 / 2 + k_r * w**2 / 2 + chain.k_t * u**2 / 2
         if law is not None:
             energy += law.energy(u)
-            sides = (law.x0 - u > 0,) if energy < law.energy(law.x0) else (True, False)
-            energy -= min(law.energy(law.rest(front)) for front in sides)
+            front = law.x0 - u > 0
+            rests = law.rests if energy >= law.energy(law.x0) else (law.rests[0 if front else 1],)
+            energy -= min(map(law.energy, rests))
         return self.object_velocity >= sqrt(2 * max(energy, 0.0) / m_t)
 
     def advance(self, until: float) -> None:
-        """Move to `until` (s), or to the instant at which the threshold is passed for the first time."""
+        """Move to `until` (s), or to the first instant at which the force passes the threshold."""
         unfelt = self.command.detection_time is None
         stalled = 0
         while self.t < until and unfelt == (self.command.detection_time is None):
@@ -115,9 +120,10 @@ class Motion:
                 raise RuntimeError(f"reference: switches without end at {self.t:.9g} s")
 
     def note_contact(self, end: float | None) -> None:
-        """Add the contact that ends here, or is unfinished, to the records."""
+        """Record the contact that ends now, or is unfinished."""
         v_out = None if end is None else -float(self.state[1])
-        impulse, coupling_impulse = (self._system.scales.impulse * self._y[6:]).tolist()
+        scales = self._system.scales
+        impulse, coupling_impulse = (scales.force * scales.time * self._y[6:]).tolist()
         self.past_impulse += impulse
         self.coupling_impulse += coupling_impulse
         start, v_in = self._onset
@@ -138,7 +144,7 @@ class Motion:
         self._go_on(self.chain.contact_scales(self.t, v_in), z, touching=True, damping=self.chain.damping(self.t, v_in))
 
     def _advance_phase(self, until: float) -> None:
-        """Move to `until`, or to the first instant at which the equations change."""
+        """Move to `until` (s), or to the first instant at which the equations change."""
         system = self._system
         t_stop = min(system.enter(self.t), until)
         if self.chain.linear and not self.touching:
@@ -159,7 +165,7 @@ class Motion:
         self.top_speed = max(self.top_speed, self.object_velocity)
 
     def _turn(self, name: str) -> None:
-        """Go on behind the switch of this name."""
+        """Change the state and the equations at a switch."""
         if name == "touching":
             self._y[0] = 0.0
             if not self.touching:
@@ -184,7 +190,7 @@ class Motion:
             on["gaining"] = True
 
     def _integrate(self, end: float) -> tuple[float, Vector, Switch | None]:
-        """Integrate the equations up to `end` or to a switch, in their scales; a stiff contact implicitly."""
+        """Integrate the equations to `end` or to a switch, in their scales; a stiff contact by an implicit method."""
         if not self.touching:
             return self._by(self.flight_method, end, FLIGHT_RTOL, self.flight_atol)
         if not self._stiff:

@@ -1,11 +1,11 @@
-"""The whole task once more: the controller is asked, the chain is moved by SciPy's integrators, the object is let go.
+"""Whole episodes of the environment by the independent solver.
 
-Written from the specification in `impact_gym.envs.single`, to check what the environment makes of it. Of `impact_gym`
-it takes what is data: the options and constants of the task, the scales of the observation, the frozen scenarios. The
-motion is that of `experiments.reference`; sensing, clock and settling are written out anew, the simplest way there is.
+Written from the specification in `impact_gym.envs.single`, to check the environment. From `impact_gym` it imports only
+data: the options and constants of the task, the scales of the observation, the frozen scenarios. The motion is that of
+`experiments.reference`; sensing, clock and settling are written independently and as simply as possible.
 
-With OPENBLAS_NUM_THREADS=1, as the workers of `agents.jobs` have it, an episode takes 10 to 60 ms; without, the threads
-of the linear algebra wait for each other over matrices of 7 x 7, and a linear chain takes up to 25 times as long.
+With OPENBLAS_NUM_THREADS=1, as in the workers of `agents.jobs`, an episode takes 10 to 60 ms. With more threads, linear
+algebra on matrices of 7 x 7 waits for other threads, and a linear chain takes up to 25 times as long.
 """
 
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -31,10 +31,10 @@ SERVED = (
     "acceleration_range", "friction", "reference_velocity", "horizon", "after_alarm",
 )  # fmt: skip
 RTOL = 1e-10  # of contacts
-FLOOR = 1e-12  # m/s, of v_in, as in the environment
-PATIENCE = 3000  # evaluations of an explicit method in a phase of a contact; one that needs more is stiff
+FLOOR = 1e-12  # m/s, least v_in, as in the environment
+PATIENCE = 3000  # evaluations of an explicit method in a phase of a contact; a phase that needs more is stiff
 ROUNDING = 1e-9  # s, of the clock
-SETTLE_SLICE = 0.05  # s, between two looks at whether all is over
+SETTLE_SLICE = 0.05  # s, between two checks whether a contact is still possible
 CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}  # of a scale
 
 
@@ -54,12 +54,12 @@ def play(
 ) -> Outcome:  # fmt: skip
     """Play one episode of a scenario: object_mass (kg), contact_stiffness (N/m^1.5), restitution, distance (m).
 
-    The controller has `predict` as stable-baselines3 has it, and is shown a batch of one. `options` are of the
-    environment, `time_weight` (m/s per s) does nothing but be seen, `distance_estimate` (m) is the distance if None,
-    and `rtol` is allowed in a step of a contact.
+    The controller has `predict` as in stable-baselines3 and gets a batch of one. `options` are arguments of the
+    environment. `time_weight` (m/s per s) is only observed. `distance_estimate` (m) is the true distance if None.
+    `rtol` is the tolerance of a step in a contact.
 
     Raises:
-        ValueError: an option that is not served; names it.
+        ValueError: an option is not supported.
     """
     estimate = scenario["distance"] if distance_estimate is None else distance_estimate
     return _together(controller, [_episode(task_of(options), scenario, time_weight, estimate, rtol)])[0]
@@ -67,15 +67,14 @@ def play(
 
 def rescore(
     controller: Any, frozen: str | evaluation_sets.EvaluationSet, numbers: Sequence[int], options: Mapping[str, Any],
-    time_weight: float, rtol: float = RTOL, clamp: bool = True,
+    time_weight: float, rtol: float = RTOL,
 ) -> dict[str, NDArray[Any]]:  # fmt: skip
-    """Play the scenarios `numbers` of a frozen set, all of a step at once, as `agents.evaluate.ScenarioBatch` does.
+    """Play scenarios of a frozen set together, as `agents.evaluate.ScenarioBatch` does.
 
-    The controller is shown a batch whose row k is scenario numbers[k]. `clamp` False: the contact pulls where it would.
-    Returns the fields of `Outcome`, an array each.
+    Row k of the batch that the controller gets is scenario numbers[k]. Returns an array for each field of `Outcome`.
 
     Raises:
-        ValueError: an option that is not served, or a scenario that the set does not have.
+        ValueError: an option is not supported, or the set does not have a scenario.
     """
     task, scenarios = task_of(options), evaluation_sets.load(frozen) if isinstance(frozen, str) else frozen
     episodes = []
@@ -86,13 +85,13 @@ def rescore(
         uniforms = first_uniforms(scenarios.seed + k, 1)[0]
         normal = sqrt(-2 * log1p(-uniforms[5])) * cos(2 * pi * uniforms[6])  # Box and Muller
         estimate = scenario["distance"] + task.range_bias + (task.range_noise or 0.0) * normal
-        episodes.append(_episode(task, scenario, time_weight, estimate, rtol, clamp))
+        episodes.append(_episode(task, scenario, time_weight, estimate, rtol))
     outcomes = _together(controller, episodes)
     return {name: np.array([getattr(outcome, name) for outcome in outcomes]) for name in Outcome._fields}
 
 
 def task_of(options: Mapping[str, Any]) -> Task:
-    """Return the options with their defaults."""
+    """Return the task of supported options."""
     other = [name for name in options if name not in SERVED]
     if other:
         raise ValueError(f"the reference does not serve the options {other}; it serves {list(SERVED)}")
@@ -108,7 +107,7 @@ Episode = Generator[NDArray[np.float32], Sequence[float], Outcome]
 
 
 def _together(controller: Any, episodes: Sequence[Episode]) -> list[Outcome]:
-    """Play episodes side by side, one call of the controller for a step of all."""
+    """Play episodes together, with one call of the controller for each step."""
     outcomes: dict[int, Outcome] = {}
     observations = np.array([next(episode) for episode in episodes])
     start, state = np.ones(len(episodes), np.bool_), None
@@ -124,13 +123,11 @@ def _together(controller: Any, episodes: Sequence[Episode]) -> list[Outcome]:
     return [outcomes[row] for row in range(len(episodes))]
 
 
-def _episode(
-    task: Task, scenario: Mapping[str, float], weight: float, estimate: float, rtol: float, clamp: bool = True
-) -> Episode:
-    """Yield each observation, take the action for it; return how it ended."""
-    motion = at_rest(task, scenario, rtol, clamp)
+def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate: float, rtol: float) -> Episode:
+    """Yield each observation and receive the action for it; return the outcome."""
+    motion = _at_rest(task, scenario, rtol)
     command, delay, now = motion.command, task.reaction_delay, 0.0
-    sensed = {0.0: (0.0, 0.0, 0.0)}  # force, its peak and the deflection, by the time
+    sensed = {0.0: (0.0, 0.0, 0.0)}  # force, its peak and the deflection, by time
     by_reading, raised, heard_until = task.alarm == "reading", inf, 0.0
     spec = ObservationSpec(task)
     while True:
@@ -168,15 +165,18 @@ def _episode(
             break
     missed = motion.contacts == 0
     if not missed:
-        settle(motion, task.acceleration_range[1])
+        end = motion.t + SETTLE_LIMIT
+        command.steer(motion.t, 0.0, task.acceleration_range[1])
+        while motion.t < end and not motion.over():
+            motion.advance(min(end, motion.t + SETTLE_SLICE))
     approach_time = min(motion.first_contact, task.horizon)
     kept = motion.top_speed if motion.chain.friction else motion.object_velocity
     return Outcome(kept, approach_time, motion.peak_force, motion.contacts, missed)
 
 
-def at_rest(task: Task, scenario: Mapping[str, float], rtol: float, clamp: bool = True) -> Motion:
-    """Return the chain as an episode finds it."""
-    law = {"restitution": scenario["restitution"], "dissipation": task.dissipation, "clamp": clamp}
+def _at_rest(task: Task, scenario: Mapping[str, float], rtol: float) -> Motion:
+    """Return the chain at the start of an episode."""
+    law = {"restitution": scenario["restitution"], "dissipation": task.dissipation}
     law["reference_velocity"] = task.reference_velocity
     scene = Record(
         tool=Record(mass=task.tool_mass),
@@ -189,16 +189,8 @@ def at_rest(task: Task, scenario: Mapping[str, float], rtol: float, clamp: bool 
     return Motion(chain, scenario["distance"], rtol, floor=FLOOR, flight_stride=2, patience=PATIENCE)
 
 
-def settle(motion: Motion, deceleration: float) -> None:
-    """Brake the flange to rest, and wait until no contact is left or to come."""
-    end = motion.t + SETTLE_LIMIT
-    motion.command.steer(motion.t, 0.0, deceleration)
-    while motion.t < end and not motion.over():
-        motion.advance(min(end, motion.t + SETTLE_SLICE))
-
-
 def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float]:
-    """When the controller is asked, and when the episode ends, s: the clock starts anew at an alarm of its own."""
+    """Return the times of observations and of the end (s). An alarm by force, not by reading, restarts the clock."""
     end, period = task.horizon if alarm == inf else alarm + task.after_alarm, task.control_period
     start = 0.0 if alarm == inf or by_reading else alarm
     before = [] if start == 0.0 else [k * period for k in range(1, 1 + int((alarm - ROUNDING) / period))] + [alarm]
@@ -209,7 +201,7 @@ def _observe(
     spec: ObservationSpec, task: Task, scenario: Mapping[str, float], weight: float, estimate: float, now: float,
     alarm: float, reading: tuple[float, float, float], flange: Sequence[float],
 ) -> NDArray[np.float32]:  # fmt: skip
-    """Return the observation, each number scaled as its entry says."""
+    """Return the observation, each number scaled by its entry."""
     heard = now > alarm - ROUNDING
     x, v = flange
     force, peak, deflection = reading
@@ -223,7 +215,7 @@ def _observe(
 
 
 def _scaled(scale: Scale, value: float) -> float:
-    """Map the range of a scale onto that of its number, by logarithms where it says so."""
+    """Scale a value: linearly or by a logarithm, and clipped to the scaled range."""
     value, low, high = map(CURVES[scale.curve], (value, scale.low, scale.high))
     share = (value - low) / (high - low)
     return min(1.0, max(scale.scaled_low, scale.scaled_low + (1.0 - scale.scaled_low) * share))

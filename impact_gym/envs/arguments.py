@@ -1,4 +1,4 @@
-"""The arguments of `Task` in the signatures and the docstrings of all front ends, with the other tables of these."""
+"""The arguments of `Task` in the signatures of all front ends, and the tables in their docstrings."""
 
 import inspect
 from collections.abc import Callable
@@ -15,9 +15,9 @@ Rows = list[tuple[str, ...]]
 
 
 def with_task_arguments(**without: str) -> Callable[[Callable[P, None]], Callable[P, None]]:
-    """Return a decorator of constructors, whose `**arguments` become those of `Task`.
+    """Return a decorator of constructors: the arguments of `Task` replace `**arguments` in their signatures.
 
-    `inspect` and `help` show them with their defaults. Those in `without` are refused, with the reason given there.
+    The names in `without` are refused, with the reason given there.
     """
 
     def decorate(constructor: Callable[P, None]) -> Callable[P, None]:
@@ -47,7 +47,7 @@ def with_task_arguments(**without: str) -> Callable[[Callable[P, None]], Callabl
 
 
 def filled(text: str) -> str:
-    """Return a docstring with the tables that it names, as Markdown."""
+    """Return a docstring with its placeholders replaced by tables, as Markdown."""
     pairs = zip(SCENARIO, ScenarioRanges().by_id().values(), strict=True)
     scenario = [(f"`{row.id}`", f"{low:g} - {high:g}", law_of(row), row.unit) for row, (low, high) in pairs]
     set_up = [(f"`{row.id}`", law_of(row), row.unit, f"{row.scale.low:g}", f"{row.scale.high:g}") for row in SET_UP]
@@ -66,14 +66,14 @@ def filled(text: str) -> str:
 
 
 def law_of(row: Quantity) -> str:
-    """Return in words how a number is drawn from a range."""
+    """Return the distribution of a drawn number, in words."""
     if row.draw is None or not row.draw.by_ratio:
         return "uniform"
     return "log-uniform, uniform from 0" if row.limits.at_least == 0.0 else "log-uniform"
 
 
 def observation_table() -> Rows:
-    """Return a row for each number that may be observed."""
+    """Return a row for each number that can be observed."""
     seen = [row for row in QUANTITIES.values() if row.observed and row.observed != "past_readings"]
     seen.sort(key=lambda row: (row.observed != "always", row.observed == "privileged"))
     rows: Rows = [("Num", "Observation", "Unit", "from", "to", "Scaled to", "Argument")]

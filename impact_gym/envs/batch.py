@@ -1,6 +1,7 @@
-"""The batch behind every front end: arrays with a row for each environment, and the compiled steps."""
+"""The batch behind every front end: arrays with a row for each environment, stepped by compiled code."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,28 +17,27 @@ from impact_gym.task.episodes import EpisodeState, first_uniforms, records_with
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import PLACES, Task
-from impact_gym.teleop.checks import packets_under_way
 from impact_gym.teleop.operators import Person
-from impact_gym.threads import cores, over_rows
+from impact_gym.threads import CORES, over_rows
 from impact_gym.validation import array, fits_memory, number, one_of, whole
 
 if TYPE_CHECKING:
     from impact_gym.render.film import History
 
 ROWS_PER_THREAD = 256
-"""A batch is cut for several threads only into pieces of at least this many rows: smaller ones do not pay."""
+"""Each thread gets at least this many rows; for fewer, a thread costs more than it saves."""
 
 _STATE = (
     "draws", "laws", "chains", "episodes", "readings", "ranges", "links", "packets", "observations", "rewards",
     "traces",
 )  # fmt: skip
 TRACE_INTERVAL = 1e-3  # s, between points of a trace in flight
-INTERVENTION = 1e-3  # m/s, by which a command is changed at the least where the assistance intervenes
+INTERVENTION = 1e-3  # m/s, change of a command above which the assistance is said to intervene
 _SPARE = 4  # readings beyond those in transit: some are taken before the oldest is due
 
 
 class Bodies(NamedTuple):
-    """Positions of flanges, tools and objects, and whether an object has been touched, (rows,) each."""
+    """Present state of flanges, tools and objects, (rows,) each."""
 
     time: NDArray[np.float64]  # s
     flange: NDArray[np.float64]  # m
@@ -51,7 +51,7 @@ class Bodies(NamedTuple):
 class Batch:
     """`size` independent environments, each a row of arrays.
 
-    The results of a row do not depend on the size of the batch, on its place in it or on the number of threads.
+    The results of a row do not depend on the size of the batch, its index in it or the number of threads.
     """
 
     def __init__(
@@ -61,21 +61,20 @@ class Batch:
         """Make a batch.
 
         Args:
-            size: how many rows.
-            task: of all rows, or one for each: these may differ in everything that does not change the observation.
-            threads: how many to use, None for all cores; changes no result.
-            trace_points: number of points kept of the time histories of each row.
+            size: number of rows.
+            task: one for all rows, or one for each, with the same observation.
+            threads: their number, None for all cores; changes no result.
+            trace_points: largest number of points in the time histories of each row.
             max_steps: integration steps after which the solver gives up an episode.
 
         Raises:
-            ValueError: there is not one task for each row, or they observe different things.
+            ValueError: there is not one task for each row, or their observations differ.
         """
         tasks = [task] if isinstance(task, Task) else list(task)
         if len(tasks) not in {1, size}:
             raise ValueError(f"a batch of {size} rows needs one task for all or {size} of them, got {len(tasks)}")
-        self.tasks = tasks
-        self.size = size
-        self.threads = cores() if threads is None else whole("threads", threads, at_least=1)
+        self.tasks, self.size = tasks, size
+        self.threads = CORES if threads is None else whole("threads", threads, at_least=1)
         self.max_steps = max_steps
         self.spec = ObservationSpec.of_rows(tasks)
         delays = [(each.longest("reaction_delay"), each.control_period) for each in tasks]
@@ -83,8 +82,8 @@ class Batch:
         sensing = [each for each in tasks if each.range_sensor]
         periods = (each.longest("range_sensor.delay") / each.control_period for each in sensing)
         range_slots = int(max(periods, default=0.0)) + _SPARE
-        packets, self.action_spec = max(map(packets_under_way, tasks)), ActionSpec(tasks[0])
-        linked = size if packets else 0
+        packets = max(each.link.packets(each.horizon, each.control_period) if each.link else 0 for each in tasks)
+        self.action_spec, linked = ActionSpec(tasks[0]), size if packets else 0
         each_row = kernels.CHAIN.itemsize + kernels.EPISODE.itemsize + slots * kernels.READING.itemsize
         each_row += packets * kernels.PACKET.itemsize + 4 * len(self.spec)
         each_row += range_slots * kernels.RANGE_READING.itemsize if sensing else 0
@@ -102,7 +101,7 @@ class Batch:
         self._make_rows()
 
     def _to_kernel(self, tasks: Sequence[Task]) -> None:
-        """Write the tasks for the compiled program: records, draws, laws of the mounts, and tables."""
+        """Write records, draws, laws of the mounts, and tables of the tasks for the compiled program."""
         records, draws, tables, numbers = [], list[tuple[Any, ...]](), [], 0
         for task in tasks:
             record, its_draws, table = task.to_kernel(len(draws), numbers)
@@ -117,7 +116,7 @@ class Batch:
             self.laws = np.resize(self.laws, self.size)
 
     def _make_rows(self) -> None:
-        """Give the arrays to the kernels."""
+        """Pass the arrays to the compiled program."""
         draws, laws, *arrays, traces = (getattr(self, name) for name in _STATE)
         recorder = np.empty(0, kernels.CONTACT), traces, np.empty(0), TRACE_INTERVAL
         shared = self._entries, recorder, self.max_steps, len(self.action_spec)
@@ -130,12 +129,9 @@ class Batch:
         vars(self).update(state)
         self._make_rows()
 
-    def set_scenario(self, ranges: ScenarioRanges) -> None:
-        """Draw scenarios from `ranges` from the next episode on, in all rows.
-
-        Raises:
-            ValueError: a row can reach none of their objects.
-        """
+    def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
+        """Draw scenarios from other ranges from the next episode on; ValueError: all objects are out of reach."""
+        ranges = ScenarioRanges.of(scenario)
         for task in self.tasks:
             task.check_distance(ranges.distance[0])
         for name, (low, high) in ranges.by_id().items():
@@ -150,8 +146,8 @@ class Batch:
 
         Args:
             rows: indices.
-            draws: uniform numbers in [0, 1) for each (k, UNIFORMS), or the generators of all rows, which give them.
-            fixed: records (k,), nan where the episode draws, see `task.episodes`; None: all is drawn.
+            draws: uniform numbers in [0, 1) of each (k, UNIFORMS), or the generators of all rows.
+            fixed: records (k,), nan where the episode draws, see `task.episodes`; None: everything is drawn.
         """
         if isinstance(draws, list):
             generators, draws = draws, np.empty((len(rows), kernels.UNIFORMS))
@@ -159,17 +155,15 @@ class Batch:
         self._rows.begin(rows, np.ascontiguousarray(draws), records_with(len(rows), {}) if fixed is None else fixed)
 
     def begin_seeded(self, seed: int, fixed: Mapping[str, ArrayLike], copies: int = 1) -> None:
-        """Begin in row k the first episode of the seed `seed` + k.
+        """Begin in row k the first episode of the seed `seed` + k; the seeds repeat for each of `copies`.
 
-        Numbers in `fixed`, by id and for all rows or for each, are not drawn. The seeds repeat for each of `copies`.
+        Numbers in `fixed`, by id, are not drawn; each is one for all rows or an array (size,).
         """
         uniforms = np.tile(first_uniforms(seed, self.size // copies), (copies, 1))
         self.begin(np.arange(self.size), uniforms, records_with(self.size, fixed))
 
     def step(self, actions: Any, skip: NDArray[np.bool_], shape: tuple[int, ...] | None = None) -> None:
-        """Play a control step with `actions`, except in the rows of `skip` (size,).
-
-        The results are in `observations`, `rewards` and `episodes`.
+        """Play a control step, except in the rows with `skip` (size,); see `observations`, `rewards` and `episodes`.
 
         Args:
             actions: numbers in [-1, 1], clipped beyond, of any type; `action_spec` maps them to SI units.
@@ -184,17 +178,13 @@ class Batch:
         if not np.isfinite(values).all():
             wrong = values[~np.isfinite(values).all(axis=1)][0]
             raise ValueError(f"action must be finite (no unit), got {wrong}: nothing was moved")
-
-        def run(first: int, last: int) -> None:
-            self._rows.step(values, skip, first, last)
-
-        over_rows(run, self.size, self.threads, ROWS_PER_THREAD)
+        over_rows(partial(self._rows.step, values, skip), self.size, self.threads, ROWS_PER_THREAD)
 
     def set_operator_velocity(self, velocities: ArrayLike) -> None:
-        """Let the operators, each a `Person`, command `velocities` (m/s) from now on, one for all rows or (size,).
+        """Let the operators command `velocities` (m/s) from now on, one for all rows or (size,).
 
         Raises:
-            TypeError, ValueError: the operator is another one, or the arm cannot follow these numbers.
+            TypeError, ValueError: an operator is not a `Person`, or the arm cannot follow these numbers.
         """
         for task in self.tasks:
             one_of("operator", task.operator, Person)
@@ -209,10 +199,10 @@ class Batch:
         return arrays | {"sha256": digest((self._tasks, self._tables, *arrays.values()))}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Take over a state that `get_state` of a batch of this size and task returned, to the bit.
+        """Restore a state that `get_state` returned.
 
         Raises:
-            ValueError: the state was altered, or is one of another size or task; nothing was changed.
+            ValueError: it was altered, or is of a batch of another size or task; nothing was changed.
         """
         arrays = {name: taken(state, name, getattr(self, name)) for name in _STATE}
         found = digest((self._tasks, self._tables, *arrays.values()))
@@ -222,9 +212,9 @@ class Batch:
             getattr(self, name)[:] = arrays[name]
 
     def info(self, rows: int | NDArray[np.int64] | None = None) -> dict[str, Any]:
-        """Return the present entries of the final info.
+        """Return the entries of the final info with their present values.
 
-        Plain numbers if `rows` is one row; else arrays (size,), blank in other rows than `rows` (None: all).
+        Of one row plain numbers. Of several rows (None: all) arrays (size,), with zeros and None in other rows.
         """
         if isinstance(rows, int):
             return self.infos(np.array([rows]))[0]
@@ -235,12 +225,7 @@ class Batch:
         return self._infos.infos(self.episodes, self.chains, rows)
 
     def link_columns(self) -> dict[str, NDArray[Any]]:
-        """Return the entries of the info of every step with an operator, arrays (size,) and (size, 1); else none.
-
-        `command` and its age are of the newest command that has arrived by the end of the step. `teleop_action` is the
-        operator's last command in the step, 0 if too old, and `intervene_action` the executed velocity (m/s), in every
-        step; `is_intervention` says whether they differ.
-        """
+        """Return the entries of the info of a step with an operator, (size,) or (size, 1); see `ImpactTeleopEnv`."""
         if not len(self.links):
             return {}
         sensors, obeyed = self.episodes["sensors"], self.links["effective"].copy()
@@ -252,7 +237,7 @@ class Batch:
         }  # fmt: skip
 
     def link_infos(self) -> list[dict[str, Any]]:
-        """Return these entries of each row, plain numbers and arrays (1,)."""
+        """Return these entries for each row, plain numbers and arrays (1,)."""
         columns = self.link_columns()
         lists = {name: list(column) if column.ndim > 1 else column.tolist() for name, column in columns.items()}
         return [{name: values[row] for name, values in lists.items()} for row in range(self.size)]
@@ -264,7 +249,7 @@ class Batch:
         return {name: now[:, place].copy() for name, place in places.items()}
 
     def trace(self, row: int) -> Trace:
-        """Return the time histories of the episode of `row` so far, up to the number of points that are kept."""
+        """Return the time histories of the episode of `row` so far."""
         return Trace.of(self.traces[row, : int(self.chains["traced"][row])])
 
     @property
@@ -273,7 +258,7 @@ class Batch:
         return np.asarray((self.episodes["terminated"] == 1) | (self.episodes["truncated"] == 1))
 
     def episode_state(self, row: int) -> EpisodeState:
-        """Return when the alarm and the end of the episode of `row` came."""
+        """Return the times of alarm and end of the episode of `row`."""
         task, episode = self.tasks[row % len(self.tasks)], self.episodes[row]
         detection, alarm, over = float(self.chains["detection"][row]), float(episode["last_alarm"]), np.inf
         if task.alarm == "force":
@@ -283,7 +268,7 @@ class Batch:
         return EpisodeState(detection, alarm, over, float(episode["done_time"]) if self.ended[row] else np.inf)
 
     def bodies(self) -> Bodies:
-        """Return the present positions; with a compliant robot and a rigid coupling the flange is at the tool."""
+        """Return the present state; with a compliant robot and a rigid coupling the flange moves with the tool."""
         chains, with_tool = self.chains, np.resize(self.laws["with_tool"], self.size)
         tool = chains["flange_position"] + chains["deflection"]
         flange = np.where(with_tool, tool, chains["flange_position"] + chains["flange_offset"])
@@ -293,7 +278,7 @@ class Batch:
         return Bodies(chains["time"].copy(), flange, tool, place, deflection, rate, chains["contacts"] > 0)
 
     def history(self, row: int) -> "History":
-        """Return the episode of `row` so far as `impact_gym.render` draws it; needs trace points."""
+        """Return the episode of `row` so far as `impact_gym.render` draws it, from its trace."""
         from impact_gym.render.film import History
 
         task, ended = self.tasks[row % len(self.tasks)], bool(self.episodes["terminated"][row])

@@ -28,22 +28,22 @@ _NUMBERS = {
     **{f"scenario.{name}": f"drawn.{name}" for name in FIELDS},
     **{f"record.{name}": f"drawn.{name}" for name in RECORD_IDS},
 }
-"""Entries of an info that are numbers, and their fields in the record of an episode."""
+"""Entries of every info that are numbers, and their fields in the record of an episode."""
 
 SLIDE = ("slide", "rest_time")
-"""Entries of an info where there is friction."""
+"""Entries with friction."""
 
 LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "taken", "late": "late"}
-"""Entries of an info where an operator commands."""
+"""Entries with an operator."""
 
 
 class Infos:
-    """The infos of rows of a batch, which has one task for all of them or one for each."""
+    """The infos of the rows of a batch."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
-        """Find the numbers of an info in an episode's record.
+        """Find the entries in the record of an episode; `tasks` are one for all rows or one for each.
 
-        Columns have all numbers of the set-up that any task draws, the info of one row only those of its own task.
+        Columns have all numbers of the set-up that any task draws. The info of a row has the numbers of its task.
         """
         drawn = [name for name in QUANTITIES if any(name in task.drawn for task in tasks)]
         numbers = _NUMBERS | {f"record.{name}": f"drawn.{name}" for name in drawn}
@@ -55,14 +55,12 @@ class Infos:
         self._layout = grouped({name: place for place, name in enumerate(entries)})
         self._smooth = [not task.friction and "slide" in numbers for task in tasks]
         self._not_drawn = [[name for name in drawn if name not in task.drawn] for task in tasks]
-        self._columns = np.array([[_PLACES[name]] for name in numbers.values()])
+        self._numbers = np.array([[_PLACES[name]] for name in numbers.values()])
 
     def infos(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
         """Return the info of each of `rows`."""
-        count, missed, status = _verdicts(episodes, chains, rows)
-        numbers = episodes.view(np.float64).reshape(len(episodes), -1)
-        entries = (*numbers[rows, self._columns], chains["peak_force"][rows], count, missed, status)
-        values = zip(*(column.tolist() for column in entries), strict=True)
+        numbers, others = self._values(episodes, chains, rows)
+        values = zip(*numbers.tolist(), *(column.tolist() for column in others), strict=True)
         infos = [filled(self._layout, of_row) for of_row in values]
         for row, info in zip(rows.tolist(), infos, strict=True):
             for name in self._not_drawn[row % len(self._not_drawn)]:
@@ -72,30 +70,25 @@ class Infos:
         return infos
 
     def columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> dict[str, Any]:
-        """Return the infos of `rows` as arrays (size,), blank elsewhere."""
-        size = len(episodes)
-        numbers = np.zeros((len(self._columns) + 1, size))
-        numbers[:-1, rows] = episodes.view(np.float64).reshape(size, -1)[rows, self._columns]
-        numbers[-1, rows] = chains["peak_force"][rows]
-        verdicts = [np.zeros(size, np.int64), np.zeros(size, np.bool_), np.full(size, None)]
-        for column, some in zip(verdicts, _verdicts(episodes, chains, rows), strict=True):
+        """Return the infos of `rows` as arrays (size,), with zeros and None in other rows."""
+        size, (numbers, others) = len(episodes), self._values(episodes, chains, rows)
+        columns = np.zeros((len(numbers), size))
+        columns[:, rows] = numbers
+        blank = [np.zeros(size), np.zeros(size, np.int64), np.zeros(size, np.bool_), np.full(size, None)]
+        for column, some in zip(blank, others, strict=True):
             column[rows] = some
-        return filled(self._layout, (*numbers, *verdicts))
+        return filled(self._layout, (*columns, *blank))
 
-
-def _verdicts(
-    episodes: Records, chains: Records, rows: NDArray[np.int64]
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Return number of contacts, whether the object was missed, and a sentence about the solver."""
-    count = chains["contacts"][rows]
-    missed = (episodes["terminated"][rows] == 1) & (count == 0)
-    status = episodes["status"][rows]
-    messages = np.full(len(rows), "ok", object)
-    for row in np.flatnonzero(status):
-        messages[row] = STATUS_MESSAGES[int(status[row])]
-    return count, missed, messages
+    def _values(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> tuple[Records, list[Records]]:
+        """Return the entries of the infos of `rows` (k,): those in the record of an episode (n, k), and others (k,)."""
+        numbers = episodes.view(np.float64).reshape(len(episodes), -1)[rows, self._numbers]
+        count, status, messages = chains["contacts"][rows], episodes["status"][rows], np.full(len(rows), "ok", object)
+        for row in np.flatnonzero(status):
+            messages[row] = STATUS_MESSAGES[int(status[row])]
+        missed = (episodes["terminated"][rows] == 1) & (count == 0)
+        return numbers, [chains["peak_force"][rows], count, missed, messages]
 
 
 def filled(layout: Mapping[str, Any], values: Sequence[Any]) -> dict[str, Any]:
-    """Return a mapping, of mappings where `layout` has one, with the value at each place that `layout` names."""
+    """Return a mapping of the shape of `layout` with `values` at the indices in it."""
     return {name: filled(place, values) if isinstance(place, dict) else values[place] for name, place in layout.items()}

@@ -1,7 +1,7 @@
-"""The task with its objectives apart: vector rewards, by MO-Gymnasium's contract, single and as a native batch.
+"""Vector rewards, one number per objective, by the contract of MO-Gymnasium: a single environment and a batch.
 
-`mo_gymnasium.make("mo-impact-approach-v0")` and `gym.make_vec` know the ids, as `import impact_gym` registers them;
-MO-Gymnasium itself is not needed. Everything but the reward is as in the environment without the prefix.
+`import impact_gym` registers the ids, such as "mo-impact-approach-v0"; MO-Gymnasium itself is not needed. Everything
+but the reward is as in the environment without the prefix.
 """
 
 from collections.abc import Sequence
@@ -21,23 +21,22 @@ Rewards = NDArray[np.float64]
 
 
 def vector_rewards(batch: Batch) -> Rewards:
-    """Return what the last control step added to the objectives (rows, n): -T (s), -V_p (m/s) and -force (N).
+    """Return the rewards of the last control step (rows, n): -T (s), -V_p (m/s) and -force (N).
 
-    T is the time that the task charges. V_p comes at the end, with the cost of a miss; so does the largest contact
-    force, which is an objective where a task has a `force_weight`, and stays 0 in rows without one. With w the
-    episode's time weight, the scalar reward is w * (-T) - V_p - force_weight * force.
+    T is the time that the task charges. V_p, or the cost of a miss, and the largest contact force are charged at the
+    end. The force is an objective if a task has a `force_weight`; it stays 0 in rows without one. With the time weight
+    w of the episode, the scalar reward is w * (-T) - V_p - force_weight * force.
     """
     forced = np.resize([task.force_weight > 0.0 for task in batch.tasks], batch.size)
-
-    def so_far(terms: NDArray[Any]) -> Rewards:
+    totals = []
+    for terms in (batch.episodes["terms_before"], batch.episodes["terms"]):
         force = [terms["force"] * forced] if forced.any() else []
-        return np.stack([terms["time"], terms["speed"] + terms["miss"], *force], axis=1)
-
-    return so_far(batch.episodes["terms_before"]) - so_far(batch.episodes["terms"])
+        totals.append(np.stack([terms["time"], terms["speed"] + terms["miss"], *force], axis=1))
+    return totals[0] - totals[1]
 
 
 def soonest(task: Task, distance: float) -> float:
-    """Return the least time (s) in which a rigid tool covers a distance (m) from rest, at the arm's limits."""
+    """Return the shortest time (s) in which a rigid tool covers a distance (m) from rest, at the arm's limits."""
     velocity, acceleration = task.velocity_range[1], task.acceleration_range[1]
     ramp = 0.5 * velocity**2 / acceleration  # m
     if distance < ramp:
@@ -46,10 +45,10 @@ def soonest(task: Task, distance: float) -> float:
 
 
 def described(tasks: Sequence[Task]) -> tuple[Box, int, Rewards, Rewards]:
-    """Return space and dimension of the rewards, and bounds of their sums: reference and utopia point (hypervolumes).
+    """Return space and dimension of the rewards, and bounds on their sums in all `tasks`: reference and utopia point.
 
-    At the reference point nothing is touched until the end. At the utopia point a rigid tool reaches the nearest object
-    at the arm's limits and leaves it at rest. A force has no lower bound: -inf. Bounds hold for all `tasks`.
+    At the reference point nothing is touched until the end, and the force, which has no bound, is infinite. At the
+    utopia point a rigid tool reaches the nearest object at the arm's limits and leaves it at rest.
     """
     worst = [max(task.horizon for task in tasks), max(task.missed_cost for task in tasks)]
     worst += [np.inf] if any(task.force_weight > 0.0 for task in tasks) else []
@@ -62,16 +61,16 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     """`ImpactApproach` with a vector reward; `info["original_reward"]` has the scalar one.
 
     ## Rewards
-    `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`: -T (s, in each step) and -V_p (m/s, at the end, with
-    `missed_cost`), and as a third one, with a `force_weight`, -(largest contact force) (N, at the end). With an
-    operator T runs until the task is done.
+    `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`: -T (s, in each step), -V_p or -`missed_cost` (m/s, at the
+    end), and with a `force_weight` -(largest contact force) (N, at the end). With an operator T is the time until the
+    task is done.
     `reference_point` and `utopia_point` (reward_dim,) bound the sums of an episode's rewards, see `described`.
 
     ## Version History
     * v0: first version
     """
 
-    @wraps(ImpactApproachEnv.__init__)  # type: ignore[misc]  # whose arguments they are
+    @wraps(ImpactApproachEnv.__init__)  # type: ignore[misc]  # the same arguments
     def __init__(self, **arguments: Any) -> None:
         super().__init__(**arguments)
         self.reward_space, self.reward_dim, self.reference_point, self.utopia_point = described(self._batch.tasks)
@@ -83,9 +82,9 @@ class MOImpactApproachEnv(ImpactApproachEnv):
 
 
 class MOImpactApproachVectorEnv(ImpactApproachVectorEnv):
-    """The native batch with vector rewards (num_envs, reward_dim); slot i seeded s + i equals the single one."""
+    """`ImpactApproachVectorEnv` with vector rewards (num_envs, reward_dim)."""
 
-    @wraps(ImpactApproachVectorEnv.__init__)  # type: ignore[misc]  # likewise
+    @wraps(ImpactApproachVectorEnv.__init__)  # type: ignore[misc]  # the same arguments
     def __init__(self, num_envs: int = 1, **arguments: Any) -> None:
         super().__init__(num_envs, **arguments)
         self.reward_space, self.reward_dim, self.reference_point, self.utopia_point = described(self.batch.tasks)

@@ -17,25 +17,24 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.task.episodes import reset_options
-from impact_gym.task.scenario import ScenarioRanges
-from impact_gym.threads import cores
+from impact_gym.threads import CORES
 from impact_gym.validation import one_of
 
 
 @cache
 def warn_of_threads(threads: int, available: int) -> None:
-    """Warn, once, if torch uses more than half of the cores: that makes small networks slower, not faster."""
+    """Warn once if torch uses more than half of the cores, which slows down small networks."""
     if threads > max(1, available // 2):
         text = f"torch uses {threads} threads on {available} cores, which makes small networks several times slower:"
         warnings.warn(f"{text} call torch.set_num_threads(1)", stacklevel=2)
 
 
 class ImpactVecEnv(VecEnv):
-    """`num_envs` environments for stable-baselines3, stepped in one call; arguments as in `ImpactApproachEnv`.
+    """`num_envs` environments for stable-baselines3, stepped in one call; arguments as in `ImpactApproachVectorEnv`.
 
     On the step that ends an episode, its `info` is the final info with `terminal_observation` and
-    `TimeLimit.truncated` added, and the observation returned is the first of the next episode. `render_mode` is None
-    or, for at most 16, "rgb_array": `render` returns their pictures as tiles of one, as `VecVideoRecorder` films them.
+    `TimeLimit.truncated`, and the observation is the first of the next episode. With the `render_mode` "rgb_array",
+    for at most 16 environments, `render` returns their pictures side by side in one, for `VecVideoRecorder`.
     """
 
     @with_task_arguments()
@@ -46,14 +45,15 @@ class ImpactVecEnv(VecEnv):
         render_mode: str | None = None,
         threads: int | None = None,
         per_slot: Sequence[Mapping[str, Any]] | None = None,
-        **arguments: Any,  # those of `Task`, which checks them; the signature names them
+        **arguments: Any,  # arguments of `Task`, see `with_task_arguments`
     ) -> None:
-        warn_of_threads(torch.get_num_threads(), cores())
-        mode = AutoresetMode.DISABLED  # stable-baselines3 wants a reset on the step that ends an episode: `step_wait`
+        warn_of_threads(torch.get_num_threads(), CORES)
+        mode = AutoresetMode.DISABLED  # `step_wait` resets on the step that ends an episode
         self.envs = ImpactApproachVectorEnv(
             num_envs, render_mode=render_mode, autoreset_mode=mode, threads=threads, per_slot=per_slot, **arguments
         )
-        self.observation_spec = self.envs.observation_spec
+        self.observation_spec, self.set_scenario = self.envs.observation_spec, self.envs.set_scenario
+        self.get_state, self.set_state = self.envs.get_state, self.envs.set_state  # between steps
         self._actions: NDArray[Any] = np.zeros((num_envs, len(self.envs.batch.action_spec)), np.float32)
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
         self.metadata = self.envs.metadata
@@ -62,12 +62,8 @@ class ImpactVecEnv(VecEnv):
         """Return a picture (540, 960, 3) of each environment."""
         return list(self.envs.render() or ())
 
-    def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
-        """Draw from other ranges from the next episodes on."""
-        self.envs.set_scenario(scenario)
-
     def reset(self) -> VecEnvObs:
-        """Begin an episode everywhere, with the last arguments of `seed` and `set_options`."""
+        """Begin an episode in every slot, with the last arguments of `seed` and `set_options`."""
         one_of("options", self._options, list)
         if len(self._options) != self.num_envs:
             raise ValueError(f"options must be a mapping or {self.num_envs} of them, got {len(self._options)}")
@@ -82,11 +78,11 @@ class ImpactVecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Remember `actions` (num_envs, n)."""
+        """Store `actions` (num_envs, n) for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Play them."""
+        """Play a control step with the stored actions."""
         terminated, truncated = self.envs.play(self._actions)
         batch, ended = self.envs.batch, terminated | truncated
         rewards = batch.rewards.astype(np.float32)
@@ -99,30 +95,22 @@ class ImpactVecEnv(VecEnv):
             self.envs.begin(None, ended)
         return batch.observations.copy(), rewards, ended, infos
 
-    def get_state(self) -> dict[str, Any]:
-        """Return a copy of the whole state; call it between steps."""
-        return self.envs.get_state()
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Take over a state that `get_state` of a batch of this size and these arguments returned."""
-        self.envs.set_state(state)
-
     def close(self) -> None:
-        """Release nothing: there is nothing to release."""
+        """Do nothing; a batch holds no resources."""
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return the attribute of the batch once for each of `indices`."""
+        """Return an attribute of the batch, once for each of `indices`."""
         return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of the batch; it is shared, so `indices` must mean all of them."""
+        """Set an attribute of the batch; `indices` must mean all slots."""
         self._must_be_all(indices, attr_name)
         setattr(self.envs, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call a method of the batch, once; it is shared, so `indices` must mean all of them."""
+        """Call a method of the batch once; `indices` must mean all slots."""
         self._must_be_all(indices, method_name)
         value = getattr(self.envs, method_name)(*method_args, **method_kwargs)
         return [value for _ in range(self.num_envs)]
@@ -130,7 +118,7 @@ class ImpactVecEnv(VecEnv):
     def env_is_wrapped(
         self, wrapper_class: type[Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
     ) -> list[bool]:
-        """Nothing in the batch is wrapped."""
+        """Return False for each of `indices`: no environment in the batch is wrapped."""
         return [False for _ in self._get_indices(indices)]
 
     def _must_be_all(self, indices: VecEnvIndices, name: str) -> None:

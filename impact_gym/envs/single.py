@@ -1,4 +1,4 @@
-"""The Gymnasium environment: a batch of one, and the text that specifies it."""
+"""The Gymnasium environment: a batch of one, and its specification."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -31,7 +31,7 @@ def observation_space(spec: ObservationSpec) -> Space[Any]:
 
 
 def steps_per_second(task: Task) -> int:
-    """Return the rate of a film with a picture for each control step, in which the longest episode lasts 18 s."""
+    """Return the pictures per second of a film of all control steps, in which the longest episode lasts 18 s."""
     return min(max(round(task.horizon / task.control_period / 18.0), 1), 30)
 
 
@@ -39,136 +39,139 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """A teleoperated tool approaches an object that it cannot see.
 
     ## Description
-    A robot flange follows a commanded motion and carries a tool of 0.125 kg. Somewhere ahead, unseen, stands an object
-    of unknown mass, contact stiffness and restitution. The controller has to reach it soon and leave it slow. The
-    setting is that of Tommasino, Cipriani, Doria, Rosati (2020), 'Effect of End-Effector Compliance on Collisions in
-    Robotic Teleoperation', whose controller moves at 1 m/s and brakes 16 ms after the contact force exceeds 1 N.
+    A robot flange follows a commanded motion and carries a tool of 0.125 kg. Ahead of the tool is an object of unknown
+    distance, mass, contact stiffness and restitution. The controller should touch the object early and softly, so that
+    the object leaves slowly. The setting is that of Tommasino, Cipriani, Doria, Rosati (2020), 'Effect of End-Effector
+    Compliance on Collisions in Robotic Teleoperation'. Their controller moves at 1 m/s and brakes 16 ms after the
+    contact force exceeds 1 N.
 
     ## Action Space
-    `Box(-1, 1, (2,), float32)`: a velocity, and the acceleration with which to get there. The flange ramps to that
-    velocity, then holds it. Values outside the box are clipped.
+    `Box(-1, 1, (2,), float32)`: a velocity, and the acceleration towards it. The flange ramps to that velocity, then
+    holds it. Values outside the box are clipped.
 
     | Num | Action                     | at -1 | at +1 | Unit  | Argument             |
     |-----|----------------------------|-------|-------|-------|----------------------|
     | 0   | velocity to go to          | -0.5  | 1.5   | m/s   | `velocity_range`     |
     | 1   | acceleration to use for it | 1     | 20    | m/s^2 | `acceleration_range` |
 
-    Commands are resolved to 1e-6 m/s and 1e-6 m/s^2, so that the paper's rule, 1 m/s at 8 m/s^2, is one of them.
-    `action_spec` of the unwrapped environment maps both ways: `decode(action)` to SI units, `encode(velocity,
-    acceleration)` back.
+    Commands are rounded to 1e-6 m/s and 1e-6 m/s^2, so that the paper's rule, 1 m/s at 8 m/s^2, is met exactly.
+    `action_spec` of the unwrapped environment converts both ways: `decode(action)` to SI units, `encode(velocity,
+    acceleration)` to an action.
 
     ## Observation Space
-    `Box(..., (8,), float32)`. Some arguments add numbers or change them; the last column of the table says which. Each
-    number is scaled to [-1, 1] or [0, 1] by constants, and clipped beyond. Position and velocity are those of the
-    commanded motion. The flange has the same if the robot is rigid. `sensors()` of the unwrapped environment returns
-    what the controller may know, in SI units.
+    `Box(..., (8,), float32)`. Some arguments add numbers or change them, see the last column of the table. Each number
+    is scaled to [-1, 1] or [0, 1] by constants, and clipped. Position and velocity are those of the commanded motion.
+    With a rigid robot the flange has the same. `sensors()` of the unwrapped environment returns the sensor values in SI
+    units.
 
-    `observation_spec` of the unwrapped environment says which number stands where: `index(id)`, `decode(observation,
-    id)` in SI units, the slice `actor`, and `critic`, which is all. `privileged=True` appends the true scenario, the
-    reaction delay, the numbers of the set-up that are drawn per episode, and with `alarm="reading"` the time since a
-    switch would have raised the alarm. The scales of these numbers are fixed: they do not depend on the ranges that
-    are drawn from.
+    `observation_spec` of the unwrapped environment describes the order: `index(id)`, `decode(observation, id)` in SI
+    units, the slice `actor`, and the slice `critic`, which is the whole. `privileged=True` appends the true scenario,
+    the reaction delay, the numbers of the set-up that are drawn per episode, and with `alarm="reading"` the time since
+    a switch would have raised the alarm. The scales of these numbers do not depend on the ranges of the draws.
 
     OBSERVATION_TABLE
 
-    A step lasts one control period, 16 ms. It ends early exactly once: when the contact alarm reaches the controller,
-    `reaction_delay` after the contact force first exceeds `alarm_threshold`. The solver finds that instant exactly. The
-    alarm comes from a switch, not from the force readings, so their noise and bias do not affect it. It stays on.
+    A step lasts one control period, 16 ms. One step of an episode is shorter: it ends when the contact alarm reaches
+    the controller, `reaction_delay` after the contact force first exceeds `alarm_threshold`. The solver computes this
+    time exactly. The alarm comes from a switch, not from the force readings, so their noise and bias do not affect it.
+    It stays on.
 
-    With `alarm="reading"` there is no such switch. The force is then the largest since the last reading, noise and bias
-    included. A reading above `alarm_threshold` raises the alarm. Such an alarm cuts no step short and may be false. It
-    clears after 0.15 s; a later reading can raise it again. The episode still ends 0.15 s after the switch would have
-    raised its alarm, whatever false alarms came before.
+    With `alarm="reading"` there is no switch. Each force reading is then the largest force since the reading before,
+    with noise and bias. A reading above `alarm_threshold` raises the alarm. This alarm shortens no step, and it can be
+    false. It ends after 0.15 s; a later reading can raise it again. The episode ends 0.15 s after a switch would have
+    raised the alarm, whether or not there were false alarms.
 
-    With `range_sensor` the tool carries a proximity sensor, see `RangeSensor`. At every control step it reads the gap
-    to the object, with noise and a bias; some readings are lost, the others come late. The observation has the newest
-    reading that has arrived, and its age. Until the first has arrived both are infinite, and observed as 1.
-    `range_noise`, an estimate that is made once before the episode, must then be None.
+    With `range_sensor` the tool carries a proximity sensor, see `RangeSensor`. At every control step it measures the
+    gap to the object, with noise and a bias. Some readings are lost, the others arrive late. The observation has the
+    newest reading that has arrived, and its age. Before the first reading both are infinite, and observed as 1.
+    `range_noise`, which gives one distance estimate before the episode, must then be None.
 
     ## Rewards
-    Each step gives `-time_weight * dt` until the first contact begins; dt ends at that instant, not at a whole step.
-    The last step adds `-V_p - force_weight * peak force`, where V_p is the object's final velocity, or `-missed_cost`
-    (-2) if nothing was touched. The sum over an episode lies in [-time_weight * 1.2 - 2, 0] as long as V_p stays below
-    2 m/s and `force_weight` is 0. With `friction` the object stops, so V_p is its largest speed.
+    Each step gives `-time_weight * dt` until the first contact begins; the last dt ends at that time. The final step
+    adds `-V_p - force_weight * peak force`, where V_p is the object's final velocity, or `-missed_cost` (-2) if nothing
+    was touched. With `friction` the object stops, so V_p is its largest velocity. The return of an episode lies in
+    [-time_weight * 1.2 - 2, 0] if V_p is below 2 m/s and `force_weight` is 0.
 
     ## Starting State
-    Flange, tool and object are at rest, the flange at position 0, the coupling relaxed (a bistable one: on its front
+    Flange, tool and object are at rest, the flange at position 0, the coupling relaxed (a bistable one at its front
     stop). Each episode takes eleven uniform numbers from `np_random`. They give the scenario:
 
     SCENARIO_TABLE
 
-    and, if the arguments ask for it, the time weight (log-uniform), the reaction delay (uniform), the errors of
+    and, if the arguments ask for them, the time weight (log-uniform), the reaction delay (uniform), the errors of
     distance estimate and force (normal), and the seed of the force noise. Each of the following numbers of the set-up
     may also be a pair (low, high), from which every episode draws independently:
 
     SET_UP_TABLE
 
-    These come from a random stream of their own, seeded by the last of the eleven. So to draw one of them, or not,
-    changes no other number.
+    These draws come from separate random streams, seeded by the last of the eleven numbers. So drawing one of these
+    numbers, or not, changes no other draw.
 
-    `reset(options=...)` holds for one episode:
+    `reset(options=...)` applies to one episode:
 
     - `{"scenario": {...}}` fixes any of the scenario fields above.
-    - `{"record": {...}}` fixes anything that is drawn, so that the final `info["record"]` plays an episode again. The
-      reaction delay may be no longer than the environment was made for, a number of the set-up must be in its range.
-    - `{"episode_index": k}`, with a seed, goes to the k-th episode of that seed.
+    - `{"record": {...}}` fixes any drawn number. The final `info["record"]` of an episode repeats that episode. The
+      reaction delay must not exceed the one the environment was created with. A number that the set-up gives must lie
+      in the range given for that number.
+    - `{"episode_index": k}`, together with a seed, starts the k-th episode of that seed, counted from 0.
 
     ## Episode End
     An episode terminates 0.15 s after the alarm (`after_alarm`). The flange then brakes to rest at the largest
-    acceleration that an action can command, and the simulation goes on until no contact is left or can follow. V_p is
-    the velocity that the object keeps, so nothing is gained by ending early. Where 10 s do not suffice, as with an
-    object of tons, `info["status"]` says "not settled", and V_p is as it stood.
+    acceleration of an action, and the simulation continues until no contact remains or can follow. V_p is the velocity
+    that the object keeps, so ending early gains nothing. If 10 s are not enough, as with an object of tons,
+    `info["status"]` says "not settled", and V_p is the velocity at that time.
 
-    Without an alarm an episode terminates at 1.2 s (`horizon`): with V_p if the object was touched too softly to raise
-    the alarm, otherwise as `missed`. It also terminates if the solver fails, with the cost of a miss and a sentence in
-    `info["status"]`. Only `TimeLimit` truncates.
+    Without an alarm an episode terminates at 1.2 s (`horizon`). If the object was touched too softly to raise the
+    alarm, V_p is charged; if it was not touched, the episode counts as `missed`. An episode also terminates if the
+    solver fails. It is then charged as a miss, and `info["status"]` says why. Only `TimeLimit` truncates.
 
     The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
-    `time_weight`, `reward_terms` (time, velocity, force, missed; they sum to the return), `scenario`, `record` (all
-    that was drawn, numbers of the set-up under dotted names such as `coupling.stiffness`) and `status`. With `friction`
-    it has `slide` (m, how far the object is from where it stood once it rests) and `rest_time` (s, when it rests and
-    the tool stays slower than 1 mm/s; inf if that does not come; to a millisecond, within the episode to two steps).
-    `TimeLimit` truncates without telling the environment: `env.unwrapped.episode_info()` then has the values so far.
+    `time_weight`, `reward_terms` (time, velocity, force, missed; their sum is the return), `scenario`, `record` (all
+    drawn numbers, those of the set-up under dotted names such as `coupling.stiffness`) and `status`. With `friction`
+    it also has `slide` (m, from the object's first position to where it rests) and `rest_time` (s, when the object
+    rests and the tool stays slower than 1 mm/s; inf if never; exact to 1 ms, within the episode to two steps).
+    After a truncation by `TimeLimit`, `env.unwrapped.episode_info()` has the values so far.
 
     ## Arguments
-    Any number in the second table of Starting State may be a pair. To draw one of a coupling or a robot, give that as a
-    dict: `coupling={"type": "SpringDamper", "stiffness": (40, 60)}`.
+    Each number in the second table of Starting State may be a pair. For a number of a coupling or a robot, give that
+    record as a dict: `coupling={"type": "SpringDamper", "stiffness": (40, 60)}`.
 
     ARGUMENT_TABLE
 
-    Beside these `render_mode` (None, "human", "rgb_array" or "rgb_array_list", see Rendering) and `record_trace` (keep
-    time histories of the episode, read by `trace()`).
+    Further arguments are `render_mode` (None, "human", "rgb_array" or "rgb_array_list", see Rendering) and
+    `record_trace` (keep the time histories of the episode, which `trace()` returns).
 
     ## Rendering
-    Needs the extra `render`. A picture shows flange, coupling, tool and object to scale, the gap between, the object's
-    velocity, the alarm on its way to the controller, and at the end the result. It is drawn from the trace, which is
-    then kept; rendering changes no result. A contact is over in a few steps, so "human" and "rgb_array_list" show it in
-    slow motion with many pictures per step. Each picture says how slow. `impact_gym.render.film.SlowMotionVideo` writes
-    a film of all pictures, which lasts 6 to 10 s. "rgb_array" gives one picture, of the end of the step; of these
-    Gymnasium's `RecordVideo` makes a film that is uniformly slow (`render_fps` in the metadata).
-    A batch of at most 16 has "rgb_array" too: `render` returns a picture of each, and Gymnasium's `RecordVideo` for
-    vector environments makes them tiles of one film.
+    Needs the extra `render`. A picture shows flange, coupling, tool and object to scale, the gap, the object's
+    velocity, the alarm in transit to the controller, and at the end the result. Pictures are drawn from the trace,
+    which is then kept. Rendering changes no result. A contact lasts a few steps, so "human" and "rgb_array_list" show
+    it in slow motion, with many pictures per step. Each picture states the slow-down.
+    `impact_gym.render.film.SlowMotionVideo` writes all pictures as a film of 6 to 10 s. "rgb_array" gives one picture
+    at the end of each step. From these Gymnasium's `RecordVideo` makes a film with a constant slow-down (`render_fps`
+    in the metadata).
+    A batch of at most 16 has "rgb_array", too: `render` returns a picture of each environment, and Gymnasium's
+    `RecordVideo` for vector environments shows them side by side in one film.
 
     ## Version History
     * v0: first version; it may still change until version 0.1.0 of the package is released
 
-    As in Gymnasium, the number goes up when results can no longer be compared: when the same seed and actions lead to
-    other observations, rewards or ends than before, by more than `rtol` allows, or when a default changes. All four ids
-    go up together. The old id then names its successor; to play it, install the version of the package that had it.
-    New arguments that are off by default, and faster code, do not change the number.
+    As in Gymnasium, the version goes up when results are no longer comparable: when the same seed and actions lead to
+    other observations, rewards or ends, by more than `rtol` allows, or when a default changes. All ids go up together.
+    The old id then names its successor; to use the old one, install a version of the package that has it. New arguments
+    that are off by default, and faster code, do not change the version.
     """
 
-    metadata = {  # noqa: RUF012  # declared so by gymnasium.Env
+    metadata = {  # noqa: RUF012  # as in gymnasium.Env
         "render_modes": ["human", "rgb_array", "rgb_array_list"],
         "render_fps": 30,
     }
 
     @with_task_arguments(max_episode_steps="is an argument of gymnasium.make, whose TimeLimit applies it")
     def __init__(self, *, render_mode: str | None = None, record_trace: bool = False, **arguments: Any) -> None:
-        """Make an environment; see the arguments above.
+        """Make an environment; see Arguments.
 
         Raises:
-            TypeError, ValueError: an argument is unknown or out of range; names it and the allowed ones.
+            TypeError, ValueError: an argument is unknown or out of range.
         """
         choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         flag("record_trace", record_trace)
@@ -185,15 +188,15 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._running = False
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
-        """Draw from other ranges from the next episode on."""
-        self._batch.set_scenario(ScenarioRanges.of(scenario))
+        """Draw scenarios from other ranges from the next episode on."""
+        self._batch.set_scenario(scenario)
 
     def episode_info(self) -> dict[str, Any]:
-        """Return the entries of the final `info` as they stand now."""
+        """Return the entries of the final `info` with their present values."""
         return self._batch.info(0)
 
     def episode_state(self) -> EpisodeState:
-        """Return when the force was detected, the alarm came and the episode ended, s; inf for what has not come."""
+        """Return the times of detection, alarm and end of the episode, s; inf for an event yet to come."""
         return self._batch.episode_state(0)
 
     def command(self, velocity: float) -> None:
@@ -205,20 +208,20 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._batch.set_operator_velocity(velocity)
 
     def sensors(self) -> dict[str, float]:
-        """Return the sensor values in SI units, without the observation's scales and clips.
+        """Return the sensor values in SI units, without scaling and clipping.
 
         `time` (s), `position` (m) and `velocity` (m/s) of the imposed motion, `alarm` (0 or 1), `time_since_alarm`
-        (s), `force` and `force_peak` (N, as they have reached the controller; the peak is the sensor's own, between
-        its readings too), and, where the arguments ask for them, `distance_estimate` (m, from the flange as it stands
-        now) and `deflection` (m).
+        (s), `force` (N, the newest reading at the controller), `force_peak` (N, the largest force up to that reading,
+        between readings too), and, if the arguments ask for them, `distance_estimate` (m, from the present position
+        of the flange) and `deflection` (m).
         """
         return {name: float(column[0]) for name, column in self._batch.sensors().items()}
 
     def trace(self) -> Trace:
-        """Return the time histories of the episode so far; once it has ended, to the end of the settling.
+        """Return the time histories of the episode so far; of a finished one until all has settled.
 
         Raises:
-            RuntimeError: the environment was made without `record_trace`, or the episode was too long for it.
+            RuntimeError: the environment was made without `record_trace`, or the episode has too many points.
         """
         points, kept = int(self._batch.chains["traced"][0]), self._batch.traces.shape[1]
         if kept == 0:
@@ -257,12 +260,12 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return batch.observations[0].copy(), float(batch.rewards[0]), terminated, False, info
 
     def render(self) -> Any:
-        """Return a picture (540, 960, 3) of this moment, or a list of those since the last call; see Rendering.
+        """Return a picture (540, 960, 3) of the present, or a list of the pictures since the last call; see Rendering.
 
-        In mode "human" it shows them in a window and returns None, and so does every `reset` and `step`.
+        In mode "human" show them in a window and return None; `reset` and `step` do so, too.
 
         Raises:
-            DependencyNotInstalled: pygame is not there.
+            DependencyNotInstalled: pygame is missing.
             ResetNeeded: there is no episode yet.
         """
         if self.render_mode is None:
@@ -277,10 +280,10 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._renderer.render(self._batch.history(0))
 
     def close(self) -> None:
-        """Close the window, if there is one; again does nothing."""
+        """Close the window, if there is one."""
         if self._renderer is not None:
             self._renderer.close()
 
 
-if ImpactApproachEnv.__doc__:  # there is none under python -OO
+if ImpactApproachEnv.__doc__:  # None under python -OO
     ImpactApproachEnv.__doc__ = filled(ImpactApproachEnv.__doc__)

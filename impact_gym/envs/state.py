@@ -1,4 +1,4 @@
-"""A batch's state as arrays with a digest: only an unaltered one reaches the compiled program again."""
+"""The state of a batch as arrays with a digest, so that no altered state reaches the compiled program."""
 
 import hashlib
 from collections.abc import Iterable, Mapping

@@ -1,4 +1,4 @@
-"""The same task for Gymnasium's vector interface, natively: one call into compiled code steps every environment."""
+"""The batch in Gymnasium's vector interface: one call into compiled code steps every environment."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,25 +17,24 @@ from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, observation_space, steps_per_second
 from impact_gym.envs.state import taken
 from impact_gym.task.episodes import reset_options, skip_episodes
-from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
 from impact_gym.validation import array, choice, one_of, shown, whole
 
-MOST_DRAWN = 16  # environments of a batch with pictures
+MOST_DRAWN = 16  # environments of a batch with a render_mode
 
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 
 class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
-    """`num_envs` times `ImpactApproachEnv`, whose text specifies it; slot i seeded s + i equals it seeded s + i.
+    """`num_envs` times `ImpactApproachEnv`, which specifies it; a reset with seed s gives slot i the seed s + i.
 
-    Beside its arguments: `autoreset_mode`, NEXT_STEP by default (the step after an episode's last one ignores its
-    action, starts the next episode and rewards nothing), SAME_STEP (the last observation and info in
-    `infos["final_obs"]`, `infos["final_info"]`) or DISABLED (reset by `options={"reset_mask": ...}`); `render_mode`,
-    None or, for at most 16 environments, "rgb_array"; `max_episode_steps`, after which an episode is truncated;
-    `threads`, which changes no result; `per_slot`, a mapping for each slot with the arguments in which it differs; all
-    slots must have the same observation.
+    Further arguments are `autoreset_mode`: NEXT_STEP, the default (the step after the last of an episode ignores its
+    action, starts the next episode and has the reward 0), SAME_STEP (the last observation and info are in
+    `infos["final_obs"]` and `infos["final_info"]`) or DISABLED (reset by `options={"reset_mask": ...}`);
+    `render_mode`: None or, for at most 16 environments, "rgb_array"; `threads`, which changes no result; and
+    `per_slot`: for each slot a mapping of the arguments in which it differs. All slots must have the same observation.
+    `max_episode_steps` truncates episodes. `set_scenario`, `sensors` and `command` are methods of `Batch`.
     """
 
     @with_task_arguments()
@@ -47,7 +46,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
         per_slot: Sequence[Mapping[str, Any]] | None = None,
-        **arguments: Any,  # those of `Task`, which checks them; the signature names them
+        **arguments: Any,  # arguments of `Task`, see `with_task_arguments`
     ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {shown(render_mode)}")
@@ -67,7 +66,8 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         for slot, changes in enumerate(changed):
             one_of(f"per_slot[{slot}]", changes, Mapping)
         tasks = [Task.of(f"per_slot[{slot}]", {**arguments, **changes}) for slot, changes in enumerate(changed)]
-        self.batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
+        self.batch = batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
+        self.set_scenario, self.sensors, self.command = batch.set_scenario, batch.sensors, batch.set_operator_velocity
         self.metadata["render_fps"] = steps_per_second(tasks[0])
         self.observation_spec, self.action_spec = self.batch.spec, self.batch.action_spec
         self.single_observation_space = observation_space(self.observation_spec)
@@ -85,17 +85,13 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self._begun = self._none.copy()
         self._skipped = self._none
 
-    def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
-        """Draw from other ranges from the next episodes on."""
-        self.batch.set_scenario(ScenarioRanges.of(scenario))
-
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Floats, dict[str, Any]]:
-        """Begin an episode in every slot, or in those of `options["reset_mask"]` (num_envs,).
+        """Begin an episode in every slot, or in the slots of `options["reset_mask"]` (num_envs,).
 
-        A value in `options["scenario"]` or `options["record"]` may be one for all slots or a sequence of one for each.
-        A slot that does not draw a number of its set-up keeps its own.
+        A value in `options["scenario"]` or `options["record"]` may be a number for all slots or a sequence (num_envs,).
+        A slot that does not draw a number of its set-up ignores the value for it.
         """
         one_of("options", options, Mapping, type(None))
         rest = dict(options or {})
@@ -111,7 +107,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     def begin(
         self, seed: Any, mask: Flags, fixed: NDArray[Any] | None = None, skipped: int | NDArray[np.int64] = 0
     ) -> Floats:
-        """Begin an episode in the k slots of `mask`, `skipped` episodes later; `fixed` are records (k,)."""
+        """Begin an episode in the k slots of `mask`, after skipping `skipped` episodes; `fixed` are records (k,)."""
         self._seed(seed, mask)
         counts = np.where(mask, skipped, 0)
         for slot in np.flatnonzero(counts).tolist():
@@ -122,10 +118,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return self.batch.observations.copy()
 
     def play(self, actions: NDArray[Any]) -> tuple[Flags, Flags]:
-        """Play one control step in every slot; return which episodes it terminated and which it truncated.
-
-        The results are in `batch`; `step` returns copies of them.
-        """
+        """Play one control step in every slot, with results in `batch`; return the flags terminated and truncated."""
         if not self._begun.all():
             raise ResetNeeded("some slots have no episode under way: call reset before step")
         batch = self.batch
@@ -165,14 +158,14 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return batch.observations.copy(), rewards, terminated, truncated, infos
 
     def _rewards(self) -> tuple[NDArray[np.float64], dict[str, Any]]:
-        """Return the rewards of the last step, and entries of infos about them."""
+        """Return the rewards of the last step, and entries of the infos about them."""
         return self.batch.rewards.copy(), {}
 
     def render(self) -> tuple[Any, ...] | None:
-        """Return a picture (540, 960, 3) of this moment in each slot; see Rendering of `ImpactApproachEnv`.
+        """Return a picture (540, 960, 3) of the present in each slot; see Rendering of `ImpactApproachEnv`.
 
         Raises:
-            DependencyNotInstalled: pygame is not there.
+            DependencyNotInstalled: pygame is missing.
             ResetNeeded: a slot has no episode yet.
         """
         if self.render_mode is None:
@@ -182,24 +175,16 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             raise ResetNeeded("some slots have no episode under way: call reset before render")
         return tuple(renderer.render(self.batch.history(slot)) for slot, renderer in enumerate(self._renderers))
 
-    def command(self, velocities: Any) -> None:
-        """Let the operators, each a `Person`, command `velocities` (m/s), one for all slots or (num_envs,)."""
-        self.batch.set_operator_velocity(velocities)
-
-    def sensors(self) -> dict[str, NDArray[np.float64]]:
-        """Return the sensor values in SI units, arrays (num_envs,); see `ImpactApproachEnv.sensors`."""
-        return self.batch.sensors()
-
     def get_state(self) -> dict[str, Any]:
         """Return a copy of the whole state, generators included."""
         generators = [generator.bit_generator.state for generator in self._generators]
         return {"batch": self.batch.get_state(), "generators": generators}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Take over a state that `get_state` of a batch of this size and these arguments returned, to the bit.
+        """Restore a state that `get_state` returned.
 
         Raises:
-            ValueError: the state was altered, or is one of another size or task; nothing was changed.
+            ValueError: it was altered, or is of a batch of another size or task; nothing was changed.
         """
         given, generators = state.get("generators"), list[np.random.Generator]()
         begun = taken(state.get("batch"), "episodes", self.batch.episodes)["drawn"]["object_mass"] != 0.0
@@ -221,7 +206,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
                 self._renderers[row].begin()
 
     def _seed(self, seed: Any, mask: Flags) -> None:
-        """Seed slot i with seed + i, or with the i-th of a list; None leaves a generator as it is."""
+        """Seed slot i with seed + i, or with entry i of a list; None leaves a generator unchanged."""
         if seed is None and self._generators:
             return
         seeds: Sequence[Any] = [None] * self.num_envs
@@ -245,7 +230,7 @@ def of_rows(columns: Mapping[str, NDArray[Any]], rows: Flags) -> dict[str, Any]:
 
 
 def masked(info: dict[str, Any], mask: Flags) -> dict[str, Any]:
-    """Return `info` in Gymnasium's form for vector environments: beside each key the mask of slots that have it."""
+    """Return `info` in Gymnasium's form for vector environments: for each key a second one, the mask of its slots."""
     result: dict[str, Any] = {}
     for name, value in info.items():
         result[name] = masked(value, mask) if isinstance(value, dict) else value

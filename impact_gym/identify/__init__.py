@@ -3,8 +3,8 @@
     `log`, `sensor`   reading and checking a log; the response of a sensor
     `model`           free numbers as coordinates, residuals by our simulator and their derivatives
     `search`, `fit`   the best fit from several starts; profile likelihoods
-    `result`          estimates, intervals, what the log cannot determine
-    `held_out`        each half of the logs predicts the other
+    `result`          estimates, intervals, and sentences on what the log cannot determine
+    `held_out`        predictions of each half of the logs by a fit to the other half
 
 `impact_gym.identify` is the function; `from impact_gym.identify import ...` reads from this package.
 """
@@ -33,19 +33,20 @@ def identify(
 ) -> Identified:  # fmt: skip
     """Fit numbers of a scene to a measured blow, or to several blows that share these numbers.
 
-    Least squares on `simulate`; each log has its own unknown start, the instant at which the motion begins. Intervals
-    are profile likelihoods: how far a number can move, all others refitted, before the misfit exceeds the noise.
+    The fit is by least squares on `simulate`. Each log has its own unknown start, the instant at which the motion
+    begins. Intervals are profile likelihoods: a number moves, all others are refitted, until the misfit exceeds the
+    noise.
 
     Args:
         log: mapping of columns or path of a CSV file, or a list of such: `time` (s) and any of `force` (N, of the
-            contact), `flange_velocity`, `tool_velocity`, `object_velocity` (m/s). It may begin and end at any time
-            before and after the blow.
-        scene: the known numbers, and a guess of the free ones; the search also starts from estimates by impulse and
+            contact), `flange_velocity`, `tool_velocity`, `object_velocity` (m/s). A log may begin at any time before
+            the blow, and end at any time after it.
+        scene: the known numbers, and a guess of the free numbers; the search also starts from estimates by impulse and
             width of the blow.
         motion: imposed motion, or one for each log.
         free: names of numbers of the scene, or a mapping from names to known bounds (low, high) or None.
-        sensor: properties of the sensor, by column if the logs have several. None: no filter, no bias, noise
-            estimated.
+        sensor: properties of the sensor, by column if the logs have several. None: no filter, no bias, and the noise
+            is estimated.
 
     Raises:
         TypeError, ValueError: an argument has another type or is out of range; a log has no blow, or several; the log
@@ -69,7 +70,7 @@ def identify(
 
 
 def motion_of_each(motion: Trapezoid | Sequence[Trapezoid], count: int) -> list[Trapezoid]:
-    """Return the motion of each of `count` logs, refused with another number of motions or another type."""
+    """Return the motion of each of `count` logs; ValueError, TypeError: another number of motions, or another type."""
     motions: list[Any] = list(motion) if isinstance(motion, (list, tuple)) else [motion] * count
     for imposed in motions:
         one_of("motion", imposed, Trapezoid)

@@ -20,15 +20,15 @@ from impact_gym.task import Task
 from impact_gym.task.nested import record_from
 from impact_gym.validation import numbers, one_of, shown
 
-DESCRIPTION = """Fit numbers of a scene to a measured blow and write their 95 % intervals as the ranges of a set-up."""
+DESCRIPTION = "Fit numbers of a scene to a measured blow, and write their 95 % intervals as the ranges of a set-up."
 
 FILE = """
 the log: a CSV file with columns time (s) and any of force (N), flange_velocity, tool_velocity, object_velocity (m/s),
-tool_acceleration, object_acceleration (m/s^2 or g). Other units are given in the header, as in "t [ms]", or in a line
-below it. The command prints how it read the file. Several logs share the free numbers; each has its own start.
+tool_acceleration, object_acceleration (m/s^2 or g). The header names other units, as in "t [ms]", or a line below it
+does. The command prints how it read the file. Several logs share the free numbers; each log has its own start.
 
-the scene, my.toml: a set-up (see agents/setups) and two more tables. A fitted number has a guess, any other number its
-value during the measurement, no range.
+the scene, my.toml: a set-up (see agents/setups) and two more tables. Give a guess for each fitted number, and for any
+other number its value during the measurement, not a range.
 
     [environment]
     tool_mass = 0.125                                    # kg
@@ -39,43 +39,42 @@ value during the measurement, no range.
     restitution = 0.5
     distance = 0.25                                      # m, between the faces at rest
     [motion]                                             # of the robot, from rest
-    speed = 1.0                                          # m/s, or a list with the speed of each log
+    speed = 1.0                                          # m/s; or a list with a speed for each log
     acceleration = 8.0                                   # m/s^2
-    brake = { threshold = 1.0, delay = 0.016 }           # N, s; leave it out if it does not brake
+    brake = { threshold = 1.0, delay = 0.016 }           # N, s; leave it out if the robot does not brake
     [sensor.force]                                       # known properties of a column, all optional
     rate = 4000.0                                        # Hz
     low_pass = 1000.0                                    # Hz, first order
     bias = "estimated"                                   # or a number, in the column's unit
     noise = 0.2                                          # standard deviation
-    cell = { mass = 0.02, frequency = 5000.0 }           # of a force: kg before the element, Hz; damping_ratio
+    cell = { mass = 0.02, frequency = 5000.0 }           # load cell of a force: kg, Hz; also damping_ratio
 
 the output: the set-up with the intervals as ranges, without the two tables. A number with an interval that is unlimited
-on one side keeps its value, with a comment.
+on one side keeps its value, and a comment says so.
 
---hold-out checks the fit on blows it was not fitted to: every other log is fitted and predicts the rest, then the
+--hold-out checks the fit on blows to which it was not fitted: a fit to every other log predicts the rest, then the
 reverse. It prints the errors of V_p, peak force, impulse and duration for each blow, and the scatter of blows with
 equal motions. With --out setup.toml the table is also written to setup.held-out.csv.
 """
 
 PLACES = {row.path: ("scenario", row.id) for row in SCENARIO} | {row.path: (row.id,) for row in SET_UP if row.path}
-"""Keys of a scene's numbers in `[environment]`; those of coupling and robot have their own names."""
-
-MEASUREMENT = ("motion", "sensor")
-"""Tables of the measurement, which are no part of a set-up."""
+"""Keys in `[environment]` of the scene's numbers; numbers of coupling and robot have the same names there."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Read the command line, fit, write."""
+    """Run the command: read logs and scene, fit, write the set-up."""
     parser = argparse.ArgumentParser(
         prog="impact-gym identify", description=DESCRIPTION, epilog=FILE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
-    parser.add_argument("logs", nargs="+", metavar="log.csv", help="measured blows with the same scene")
-    parser.add_argument("--scene", type=Path, required=True, help="known numbers and guesses, a TOML file, see below")
+    parser.add_argument("logs", nargs="+", metavar="log.csv", help="measured blows of the same scene")
+    parser.add_argument("--scene", type=Path, required=True, help="TOML file of known numbers and guesses, see below")
     parser.add_argument("--free", nargs="+", default=list(FREE), help=f"numbers to fit, default: {' '.join(FREE)}")
-    parser.add_argument("--hold-out", action="store_true", help="also predict each half of the logs from the other")
-    parser.add_argument("--out", type=Path, help="file for the set-up, which is printed otherwise")
-    parser.add_argument("--plot", type=Path, help="file for a figure of fit and residuals, needs Matplotlib")
+    parser.add_argument(
+        "--hold-out", action="store_true", help="also predict each half of the logs by a fit to the other half"
+    )
+    parser.add_argument("--out", type=Path, help="file for the set-up; without it the set-up is printed")
+    parser.add_argument("--plot", type=Path, help="file for a figure of fit and residuals; needs Matplotlib")
     options = parser.parse_args(arguments)
     try:
         if find_spec("tomli_w") is None:
@@ -103,7 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def parse(
     content: Mapping[str, Any], free: Sequence[str], count: int = 1
 ) -> tuple[Scene, list[Trapezoid], dict[str, Sensor]]:
-    """Return scene, motion of each of `count` logs, and sensors from the tables of a file.
+    """Return the scene, the motion of each of `count` logs, and the sensors from the tables of a file.
 
     Raises:
         ValueError: a table is missing or has unknown keys, or a range where a number is needed.
@@ -143,24 +142,24 @@ def parse(
 
 
 def _sensor(name: str, table: Any) -> Sensor:
-    """Return the sensor of a table, with its load cell."""
+    """Return the sensor of a table, with its load cell if it has one."""
     one_of(name, table, Mapping)
     cell = {"cell": _record(f"{name}.cell", table["cell"], LoadCell)} if "cell" in table else {}
     return _record(name, {**table, **cell}, Sensor)
 
 
 def _record(name: str, table: Any, kind: type[Any]) -> Any:
-    """Return the record of a table; ValueError: it has other fields."""
+    """Return the record of this kind with the fields of a table."""
     one_of(name, table, Mapping)
     return record_from(name, {"type": kind.__name__, **table}, (kind,))
 
 
 def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterator[str]:
     """Yield the lines of the set-up: the file's tables with the intervals as ranges, and `said` as comments."""
-    import tomli_w  # an extra that the Python interface does not need
+    import tomli_w  # of the extra `identify`, which only this command needs
 
     yield from (f"# {line}" for line in said.splitlines())
-    written = deepcopy({name: table for name, table in content.items() if name not in MEASUREMENT})
+    written = deepcopy({name: table for name, table in content.items() if name not in ("motion", "sensor")})
     environment = written["environment"]
     if not isinstance(environment.get("scenario", {}), Mapping):
         environment["scenario"] = {}
@@ -170,7 +169,7 @@ def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterato
         if abs(low) > 0.0 and abs(high) < float("inf"):
             table[key] = [low, high]
         else:
-            yield f"# {name} is not limited by this log: it stays {table.get(key, 'as set-ups have it')}"
+            yield f"# this log does not limit {name}: it stays {table.get(key, 'at its default')}"
     yield tomli_w.dumps(written)
 
 

@@ -14,29 +14,29 @@ from impact_gym.identify.model import Model
 from impact_gym.identify.search import ROUGH, Point, as_good, descend, distinct, race, scatter
 from impact_gym.identify.sensor import Array, bursts, level
 
-STARTS = 8  # starting points that are fitted, the best first; `Fit.again` takes as many more
-NOISE_ROUNDS = 3  # estimates of the noise, with a new fit each
+STARTS = 8  # starting points that are fitted, the best first; `Fit.again` fits as many more
+NOISE_ROUNDS = 3  # estimates of the noise, each with a new fit
 CONFIDENCE = 0.95
-END_TOLERANCE = 0.02  # of an end of an interval, relative to the half width
-MAX_STEP = 1.5  # of a coordinate, first step towards an end; an interval longer than this may hide another minimum
+END_TOLERANCE = 0.02  # tolerance of an interval's end, relative to the half width
+MAX_STEP = 1.5  # of a coordinate, first step towards an end; a longer interval may contain another minimum
 MAX_STEPS = 10  # fits per end of an interval
-BEYOND = (1.6, 2.5)  # times the distance to an end, where the misfit is checked for another minimum
-MAX_DEVIATION = 1e3  # of a coordinate, standard deviation of an undetermined number
-MIN_IMPROVEMENT = 0.05  # of the misfit, for a point to replace the best fit, doubled each time; an end is 3.8 above
-MIN_LEFTOVER = 6.0, 0.5  # residual of a blow that the model lacks: standard deviations, and share of the blow
+BEYOND = (1.6, 2.5)  # times the distance to an end: here the misfit is checked for another minimum
+MAX_DEVIATION = 1e3  # largest standard deviation of a coordinate, if the number is not determined
+MIN_IMPROVEMENT = 0.05  # of the misfit, for a point to replace the best fit; doubled each time
+MIN_LEFTOVER = 6.0, 0.5  # least residual of a blow that the model lacks: standard deviations, and share of the blow
 
 Ends = tuple[float | None, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The best x, its misfit and covariance (size, size), and the other minima."""
+    """The best x with its misfit and covariance (size, size), and the other minima."""
 
     model: Model
     x: Array
     misfit: float  # sum of squared residuals over the noise
     covariance: Array
-    valley: Array  # covariance with a prior of MAX_STEP on each free number, so that undetermined numbers stay
+    valley: Array  # covariance with a prior of MAX_STEP on each free number, which keeps undetermined numbers near
     others: Sequence[Point]
     improvement: float = MIN_IMPROVEMENT
 
@@ -47,23 +47,18 @@ class Fit:
         Raises:
             ValueError: no start leads to a blow, or a free number changes nothing.
         """
-        first = slice(STARTS)
-        starts = scatter(model)[first]
-        _refuse_idle(model, starts)
-        return cls.polished(model, as_good(model, race(model, starts + _past_first_blow(model, first))))
+        return cls.polished(model, as_good(model, _minima(model, 0)))
 
     def again(self) -> "Fit":
-        """Return the best fit from STARTS further starts and the known minima; this one if they add no minimum."""
-        model, more = self.model, slice(STARTS, 2 * STARTS)
-        known = [Point(self.misfit, self.x), *self.others]
-        minima = race(model, scatter(model)[more] + _past_first_blow(model, more))
-        good = as_good(model, distinct(model, known + minima))
+        """Return the best fit from STARTS further starts and the known minima, or this fit without a new minimum."""
+        model, known = self.model, [Point(self.misfit, self.x), *self.others]
+        good = as_good(model, distinct(model, known + _minima(model, STARTS)))
         is_new = {id(point) for point in good} - {id(point) for point in known}
         return self.polished(model, good) if is_new else self
 
     @classmethod
     def polished(cls, model: Model, points: Sequence[Point]) -> "Fit":
-        """Return the best of the minima near some points, with the noise of its residuals."""
+        """Return the best minimum near some points, with the noise of its residuals."""
         for _ in range(NOISE_ROUNDS):
             points = distinct(model, [descend(model, point.x) for point in points])
             changed = _estimate_noise(model, points[0].x)
@@ -76,23 +71,24 @@ class Fit:
 
     @property
     def quantile(self) -> float:
-        """Half width of an interval in standard deviations; Student's t if noise is estimated, otherwise normal."""
+        """Half width of an interval in standard deviations: by Student's t if noise is estimated, otherwise normal."""
         upper = 0.5 + CONFIDENCE / 2.0
         if all(sensor.noise is not None for sensor in self.model.sensors.values()):
             return float(ndtri(upper))
         return float(stdtrit(self.model.samples - self.model.size, upper))
 
     def excess(self, point: Point) -> float:
-        """Return the misfit of a point above the least one; it is the square of `quantile` at an end of an interval."""
+        """Return the misfit of a point less the least misfit; at an end of an interval it is `quantile` squared."""
         return max(point.misfit - self.misfit, 0.0)
 
-    def deviation(self, i: int) -> float:
-        """Return the standard deviation of x[i] by the curvature at the best fit."""
-        return min(math.sqrt(self.covariance[i, i]), MAX_DEVIATION)
+    @property
+    def deviations(self) -> Array:
+        """Standard deviations of x by the curvature at the best fit."""
+        return np.minimum(np.sqrt(np.diag(self.covariance)), MAX_DEVIATION)
 
 
 def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
-    """Return the best fit and the intervals of its free numbers, after a second search if these are wide.
+    """Return the best fit and the intervals of its free numbers; if these are wide, after a second search.
 
     Raises:
         ValueError: no start leads to a blow, a free number changes nothing, or a log has more blows than the fit.
@@ -109,28 +105,38 @@ def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
     return fit, ends
 
 
+def _minima(model: Model, after: int) -> list[Point]:
+    """Return rough minima of fits from STARTS starting points, which follow the first `after` starting points.
+
+    Further fits start from minima of a fit to the first blow alone, as later blows add many local minima.
+    """
+    which = slice(after, after + STARTS)
+    starts, first = scatter(model)[which], model.of_first_blow()
+    if not after:
+        _refuse_idle(model, starts)
+    if first.samples < model.samples:
+        starts += [point.x for point in race(first, scatter(first)[which])]
+    return race(model, starts)
+
+
 def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
-    """Refuse starts without a blow, and free numbers that do not change the residuals."""
+    """Refuse if no start has a blow, or if a free number does not change the residuals."""
     if not points:
-        raise ValueError(
-            "scene: neither it nor its neighbours can be simulated to a blow; are motion and distance right?"
-        )
+        raise ValueError("scene: no scene near it can be simulated to a blow; are motion and distance right?")
     slopes = sum(np.abs(model.jacobian(x)).max(axis=0) for x in points)
     for number, slope in zip(model.free, slopes, strict=False):
         if slope == 0.0:
-            raise ValueError(
-                f"free: the log does not depend on {number.name}, at all; fix it, or record a column that does"
-            )
+            raise ValueError(f"free: the log does not depend on {number.name}; fix it, or record a column that does")
 
 
 def _extra_blows(fit: Fit) -> str:
-    """Return the refusal of a log with more blows than the fit, or an empty text."""
+    """Return the refusal of a log with more blows than its fit has, or an empty text."""
     model = fit.model
     for k, log in enumerate(model.logs):
         if "force" not in log.columns:
             continue
         force, sensor = log.columns["force"], model.sensors["force"]
-        left = -model.residuals(fit.x)[model.slots[k, "force"]]  # standard deviations
+        left = -model.residuals(fit.x)[model.slots[k, "force"]]  # in standard deviations
         signal = (force - level(force, sensor)) / model.noise["force"]
         deviations, share = MIN_LEFTOVER
         blows = bursts(force, sensor)
@@ -142,18 +148,12 @@ def _extra_blows(fit: Fit) -> str:
         if any(extra) and len(blows) > 1:
             times = ", ".join(f"{log.time[first]:g}" for first, _ in blows)
             return (f"{log.name} has {len(blows)} blows, at {times} s, the scene makes no more than "
-                    f"{len(blows) - sum(extra)} of them: cut it to one, or give each as a log of its own")  # fmt: skip
+                    f"{len(blows) - sum(extra)} of them: cut it to one blow, or give each blow as a log")  # fmt: skip
     return ""
 
 
-def _past_first_blow(model: Model, starts: slice) -> list[Array]:
-    """Return minima of a fit to the first blow alone, as later blows add many local minima."""
-    first = model.of_first_blow()
-    return [point.x for point in race(first, scatter(first)[starts])] if first.samples < model.samples else []
-
-
 def _estimate_noise(model: Model, x: Array) -> bool:
-    """Set unknown noise to the residual of its columns at x; return whether that changed it."""
+    """Set the unknown noise of each column to the size of its residuals at x; return whether any noise changed."""
     left = model.residuals(x) * model.scales()
     share = 1.0 - model.size / model.samples
     changed = False
@@ -167,7 +167,7 @@ def _estimate_noise(model: Model, x: Array) -> bool:
 
 
 def _covariance(jacobian: Array) -> Array:
-    """Return the inverse of J^T J, with very large entries where no sample depends on x."""
+    """Return the inverse of J^T J, with very large entries for each x on which no sample depends."""
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0.0] = 1.0
     _, values, rows = np.linalg.svd(jacobian / size, full_matrices=False)
@@ -176,27 +176,24 @@ def _covariance(jacobian: Array) -> Array:
 
 
 class _BetterError(Exception):
-    """A point fits better than the best fit so far."""
-
-    def __init__(self, x: Array) -> None:
-        self.x = x
+    """The argument, a point x, fits better than the best fit so far."""
 
 
 def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
-    """Return the fit and both ends of each free number's interval, None where it is unlimited.
+    """Return the fit and both ends of each free number's interval; None: the interval is unlimited on this side.
 
-    Other minima below the quantile widen an interval. A better point found on the way becomes the fit.
+    Other minima below the quantile widen an interval. If a better point is found on the way, it becomes the fit.
     """
     while True:  # terminates, as the misfit falls by more each time
         try:
             return fit, [tuple(_end(fit, i, side) for side in (-1, 1)) for i in range(len(fit.model.free))]
         except _BetterError as better:
-            points = [Point(fit.misfit, better.x), Point(fit.misfit, fit.x), *fit.others]
+            points = [Point(fit.misfit, better.args[0]), Point(fit.misfit, fit.x), *fit.others]
             fit = replace(Fit.polished(fit.model, points), improvement=2.0 * fit.improvement)
 
 
 def _end(fit: Fit, i: int, side: int) -> float | None:
-    """Return the outermost end of x[i] on one side (-1, 1), from the best fit and other minima below the quantile."""
+    """Return the outermost end of x[i] on one side (-1, 1), starting from each minimum below the quantile."""
     limit = fit.quantile**2
     end = profile(fit, i, side, Point(fit.misfit, fit.x))
     for point in fit.others:
@@ -217,15 +214,15 @@ def _is_vague(fit: Fit) -> bool:
     """Whether an interval will exceed MAX_STEP, by the curvature or another minimum below the quantile."""
     good = [fit.x, *(point.x for point in fit.others if point.misfit - fit.misfit < fit.quantile**2)]
     spread = np.ptp(good, axis=0)
-    widths = [2.0 * fit.quantile * fit.deviation(i) + float(spread[i]) for i in range(len(fit.model.free))]
-    return max(widths) > MAX_STEP
+    widths = 2.0 * fit.quantile * fit.deviations + spread
+    return bool(widths[: len(fit.model.free)].max() > MAX_STEP)
 
 
 def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
-    """Return the fit with x[i] = `u`, started from `near` along the valley and, if that is no good, with x[i] alone.
+    """Return the fit with x[i] = `u`, started from `near` along the valley or, if this fit is bad, along x[i] alone.
 
     Raises:
-        _BetterError: it is better than the best fit.
+        _BetterError: this fit is better than the best fit.
     """
     points = []
     for along in (fit.valley[:, i] / fit.valley[i, i], np.zeros_like(near.x)):
@@ -242,15 +239,15 @@ def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
 def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
     """Return x[i] on one `side` (-1, 1) at which the profile of the misfit reaches the quantile, or None.
 
-    The first step, from the minimum `begin`, follows the curvature at the best fit and is the end if the misfit agrees
-    to END_TOLERANCE.
+    The first step starts from the minimum `begin` and is as long as the curvature at the best fit says. If the misfit
+    there agrees to END_TOLERANCE, it is the end.
 
     Raises:
         _BetterError: a point on the way is better than the best fit.
     """
     first, last = float(begin.x[i]), fit.model.free[i].reach[side > 0]
     inner, outer = (first, math.sqrt(fit.excess(begin) / fit.quantile**2), begin), None
-    u = first + side * min((1.0 - inner[1]) * fit.quantile * fit.deviation(i), MAX_STEP)
+    u = first + side * min((1.0 - inner[1]) * fit.quantile * fit.deviations[i], MAX_STEP)
     for _ in range(MAX_STEPS):
         u = max(u, last) if side < 0 else min(u, last)
         point = _refit(fit, i, u, inner[2])

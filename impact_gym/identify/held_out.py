@@ -1,7 +1,7 @@
-"""Errors of a fit on blows it was not fitted to: each half of the logs predicts the other.
+"""Errors of a fit on blows to which it was not fitted: a fit to each half of the logs predicts the other half.
 
-Every quantity is computed in the same way from the samples of the log and from the predicted readings of the fitted
-scene's sensors. In a predicted log only the start of the motion, and an unknown bias, are fitted.
+Every quantity is computed in the same way from the measured and from the predicted samples. In a predicted log only the
+start of the motion and an unknown bias are fitted.
 """
 
 import csv
@@ -23,25 +23,23 @@ from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
 
 UNITS = {"object_velocity": "m/s", "peak_force": "N", "impulse": "N s", "duration": "s"}
-"""Quantities of a blow: V_p, and the peak of the force, its integral and its width at half of the peak."""
-END = 0.25  # share of a log's samples, the last, whose mean is the velocity after the blow
-HALF = 0.5  # of the peak
-MIN_LOGS = 2
+"""Quantities of a blow: V_p; peak and integral of the force, and its width at half of the peak."""
+END = 0.25  # last share of a log's samples; their mean is the velocity after the blow
 
 
 class Prediction(NamedTuple):
-    """A quantity of a blow that was not fitted, in its unit of UNITS."""
+    """A quantity of a blow that was not fitted, in its unit, see UNITS."""
 
     log: str
     quantity: str
     measured: float
     predicted: float
-    equal: float  # median of the fitted blows with the same motion; nan: there are none
+    equal: float  # median of the fitted blows with the same motion, nan without such blows
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Predictions of all blows, each by a fit to the other half of the logs."""
+    """Predictions of all blows, each by a fit to the half of the logs that does not contain it."""
 
     predictions: tuple[Prediction, ...]
 
@@ -49,7 +47,7 @@ class HeldOut:
         """Return the relative errors of the predictions and of the medians of equal blows, (blows,) each."""
         rows = [each[2:] for each in self.predictions if each.quantity == quantity]
         measured, predicted, equal = np.array(rows).reshape(-1, 3).T
-        with np.errstate(divide="ignore"):  # inf where nothing was measured
+        with np.errstate(divide="ignore"):  # inf where the measured value is 0
             return np.abs(predicted - measured) / np.abs(measured), np.abs(equal - measured) / np.abs(measured)
 
     def __str__(self) -> str:
@@ -78,15 +76,15 @@ def hold_out(
     log: Sequence[Any], scene: Scene, motion: Trapezoid | Sequence[Trapezoid],
     free: Iterable[str] | Mapping[str, Any] = FREE, sensor: Sensor | Mapping[str, Sensor] | None = None,
 ) -> HeldOut:  # fmt: skip
-    """Fit every other log and predict the rest, then the reverse; the arguments are those of `identify`.
+    """Fit every other log and predict the rest, then the reverse; takes the arguments of `identify`.
 
     Raises:
-        TypeError, ValueError: as `identify`; or there are too few logs, their columns differ, or none can be
-            compared: V_p needs a column object_velocity, the other quantities a force.
+        TypeError, ValueError: as `identify`; or there are too few logs, their columns differ, or they have neither an
+            object_velocity, from which V_p is computed, nor a force, from which the other quantities are.
     """
-    if not isinstance(log, (list, tuple)) or len(log) < MIN_LOGS:
-        count = len(log) if isinstance(log, (list, tuple)) else 1
-        raise ValueError(f"hold-out needs {MIN_LOGS} logs or more, a half to fit and a half to predict, got {count}")
+    count = len(log) if isinstance(log, (list, tuple)) else 1
+    if count < 2:
+        raise ValueError(f"hold-out needs 2 logs or more, a half to fit and a half to predict, got {count}")
     logs = [read(source, f"log {k + 1}") for k, source in enumerate(log)]
     columns = logs[0].columns.keys()
     for each in logs:
@@ -114,7 +112,7 @@ def hold_out(
 
 
 def _predicted(log: Log, motion: Trapezoid, fit: Identified) -> Log:
-    """Return a log as predicted for the sensors of a fit."""
+    """Return the readings that a fit predicts for a log."""
     model = Model.of([log], fit.scene, [motion], fit.fit.model.sensors, ())
     x = descend(model, start_at(model, np.empty(0), 0.5).x).x
     samples = model.predicted(x)[0] + model.biases(x)
@@ -122,7 +120,7 @@ def _predicted(log: Log, motion: Trapezoid, fit: Identified) -> Log:
 
 
 def _quantities(log: Log, fit: Identified) -> dict[str, float]:
-    """Return the quantities of a log that its columns allow."""
+    """Return the quantities that can be computed from a log's columns."""
     found = {}
     if "object_velocity" in log.columns:
         found["object_velocity"] = float(np.mean(log.columns["object_velocity"][-max(int(END * len(log.time)), 1) :]))
@@ -134,8 +132,8 @@ def _quantities(log: Log, fit: Identified) -> dict[str, float]:
 
 
 def _width(force: Array) -> float:
-    """Return the width of a blow at HALF of its peak in samples, with linear interpolation."""
-    high, padded = HALF * force.max(), np.concatenate([[0.0], force, [0.0]])
+    """Return the width of a blow at half of its peak in samples, with linear interpolation."""
+    high, padded = 0.5 * force.max(), np.concatenate([[0.0], force, [0.0]])
     first, last = next(run for run in runs(padded > high) if run[0] <= padded.argmax() <= run[1])
     inside = [(padded[a] - high) / (padded[a] - padded[b]) for a, b in ((first, first - 1), (last, last + 1))]
     return float(last - first + sum(inside))

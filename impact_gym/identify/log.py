@@ -1,4 +1,4 @@
-"""A measured blow: reading it, and refusing invalid ones with column, value, unit and allowed range."""
+"""A measured blow: reading its log, and refusing invalid logs with column, value, unit and allowed range."""
 
 import math
 import warnings
@@ -26,26 +26,26 @@ READ = {
     "tool_acceleration": Column("m/s^2", r"(tool|hammer) (acceleration|accel|acc)", needs_unit=True),
     "object_acceleration": Column("m/s^2", r"(object|target) (acceleration|accel|acc)", needs_unit=True),
 }
-"""Columns that a log may have beside `time` (s), and how files name them."""
+"""Columns that a log may have in addition to `time` (s), and their names in files."""
 UNITS = {name: column.unit for name, column in READ.items()}
 COLUMNS = ", ".join(f"{name} ({unit})" for name, unit in UNITS.items())
 
 MIN_SAMPLES = 8
 MAX_FORCE = 1e5  # N
 MAX_ACCELERATION = 1e6  # m/s^2
-MAX_SPEED_RATIO = 10.0  # of a velocity over the motion's speed
-MAX_STEP = 0.05  # s between two samples
-MAX_GAP = 1.5  # usual steps; a longer one means lost samples, unless the steps beside it are shorter by as much
-MAX_LOST = 3  # samples in a row
-MIN_SWING = 10.0  # standard deviations of the noise, from the least to the largest sample of a blow
-MOST_IMPULSE = 200.0  # impulses that reverse the tool's velocity; above: time may be in ms
-LEAST_IMPULSE = 0.03  # plastic impulses of the lightest bodies in the searched ranges; below: another unit
-FLAT_SAMPLES = 3  # equal extreme values between clearly smaller ones: the sensor is saturated
+MAX_SPEED_RATIO = 10.0  # of a recorded velocity over the motion's speed
+MAX_STEP = 0.05  # s, largest usual time between two samples
+MAX_GAP = 1.5  # usual steps; a longer step means lost samples, unless its neighbours are shorter by as much
+MAX_LOST = 3  # largest number of lost samples in a row
+MIN_SWING = 10.0  # standard deviations of the noise, between the least and the largest sample of a blow
+MOST_IMPULSE = 200.0  # times the impulse that reverses the tool's velocity; above it time may be in ms
+LEAST_IMPULSE = 0.03  # times the plastic impulse of the lightest bodies in the searched ranges; below it: another unit
+FLAT_SAMPLES = 3  # number of equal extreme values that show a saturated sensor
 
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """One blow as it was recorded."""
+    """The recorded samples of one blow."""
 
     name: str
     time: Array  # (n,), s
@@ -54,11 +54,11 @@ class Log:
 
     @property
     def lost(self) -> NDArray[np.int64]:
-        """Number of samples lost after each sample except the last (n - 1,)."""
+        """Number of lost samples after each sample but the last (n - 1,)."""
         steps = np.diff(self.time)
         usual = float(np.median(steps))
         padded = np.concatenate([[usual], steps, [usual]])
-        three = padded[:-2] + steps + padded[2:]  # unchanged by a single late stamp
+        three = padded[:-2] + steps + padded[2:]  # a single late time does not change these sums
         return np.where(steps > MAX_GAP * usual, np.maximum(np.rint(three / usual) - 3, 0), 0).astype(np.int64)
 
     @property
@@ -68,11 +68,11 @@ class Log:
 
 
 def read(source: Any, name: str) -> Log:
-    """Return the log in a mapping of columns, or in a CSV file, see `impact_gym.csv_files`; a `Log` as it is.
+    """Return the log of a mapping of columns or of a CSV file, see `impact_gym.csv_files`; a `Log` is returned as is.
 
     Raises:
-        TypeError, ValueError: another type; columns are missing, unknown or of other lengths; a value is not finite;
-            time does not increase or has a gap of more than MAX_LOST samples.
+        TypeError, ValueError: the source has another type; columns are missing, unknown or of different lengths; a
+            value is not finite; time does not increase, or more than MAX_LOST samples in a row are lost.
     """
     if isinstance(source, Log):
         return source
@@ -87,9 +87,10 @@ def read(source: Any, name: str) -> Log:
     if "time" not in source or len(source) < 2:
         raise ValueError(f"{name} must have a column time (s) and at least one of {COLUMNS}, got {list(source)}")
     columns = {
-        column: np.array(numbers(f"{name}, {column}", values, UNITS.get(column, "s")))
+        column: values if said and np.isfinite(values).all()  # the numbers of a file need no other check
+        else np.array(numbers(f"{name}, {column}", values, UNITS.get(column, "s")))
         for column, values in source.items()
-    }
+    }  # fmt: skip
     lengths = {column: len(values) for column, values in columns.items()}
     if len(set(lengths.values())) > 1 or min(lengths.values()) < MIN_SAMPLES:
         raise ValueError(f"{name} must have columns of one length, {MIN_SAMPLES} samples at least, got {lengths}")
@@ -118,7 +119,7 @@ def read(source: Any, name: str) -> Log:
 
 
 def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
-    """Refuse a log in other units, at another rate, of a dead or saturated sensor, without a blow, or with a pull.
+    """Refuse a log in other units, at another rate, of a dead or saturated sensor, without a blow, or of other sign.
 
     Raises:
         ValueError: names column, value, unit and allowed range.
@@ -145,13 +146,13 @@ def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Senso
 
 
 def tool_mass(scene: Scene) -> float:
-    """Return the mass (kg) of the tool and all bodies fixed to it."""
+    """Return the mass (kg) of the tool and all bodies fixed to it; infinite if its motion is imposed."""
     behind = scene.robot.mass if isinstance(scene.robot, Robot) else math.inf
     return scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
 
 
 def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Sensor) -> None:
-    """Refuse a pulling force, and an impulse far below the plastic one of the scene; warn of one far too large."""
+    """Refuse a pulling force, and an impulse far below the scene's plastic impulse; warn of a far larger impulse."""
     force = log.columns["force"] - level(log.columns["force"], sensor)
     most, least = float(force.max()), float(force.min())
     if sensor.bias != "estimated" and -least > most:
@@ -164,7 +165,7 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
     impulse = log.step * sum(float(force[first : last + 1].sum()) for first, last in blows)
     if impulse > MOST_IMPULSE * 2.0 * tool * speed:
         warnings.warn(
-            f"{log.name}, force has an impulse of {impulse:.3g} N s, where the tool at {speed:g} m/s is turned back by"
+            f"{log.name}, force has an impulse of {impulse:.3g} N s, but the tool at {speed:g} m/s is reversed by"
             f" {2.0 * tool * speed:.3g} N s: is time in ms?", stacklevel=2,
         )  # fmt: skip
     if 0.0 < impulse < LEAST_IMPULSE * usual:
@@ -176,7 +177,7 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
 
 
 def _refuse_clipped(log: Log, name: str) -> None:
-    """Refuse a saturated column: equal extreme values whose neighbours differ by more than the resolution."""
+    """Refuse a saturated column: equal extreme values that differ from their neighbours by more than the resolution."""
     values = log.columns[name]
     resolution = np.diff(np.unique(values))
     for end, side in ((values.max(), 1.0), (values.min(), -1.0)):

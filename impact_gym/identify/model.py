@@ -24,18 +24,17 @@ from impact_gym.validation import WrongTypeError, number, shown
 MASS, STIFFNESS, RESTITUTION = "object.mass", "contact.stiffness", "contact.restitution"
 SEARCHED = {STIFFNESS: (1e2, 1e8), RESTITUTION: (0.03, 0.99), MASS: (5e-3, 5e2)}
 """Ranges of starting points, unless `free` has others."""
-SEARCH_FACTOR = 10.0  # of other numbers: from a tenth to ten times the scene's value
-REACH_FACTOR = 1e4  # bound of the fit beyond the searched range on either side
-WALL = 1e5  # masses of a tool on a spring, bound of the object's mass: beyond it the object is a wall
-LARGEST_LOGIT = 14.0  # of ln(e/(1-e)): e within 1e-6 of an end
+SEARCH_FACTOR = 10.0  # other numbers are searched from a tenth to ten times the scene's value
+REACH_FACTOR = 1e4  # how far the fit may go beyond either end of the searched range
+WALL = 1e5  # times the mass of a tool on a spring, bound of the object's mass: a heavier object is a wall
+LARGEST_LOGIT = 14.0  # largest ln(e/(1-e)): e within 1e-6 of 0 or 1
 RTOL = 1e-8
 STEP = 2e-3
-"""Of a coordinate, for forward differences: their errors by curvature (0.1 %) and by the simulator's steps are far
-below a noise of 1 %. Derivatives by start and bias need no simulation, so a fit takes up to 30 % fewer simulations than
-with SciPy's "2-point" and less than half of those with "3-point", to the same minimum. The batch simulator returns
-final states only and cannot give these differences."""
-IMPOSSIBLE = 1e3  # ranges of a log, its residual where the scene cannot be simulated
-TRACED = {"force": "contact_force"}  # column of a log: column of a trace, where the names differ
+"""Of a coordinate, for forward differences. Their errors by curvature (0.1 %) and by the simulator's steps are far
+below a noise of 1 %. Derivatives by start and bias need no simulation: a fit takes up to 30 % fewer simulations than
+with SciPy's "2-point" and less than half as many as with "3-point", to the same minimum. The batch simulator returns
+final states only, so it cannot give these differences."""
+IMPOSSIBLE = 1e3  # times the range of a log, its residual if the scene cannot be simulated
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Coordinate:
     sign: float  # of the number
     searched: tuple[float, float]  # range of the absolute value
     bounded: bool  # the searched range is a known bound
-    wall: float = math.inf  # absolute value beyond which it makes no difference
+    wall: float = math.inf  # a larger absolute value makes no difference
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -63,18 +62,13 @@ class Coordinate:
             return min(math.log(size / (1.0 - size)) if size < 1.0 else LARGEST_LOGIT, LARGEST_LOGIT)
         return math.log(size)
 
-    def clipped(self, u: float) -> float:
-        """Return `u`, limited to its reach."""
-        low, high = self.reach
-        return min(max(u, low), high)
-
     def number(self, u: float) -> float:
-        """Return the number at coordinate `u`, limited to its reach."""
-        u = self.clipped(u)
+        """Return the number at coordinate `u`, which is limited to the reach."""
+        u = float(np.clip(u, *self.reach))
         return 1.0 / (1.0 + math.exp(-u)) if self.name == RESTITUTION else self.sign * math.exp(u)
 
     def end(self, u: float | None, side: int) -> float:
-        """Return the end of an interval at `u` on one side (-1, 1); None: the limit of the number itself."""
+        """Return the number at the end `u` of an interval on one side (-1, 1); None: the limit of the number itself."""
         if u is not None:
             return self.number(u)
         if self.bounded:
@@ -82,14 +76,14 @@ class Coordinate:
         return float(side > 0) if self.name == RESTITUTION else self.sign * (math.inf if side > 0 else 0.0)
 
     def start(self, scene: Scene) -> float:
-        """Return the coordinate of the scene's own number, or the middle of the reach if that lies outside."""
+        """Return the coordinate of the scene's number, or the middle of the reach if that number lies outside."""
         size, (low, high) = abs(get(scene, self.name)), self.reach
         inside = size > 0.0 and low <= self.coordinate(size) <= high
         return self.coordinate(size) if inside else (low + high) / 2.0
 
 
 def free_coordinates(scene: Scene, free: Iterable[str] | Mapping[str, Any]) -> tuple[Coordinate, ...]:
-    """Return the coordinates of the numbers in `free`: names, or a mapping to known bounds (low, high).
+    """Return the coordinates of the numbers in `free`: names, or a mapping from names to bounds (low, high) or None.
 
     Raises:
         ValueError: a name is unknown or given twice, a number without bounds is 0, or its bounds are no range.
@@ -132,9 +126,9 @@ def tool_acceleration(scene: Scene, trace: Trace) -> Array:
 
 @dataclass(eq=False)
 class Model:
-    """Residuals of all logs as a function of x: free coordinates, start of each motion (s), biases that are estimated.
+    """Residuals of all logs as a function of x: free coordinates, start of each motion (s), estimated biases.
 
-    `noise` are the standard deviations of each column, the same in all logs.
+    `noise` is the standard deviation of each column, the same in all logs.
     """
 
     logs: Sequence[Log]
@@ -147,8 +141,10 @@ class Model:
 
     def __post_init__(self) -> None:
         columns = [(k, name) for k, log in enumerate(self.logs) for name in log.columns]
-        self.biased = [(k, name) for k, name in columns if self.sensors[name].bias == "estimated"]
-        self.size = len(self.free) + len(self.logs) + len(self.biased)
+        biased = [(k, name) for k, name in columns if self.sensors[name].bias == "estimated"]
+        first = len(self.free) + len(self.logs)
+        self.bias_places = {key: place for place, key in enumerate(biased, first)}  # of columns of logs, in x
+        self.size = first + len(biased)
         ends = np.cumsum([len(self.logs[k].time) for k, _ in columns])
         self.samples = int(ends[-1])
         begins = [0, *ends[:-1]]
@@ -170,7 +166,7 @@ class Model:
         return cls(logs, scene, motions, sensors, free, noise)
 
     def of_first_blow(self) -> "Model":
-        """Return the model of the logs up to the end of the first blow, where they have a force."""
+        """Return the model of the logs up to the end of the first blow; a log without a force stays whole."""
         logs = []
         for log in self.logs:
             blows = bursts(log.columns["force"], self.sensors["force"]) if "force" in log.columns else []
@@ -179,25 +175,22 @@ class Model:
             logs.append(Log(log.name, log.time[:end], columns))
         return Model(logs, self.scene, self.motions, self.sensors, self.free, dict(self.noise))
 
-    def numbers(self, x: Array) -> dict[str, float]:
-        """Return the free numbers of the scene."""
-        return {coordinate.name: coordinate.number(u) for coordinate, u in zip(self.free, x, strict=False)}
-
     def scene_at(self, x: Array) -> Scene:
-        """Return the scene with these numbers."""
-        return replaced(self.scene, self.numbers(x))
+        """Return the scene with the free numbers of x."""
+        numbers = {coordinate.name: coordinate.number(u) for coordinate, u in zip(self.free, x, strict=False)}
+        return replaced(self.scene, numbers)
 
     def trace(self, scene: Scene, k: int, duration: float) -> Trace:
-        """Simulate the motion behind log k."""
+        """Simulate the motion of log k."""
         self.simulations += 1
         trace = simulate(scene, self.motions[k], duration, RTOL, trace=True).trace
         assert trace is not None
         return trace
 
     def latest(self, scene: Scene, k: int) -> float:
-        """Return the latest time (s) of the motion at which log k can end.
+        """Return the latest time (s) after the start of the motion at which log k may end.
 
-        The log begins before the flange has travelled twice the distance to the object and the spring has settled.
+        The log must begin before the flange has travelled twice the distance to the object and the spring has settled.
         """
         motion, log = self.motions[k], self.logs[k]
         arrival = 2.0 * scene.object.distance / motion.speed + motion.speed / motion.acceleration
@@ -206,22 +199,22 @@ class Model:
         return arrival + float(log.time[-1] - log.time[0])
 
     def sensed(self, scene: Scene, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
-        """Return the reading of a column's sensor `at` (n,) s of the motion, and its slope."""
+        """Return the readings of a column's sensor at the times `at` (n,), s, of the motion, and their slopes."""
         sensor = self.sensors[name]
         if name == "tool_acceleration":
             values = tool_acceleration(scene, trace)
         elif name == "object_acceleration":
-            drag = (scene.object.friction or 0.0) * GRAVITY  # static friction balances a smaller force
+            drag = (scene.object.friction or 0.0) * GRAVITY  # an object at rest moves only if the force is larger
             values = trace.contact_force / scene.object.mass - drag
             values = np.where(trace.object_velocity > 0.0, values, np.maximum(values, 0.0))
         else:
-            values = getattr(trace, TRACED.get(name, name))
+            values = getattr(trace, "contact_force" if name == "force" else name)
         if sensor.cell:
             values = values + sensor.cell.mass * tool_acceleration(scene, trace)
         return sensor.senses(trace.time, values, at)
 
     def predicted(self, x: Array) -> tuple[Array, Array]:
-        """Return all columns of all logs (n,) without their biases, and their slopes in time."""
+        """Return all columns of all logs (n,) without biases, and their slopes in time."""
         key = x[: len(self.free) + len(self.logs)].tobytes()
         if self._cache[0] != key:
             self._cache = key, self._predict(x)
@@ -234,7 +227,7 @@ class Model:
             for k, log in enumerate(self.logs):
                 at = log.time - x[len(self.free) + k]
                 if at[-1] > self.latest(scene, k):
-                    raise ValueError("the log begins when the blow is over")
+                    raise ValueError("the log begins after the blow")
                 trace = self.trace(scene, k, max(float(at[-1]), log.step))
                 for name in log.columns:
                     values[self.slots[k, name]], slopes[self.slots[k, name]] = self.sensed(scene, trace, name, at)
@@ -248,33 +241,29 @@ class Model:
         bias = np.zeros(self.samples)
         for (k, name), slot in self.slots.items():
             known = self.sensors[name].bias
-            bias[slot] = x[self.bias_place(k, name)] if known == "estimated" else known
+            bias[slot] = x[self.bias_places[k, name]] if known == "estimated" else known
         return bias
-
-    def bias_place(self, k: int, name: str) -> int:
-        """Return which entry of x is the bias of a column of log k."""
-        return len(self.free) + len(self.logs) + self.biased.index((k, name))
 
     def scales(self) -> Array:
         """Return the noise of each sample (n,)."""
         return np.concatenate([np.full_like(self.logs[k].time, self.noise[name]) for k, name in self.slots])
 
     def residuals(self, x: Array) -> Array:
-        """Return (predicted - measured) / noise (n,)."""
+        """Return (predicted - measured) / noise of all samples (n,)."""
         return (self.predicted(x)[0] + self.biases(x) - self.measured) / self.scales()
 
     def jacobian(self, x: Array, skip: int | None = None) -> Array:
-        """Return the derivatives of `residuals` by x (n, size), by free numbers as differences; 0 for x[skip]."""
+        """Return the derivatives of `residuals` by x (n, size), 0 for x[skip]; by free numbers as differences."""
         here, slopes = self.predicted(x)
         columns = np.zeros((self.samples, self.size))
         for i, coordinate in enumerate(self.free):
             if i != skip:
-                step = -STEP if x[i] + STEP > coordinate.reach[1] else STEP  # beyond its reach the number is constant
+                step = -STEP if x[i] + STEP > coordinate.reach[1] else STEP  # beyond the reach the number is constant
                 there = x.copy()
                 there[i] += step
                 columns[:, i] = (self._predict(there)[0] - here) / step
         for (k, name), slot in self.slots.items():
             columns[slot, len(self.free) + k] = -slopes[slot]
-            if (k, name) in self.biased:
-                columns[slot, self.bias_place(k, name)] = 1.0
+            if (k, name) in self.bias_places:
+                columns[slot, self.bias_places[k, name]] = 1.0
         return columns / self.scales()[:, None]

@@ -1,4 +1,4 @@
-"""Result of a fit: estimates, intervals, sentences on what the log cannot determine and why, a figure."""
+"""Result of a fit: estimates, intervals, a figure, and sentences on what the log cannot determine, and why."""
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,35 +17,39 @@ from impact_gym.quantities import BY_PATH
 from impact_gym.scene import Rigid, Scene
 from impact_gym.simulation import simulate
 
-WIDE_RATIO = 2.0  # high / low of a wide interval
-WIDE_RESTITUTION = 0.3  # high - low of a wide interval
-MIN_CORRELATION = 0.95  # of two numbers, one with a wide interval, that the log cannot separate
-MIN_BLOW_SAMPLES = 4  # that show the shape of a blow
-HEAVY_RATIO = 5.0  # mass of the object / mass of the tool; above, the force hardly depends on it
+WIDE_RATIO = 2.0  # an interval with a larger ratio of its ends is wide
+WIDE_RESTITUTION = 0.3  # an interval of the restitution that is longer is wide
+MIN_CORRELATION = 0.95  # with a larger correlation the log cannot separate two numbers, if one has a wide interval
+MIN_BLOW_SAMPLES = 4  # fewer samples do not show the shape of a blow
+HEAVY_RATIO = 5.0  # mass of the object / mass of the tool; above it the force hardly depends on the object's mass
 
-FALSE_ALARM = 1e-4  # probability at which each test of the residuals rejects a model that fits
+FALSE_ALARM = 1e-4  # probability with which each test of the residuals rejects a correct model
 LAGS = 10  # of the autocorrelation of residuals
-MIN_BEFORE = 8  # samples before the touch, for the tests that need its noise
+MIN_BEFORE = 8  # samples before the touch that a test of their mean or variance needs
 
 Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """Estimates of the free numbers from the logs; all in SI units, keyed by their dotted names."""
+    """Estimates of the free numbers from the logs; all in SI units, with dotted names as keys."""
 
     estimate: Mapping[str, float]
-    interval: Mapping[str, Interval]  # 95 % if there are no `warnings`; 0 or inf: unlimited
-    correlation: Array  # (k, k), in the order of `estimate`, of the coordinates of the fit
+    interval: Mapping[str, Interval]  # 95 % intervals, if there are no `warnings`; 0 or inf: unlimited
+    correlation: Array  # (k, k), of the fit's coordinates, in the order of `estimate`
     scene: Scene  # with the estimates
     indistinguishable: tuple[str, ...]  # sentences on what the log cannot determine
-    warnings: tuple[str, ...]  # signs that the model does not fit the log, each also a UserWarning
+    warnings: tuple[str, ...]  # signs that the model does not fit the log; each is also a UserWarning
+    start: tuple[float, ...]  # s, when the motion began on the clock of each log
+    noise: Mapping[str, float]  # standard deviation of each column, known or estimated, in its unit
+    bias: tuple[Mapping[str, float], ...]  # of each column of each log, known or estimated, in its unit
+    residuals: tuple[Mapping[str, Array], ...] = field(repr=False)  # (n,) per column of each log: measured less fitted
     fit: Fit = field(repr=False)
 
     @classmethod
     def of(cls, fit: Fit, ends: Sequence[Ends]) -> "Identified":
         """Return the result of a fit with the ends of its intervals."""
-        free = fit.model.free
+        model, free = fit.model, fit.model.free
         covariance = fit.covariance[: len(free), : len(free)]
         deviations = np.sqrt(np.diag(covariance))
         correlation = covariance / np.outer(deviations, deviations)
@@ -53,40 +57,27 @@ class Identified:
         for number, (u_low, u_high) in zip(free, ends, strict=True):
             low, high = sorted((number.end(u_low, -1), number.end(u_high, 1)))
             interval[number.name] = (low, high)
-        words, doubts = tuple(_words(fit, interval, correlation)), tuple(misfits(fit))
+        doubts = tuple(misfits(fit))
         for doubt in doubts:
             warnings.warn(doubt, stacklevel=3)
-        return cls(fit.model.numbers(fit.x), interval, correlation, fit.model.scene_at(fit.x), words, doubts, fit)
-
-    @property
-    def start(self) -> tuple[float, ...]:
-        """When the motion began, on the clock of each log, s."""
-        model = self.fit.model
-        return tuple(self.fit.x[len(model.free) : len(model.free) + len(model.logs)].tolist())
-
-    @property
-    def noise(self) -> Mapping[str, float]:
-        """Standard deviation of each column, known or estimated, in its unit."""
-        return dict(self.fit.model.noise)
-
-    @property
-    def bias(self) -> tuple[Mapping[str, float], ...]:
-        """Bias of each column of each log, known or estimated, in its unit."""
-        biases = self._by_log(self.fit.model.biases(self.fit.x))
-        return tuple({name: float(values[0]) for name, values in columns.items()} for columns in biases)
-
-    @property
-    def residuals(self) -> tuple[Mapping[str, Array], ...]:
-        """Measured less fitted, (n,) for each column of each log, in its unit."""
-        model = self.fit.model
-        return self._by_log(-model.residuals(self.fit.x) * model.scales())
-
-    def _by_log(self, samples: Array) -> tuple[Mapping[str, Array], ...]:
-        slots, logs = self.fit.model.slots, self.fit.model.logs
-        return tuple({name: samples[slots[k, name]] for name in log.columns} for k, log in enumerate(logs))
+        biases, residuals = model.biases(fit.x), -model.residuals(fit.x) * model.scales()
+        slots = [{name: model.slots[k, name] for name in log.columns} for k, log in enumerate(model.logs)]
+        return cls(
+            estimate={number.name: number.number(u) for number, u in zip(free, fit.x, strict=False)},
+            interval=interval,
+            correlation=correlation,
+            scene=model.scene_at(fit.x),
+            indistinguishable=tuple(_words(fit, interval, correlation)),
+            warnings=doubts,
+            start=tuple(fit.x[len(free) : len(free) + len(model.logs)].tolist()),
+            noise=dict(model.noise),
+            bias=tuple({name: float(biases[slot.start]) for name, slot in log.items()} for log in slots),
+            residuals=tuple({name: residuals[slot] for name, slot in log.items()} for log in slots),
+            fit=fit,
+        )
 
     def plot(self) -> Any:
-        """Return a Matplotlib figure: each column as measured and fitted, and residual over noise."""
+        """Return a Matplotlib figure of each column: measured and fitted values, and residual over noise."""
         from matplotlib.figure import Figure
 
         model = self.fit.model
@@ -118,11 +109,11 @@ class Identified:
 
 
 def misfits(fit: Fit) -> Iterator[str]:
-    """Yield a sentence for each failed test of the residuals; a model that fits fails one with probability FALSE_ALARM.
+    """Yield a sentence for each test that the residuals fail; a correct model fails each with probability FALSE_ALARM.
 
-    Tested are the mean before the touch (normal distribution), the variance from the touch on against that before it
-    (Fisher's F) and against known noise (chi-squared), and whiteness (Ljung and Box, Biometrika 65, 1978). Residuals
-    within the resolution of a sensor are not noise and are not tested.
+    The tests are of the mean before the touch (normal distribution), of the variance from the touch on against the
+    variance before the touch (Fisher's F) and against known noise (chi-squared), and of whiteness (Ljung and Box,
+    Biometrika 65, 1978). Residuals within the resolution of a sensor are not noise and are not tested.
     """
     model = fit.model
     scene, left = model.scene_at(fit.x), -fit.model.residuals(fit.x)
@@ -139,12 +130,12 @@ def misfits(fit: Fit) -> Iterator[str]:
             spread, mean = float(np.std(before, ddof=1)), float(np.mean(before))
             limit = -float(ndtri(FALSE_ALARM / 2.0)) * spread / len(before) ** 0.5
             if abs(mean) > limit and model.sensors[name].bias != "estimated":
-                yield (f"{log.name}, {name} is off by {mean * noise:.3g} {unit} before the touch: the sensor was not "
-                       'tared; give its bias, or Sensor(bias="estimated")')  # fmt: skip
+                yield (f"{log.name}, {name} has a mean of {mean * noise:.3g} {unit} before the touch: the sensor was "
+                       'not tared; give its bias, or Sensor(bias="estimated")')  # fmt: skip
             ratio = float(np.mean(behind**2)) / spread**2 if len(behind) else 0.0
             if fdtrc(len(behind), len(before) - 1, ratio) < FALSE_ALARM:
                 yield (f"{log.name}, {name}: from the touch on, the residuals are {ratio**0.5:.3g} times the noise "
-                       "before: is something missing in the scene or the sensor?")  # fmt: skip
+                       "before the touch: is something missing in the scene or the sensor?")  # fmt: skip
         if model.sensors[name].noise is not None and chdtrc(n, float(np.sum(rest**2))) < FALSE_ALARM:
             yield (f"{log.name}, {name}: the residuals are {float(np.mean(rest**2)) ** 0.5:.3g} times the noise "
                    "given for the sensor")  # fmt: skip
@@ -164,7 +155,7 @@ def _with_unit(scene: Any, name: str, text: str) -> str:
 
 
 def _words(fit: Fit, interval: Mapping[str, Interval], correlation: Array) -> Iterator[str]:
-    """Yield a sentence for each number, and each pair of numbers, that the logs do not determine."""
+    """Yield a sentence for each number that the logs do not determine, and for each pair that they do not separate."""
     wide = []
     for name, ends in interval.items():
         least, most = sorted(map(abs, ends))
@@ -177,9 +168,9 @@ def _words(fit: Fit, interval: Mapping[str, Interval], correlation: Array) -> It
         yield _sentence(fit.model.scene, name, *interval[name]) + (f", because {reasons}" if reasons else "")
     for (i, first), (j, second) in combinations(enumerate(interval), 2):
         if abs(correlation[i, j]) > MIN_CORRELATION and not {first, second}.isdisjoint(wide):
-            other = "larger" if correlation[i, j] > 0 else "smaller"
-            yield (f"the log does not separate {first} and {second}: a larger one with a {other} other fits equally "
-                   f"well (correlation {correlation[i, j]:.3f})")  # fmt: skip
+            size = "larger" if correlation[i, j] > 0 else "smaller"
+            yield (f"the log does not separate {first} and {second}: a larger {first} with a {size} {second} fits "
+                   f"equally well (correlation {correlation[i, j]:.3f})")  # fmt: skip
 
 
 def _sentence(scene: Scene, name: str, low: float, high: float) -> str:
@@ -194,10 +185,10 @@ def _sentence(scene: Scene, name: str, low: float, high: float) -> str:
 
 
 def _reasons(fit: Fit) -> Iterator[str]:
-    """Yield properties of sensor or scene that explain wide intervals."""
+    """Yield properties of log, sensor or scene that explain wide intervals."""
     model = fit.model
     scene = model.scene_at(fit.x)
-    durations, samples = [], [(0, 0.0)]  # of blows: s, and how many samples lie in them, how far apart (s)
+    durations, samples = [], [(0, 0.0)]  # of blows: durations, s; and number of samples, with their distance, s
     for k, log in enumerate(model.logs):
         until = float(log.time[-1]) - fit.x[len(model.free) + k]
         for contact in simulate(scene, model.motions[k], max(until, log.step)).contacts[:1]:
@@ -207,11 +198,11 @@ def _reasons(fit: Fit) -> Iterator[str]:
             samples.append((max(lengths, default=0), log.step))
     most, step = max(samples)
     if 0 < most < MIN_BLOW_SAMPLES:
-        yield f"no more than {most} samples, {1e3 * step:.3g} ms apart, lie in the blow"
+        yield f"only {most} samples, {1e3 * step:.3g} ms apart, lie in the blow"
     filters = [sensor.low_pass for sensor in model.sensors.values() if sensor.low_pass is not None]
     lags = [1.0 / (2.0 * np.pi * low_pass) for low_pass in filters]
     if durations and len(lags) == len(model.sensors) and min(lags) > max(durations):
         yield f"the filter takes {1e3 * min(lags):.2g} ms and the blow lasts {1e3 * max(durations):.2g} ms"
     heavy = scene.object.mass > HEAVY_RATIO * scene.tool.mass and not isinstance(scene.coupling, Rigid)
     if heavy and set(model.sensors) == {"force"} and any(number.name == "object.mass" for number in model.free):
-        yield "the force of an object much heavier than the tool is nearly that of a wall"
+        yield "an object much heavier than the tool has nearly the force of a wall"

@@ -1,7 +1,7 @@
-"""Starting points of a fit, and least squares from several of them, of which the worst are dropped on the way.
+"""Starting points of a fit, and least squares from several of them; the worst fits are dropped on the way.
 
-A start is a scene with the impulse and width of the measured blow, or a point of a Latin hypercube over the searched
-ranges, with the start of the motion and the biases of least misfit.
+A starting point has the free numbers of the given scene, of a scene with the impulse and width of the measured blow, or
+of a point of a Latin hypercube over the searched ranges. Start of the motion and biases have the least misfit.
 """
 
 import math
@@ -17,17 +17,17 @@ from impact_gym.identify.sensor import Array, level
 from impact_gym.outcome import Trace
 from impact_gym.scene import Scene
 
-SCATTERED = 40  # points of the Latin hypercube
+SCATTERED = 40  # number of points of the Latin hypercube
 SEED = 0
 RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # of starts by impulse and width
-PASSES, NEAR = 8, 0.1  # simulations per such start, at most, and its tolerance (ln)
-HEAVY = 1e3  # masses of the tool, largest mass by the impulse
-ROUNDS, ROUND_EVALUATIONS = 5, 8  # comparisons of the fits, and evaluations of the residuals before each
+PASSES, NEAR = 8, 0.1  # for such a start: number of simulations at most, and tolerance of the logarithms
+HEAVY = 1e3  # largest mass in a start by the impulse, in masses of the tool
+ROUNDS, ROUND_EVALUATIONS = 5, 8  # comparisons of the fits, and evaluations of the residuals before each comparison
 MIN_GAP_REDUCTION = 0.2  # per round, of the gap to the best fit; otherwise a fit is dropped
-GOOD_MISFIT = 20.0  # above the least misfit, over the misfit per sample: a rough minimum to refine
+GOOD_MISFIT = 20.0  # times the misfit per sample; a rough minimum at most so far above the least misfit is refined
 MIN_DISTANCE = 0.03  # of a coordinate between two distinct minima
 LARGEST_START = 4.0  # of ln(e/(1-e)) at the start of a fit: e from 0.02 to 0.98
-FINE, ROUGH = 1e-8, 1e-5  # relative tolerances of misfit and x: of the best fit, and of intermediate ones
+FINE, ROUGH = 1e-8, 1e-5  # relative tolerances of misfit and x, for the best fit and for intermediate fits
 
 
 class Point(NamedTuple):
@@ -39,7 +39,7 @@ class Point(NamedTuple):
 
 
 def scatter(model: Model) -> list[Array]:
-    """Return starting points x, best first: the given scene, those `from_impulse`, a Latin hypercube."""
+    """Return starting points x, the best first: given scene, points `from_impulse`, Latin hypercube."""
     rng = np.random.default_rng(SEED)
     low, high = np.array([[number.coordinate(size) for size in number.searched] for number in model.free]).T
     cells = np.array([rng.permutation(SCATTERED) for _ in model.free]).T
@@ -51,10 +51,10 @@ def scatter(model: Model) -> list[Array]:
 
 
 def from_impulse(model: Model, given: Array) -> list[Array]:
-    """Return free coordinates that reproduce impulse and width of the first log's force, for each of RESTITUTIONS.
+    """Return free coordinates with which the first force has its measured impulse and width, for each of RESTITUTIONS.
 
-    An impulse is (1 + e) v / (1/m + 1/m_tool), and a width, impulse over peak, goes with k^(-1/(n + 1)) for a force
-    k delta^n (Johnson, Contact Mechanics, 1985, sec. 11.4): each pass corrects both by those of a simulation.
+    The impulse is (1 + e) v / (1/m + 1/m_tool). The width, impulse over peak, is proportional to k^(-1/(n + 1)) for a
+    force k delta^n (Johnson, Contact Mechanics, 1985, sec. 11.4). Each pass corrects m and k by a simulation.
     """
     places = {number.name: i for i, number in enumerate(model.free)}
     k = next((k for k, log in enumerate(model.logs) if "force" in log.columns), None)
@@ -62,17 +62,17 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
         return []
     log, sensor = model.logs[k], model.sensors["force"]
     force, few = log.columns["force"], max(len(log.time) // 20, 1)
-    rests = np.median(force[:few]), np.median(force[-few:])  # one of them may lie in the blow
+    rests = np.median(force[:few]), np.median(force[-few:])  # the blow may cover one of the two ends
     force = force - (min(rests) if sensor.bias == "estimated" else sensor.bias)
     impulse, peak = float(np.trapezoid(force, log.time)), float(force.max())
 
     def put(name: str, u: float) -> None:
         if name in places:
-            x[places[name]] = model.free[places[name]].clipped(u)
+            x[places[name]] = np.clip(u, *model.free[places[name]].reach)
 
     points = []
     for restitution in RESTITUTIONS if RESTITUTION in places else RESTITUTIONS[:1]:
-        x, light, heavy = given.copy(), -math.inf, math.inf  # coordinates of masses known as too light and too heavy
+        x, light, heavy = given.copy(), -math.inf, math.inf  # coordinates of a mass that is too small, and too large
         put(RESTITUTION, math.log(restitution / (1.0 - restitution)))
         for _ in range(PASSES if impulse > 0.0 else 0):
             try:
@@ -101,10 +101,10 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 
 
 def start_at(model: Model, point: Array, share: float) -> Point:
-    """Return free coordinates with the start times and biases at which the misfit is least.
+    """Return the free coordinates of `point` with start times and biases of least misfit.
 
-    Start times lie on the log's own grid, shifted by a `share` of a sample, with the log at most its own length before
-    or after the touch.
+    Start times lie on the log's own grid, shifted by a `share` of a sample. The log is at most its own length before or
+    after the touch.
     """
     x = np.zeros(model.size)
     x[: len(point)] = point
@@ -116,8 +116,8 @@ def start_at(model: Model, point: Array, share: float) -> Point:
             misfit, delay, biases = _align(model, scene, log, trace, share)
             x[len(point) + k] = log.time[0] + delay
             for name, bias in biases.items():
-                if (k, name) in model.biased:
-                    x[model.bias_place(k, name)] = bias
+                if (k, name) in model.bias_places:
+                    x[model.bias_places[k, name]] = bias
             total += misfit
     except (ValueError, RuntimeError):
         return Point(np.inf, x, is_minimum=False)
@@ -125,13 +125,13 @@ def start_at(model: Model, point: Array, share: float) -> Point:
 
 
 def _align(model: Model, scene: Scene, log: Log, trace: Trace, share: float) -> tuple[float, float, dict[str, float]]:
-    """Return the least misfit of a motion and a log, the start of the motion after the log's (s), and the biases."""
+    """Return the least misfit of a motion and a log, the motion's start minus the log's (s), and the biases."""
     step, n = log.step, len(log.time)
     touch = trace.time[np.argmax(trace.contact_force > 0.0)] if np.any(trace.contact_force > 0.0) else np.inf
     last = min(trace.time[-1], touch + 2.0 * n * step)
     first = max(touch - 2.0 * n * step, 0.0) if np.isfinite(touch) else 0.0
     times: Array = first + (np.arange(int((last - first) / step), dtype=float) + share) * step
-    m = len(times)  # shift k puts sample j of the motion on sample j + k of the log; the log ends within the motion
+    m = len(times)  # at lag k sample j of the motion is at sample j + k of the log; the log ends within the motion
     misfit, biases = np.zeros(m + 1), {}
     length = 1 << int(n + m).bit_length()
     lags = np.arange(n - m, n + 1)
@@ -158,15 +158,15 @@ def descend(
     model: Model, x: Array, fixed: int | None = None, tolerance: float = FINE,
     evaluations: int = ROUNDS * ROUND_EVALUATIONS,
 ) -> Point:  # fmt: skip
-    """Return the result of least squares from x with x[fixed] held, after at most so many `evaluations`."""
+    """Return the result of least squares from x with x[fixed] constant and at most this number of `evaluations`."""
     free = np.delete(np.arange(model.size), [] if fixed is None else [fixed])
     x = x.copy()
     if not np.all(np.isfinite(x)):
         return Point(math.inf, x, is_minimum=False)
-    # Starts and biases are relative to their initial values: MINPACK's tolerance of x is relative to x, and with a
-    # clock seconds from the motion's it would stop before microseconds are resolved.
+    # Starts and biases are relative to their initial values, as MINPACK's tolerance is relative to x: with a log's
+    # clock that differs from the motion's by seconds, MINPACK would stop before it resolves microseconds.
     origin = np.where(np.arange(model.size) < len(model.free), 0.0, x)
-    for i, number in enumerate(model.free):  # near 0 and 1 the slope vanishes
+    for i, number in enumerate(model.free):  # near e = 0 and e = 1 the slope vanishes
         if number.name == RESTITUTION and i != fixed:
             x[i] = min(max(x[i], -LARGEST_START), LARGEST_START)
 
@@ -182,38 +182,34 @@ def descend(
     )  # fmt: skip
     end = full(solution.x)
     for i, number in enumerate(model.free):
-        end[i] = number.clipped(end[i])
+        end[i] = np.clip(end[i], *number.reach)
     return Point(2.0 * float(solution.cost), end, solution.status > 0)
 
 
 def race(model: Model, starts: Sequence[Array]) -> list[Point]:
     """Return the distinct minima of rough fits from `starts`, the best first.
 
-    After each round the fits are compared: of fits at the same place only the best continues, and a fit is dropped if
-    it is clearly worse than the best of all and has hardly improved in this round.
+    After each round the fits are compared. If several fits are at the same place, only the best continues. A fit is
+    dropped if it is clearly worse than the best fit and has hardly improved in this round.
     """
     points = [Point(math.inf, x, is_minimum=False) for x in starts]
     for _ in range(ROUNDS):
         before = [point.misfit for point in points]
         points = [p if p.is_minimum else descend(model, p.x, None, ROUGH, ROUND_EVALUATIONS) for p in points]
-        least, good = min((point.misfit for point in points), default=math.inf), _good_misfit(model, points)
+        least = min((point.misfit for point in points), default=math.inf)
+        good = {id(point) for point in as_good(model, points)}
         gaps = [(1.0 - MIN_GAP_REDUCTION) * (misfit - least) for misfit in before]
         points = distinct(model, [
             point for point, gap in zip(points, gaps, strict=True)
-            if point.is_minimum or point.misfit < good or point.misfit - least < gap
+            if point.is_minimum or id(point) in good or point.misfit - least < gap
         ])  # fmt: skip
     return points
 
 
 def as_good(model: Model, points: Sequence[Point]) -> list[Point]:
-    """Return the points with a misfit near the least one."""
-    good = _good_misfit(model, points)
-    return [point for point in points if point.misfit < good]
-
-
-def _good_misfit(model: Model, points: Sequence[Point]) -> float:
+    """Return the points with a misfit near the least misfit."""
     least = min((point.misfit for point in points), default=math.inf)
-    return least + GOOD_MISFIT * (1.0 + least / model.samples)
+    return [point for point in points if point.misfit < least + GOOD_MISFIT * (1.0 + least / model.samples)]
 
 
 def distinct(model: Model, points: Sequence[Point]) -> list[Point]:

@@ -1,10 +1,11 @@
-"""The response of a sensor: load cell, first-order low pass, bias, noise, sampling."""
+"""The response of a sensor: load cell, first-order low pass, bias, noise; and what a column shows by itself."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PPoly
 from scipy.linalg import solve_banded
 
 from impact_gym.validation import number, one_of
@@ -12,51 +13,38 @@ from impact_gym.validation import number, one_of
 Array = NDArray[np.float64]
 
 GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
-MIN_STEP = 1e-9  # s between points of a trace; slopes between closer points are dominated by rounding
-MIN_HEIGHT = 5.0, 0.2  # of a burst: standard deviations of the noise, and share of the highest burst
+MIN_STEP = 1e-9  # s, between points of a trace; rounding dominates the slopes between closer points
+MIN_HEIGHT = 5.0, 0.2  # of a burst: in standard deviations of the noise, and as a share of the highest burst
 
 
-class Curve:
-    """Cubic Hermite interpolation of points (k,) with the slopes of the parabola through a point and its neighbours.
+def curve(time: Array, values: Array) -> PPoly:
+    """Return cubic Hermite pieces through points (k,), with the slope of the parabola through each three neighbours.
 
-    The set-up of those in `scipy.interpolate` takes as long as the simulation of the points.
+    `scipy.interpolate.CubicHermiteSpline` makes the same curve, but as slowly as the simulation makes the points.
     """
-
-    def __init__(self, time: Array, values: Array) -> None:
-        apart = np.append(np.diff(time) > MIN_STEP, True)
-        self.time, y = time[apart], values[apart]
-        self.steps = np.diff(self.time)
-        rise = np.diff(y) / self.steps
-        before, after = self.steps[:-1], self.steps[1:]
-        middle = (after * rise[:-1] + before * rise[1:]) / (before + after)
-        middle[(rise[:-1] == 0.0) | (rise[1:] == 0.0)] = 0.0  # from rest, or to it
-        slope = np.concatenate([rise[:1], middle, rise[-1:]])
-        square = (3.0 * rise - 2.0 * slope[:-1] - slope[1:]) / self.steps
-        cube = (slope[:-1] + slope[1:] - 2.0 * rise) / self.steps**2
-        self.pieces = np.array([y[:-1], slope[:-1], square, cube])
-
-    def piece(self, at: Array) -> NDArray[np.int64]:
-        """Return the index of the piece in which each of the times lies."""
-        return np.searchsorted(self.time[1:-1], at, side="right")
-
-    def __call__(self, at: Array, piece: NDArray[np.int64] | None = None) -> tuple[Array, Array]:
-        """Return value and slope `at` times within the points, of any shape; a known `piece` is broadcast."""
-        piece = self.piece(at) if piece is None else piece
-        s = at - self.time[piece]
-        y, slope, square, cube = self.pieces[:, piece]
-        return y + s * (slope + s * (square + s * cube)), slope + s * (2.0 * square + 3.0 * s * cube)
+    apart = np.append(np.diff(time) > MIN_STEP, True)
+    time, y = time[apart], values[apart]
+    steps = np.diff(time)
+    rise = np.diff(y) / steps
+    before, after = steps[:-1], steps[1:]
+    middle = (after * rise[:-1] + before * rise[1:]) / (before + after)
+    middle[(rise[:-1] == 0.0) | (rise[1:] == 0.0)] = 0.0  # from rest, or to it
+    slope = np.concatenate([rise[:1], middle, rise[-1:]])
+    square = (3.0 * rise - 2.0 * slope[:-1] - slope[1:]) / steps
+    cube = (slope[:-1] + slope[1:] - 2.0 * rise) / steps**2
+    return PPoly.construct_fast(np.array([cube, square, slope[:-1], y[:-1]]), time)
 
 
 @dataclass(frozen=True, slots=True)
 class LoadCell:
-    """A force sensor with a mass in front of its element, a spring and damper (Kelvin and Voigt) fixed to the tool.
+    """A force sensor: a mass on an elastic element, a spring and damper in parallel, that is fixed to the tool.
 
-    Its reading is the element's force R = k u + c u', where m u'' + c u' + k u = F + m a with the contact force F and
-    the tool's acceleration a. So it rings, reads m a without contact, and less than F while F decelerates the tool. The
-    element is assumed to be much stiffer than the contact.
+    The cell reads the element's force R = k u + c u', where m u'' + c u' + k u = F + m a with the contact force F and
+    the tool's acceleration a. So the cell rings, reads m a without contact, and reads less than F while F decelerates
+    the tool. The element is assumed to be much stiffer than the contact.
     """
 
-    mass: float  # kg, between element and contact
+    mass: float  # kg, of the part between element and contact
     frequency: float  # Hz, sqrt(k / m) / 2 pi
     damping_ratio: float = 0.0  # -, at most 0.99
 
@@ -72,7 +60,7 @@ class LoadCell:
 class Sensor:
     """Known properties of the sensor of one column of a log.
 
-    Noise is added after load cell and filter: white, normal, of constant size.
+    The noise is white, normal and of constant size; it is added behind load cell and filter.
     """
 
     rate: float | None = None  # Hz, checked against the log's times; None: not checked
@@ -91,26 +79,25 @@ class Sensor:
             object.__setattr__(self, "bias", number("Sensor.bias", self.bias, "(the column's unit), or 'estimated'"))
 
     def senses(self, time: Array, values: Array, at: Array) -> tuple[Array, Array]:
-        """Return the reading `at` (n,) s without bias and noise, and its slope, 1/s.
+        """Return the sensor's reading without bias and noise, and the reading's slope, 1/s.
 
         Args:
-            time: of the signal (k,), s; before it the signal is at rest.
-            values: the signal (k,), smooth between these points.
-            at: increasing; after the last of `time` the signal is constant.
+            time: of the points of the signal (k,), s; before the first point the signal is at rest.
+            values: the signal (k,), smooth between the points.
+            at: times of the readings (n,), s, increasing; after the last point the signal is constant.
         """
-        signal = Curve(time, values)
-        within = np.clip(at, signal.time[0], signal.time[-1])
+        signal = curve(time, values)
+        within = np.clip(at, time[0], time[-1])
         lags = self._lags()
         if not lags:
-            value, slope = signal(within)
-            return value, np.where(at == within, slope, 0.0)
+            return signal(within), np.where(at == within, signal(within, 1), 0.0)
         moving = np.flatnonzero(values)
         begin = time[moving[0] - 1] if len(moving) and moving[0] else time[0]
         swings = np.arange(begin, at[-1], 0.5 / self.cell.frequency) if self.cell else np.empty(0)
         nodes = np.unique(np.concatenate([
             time[(time >= begin) & (time <= at[-1])], at[at >= begin], [begin], swings,
         ]))  # fmt: skip
-        now, value, slope = signal(within)[0], np.zeros(len(at)), np.zeros(len(at))
+        now, value, slope = signal(within), np.zeros(len(at)), np.zeros(len(at))
         for share, pace in lags:
             lagging = np.interp(at, nodes, _filtered(signal, nodes, pace, time[-1]), left=0.0)
             value += np.real(share * lagging)
@@ -118,7 +105,7 @@ class Sensor:
         return value, slope
 
     def _lags(self) -> list[tuple[complex, complex]]:
-        """Return cell and filter as a sum of first-order lags, whose real part is the reading: (share, rate in 1/s)."""
+        """Return (share, rate in 1/s) of first-order lags; the real part of their sum is load cell and filter."""
         slow = 2.0 * np.pi * self.low_pass if self.low_pass else None
         if self.cell is None:
             return [(1.0, slow)] if slow else []
@@ -131,8 +118,8 @@ class Sensor:
         return [(element / (slow**2 + element), slow), (share * slow / (slow - pole), pole)]
 
 
-def _filtered(signal: Curve, nodes: Array, pace: complex, last: float) -> NDArray[Any]:
-    """Return y at `nodes` (k,), y' = pace (u - y) from rest at the first.
+def _filtered(signal: PPoly, nodes: Array, pace: complex, last: float) -> NDArray[Any]:
+    """Return y at `nodes` (k,), where y' = pace (u - y) starts from rest at the first node.
 
     Between two nodes y moves by the share 1 - exp(-pace h) towards the mean of u weighted with exp(-pace (time left)),
     by Gaussian quadrature.
@@ -140,8 +127,7 @@ def _filtered(signal: Curve, nodes: Array, pace: complex, last: float) -> NDArra
     h = np.diff(nodes)[:, None]
     inside = nodes[:-1, None] + h * (GAUSS + 1.0) / 2.0
     weight = GAUSS_WEIGHTS * np.exp(-pace * h * (GAUSS[-1] - GAUSS) / 2.0)
-    piece = signal.piece(nodes[:-1])[:, None]  # the points of the signal are among the nodes
-    mean = (weight * signal(np.minimum(inside, last), piece)[0]).sum(1) / weight.sum(1)
+    mean = (weight * signal(np.minimum(inside, last))).sum(1) / weight.sum(1)
     kept = np.exp(-pace * h[:, 0])
     steps = np.array([np.ones(len(nodes)), np.append(-kept, 0.0)])  # of y[k + 1] - kept[k] y[k], y[0] = 0
     return solve_banded((1, 0), steps, np.append(0.0, mean * (1.0 - kept)), check_finite=False)
@@ -151,8 +137,7 @@ def noise_of(values: Array, sensor: Sensor) -> float:
     """Return the standard deviation of a column's noise, known or estimated from its second differences."""
     if sensor.noise is not None:
         return sensor.noise
-    bends = np.abs(np.diff(values, 2)) / np.sqrt(6.0)
-    return float(np.median(bends) / 0.6745)
+    return float(np.median(np.abs(np.diff(values, 2)) / np.sqrt(6.0)) / 0.6745)
 
 
 def level(values: Array, sensor: Sensor) -> float:

@@ -1,1 +1,1 @@
-"""The laws of the chain, floats in and floats out; they know no solver."""
+"""The laws of contact, coupling and robot, as functions of numbers, independent of the solver."""

@@ -5,7 +5,7 @@ With M the reduced mass and v the approach velocity, a contact has the scales
     delta0 = (M v^2 / k_c)^(1 / (m + 1))      t0 = delta0 / v      F0 = k_c delta0^m = M v / t0
 
 In them the penetration is u = delta / delta0, its rate w = delta_dot / v, and the force f = u^m + d u^n w, as long as
-that is not a pull. With m = n = 3/2 the half-integer power makes u(t) non-smooth at both ends of the contact. With the
+this is not a pull. With m = n = 3/2 the half-integer power makes u(t) non-smooth at both ends of the contact. With the
 root z = sqrt(u) as the unknown and s as the independent variable, dt = z ds, the same motion is
 
     dz/ds = w / 2      dw/ds = z (push - f)      f = z^3 (1 + d w)
@@ -29,8 +29,8 @@ cdef struct Contact:
     double n  # -, exponent of the damping, 0 or at least 1
     int64_t twice_m, twice_n  # 2 m and 2 n where they are whole, else -1
     double nominal  # -, damping factor at the reference velocity
-    double reference  # m/s, where chi is the same at every velocity; 0 where the damping factor is
-    double held  # 1, or 0 once the surfaces part faster than they recover: then there is no force and no damping
+    double reference  # m/s, with a constant chi; 0: the damping factor is constant
+    double held  # 1, or 0 when the surfaces part faster than they recover: then there is no force and no damping
 
 
 cdef struct Units:
@@ -51,12 +51,12 @@ cpdef Contact contact_of(double stiffness, double damping, double m, double n, d
 
 
 cdef inline bint is_hertz(const Contact *law) noexcept nogil:
-    """Whether m = n = 3/2."""
+    """Return whether m = n = 3/2."""
     return law.twice_m == 3 and law.twice_n == 3
 
 
 cdef inline double root_power(double z, double exponent, int64_t twice) noexcept nogil:
-    """u^exponent, from the root z; `twice` that exponent, or -1."""
+    """Return u^exponent, from the root z; `twice` is 2 * exponent if that is whole, else -1."""
     cdef double power = 1.0
     if twice < 0:
         return pow(z * z, exponent)
@@ -69,7 +69,7 @@ cdef inline double root_power(double z, double exponent, int64_t twice) noexcept
 
 
 cdef Units natural_units(const Contact *law, double reduced_mass, double approach_velocity) noexcept nogil:
-    """The natural units of a contact that begins at `approach_velocity` (m/s)."""
+    """Return the natural units of a contact that begins at `approach_velocity` (m/s)."""
     cdef Units units
     units.velocity = max(approach_velocity, APPROACH_VELOCITY_FLOOR)
     units.length = pow(reduced_mass * units.velocity * units.velocity / law.stiffness, 1.0 / (law.m + 1.0))
@@ -79,9 +79,9 @@ cdef Units natural_units(const Contact *law, double reduced_mass, double approac
 
 
 cdef inline double damping_at(const Contact *law, double approach_velocity) noexcept nogil:
-    """Damping factor of a contact that begins at `approach_velocity` (m/s), chi delta0^(n - m) v_in / k_c.
+    """Return the damping factor of a contact that begins at `approach_velocity` (m/s), chi delta0^(n - m) v_in / k_c.
 
-    With the same chi at every velocity it grows as v_in delta0^(n - m), and delta0 as v_in^(2 / (m + 1)).
+    With a constant chi it is proportional to v_in delta0^(n - m), and delta0 to v_in^(2 / (m + 1)).
     """
     if law.reference == 0.0:
         return law.nominal
@@ -89,14 +89,14 @@ cdef inline double damping_at(const Contact *law, double approach_velocity) noex
 
 
 cdef inline double contact_force(const Contact *law, double z, double w) noexcept nogil:
-    """Contact force over F0 (paper, eq. 5); a pull where the surfaces part faster than they recover."""
+    """Return the contact force over F0 (paper, eq. 5); it is a pull if the surfaces part faster than they recover."""
     if is_hertz(law):
         return z * z * z * (law.held + law.damping * w)
     return law.held * root_power(z, law.m, law.twice_m) + law.damping * root_power(z, law.n, law.twice_n) * w
 
 
 cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept nogil:
-    """z f, the rate of the impulse over s; written so that little is left to do once w is known."""
+    """Return z f, the rate of the impulse over s, in an order in which few operations wait for w."""
     cdef double fourth
     if is_hertz(law):
         fourth = (z * z) * (z * z)
@@ -105,7 +105,7 @@ cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept
 
 
 cdef inline (double, double) contact_gradient(const Contact *law, double z, double w) noexcept nogil:
-    """df/dz and df/dw."""
+    """Return df/dz and df/dw."""
     cdef double u_m, u_n
     if is_hertz(law):
         return 3.0 * z * z * (law.held + law.damping * w), law.damping * z * z * z
@@ -116,7 +116,7 @@ cdef inline (double, double) contact_gradient(const Contact *law, double z, doub
 
 
 cdef inline (double, double) force_along(const Contact *law, double z, double w, double w_slope) noexcept nogil:
-    """The force and df/ds, with z' = w / 2 and w' = `w_slope`."""
+    """Return the force and df/ds, with z' = w / 2 and w' = `w_slope`."""
     cdef double f_z, f_w, grip
     if is_hertz(law):
         grip = law.held + law.damping * w
@@ -126,7 +126,7 @@ cdef inline (double, double) force_along(const Contact *law, double z, double w,
 
 
 cdef inline (double, double) contact_grip(const Contact *law, double z, double w, double w_slope) noexcept nogil:
-    """The force over the lower of its two powers of u, which has the same sign, and its d/ds, w' = `w_slope`."""
+    """Return the force over the lower of its two powers of u, which has the same sign, and its d/ds; w' = `w_slope`."""
     cdef double p, u_p, growth
     if law.m == law.n:
         return 1.0 + law.damping * w, law.damping * w_slope

@@ -8,16 +8,16 @@ the velocity: multiply u'' = -u^n (1 + d u') by u' / (1 + d u') and integrate fr
 
 cdef double SERIES_BELOW = 0.3
 cdef enum:
-    SERIES_TERMS = 34  # of which the last is rounding at 0.3
+    SERIES_TERMS = 34  # at 0.3 the last term is below rounding
 
 
 cpdef double hu_guo(double restitution) noexcept nogil:
-    """Damping factor after Hu and Guo, Multibody Syst. Dyn. 35 (2015) 131-151 (paper, eq. 7)."""
+    """Return the damping factor of Hu and Guo, Multibody Syst. Dyn. 35 (2015) 131-151 (paper, eq. 7)."""
     return 1.5 * (1.0 - restitution) / restitution
 
 
 cdef double shortfall(double x) noexcept nogil:
-    """(1 - phi(x)) / x with phi(x) = 2 (x - ln(1 + x)) / x^2, which is 2/3 - x/2 + 2 x^2/5 - ..."""
+    """Return (1 - phi(x)) / x with phi(x) = 2 (x - ln(1 + x)) / x^2, which is 2/3 - x/2 + 2 x^2/5 - ..."""
     cdef double total = 0.0
     cdef int k
     if fabs(x) > SERIES_BELOW:
@@ -28,10 +28,10 @@ cdef double shortfall(double x) noexcept nogil:
 
 
 cpdef double exact_damping(double restitution) noexcept nogil:
-    """Damping factor that delivers the restitution: ln((1 + d) / (1 - d e)) = d (1 + e).
+    """Return the damping factor that delivers the restitution: ln((1 + d) / (1 - d e)) = d (1 + e).
 
-    In terms of `shortfall` the equation reads (1 - e)(1 + e) = d (S(d) + e^3 S(-d e)), which loses nothing as e -> 1;
-    for small e the root lies close under 1 / e and is found from 1 - d e = exp(ln(1 + d) - d (1 + e)).
+    In terms of `shortfall` S the equation is (1 - e)(1 + e) = d (S(d) + e^3 S(-d e)), without cancellation as e -> 1.
+    For small e the root is slightly below 1 / e, and solves 1 - d e = exp(ln(1 + d) - d (1 + e)).
     """
     cdef double rest, following, e = restitution, d = 1.5 * (1.0 - e) if e > 0.6 else 1.0 / e
     for _ in range(200):
@@ -47,10 +47,10 @@ cpdef double exact_damping(double restitution) noexcept nogil:
 
 
 cpdef double delivered(double damping) noexcept nogil:
-    """Restitution of an isolated contact with m = n and damping factor `damping`; relative error a few 1e-15.
+    """Return the restitution of an isolated contact with m = n and a damping factor; relative error a few 1e-15.
 
     Newton's method: for small d on e^2 (1 + d e S(-d e)) = 1 - d S(d), else on q = -ln(1 - z), q - z = d - ln(1 + d),
-    which does not feel how close z = d e comes to 1.
+    which is accurate even if z = d e is close to 1.
     """
     cdef double d = damping, e, excess, gain, residual, step, rest, q
     if d < SERIES_BELOW:
@@ -75,7 +75,7 @@ cpdef double delivered(double damping) noexcept nogil:
 
 
 cpdef double delivered_linear(double damping) noexcept nogil:
-    """Restitution of the linear contact m = 1, n = 0, whose force ends before it would pull; d = 2 zeta.
+    """Return the restitution of the linear contact m = 1, n = 0, which ends before its force would pull; d = 2 zeta.
 
     e = exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)), hyperbolic above critical damping: exp(-2) at zeta = 1.
     """

@@ -1,4 +1,4 @@
-"""The damping factor d = (chi / k_c) v_in of a nominal restitution, and the restitution that it delivers.
+"""The damping factor d = (chi / k_c) v_in for a nominal restitution, and the restitution that it delivers.
 
 Everything about an isolated contact with m = n depends on d alone, whatever the exponent, the masses, the stiffness and
 the velocity: multiply u'' = -u^n (1 + d u') by u' / (1 + d u') and integrate from onset to separation:
@@ -19,20 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from impact_gym.kernels import delivered, delivered_linear, exact_damping, hu_guo, separation_velocity
-
-
-def delivered_by(damping: float, stiffness_exponent: float, damping_exponent: float) -> float:
-    """Restitution of an isolated contact u'' = -(u^m + d u^n u')+, in closed form where there is one."""
-    m, n, d = stiffness_exponent, damping_exponent, damping
-    if m == n:
-        return float(delivered(d))
-    if (m, n) == (1.0, 0.0):
-        return float(delivered_linear(d))
-    return float(separation_velocity(d, m, n))
+from impact_gym.validation import choice
 
 
 class Law(NamedTuple):
-    """A published law: damping factor d as a function of the nominal restitution e, its formula and its source."""
+    """A published law: damping factor d as a function of the nominal restitution e."""
 
     factor: Callable[[float], float]
     formula: str
@@ -58,17 +49,17 @@ PUBLISHED = {
         r"\tfrac85 (1 - e) / e", "with Machado, Silva, Martins, Multibody Syst. Dyn. 25 (2011) 357-375",
     ),
 }  # fmt: skip
-"""Hunt and Crossley's and Lankarani and Nikravesh's are for e near 1."""
+"""Published laws by name. Those of Hunt and Crossley, and Lankarani and Nikravesh, are for e near 1."""
 
 
 @lru_cache(maxsize=4096)
 def damping_factor(
     law: str, restitution: float, stiffness_exponent: float = 1.5, damping_exponent: float = 1.5
 ) -> float:
-    """Damping factor d that `law` gives a contact of nominal `restitution`.
+    """Return the damping factor d by a law, for a contact of nominal `restitution`.
 
-    The published laws do not depend on the exponents. "exact" delivers the nominal restitution for any exponents, so
-    does "fixed" at its reference velocity.
+    The published laws do not depend on the exponents. "exact" delivers the nominal restitution for any exponents;
+    "fixed" does so at its reference velocity.
     """
     m, n = stiffness_exponent, damping_exponent
     if law not in ("exact", "fixed"):
@@ -79,7 +70,9 @@ def damping_factor(
         return 0.0
 
     def excess(log_damping: float) -> float:
-        return math.log(delivered_by(math.exp(log_damping), m, n) / restitution)
+        d = math.exp(log_damping)  # of an isolated contact u'' = -(u^m + d u^n u')+
+        result = delivered_linear(d) if (m, n) == (1.0, 0.0) else separation_velocity(d, m, n)
+        return math.log(result / restitution)
 
     low = high = math.log(exact_damping(restitution))
     while excess(low) < 0.0:
@@ -90,14 +83,12 @@ def damping_factor(
 
 
 def effective_restitution(law: str, restitution: ArrayLike) -> NDArray[np.float64] | float:
-    """Restitution of an isolated contact with m = n under `law`; an array of the shape of `restitution`.
+    """Return the restitution of an isolated contact with m = n under `law`, in the shape of the nominal `restitution`.
 
     Raises:
-        ValueError: `law` is not known, or a restitution is outside (0, 1].
+        ValueError: `law` is unknown, or a restitution is outside (0, 1].
     """
-    laws = ("exact", *PUBLISHED)
-    if law not in laws:
-        raise ValueError(f"law must be one of {laws}, got {law!r}")
+    choice("law", law, ("exact", *PUBLISHED))
     nominal = np.asarray(restitution, np.float64)
     if not np.all((nominal > 0.0) & (nominal <= 1.0)):
         raise ValueError(f"restitution must be above 0 and at most 1 (no unit), got {restitution!r}")

@@ -1,37 +1,36 @@
 """Contact stiffness of two bodies from their materials, and a small table of materials of pads and surfaces.
 
-Literature values scatter, so the table has ranges; each source says whether it was read. Restitution belongs to a
-pair of bodies, their shapes and their speed; there is one only where like bodies of a material were measured, or a soft
-one against something hard, which loses the same share. For any other pair measure a blow and `impact_gym.identify` it.
+Published values scatter, so the table has ranges. Each source says whether it was read. Restitution depends on both
+bodies, their shapes and their velocity. The table gives it only where two bodies of one material were measured, or a
+soft body against a far stiffer one, which loses the same share. For other pairs measure a hit, and use
+`impact_gym.identify`.
 """
 
 import math
 from dataclasses import dataclass
 from itertools import product
 
-from impact_gym.validation import number
-
-Range = tuple[float, float]
+from impact_gym.validation import Range, number
 
 
 def hertz(
     radius: float, young_tool: float, poisson_tool: float, young_object: float, poisson_object: float
 ) -> float:  # fmt: skip
-    """Contact stiffness k_c of a sphere and a plane, N/m^1.5: F = k_c delta^1.5, k_c = 4/3 E* sqrt(R).
+    """Return the contact stiffness k_c of a sphere and a plane, N/m^1.5: F = k_c delta^1.5, k_c = 4/3 E* sqrt(R).
 
     1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2 (H. Hertz, J. reine angew. Math. 92 (1882) 156-171; K. L. Johnson,
-    Contact Mechanics, eq. 4.23). For small strains of bodies thick beside the contact: a thin pad on a hard tool is
-    stiffer.
+    Contact Mechanics, eq. 4.23). This holds for small strains of bodies that are thick compared with the contact. A
+    thin pad on a hard tool is stiffer.
 
     Args:
         radius: of the sphere, m; of two spheres 1 / (1/R_1 + 1/R_2).
         young_tool: Young's modulus of the tool's surface, Pa.
-        poisson_tool: its Poisson's ratio.
-        young_object: of the object, Pa.
-        poisson_object: likewise.
+        poisson_tool: Poisson's ratio of the tool's surface.
+        young_object: Young's modulus of the object's surface, Pa.
+        poisson_object: Poisson's ratio of the object's surface.
 
     Raises:
-        ValueError: one of these is out of range; names it.
+        ValueError: one of these is out of range.
     """
     radius = number("radius", radius, "m", above=0)
     compliance = 0.0
@@ -43,19 +42,19 @@ def hertz(
 
 @dataclass(frozen=True)
 class Material:
-    """Published values of a material, each from the least to the largest."""
+    """Published values of a material, each a range from the smallest to the largest."""
 
     young: Range  # Pa
     poisson: Range
     source: str
-    restitution: Range | None = None  # of two bodies of it, or of one of it against something far stiffer
+    restitution: Range | None = None  # of two bodies of this material, or of one against a far stiffer body
 
 
 GENT = (
-    "modulus: A. N. Gent, Rubber Chem. Technol. 31 (1958) 896-906, his paper not checked here, the relation read in "
-    "public code that names him; Poisson's ratio: Altair Radioss manual, poissons_ratio_definitions_r.htm, read"
+    "modulus: A. N. Gent, Rubber Chem. Technol. 31 (1958) 896-906, the paper not checked here, its relation read in "
+    "public code that cites it; Poisson's ratio: Altair Radioss manual, poissons_ratio_definitions_r.htm, read"
 )
-BALLS = ("hardness (JIS A, taken for Shore A) and returned energy: the maker's sheet of two balls at "
+BALLS = ("hardness (JIS A, used as Shore A) and returned energy: the maker's sheet of two balls at "
          "commons.bcit.ca/physics-resources/physics-demonstration-manual/mechanics/dld20-coefficient-of-restitution, "
          f"read; {GENT}")  # fmt: skip
 GERE = (
@@ -63,24 +62,25 @@ GERE = (
     "and issuhub.com/view/index?id=5272&pageIndex=575"
 )
 DOWLING = "N. E. Dowling, Mechanical Behavior of Materials, table 5.2, read at digilib.universitaspertamina.ac.id"
-WOOD = ("USDA Forest Products Laboratory, Wood Handbook, Douglas-fir of 12 % moisture, radially and tangentially: "
-        "Interior South, the least, read at engdatabase.com/data/wood-properties/douglas-fir-interior-south; Coast, "
-        "the most, and the factor of 1.1 from the modulus in bending not checked here")  # fmt: skip
+WOOD = ("USDA Forest Products Laboratory, Wood Handbook, Douglas-fir of 12 % moisture, radial and tangential: "
+        "Interior South, the smallest, read at engdatabase.com/data/wood-properties/douglas-fir-interior-south; Coast, "
+        "the largest, and the factor of 1.1 from the modulus in bending not checked here")  # fmt: skip
 FOERSTER = ("restitution of 3 mm spheres: S. F. Foerster, M. Y. Louge, H. Chang, K. Allia, Phys. Fluids 6 (1994) "
             "1108-1115, not checked here")  # fmt: skip
 FOAM = (
     "modulus, of slow tests: G. Silber, C. Then, Preventive Biomechanics, 2013, table 4.3, 2 (mu_1 + mu_2) = 12.6 kPa "
     "with Poisson's ratios below 0.003, read at "
     "what-when-how.com/Tutorial/topic-5h17j2/Preventive-Biomechanics-173.html; returned energy: ball rebound below "
-    "20 %, some foams said to take up 90 % of a blow: Polyurethane Foam Association, In Touch 11 (1), 2016, read at "
+    "20 %, the source says that some foams absorb 90 % of an impact: Polyurethane Foam Association, "
+    "In Touch 11 (1), 2016, read at "
     "fdocuments.in/document/viscoelastic-memory-foam-was-first-commercialized-during-the-mid-60s.html"
 )
 
 
 def rubber(shore: float, source: str = GENT, restitution: Range | None = None) -> Material:
-    """Return a rubber by its hardness, Shore A; the modulus by Gent's relation, given a fifth to either side.
+    """Return a rubber of a hardness, Shore A, with Young's modulus by Gent's relation, divided and multiplied by 1.2.
 
-    The relation is that of a flat punch, E = (1 - nu^2) F / (2 R delta), with the spring force of a durometer, its
+    The relation is the one of a flat punch, E = (1 - nu^2) F / (2 R delta), with the spring force of a durometer, its
     indentation and the mean radius of its blunt cone.
     """
     shore = number("shore", shore, "(Shore A)", at_least=20, at_most=80)
@@ -104,21 +104,24 @@ MATERIALS = {
     "aluminium": Material((70e9, 79e9), (0.33, 0.345), f"{GERE}; {DOWLING}"),
     "steel": Material((190e9, 210e9), (0.27, 0.30), GERE),
 }
-"""Materials by name, none measured by us. Moduli of rubber and foam are for slow loading; impacts show stiffer ones."""
+"""Materials by name, from publications. Moduli of rubber and foam are for slow loading; in impacts they are larger."""
 
 
 def material_ranges(radius: Range, tool: str | Material, target: str | Material) -> dict[str, list[float]]:
-    """Return ranges for a set-up's `[environment.scenario]`: contact_stiffness and, if known, restitution.
+    """Return ranges for `[environment.scenario]` of a set-up: contact_stiffness and, if known, restitution.
 
     Args:
-        radius: least and largest radius of the curved body, m.
-        tool: material of the tool's surface, by its name in MATERIALS or as a record.
-        target: likewise of the object's.
+        radius: smallest and largest radius of the curved body, m.
+        tool: material of the tool's surface, a name in MATERIALS or a record.
+        target: material of the object's surface, likewise.
 
     Raises:
-        ValueError: no such material, or a radius that is not above 0.
+        ValueError: a material is unknown, or a radius is not above 0.
     """
-    pair = [_material(name, given) for name, given in (("tool", tool), ("target", target))]
+    for field, given in (("tool", tool), ("target", target)):
+        if not isinstance(given, Material) and given not in MATERIALS:
+            raise ValueError(f"{field} must be one of {list(MATERIALS)} or a Material, got {given!r}")
+    pair = [given if isinstance(given, Material) else MATERIALS[given] for given in (tool, target)]
     values = [
         hertz(r, *first, *second)
         for r in radius
@@ -128,11 +131,3 @@ def material_ranges(radius: Range, tool: str | Material, target: str | Material)
     if pair[0] == pair[1] and pair[0].restitution is not None:
         ranges["restitution"] = list(pair[0].restitution)
     return ranges
-
-
-def _material(field: str, given: str | Material) -> Material:
-    if isinstance(given, Material):
-        return given
-    if given not in MATERIALS:
-        raise ValueError(f"{field} must be one of {list(MATERIALS)} or a Material, got {given!r}")
-    return MATERIALS[given]

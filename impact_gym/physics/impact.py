@@ -1,19 +1,19 @@
-"""Instantaneous impact in closed form, the limit of stiff contact (paper, eq. 1-4 and 22); the object's slide to rest.
+"""Instantaneous impact in closed form, the limit of stiff contact (paper, eq. 1-4 and 22), and the slide to rest.
 
-All arguments broadcast against each other as NumPy arrays; a restitution of 0 is allowed here.
+All arguments are broadcast against each other as NumPy arrays. A restitution of 0 is allowed.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym.kernels import GRAVITY as GRAVITY  # m/s^2, standard gravity
-from impact_gym.validation import WrongTypeError, number
+from impact_gym.validation import array, number
 
 Velocities = NDArray[np.float64] | np.float64
 
 
 def rigid_tool(tool_velocity: ArrayLike, object_velocity: ArrayLike, restitution: ArrayLike) -> Velocities:
-    """Final velocity of the object, m/s, struck by a tool whose motion is imposed (paper, eq. 1 with V_t = v_t).
+    """Return the final velocity of the object, m/s, after a hit by a tool of imposed motion (paper, eq. 1, V_t = v_t).
 
     Raises:
         ValueError: a velocity (m/s) is not finite or a restitution is outside [0, 1].
@@ -27,12 +27,13 @@ def free_tool(
     tool_mass: ArrayLike, object_mass: ArrayLike, tool_velocity: ArrayLike, object_velocity: ArrayLike,
     restitution: ArrayLike, impulse: ArrayLike = 0.0,
 ) -> tuple[Velocities, Velocities]:  # fmt: skip
-    """Final velocities of tool and object, m/s (paper, eq. 3-4).
+    """Return the final velocities of tool and object, m/s (paper, eq. 3-4).
 
-    `impulse` (N s) is that of a coupling on the tool during the impact (paper, eq. 21-22); both gain the same velocity.
+    `impulse` (N s) acts from a coupling on the tool during the impact (paper, eq. 21-22). Both bodies gain the same
+    velocity by it.
 
     Raises:
-        ValueError: a mass (kg) is not positive, a restitution outside [0, 1], anything not finite.
+        ValueError: a mass (kg) is not positive, a restitution is outside [0, 1], or a number is not finite.
     """
     m_t, m_p = _checked("tool_mass", tool_mass, "kg", above=0), _checked("object_mass", object_mass, "kg", above=0)
     v_t, v_p = _checked("tool_velocity", tool_velocity, "m/s"), _checked("object_velocity", object_velocity, "m/s")
@@ -44,7 +45,7 @@ def free_tool(
 
 
 def sliding_distance(object_velocity: ArrayLike, friction: ArrayLike) -> Velocities:
-    """How far the object slides until Coulomb friction has stopped it, m: V_p^2 / (2 mu g); infinite without friction.
+    """Return the distance until Coulomb friction stops the object, m: V_p^2 / (2 mu g); infinite without friction.
 
     Raises:
         ValueError: a velocity (m/s) is not finite or a coefficient of friction is negative.
@@ -56,9 +57,7 @@ def sliding_distance(object_velocity: ArrayLike, friction: ArrayLike) -> Velocit
 
 
 def _checked(field: str, values: ArrayLike, unit: str, **limits: float) -> NDArray[np.float64]:
-    array = np.asarray(values)
-    if array.dtype.kind not in "fiu":
-        raise WrongTypeError(f"{field} must be numbers in {unit}, got {values!r}")
-    for value in array.flat:
+    given = array(field, values, what=f"numbers in {unit}")
+    for value in given.flat:
         number(field, value, unit, **limits)
-    return array.astype(np.float64)
+    return given.astype(np.float64)

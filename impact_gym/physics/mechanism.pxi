@@ -1,8 +1,8 @@
 """A spring between stops: of a bistable mechanism, on a pivot at height H above its path (paper, Fig. 21), or a linear one.
 
 x is the position of the slider from the vertical alignment, where the spring is shortest and pushes neither way; the
-stretch of the coupling is counted from the slider's place at rest, `rest`. A stop is a one-sided linear spring and
-damper that never pulls. A linear spring is at rest at 0, and has a damper of its own.
+stretch of the coupling is measured from `rest`, the position of the slider at rest. A stop is a one-sided linear spring
+and damper that never pulls. A linear spring is at rest at 0, and has a damper.
 """
 
 cdef enum:
@@ -13,22 +13,22 @@ cdef struct Mechanism:
     double stiffness  # N/m, k
     double free_length  # m, L0
     double height  # m, H
-    double rest  # m, where the slider is at rest
+    double rest  # m, position of the slider at rest
     double front_stop  # m
     double rear_stop  # m
     double stop_stiffness  # N/m
     double stop_damping  # N s/m
-    int64_t linear  # 1: pull is -k x - c x_dot, 0: that of a mechanism
+    int64_t linear  # 1: the force is -k x - c x_dot, 0: the force of a mechanism
     double damping  # N s/m, c
 
 
 cpdef inline double bistable_force(double stiffness, double free_length, double height, double x) noexcept nogil:
-    """Force of the spring on the slider along its path, N: k (L0 - L) x / L, L = sqrt(H^2 + x^2) (paper, eq. 23-24)."""
+    """Return the force of the spring on the slider along its path, N: k (L0 - L) x / L, L = sqrt(H^2 + x^2) (paper, eq. 23-24)."""
     return stiffness * (free_length / sqrt(height * height + x * x) - 1.0) * x
 
 
 cdef inline double spring_slope(const Mechanism *law, double x) noexcept nogil:
-    """Derivative of the spring's force by the position, N/m: k (L0 H^2 / L^3 - 1), or -k."""
+    """Return the derivative of the spring's force by the position, N/m: k (L0 H^2 / L^3 - 1), or -k."""
     cdef double L
     if law.linear:
         return -law.stiffness
@@ -37,13 +37,13 @@ cdef inline double spring_slope(const Mechanism *law, double x) noexcept nogil:
 
 
 cpdef inline double bistable_energy(double stiffness, double free_length, double height, double x) noexcept nogil:
-    """Elastic energy of the spring, J."""
+    """Return the elastic energy of the spring, J."""
     cdef double squeeze = free_length - sqrt(height * height + x * x)
     return 0.5 * stiffness * squeeze * squeeze
 
 
 cdef inline double mechanism_pull(const Mechanism *law, int pressed, double stretch, double stretch_rate) noexcept nogil:
-    """Force on the tool, N: the spring (paper, eq. 23) and the stop that is `pressed`."""
+    """Return the force on the tool, N: the spring (paper, eq. 23) and the stop that is `pressed`."""
     cdef double pull, x = law.rest + stretch
     if law.linear:
         pull = -law.stiffness * x - law.damping * stretch_rate
@@ -55,17 +55,17 @@ cdef inline double mechanism_pull(const Mechanism *law, int pressed, double stre
 
 
 cdef inline double stop_place(const Mechanism *law, int stop) noexcept nogil:
-    """Position of a stop, m."""
+    """Return the position of a stop, m."""
     return law.front_stop if stop == FRONT else law.rear_stop
 
 
 cdef inline (double, double, double) stop_switch(
     const Mechanism *law, int stop, int pressed, double stretch, double rate, double acceleration
 ) noexcept nogil:
-    """Positive once `stop` begins to push, or, if it is `pressed`, once its force would become a pull, N.
+    """Return a value, N, that becomes positive when `stop` begins to push, or if `pressed` when it would begin to pull.
 
-    A stop begins to push when the slider reaches it, may cease before the slider has left it, and push again. Also
-    returned: a smooth quantity equal to the value near its maximum, N, and its derivative by time.
+    A stop begins to push when the slider reaches it. It can cease before the slider has left it, and push again. Also
+    return a smooth quantity that equals the value near its maximum, N, and its time derivative.
     """
     cdef double k = law.stop_stiffness, c = law.stop_damping
     cdef double push = stop * k * (law.rest + stretch - stop_place(law, stop)), moving = stop * rate
@@ -77,31 +77,31 @@ cdef inline (double, double, double) stop_switch(
 
 
 cdef inline double stiffness_bound(const Mechanism *law) noexcept nogil:
-    """Largest stiffness of the spring in size, N/m: of a mechanism at the alignment or far from it."""
+    """Return the largest absolute stiffness of the spring, N/m; a mechanism has it at the alignment or far from it."""
     if law.linear:
         return law.stiffness
     return law.stiffness * max(law.free_length / law.height - 1.0, 1.0)
 
 
 cdef inline double spring_energy(const Mechanism *law, double x) noexcept nogil:
-    """Elastic energy of the spring, J."""
+    """Return the elastic energy of the spring, J."""
     if law.linear:
         return 0.5 * law.stiffness * x * x
     return bistable_energy(law.stiffness, law.free_length, law.height, x)
 
 
 cdef inline double mechanism_energy(const Mechanism *law, double stretch) noexcept nogil:
-    """Energy of spring and stops, J."""
+    """Return the energy of spring and stops, J."""
     cdef double x = law.rest + stretch
     cdef double depth = max(max(x - law.front_stop, law.rear_stop - x), 0.0)
     return spring_energy(law, x) + 0.5 * law.stop_stiffness * depth * depth
 
 
 cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noexcept nogil:
-    """A bound from below on the energy on one side of the alignment, and the energy between the sides, J.
+    """Return a lower bound on the energy on one side of the alignment, and the energy barrier between the sides, J.
 
-    It is lowest where the slider rests on a stop: on the front one known, on the rear one bounded, because the spring
-    pushes with less than F = k (L0 - H), which the stop of stiffness k_s gives at most F^2 / (2 k_s) for.
+    The energy is lowest where the slider rests on a stop. At the front stop it is known. At the rear stop the spring
+    pushes with less than F = k (L0 - H), so behind `rear_stop` the energy falls by at most F^2 / (2 k_s).
     """
     cdef double barrier = spring_energy(law, 0.0), F = law.stiffness * (law.free_length - law.height)
     if law.linear:
@@ -112,11 +112,12 @@ cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noe
 
 
 cdef inline double mechanism_reach(const Mechanism *law, double stretch, double kinetic) noexcept nogil:
-    """Largest stretch (m) that the energy of mechanism and stops and `kinetic` (J) allow.
+    """Return the largest stretch (m) that the energy of mechanism and stops and `kinetic` (J) allow.
 
-    Behind the alignment with less energy than the barrier the slider stays there; else the front stop, which holds
-    no more than the energy available, ends its motion. The energy at rest cannot become kinetic. In front of the place of rest the
-    energy grows at least as that of a spring whose stiffness is the stop's less the mechanism's largest.
+    With less energy than the barrier, a slider behind the alignment stays there. Otherwise the front stop, which stores
+    no more than the available energy, ends its motion. The energy at rest cannot become kinetic. In front of the
+    position at rest the energy grows at least as fast as in a spring of the stiffness of the stop minus the largest
+    stiffness of the mechanism.
     """
     cdef double energy = kinetic + mechanism_energy(law, stretch), free = energy - mechanism_energy(law, 0.0)
     cdef double reach = law.front_stop - law.rest + sqrt(2.0 * energy / law.stop_stiffness)

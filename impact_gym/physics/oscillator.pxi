@@ -4,15 +4,15 @@ y = x_t - x_r is the deflection. Away from the object, under a flange accelerati
 
     y'' + 2 zeta omega y' + omega^2 y = -a        (paper, eq. 17 with F = 0)
 
-so z = y + a / omega^2 decays freely, and its motion is known over any span of time.
+so z = y + a / omega^2 decays freely, and its motion is known at any time.
 """
 
 
 cpdef (double, double) decay_basis(double frequency, double damping_ratio, double time) noexcept nogil:
-    """exp(-zeta omega t) times cos(omega_d t) and sin(omega_d t) / omega_d, whatever the damping ratio.
+    """Return exp(-zeta omega t) times cos(omega_d t) and sin(omega_d t) / omega_d, for any damping ratio.
 
-    omega_d = omega sqrt(1 - zeta^2): imaginary above critical damping, where cosine and sine become hyperbolic; near
-    it both are series in (omega_d t)^2, so that nothing is lost to cancellation.
+    omega_d = omega sqrt(1 - zeta^2). Above critical damping it is imaginary, and cosine and sine become hyperbolic.
+    Near critical damping both are series in (omega_d t)^2, which avoids cancellation.
     """
     cdef double alpha = damping_ratio * frequency
     cdef double square = (damping_ratio - 1.0) * (damping_ratio + 1.0) * frequency * frequency  # -omega_d^2
@@ -36,7 +36,7 @@ cpdef (double, double) decay_basis(double frequency, double damping_ratio, doubl
 cpdef (double, double) free_decay(
     double frequency, double damping_ratio, double position, double velocity, double time
 ) noexcept nogil:
-    """z and z' after `time` (s) of z'' + 2 zeta omega z' + omega^2 z = 0 from `position` and `velocity`."""
+    """Return z and z' after `time` (s) of z'' + 2 zeta omega z' + omega^2 z = 0 from `position` and `velocity`."""
     cdef double cosine, sine, alpha = damping_ratio * frequency
     cosine, sine = decay_basis(frequency, damping_ratio, time)
     return (
@@ -46,5 +46,5 @@ cpdef (double, double) free_decay(
 
 
 cdef inline double relative_force(double frequency, double damping_ratio, double y, double y_dot) noexcept nogil:
-    """Force of spring and damper on the tool over the tool's mass, m/s^2 (paper, right side of eq. 17)."""
+    """Return the force of spring and damper on the tool over the tool's mass, m/s^2 (paper, right side of eq. 17)."""
     return -frequency * (frequency * y + 2.0 * damping_ratio * y_dot)

@@ -1,7 +1,7 @@
 """The compliance of a robot along its approach (paper, eq. 8 and 16): a table over the imposed position.
 
-Between its breaks mass, stiffness and damping are cubic polynomials, beyond the ends they are constant. A robot whose
-parameters do not change is a table of one interval, wider than any motion.
+Between the breaks mass, stiffness and damping are cubic polynomials, outside they are constant. A robot with constant
+parameters is a table of one interval, longer than any motion.
 """
 
 
@@ -18,11 +18,11 @@ cdef struct RobotNow:
 
 cdef struct RobotSlopes:  # further derivatives by the imposed position
     double stiffness, damping  # N/m^2, N s/m^2
-    double mass_bend  # kg/m^2, the second one
+    double mass_bend  # kg/m^2, second derivative
 
 
 cdef inline int robot_place(const RobotTable *table, double position, double direction) noexcept nogil:
-    """Interval at `position` (m), seen in `direction`: -1 before the first break, n beyond the last.
+    """Return the interval at `position` (m) in a motion in `direction`: -1 before the first break, n after the last.
 
     A break within rounding of `position` counts as passed.
     """
@@ -35,7 +35,7 @@ cdef inline int robot_place(const RobotTable *table, double position, double dir
 
 
 cdef inline (double, double) robot_bounds(const RobotTable *table, int place) noexcept nogil:
-    """Imposed positions (m) between which interval `place` lies."""
+    """Return the ends of interval `place`, imposed positions in m."""
     return (
         table.breaks[place] if place >= 0 else -INFINITY,
         table.breaks[place + 1] if place < table.intervals else INFINITY,
@@ -43,7 +43,7 @@ cdef inline (double, double) robot_bounds(const RobotTable *table, int place) no
 
 
 cdef inline double table_offset(const RobotTable *table, int place, double position, int *interval) noexcept nogil:
-    """Argument of the polynomials, m, and their interval; beyond the ends that of the nearest end."""
+    """Return the argument of the polynomials, m, and write their interval; outside the table those at the nearest end."""
     cdef int i = min(max(place, 0), <int> table.intervals - 1)
     interval[0] = i
     if place == i:
@@ -52,7 +52,7 @@ cdef inline double table_offset(const RobotTable *table, int place, double posit
 
 
 cdef inline RobotNow robot_within(const RobotTable *table, int place, double position) noexcept nogil:
-    """The parameters at an imposed `position` (m) by the polynomials of interval `place`."""
+    """Return the parameters at an imposed `position` (m) by the polynomials of interval `place`."""
     cdef RobotNow robot
     cdef int i
     cdef double u = table_offset(table, place, position, &i)
@@ -67,7 +67,7 @@ cdef inline RobotNow robot_within(const RobotTable *table, int place, double pos
 
 
 cdef RobotSlopes robot_slopes(const RobotTable *table, int place, double position) noexcept nogil:
-    """Further derivatives of the parameters there."""
+    """Return further derivatives of the parameters at an imposed `position` (m)."""
     cdef RobotSlopes slopes = RobotSlopes(0.0, 0.0, 0.0)
     cdef int i
     cdef double u = table_offset(table, place, position, &i)
@@ -82,5 +82,5 @@ cdef RobotSlopes robot_slopes(const RobotTable *table, int place, double positio
 
 
 cdef inline RobotNow robot_at(const RobotTable *table, double position) noexcept nogil:
-    """The parameters at an imposed `position` (m)."""
+    """Return the parameters at an imposed `position` (m)."""
     return robot_within(table, robot_place(table, position, 1.0), position)

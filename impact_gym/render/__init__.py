@@ -1,11 +1,11 @@
-"""Pictures of an episode: what `render` of the environment returns, in slow motion around contacts.
+"""Pictures of an episode for `render` of the environment, in slow motion around contacts.
 
-    canvas    pygame behind shapes and text
+    canvas    shapes and text, drawn by pygame
     chain     flange, coupling, tool and object to scale
     strips    velocities and force over time
     film      History: the episode at any instant; SlowMotionVideo
 
-Each picture is drawn from the simulator's own trace, so an instant inside a control step is as exact as its end.
+Each picture is drawn from the simulator's own trace, so an instant within a control step is as exact as its end.
 """
 
 from collections.abc import Iterator
@@ -22,20 +22,20 @@ from impact_gym.render.palette import ALARM, FAINT, GRID, INK, WARNING
 if TYPE_CHECKING:
     import pygame
 
-HOLD = 2.0  # s, for which the last picture of an episode stays
+HOLD = 2.0  # s, during which the last picture of an episode is shown
 STAGE: Box = (0.0, 112.0, float(WIDTH), 226.0)
 STRIP: Box = (64.0, 376.0, 640.0, 98.0)
 CLOSE_UP: Box = (WIDTH - 216.0, 376.0, 200.0, 118.0)
-LAMP = (WIDTH - 22.0, 30.0)  # grey, amber from the detection of the force on, red while the controller has an alarm
+LAMP = (WIDTH - 22.0, 30.0)  # grey; amber once the force is detected; red while the controller has an alarm
 
 Frame = NDArray[np.uint8]
 
 
 class Renderer:
-    """Draws the episodes of one environment; keeps a picture, a window if there is one, and the last instant shown."""
+    """Draws the episodes of one environment."""
 
     def __init__(self, mode: str) -> None:
-        """Draw in this `render_mode`; nothing is imported or opened before the first picture."""
+        """Set the `render_mode`; pygame is imported, and a window opened, for the first picture."""
         self._mode = mode
         self._canvas: Canvas | None = None
         self._window: pygame.Surface | None = None
@@ -52,14 +52,15 @@ class Renderer:
     def render(self, history: History) -> Frame | list[Frame] | None:
         """Return what `render` of the environment returns for the episode so far."""
         if self._mode == "rgb_array":
-            if self._last is None or history.now != self._shown:  # else the same moment, the same picture
+            if self._last is None or history.now != self._shown:  # the same instant has the same picture
                 span = history.now - (self._shown or 0.0)
                 self._shown = history.now
-                self._last = self.picture(history, history.now, 1.0 / (FRAME_RATE * span) if span > 0.0 else 1.0)
+                factor = 1.0 / (FRAME_RATE * span) if span > 0.0 else 1.0
+                self._last = self.draw(history, history.now, factor).pixels()
             return self._last.copy()
         newly_ended, self._ended = history.ended and not self._ended, history.ended
         if self._mode == "rgb_array_list":
-            frames = [self.picture(history, time, factor) for time, factor in self.instants(history)]
+            frames = [self.draw(history, time, factor).pixels() for time, factor in self.instants(history)]
             return frames + frames[-1:] * round(HOLD * FRAME_RATE * newly_ended)
         for time, factor in self.instants(history):
             self._show(history, time, factor)
@@ -68,17 +69,17 @@ class Renderer:
         return None
 
     def close(self) -> None:
-        """Close the window, if there is one; again does nothing."""
+        """Close the window, if one is open."""
         if self._window is not None and self._canvas is not None:
             self._canvas.pygame.display.quit()
         self._window = self._clock = self._canvas = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out canvas and window, which cannot be copied; they are made again when needed."""
+        """Leave out canvas and window, which cannot be copied and are made again when needed."""
         return self.__dict__ | {"_canvas": None, "_window": None, "_clock": None}
 
     def instants(self, history: History) -> Iterator[tuple[float, float]]:
-        """Yield the instants (s) not shown so far, each with its slow motion."""
+        """Yield the instants (s) that were not shown yet, each with its slow motion."""
         if self._shown is None:
             self._shown = 0.0
             yield 0.0, history.factor(0.0)
@@ -88,12 +89,8 @@ class Renderer:
                 self._shown = time
                 yield time, factor
 
-    def picture(self, history: History, time: float, factor: float) -> Frame:
-        """Return the picture (540, 960, 3) of an instant (s) that runs `factor` times slower than real time."""
-        return self._drawn(history, time, factor).pixels()
-
     def _show(self, history: History, time: float, factor: float) -> None:
-        canvas = self._drawn(history, time, factor)
+        canvas = self.draw(history, time, factor)
         pygame = canvas.pygame
         if self._window is None:
             try:
@@ -111,7 +108,8 @@ class Renderer:
         pygame.display.flip()
         self._clock.tick(FRAME_RATE)
 
-    def _drawn(self, history: History, time: float, factor: float) -> Canvas:
+    def draw(self, history: History, time: float, factor: float) -> Canvas:
+        """Draw the picture of an instant (s) that runs `factor` times slower than real time."""
         if self._canvas is None:
             self._canvas = Canvas()
         canvas, state = self._canvas, history.at(time)
@@ -125,7 +123,7 @@ class Renderer:
 
 
 def _head(canvas: Canvas, history: History, state: State, factor: float) -> None:
-    """Write the object's velocity large, or at the end the verdict; and time, slow motion and alarm."""
+    """Write the object's velocity, or at the end the result, in large letters; and time, slow motion and alarm."""
     over = history.ended and state.time >= history.now
     canvas.text(verdict(history) if over else f"object {state.object_velocity:.2f} m/s", (14.0, 34.0), 58)
     pace = f"{round(factor, 1):g} x slower" if factor > 1.0 else f"{1.0 / factor:.2g} x faster"
@@ -135,12 +133,13 @@ def _head(canvas: Canvas, history: History, state: State, factor: float) -> None
     canvas.circle(LAMP, 12.0, colour)
     if not over:
         canvas.text(words, (LAMP[0] - 22.0, LAMP[1]), 30, INK, "midright")
-    if history.peak_force(state) > 0.0:
-        canvas.text(f"largest force {history.peak_force(state):.3g} N", (WIDTH - 14.0, 86.0), 30, FAINT, "midright")
+    forces = history.columns["contact_force"][: np.searchsorted(history.time, state.time, side="right")]
+    if (largest := max(float(forces.max()), state.contact_force)) > 0.0:
+        canvas.text(f"largest force {largest:.3g} N", (WIDTH - 14.0, 86.0), 30, FAINT, "midright")
 
 
 def verdict(history: History) -> str:
-    """Return the result of an episode that has ended, in a few words."""
+    """Return the result of an ended episode, in a few words."""
     info = history.info
     if info["missed"]:
         return "missed: the object was never touched"
@@ -150,14 +149,14 @@ def verdict(history: History) -> str:
 
 
 def alarm(history: History, time: float) -> tuple[str, str]:
-    """Return what the picture says of the alarm at `time` (s), and the colour of its lamp."""
+    """Return a few words on the alarm at `time` (s), and the colour of the lamp."""
     events = history.events
     if events.alarm <= time < events.alarm_over:
         if history.task.alarm == "reading":
             return "alarm by a reading", ALARM
         return f"alarm, {1e3 * (events.alarm - events.detection):.0f} ms after {history.threshold:g} N", ALARM
     if events.detection <= time < events.alarm < np.inf and history.task.alarm == "force":
-        return f"felt; alarm in {1e3 * (events.alarm - time):.1f} ms", WARNING
+        return f"detected; alarm in {1e3 * (events.alarm - time):.1f} ms", WARNING
     return "no alarm", GRID
 
 

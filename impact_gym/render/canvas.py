@@ -1,6 +1,6 @@
-"""A picture to draw on with pygame: coordinates in pixels from the upper left corner, smooth edges.
+"""A picture that pygame draws: coordinates in pixels from the upper left corner, smooth edges.
 
-Shapes are drawn at twice the size and scaled down; text is then written over them at its own size.
+Shapes are drawn at twice the size and scaled down; then text is written over them at the final size.
 """
 
 import importlib
@@ -25,14 +25,14 @@ Box = tuple[float, float, float, float]  # left, top, width, height
 
 WIDTH, HEIGHT = 960, 540
 OVERSAMPLING = 2
-FARTHEST = 1 << 14  # pixels; pygame cannot hold coordinates far beyond
+FARTHEST = 1 << 14  # pixels; pygame overflows with far larger coordinates
 
 
 class Canvas:
-    """One picture, drawn anew for each frame."""
+    """A picture that is drawn anew for each frame."""
 
     def __init__(self, width: int = WIDTH, height: int = HEIGHT) -> None:
-        """Make an empty picture of so many pixels; needs no display.
+        """Make an empty picture of this size in pixels; needs no display.
 
         Raises:
             DependencyNotInstalled: pygame is not installed; says how to install it.
@@ -40,7 +40,7 @@ class Canvas:
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # pygame 2.6 calls what setuptools deprecates
+                warnings.simplefilter("ignore")  # pygame 2.6 uses a deprecated part of setuptools
                 self.pygame: Any = importlib.import_module("pygame")
         except ImportError as error:
             raise DependencyNotInstalled("rendering needs pygame: pip install 'impact-gym[render]'") from error
@@ -51,12 +51,12 @@ class Canvas:
         self._font = cache(partial(self.pygame.font.Font, None))  # pygame's own font, the same on every machine
 
     def clear(self) -> None:
-        """Begin a frame."""
+        """Remove all shapes and texts."""
         self._surface.fill(PAPER)
         self._texts.clear()
 
     def picture(self) -> "pygame.Surface":
-        """Return what has been drawn."""
+        """Return the picture."""
         picture: pygame.Surface = self.pygame.transform.smoothscale(self._surface, self.size)
         for text, (x, y), size, colour, anchor in self._texts:
             image = self._font(size).render(text, True, colour)
@@ -64,7 +64,7 @@ class Canvas:
         return picture
 
     def pixels(self) -> NDArray[np.uint8]:
-        """Return what has been drawn as a new array (height, width, 3)."""
+        """Return the picture as a new array (height, width, 3)."""
         return np.ascontiguousarray(self.pygame.surfarray.array3d(self.picture()).transpose(1, 0, 2))
 
     @contextmanager
@@ -79,7 +79,7 @@ class Canvas:
         self.pygame.draw.polygon(self._surface, colour, self._scaled(points))
 
     def rectangle(self, box: Box, colour: str) -> None:
-        """Fill a rectangle, edges to a fraction of a pixel."""
+        """Fill a rectangle, with edges to a fraction of a pixel."""
         left, top, width, height = box
         (x0, y0), (x1, y1) = self._scaled([(left, top), (left + width, top + height)])
         self._surface.fill(colour, (x0, y0, max(x1 - x0, 1), max(y1 - y0, 1)))
@@ -94,20 +94,12 @@ class Canvas:
             thickness = max(1, round(width * OVERSAMPLING))
             self.pygame.draw.lines(self._surface, colour, False, self._scaled(points), thickness)
 
-    def dashes(self, start: Point, end: Point, colour: str) -> None:
-        """Draw a dashed line."""
-        (x0, y0), (x1, y1) = start, end
-        count = max(1, int(np.hypot(x1 - x0, y1 - y0) / 10.0))
-        for dash in range(count):
-            ends = (dash / count, (dash + 0.5) / count)
-            self.lines([(x0 + part * (x1 - x0), y0 + part * (y1 - y0)) for part in ends], colour, 1.0)
-
     def text(self, text: str, at: Point, size: int = 18, colour: str = INK, anchor: str = "midleft") -> None:
-        """Write `text`; `anchor` names the point of its box that lies `at`."""
+        """Write `text`; `anchor` names the point of the text's box that is placed `at`."""
         self._texts.append((text, at, size, colour, anchor))
 
     @staticmethod
     def _scaled(points: Sequence[Point]) -> list[tuple[int, int]]:
-        """Return `points` on the larger surface, none farther than FARTHEST."""
+        """Return `points` on the larger surface, with coordinates limited to FARTHEST."""
         x, y = np.clip(np.transpose(points) * OVERSAMPLING, -FARTHEST, FARTHEST).round().astype(int).tolist()
         return list(zip(x, y, strict=True))

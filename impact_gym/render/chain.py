@@ -1,7 +1,7 @@
-"""The chain to scale, seen by a camera that stands still: flange, coupling, tool, object, and the gap between.
+"""The chain to scale, seen by a fixed camera: flange, coupling, tool, gap and object.
 
-Positions and displacements are to scale. The model has no sizes of bodies, so these are chosen here; the object is a
-ball of 1500 kg/m^3, and a bistable mechanism has its own dimensions.
+Positions and displacements are to scale. The model has no sizes of bodies, so they are chosen here: the object is a
+ball of 1500 kg/m^3. A bistable mechanism has its own dimensions.
 """
 
 import math
@@ -18,19 +18,19 @@ TOOL_LENGTH, TOOL_HEIGHT = 0.034, 0.03  # m
 FLANGE_LENGTH, FLANGE_HEIGHT = 0.016, 0.052  # m
 BAR = 0.006  # m, thickness of a rigid coupling
 CLEARANCE = 0.004  # m, half the length of a bistable slider, and the thickness of its stops
-SHORTEST_SPRING = 0.002  # m, drawn where the tool has passed the flange
-BASE_LENGTH, ROBOT_LENGTH = 0.008, 0.03  # m, of the block at the imposed motion and of the robot's spring
-ROOM = 0.2  # m, beyond the object, into which it may be pushed
+SHORTEST_SPRING = 0.002  # m, drawn if the tool has passed the flange
+BASE_LENGTH, ROBOT_LENGTH = 0.008, 0.03  # m, of the block with the imposed motion, and of the robot's spring
+ROOM = 0.2  # m, shown behind the object for its motion
 MARGIN = 0.02  # m
 DENSITY, LARGEST_RADIUS = 1500.0, 0.5  # kg/m^3, m
-TEXT, SMALL = 30, 24  # pixels, sizes of text: legible at half the size
+TEXT, SMALL = 30, 24  # pixels, sizes of text; legible in a picture of half the size
 LARGEST_SPAN = 3.0  # m; an object farther away is outside the picture
-RULER, DISTANCE = 34.0, 56.0  # pixels, below the ground, and above all bodies for what is measured there
-SHOWN_PUSH = 5e-4  # m, from which on it is said how far the object was pushed
+RULER, DISTANCE = 34.0, 56.0  # pixels, height of the ruler below the ground, and of the gap's length above the bodies
+SHOWN_PUSH = 5e-4  # m; a shorter push of the object is not shown
 
 
 class Camera(NamedTuple):
-    """Where a position lies in the picture."""
+    """Maps positions to the picture."""
 
     box: Box
     left: float  # m, at the left edge
@@ -39,7 +39,7 @@ class Camera(NamedTuple):
     ground: float  # pixels from above
 
     def x(self, position: float) -> float:
-        """Return the column of `position` (m), pixels."""
+        """Return the column, in pixels, of `position` (m)."""
         return self.box[0] + (position - self.left) * self.scale
 
     def block(self, canvas: Canvas, back: float, front: float, height: float, colour: str) -> None:
@@ -49,7 +49,7 @@ class Camera(NamedTuple):
 
 
 def rest_length(task: Task) -> float:
-    """Return how far behind the tool the flange is drawn at no deflection, m; a soft spring has room for braking."""
+    """Return the drawn distance from flange to tool without deflection, m; with a soft spring it is longer."""
     coupling = task.coupling
     if isinstance(coupling, SpringDamper):
         return 0.04 + 1.25 * math.sqrt(task.tool_mass / coupling.stiffness)
@@ -64,7 +64,7 @@ def object_radius(mass: float) -> float:
 
 
 def camera(history: History, box: Box) -> Camera:
-    """Return the camera for an episode: it stands still, with the whole approach and some room behind the object."""
+    """Return the fixed camera of an episode; it shows the whole approach and some room behind the object."""
     task, scenario = history.task, history.info["scenario"]
     behind = TOOL_LENGTH + rest_length(task) + FLANGE_LENGTH + MARGIN
     behind += 0.0 if task.robot is None else ROBOT_LENGTH + BASE_LENGTH
@@ -76,7 +76,7 @@ def camera(history: History, box: Box) -> Camera:
 
 
 def draw(canvas: Canvas, history: History, state: State, view: Camera) -> None:
-    """Draw the chain, the ground with a ruler, and the gap, or how far the object was pushed."""
+    """Draw the chain, the ground with a ruler, and the gap or the distance that the object was pushed."""
     task, home = history.task, history.info["scenario"]["distance"]
     radius, tool_back = object_radius(history.info["scenario"]["object_mass"]), state.tool_position - TOOL_LENGTH
     front = state.flange_position - TOOL_LENGTH - rest_length(task)
@@ -109,12 +109,12 @@ def draw(canvas: Canvas, history: History, state: State, view: Camera) -> None:
 
 
 def length(metres: float) -> str:
-    """Return a length in words, with its unit."""
+    """Return a length as a text with its unit."""
     return f"{1e3 * metres:.1f} mm" if abs(metres) < 0.01 else f"{1e2 * metres:.1f} cm"
 
 
 def _distance(canvas: Canvas, view: Camera, state: State, home: float) -> None:
-    """Draw a line for the gap before the touch, or for the way that the object was pushed, and its length."""
+    """Draw a line for the gap before the touch, or for the distance that the object was pushed, with its length."""
     left, _, width, _ = view.box
     pushed = state.object_position - home
     begin, end, words = state.tool_position, state.object_position, "gap"
@@ -130,9 +130,11 @@ def _distance(canvas: Canvas, view: Camera, state: State, home: float) -> None:
 
 
 def _ruler(canvas: Canvas, view: Camera) -> None:
-    """Draw the ground with a mark and its position every round distance."""
+    """Draw the ground with labelled marks at round positions."""
     left, _, width, _ = view.box
-    step = round_length(150.0 / view.scale)
+    longest = 150.0 / view.scale
+    decade = 10.0 ** math.floor(math.log10(longest))
+    step = max(size * decade for size in (1.0, 2.0, 5.0) if size * decade <= longest * (1.0 + 1e-9))
     canvas.lines([(left, view.ground), (left + width, view.ground)], FAINT, 1.5)
     for mark in range(math.ceil(view.left / step), math.floor((view.left + width / view.scale) / step) + 1):
         x = view.x(mark * step)
@@ -143,7 +145,7 @@ def _ruler(canvas: Canvas, view: Camera) -> None:
 
 
 def _force(canvas: Canvas, view: Camera, state: State, radius: float) -> None:
-    """Draw the flattened part of the ball, and an arrow for the force on it, its length logarithmic."""
+    """Draw the flattened part of the ball, and an arrow for the force on it, with a logarithmic length."""
     face, depth = view.x(state.tool_position), max(state.penetration, 0.0)
     chord = math.sqrt(max(depth * (2.0 * radius - depth), 0.0))
     half = max(min(chord, 0.5 * TOOL_HEIGHT) * view.scale, 2.0)
@@ -166,7 +168,7 @@ def _spring(canvas: Canvas, start: Point, end: Point, amplitude: float, colour: 
 
 
 def _spring_damper(canvas: Canvas, view: Camera, front: float, back: float, rest: float) -> None:
-    """Draw a spring above a damper from the flange's `front` to the tool's `back`; `rest` is the relaxed length, m."""
+    """Draw a spring and a damper from the flange's `front` to the tool's `back`; `rest` is the relaxed length, m."""
     half, end = 0.5 * TOOL_HEIGHT * view.scale, max(back, front + SHORTEST_SPRING)
     above, below, reach = view.axis - 0.5 * half, view.axis + 0.5 * half, 0.25 * half
     _spring(canvas, (view.x(front), above), (view.x(end), above), 0.35 * half, INK, 9)
@@ -182,7 +184,7 @@ def _spring_damper(canvas: Canvas, view: Camera, front: float, back: float, rest
 def _bistable(canvas: Canvas, view: Camera, front: float, back: float, mechanism: Bistable) -> None:
     """Draw the slider between its stops, the spring and its pivot on the flange's arm, to scale in both directions."""
     alignment = front + CLEARANCE - mechanism.rear_stop
-    rod = mechanism.front_stop - mechanism.rear_stop + 2.0 * CLEARANCE  # so long that the tool clears the front stop
+    rod = mechanism.front_stop - mechanism.rear_stop + 2.0 * CLEARANCE  # the tool clears the front stop
     slider = (view.x(back - rod), view.axis)
     pivot = (view.x(alignment), view.axis - mechanism.height * view.scale)
     thick = CLEARANCE * view.scale
@@ -193,7 +195,7 @@ def _bistable(canvas: Canvas, view: Camera, front: float, back: float, mechanism
     canvas.rectangle((view.x(front), sill, stop + thick - view.x(front), 0.5 * thick), FLANGE)
     canvas.rectangle((stop, view.axis - 1.5 * thick, thick, thick), FLANGE)
     canvas.rectangle((stop, view.axis + 0.5 * thick, thick, 2.0 * thick), FLANGE)
-    canvas.dashes((pivot[0], pivot[1]), (pivot[0], sill), FAINT)
+    canvas.lines([pivot, (pivot[0], sill)], FAINT, 1.0)
     canvas.rectangle((slider[0], view.axis - 0.3 * thick, view.x(back) - slider[0], 0.6 * thick), TOOL)
     canvas.rectangle((slider[0] - thick, view.axis - thick, 2.0 * thick, 2.0 * thick), TOOL)
     _spring(canvas, pivot, slider, 0.6 * thick, INK, 7)
@@ -203,7 +205,7 @@ def _bistable(canvas: Canvas, view: Camera, front: float, back: float, mechanism
 
 
 def close_up(canvas: Canvas, history: History, state: State, box: Box) -> None:
-    """Draw the faces enlarged, such that the hardest impact that can be commanded still fits, and the force."""
+    """Draw the faces enlarged, so that even the hardest impact that can be commanded fits, and the force."""
     left, top, width, height = box
     scale = 0.4 * width / min(max(history.impact_depth(history.task.velocity_range[1]), 1e-9), 1.0)
     radius = object_radius(history.info["scenario"]["object_mass"]) * scale
@@ -218,14 +220,8 @@ def close_up(canvas: Canvas, history: History, state: State, box: Box) -> None:
         if tool > left:
             canvas.rectangle((left, top, tool - left, height), TOOL)
         if state.penetration > 0.0:
-            canvas.dashes((face, top), (face, top + height), PAPER)
+            canvas.lines([(face, top), (face, top + height)], PAPER, 1.0)
     words = "touch, enlarged" if state.penetration <= 0.0 else f"pressed {1e3 * state.penetration:.2f} mm"
     canvas.text(words, (left + 0.5 * width, top - 16.0), SMALL, INK, "center")
     if state.contact_force > 0.0:
         canvas.text(f"{state.contact_force:.3g} N", (left + width - 8.0, top + 20.0), TEXT, PAPER, "midright")
-
-
-def round_length(longest: float) -> float:
-    """Return the largest of 1, 2 and 5 times a power of ten, m, that is not above `longest`."""
-    decade = 10.0 ** math.floor(math.log10(longest))
-    return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= longest * (1.0 + 1e-9))

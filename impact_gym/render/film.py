@@ -1,4 +1,4 @@
-"""The time histories of an episode, read at any instant, and the instants of a film in slow motion."""
+"""The time histories of an episode, at any instant, and the instants of a film in slow motion."""
 
 import math
 from collections.abc import Iterator
@@ -13,15 +13,15 @@ from impact_gym.task.episodes import EpisodeState
 from impact_gym.task.task import Task
 
 FRAME_RATE = 30  # 1/s
-FLIGHT_FACTOR = 8  # slow motion without contact, for an episode of at most HORIZON
-HORIZON = 1.2  # s; a longer episode runs faster, down to real time
+FLIGHT_FACTOR = 8  # slow motion without contact, if the episode lasts at most HORIZON
+HORIZON = 1.2  # s; a longer episode has less slow motion, down to real time
 SHORTEST, LONGEST = 6.0, 10.0  # s, of a film
-CONTACT_FACTOR = 32  # slow motion at least, while tool and object touch
-LARGEST_FACTOR = 1024  # slow motion at most
+CONTACT_FACTOR = 32  # least slow motion while tool and object touch
+LARGEST_FACTOR = 1024  # largest slow motion
 SMALLEST_FACTOR = 0.25  # fast motion, for a long settling
-FRAMES_PER_IMPACT = 16  # in the time that an elastic Hertz impact of the bodies takes
+FRAMES_PER_IMPACT = 16  # during an elastic Hertz impact of the bodies
 FRAMES_PER_FOLD = 6  # while the time to or since the touch grows e-fold
-SETTLING_FRAMES = 45  # after the end, without impacts, at most
+SETTLING_FRAMES = 45  # after the end, at most, without impacts
 SLOWEST_IMPACT = 1e-3  # m/s
 
 
@@ -42,7 +42,7 @@ class State(NamedTuple):
 
     @property
     def penetration(self) -> float:
-        """How far the tool's face is behind the object's undeformed one, m; the gap is its negative."""
+        """Distance of the tool's face behind the undeformed face of the object, m; the gap is its negative."""
         return self.tool_position - self.object_position
 
     @property
@@ -52,25 +52,25 @@ class State(NamedTuple):
 
 
 class History:
-    """An episode up to now, from the simulator's own trace: nothing here is simulated again."""
+    """An episode up to now, from the simulator's own trace; nothing is simulated again."""
 
     def __init__(self, trace: Trace, info: dict[str, Any], task: Task, events: EpisodeState, ended: bool) -> None:
         """Read an episode.
 
         Args:
-            trace: from the first step on.
-            info: as `episode_info()` of an environment returns it.
+            trace: of the episode, from the first step on.
+            info: as returned by `episode_info()` of an environment.
             task: of the environment; `self.task` has the numbers that this episode drew.
-            events: as `episode_state()` of an environment returns them.
-            ended: whether the episode has terminated, so that the trace has the settling.
+            events: as returned by `episode_state()` of an environment.
+            ended: whether the episode has terminated, so that the trace contains the settling.
         """
         self.info, self.events, self.ended = info, events, ended
-        if ended and events.alarm > events.end:  # of a contact in the settling: no control step is left to use it
+        if ended and events.alarm > events.end:  # of a contact during settling, which no control step sees
             self.events = events._replace(alarm=math.inf)
         self.task = task = task.at(info["record"])
         at_rest = {name: 0.0 for name in State._fields} | {"object_position": info["scenario"]["distance"]}
         rows = np.vstack([list(at_rest.values()), np.column_stack([getattr(trace, name) for name in at_rest])])
-        rows = rows[np.isfinite(rows).all(axis=1)]  # a solver that fails may leave others
+        rows = rows[np.isfinite(rows).all(axis=1)]  # a failed simulation may have other rows
         self._rows = np.ascontiguousarray(rows)
         self.columns = dict(zip(at_rest, np.ascontiguousarray(rows.T), strict=True))
         self.time = self.columns["time"]
@@ -93,28 +93,16 @@ class History:
         share = min(max((time - begin[0]) / (end[0] - begin[0]), 0.0), 1.0) if end[0] > begin[0] else 1.0
         return State(*(begin + share * (end - begin)).tolist())
 
-    def seen(self, time: float) -> int:
-        """Return how many points of the trace lie up to `time` (s)."""
-        return int(np.searchsorted(self.time, time, side="right"))
-
-    def peak_force(self, state: State) -> float:
-        """Return the largest contact force up to the time of `state`, N."""
-        return max(float(self.columns["contact_force"][: self.seen(state.time)].max()), state.contact_force)
-
-    def impact_time(self, speed: float) -> float:
-        """Return the duration of an elastic Hertz impact at `speed` (m/s), s (Johnson 1985, eq. 11.24)."""
-        return 2.9432 * self.impact_depth(speed) / speed
-
     def impact_depth(self, speed: float) -> float:
         """Return the largest penetration in an elastic Hertz impact at `speed` (m/s), m (Johnson 1985, eq. 11.23)."""
         stiffness = self.info["scenario"]["contact_stiffness"]
         return (1.25 * self.reduced_mass * speed * speed / stiffness) ** 0.4
 
     def factor(self, time: float) -> float:
-        """Return the slow motion at `time` (s): how many times slower than real time a film runs, a power of two.
+        """Return the slow motion at `time` (s): the factor by which a film is slower than real time, a power of two.
 
-        It rises before the touch, so that the impact itself has FRAMES_PER_IMPACT frames, and falls with the time
-        since: a contact in which the coupling then presses for a hundred impact times runs faster again.
+        The factor rises before the touch, so that the impact itself has FRAMES_PER_IMPACT frames, and falls with the
+        time since the touch: a contact that the coupling then extends to a hundred impact times is shown faster again.
         """
         state = self.at(time)
         begun = int(np.searchsorted(self.touches, time, side="right"))
@@ -129,7 +117,8 @@ class History:
             away, speed = time - touch.time, touch.closing
         if not touching and state.closing > SLOWEST_IMPACT and -state.penetration / state.closing < away:
             away, speed = -state.penetration / state.closing, state.closing
-        finest = self.impact_time(max(speed, SLOWEST_IMPACT)) / FRAMES_PER_IMPACT
+        speed = max(speed, SLOWEST_IMPACT)
+        finest = 2.9432 * self.impact_depth(speed) / speed / FRAMES_PER_IMPACT  # Johnson 1985, eq. 11.24
         interval = min(interval, max(away / FRAMES_PER_FOLD, finest))
         slower = 1.0 / (FRAME_RATE * max(interval, 1.0 / (FRAME_RATE * LARGEST_FACTOR)))
         return max(2.0 ** math.ceil(math.log2(slower) - 1e-9), SMALLEST_FACTOR)
@@ -137,8 +126,8 @@ class History:
     def film(self, after: float) -> Iterator[tuple[float, float]]:
         """Yield the instants of frames after the instant `after`, s, each with its factor.
 
-        A remainder of less than a frame is left to the next step. But each step has a frame, and the last frame of an
-        episode shows its last instant.
+        A remainder shorter than a frame is left for the next step. But each step has at least one frame, and the last
+        frame of an episode shows its last instant.
         """
         time, factor = after, self.factor(after)
         while time + 1.0 / (FRAME_RATE * factor) <= self.now:
@@ -150,11 +139,11 @@ class History:
 
 
 class SlowMotionVideo(RecordVideo[Any, Any]):
-    """Gymnasium's `RecordVideo` with all pictures of each step, of which Gymnasium's own keeps the last one.
+    """Gymnasium's `RecordVideo` with all pictures of each step; Gymnasium's own keeps only the last picture.
 
     Use it in the same way, on an environment made with `render_mode="rgb_array_list"`. The film of an episode lasts
-    SHORTEST to LONGEST seconds: pictures of a longer one are left out evenly, and the last picture of a shorter one
-    stays. Needs moviepy, which the extra `render` brings.
+    SHORTEST to LONGEST seconds: from a longer film pictures are left out evenly, and the last picture of a shorter
+    film is repeated. It needs moviepy, from the extra `render`.
 
     Example:
         >>> env = gym.make("ImpactApproach-v0", render_mode="rgb_array_list")
@@ -167,7 +156,7 @@ class SlowMotionVideo(RecordVideo[Any, Any]):
         self.recorded_frames += frames if isinstance(frames, list) else [frames]
 
     def stop_recording(self) -> None:
-        """Save the film of what was recorded."""
+        """Save the film of the recorded pictures."""
         frames, rate = self.recorded_frames, self.frames_per_sec
         if frames:
             kept = np.linspace(0, len(frames) - 1, min(len(frames), round(LONGEST * rate))).round().astype(int)

@@ -1,4 +1,4 @@
-"""Velocities of flange, tool and object over the last moments, with contacts, force detection and alarm marked."""
+"""Velocities of flange, tool and object over the last 0.3 s; contacts, detection of the force and alarm are marked."""
 
 import math
 
@@ -8,16 +8,17 @@ from impact_gym.render.canvas import Box, Canvas
 from impact_gym.render.film import History, State
 from impact_gym.render.palette import ALARM, FAINT, FLANGE, GRID, OBJECT, PANEL, TOOL, WARNING
 
-WINDOW, AHEAD = 0.3, 0.03  # s, length of a strip in time, and the part of it that is still to come
+WINDOW, AHEAD = 0.3, 0.03  # s, duration that a strip shows, and its part after the present time
 SMALL = 24  # pixels, size of text
 BODIES = {"flange_velocity": FLANGE, "tool_velocity": TOOL, "object_velocity": OBJECT}
 
 
 def draw(canvas: Canvas, history: History, state: State, box: Box) -> None:
-    """Draw the velocities up to the time of `state` in `box`, and their names and units around it."""
+    """Draw the velocities up to the time of `state` in `box`, with names and units around it."""
     left, top, width, height = box
     start = max(state.time + AHEAD - WINDOW, 0.0)  # s
-    seen = slice(max(int(np.searchsorted(history.time, start)) - 1, 0), history.seen(state.time))
+    first, end = np.searchsorted(history.time, start), np.searchsorted(history.time, state.time, side="right")
+    seen = slice(max(int(first) - 1, 0), int(end))
     so_far = np.array([history.columns[name][: seen.stop] for name in BODIES])
     high = max(history.task.velocity_range[1], math.ceil(2.0 * float(so_far.max())) / 2.0) + 0.1
     low = min(0.0, math.floor(2.0 * float(so_far.min())) / 2.0) - 0.1

@@ -3,16 +3,16 @@
     default_approach() -> Approach        the shipped table: Viper s650, the paper's m_r at the impact
     Approach.robot_table(), .at(position) the robot of a Scene, with one of three masses
 
-Everything else computes such a table and needs MuJoCo, the extra `robot`:
+The rest computes such a table and needs MuJoCo, the extra `robot`:
 
     from_urdf(path, base, tip) -> Arm     any serial arm; viper.viper() is the paper's
     Arm.along(start, direction, length)   -> Approach, the table along a line through the flange
-    Arm.reduction(angles, direction)      one row of it
+    Arm.reduction(angles, direction)      one row of the table
     joint_angles(arm, place, ...)         joint angles of a pose
-    all_joints.simulate(arm, approach, scene)  the same blow with all joints: shows the error of the table
+    all_joints.simulate(arm, approach, scene)  the same blow with all joints; shows the error of the table
 
-Kinematics and limits are public data. Inertia and joint stiffness of the Viper are estimates: m_r is uncertain by tens
-of per cent at a given pose and k_r by a factor; the default pose is chosen such that both come out as in the paper.
+Kinematics and limits of the Viper are public data. Its inertia and joint stiffness are estimates: at a given pose m_r
+is uncertain by tens of per cent and k_r by a factor. With the default pose both agree with the paper.
 """
 
 import warnings
@@ -31,7 +31,7 @@ from impact_gym.validation import choice, number, numbers, one_of, whole
 __all__ = ["IMPACT", "Approach", "Arm", "default_approach", "from_urdf", "joint_angles"]
 
 PerJoint = float | Sequence[float] | Sequence[tuple[float, float]]
-"""A number for all joints, one for each, or a pair (low, high) for all or for each, drawn log-uniformly."""
+"""A number for all joints or for each; or a pair (low, high) for all or for each, to draw from log-uniformly."""
 
 
 def from_urdf(
@@ -43,25 +43,25 @@ def from_urdf(
     Args:
         path: of the file; meshes are not needed.
         base: the fixed link; links above it are ignored.
-        tip: the link whose frame is the flange.
-        joint_stiffness: N m/rad, or N/m: a number for all joints, one for each, or a pair (low, high) to draw from, for
-            all or for each; for an arm of two joints two numbers are one for each. There is no default: it is seldom
-            published, and the results depend on it.
+        tip: the link at the end; its frame is the flange.
+        joint_stiffness: N m/rad, or N/m: a number for all joints or for each, or a pair (low, high) for all or for each
+            to draw from. Two numbers for an arm of two joints are one for each. There is no default, as the stiffness
+            is seldom published and the results depend on it.
         joint_damping: N m s/rad, or N s/m, in the same forms.
-        rotor_inertia: of the motors' rotors, kg m^2, or kg; needed only by the servo of `all_joints.simulate`.
+        rotor_inertia: of the motors' rotors, kg m^2, or kg; only the servo of `all_joints.simulate` needs it.
         gear: turns of the rotor per turn of the joint, 1 unless given.
-        seed: of the numbers drawn from pairs.
-        inertia: "given", or "balanced" for a file whose rounding breaks the triangle rule, that no principal moment of
-            inertia exceeds the sum of the other two: a body that breaks it, and no other, gets the mean of its three
-            moments for each, as by MuJoCo's `balanceinertia`. A body is a link with all links welded to it.
+        seed: of the random draws from pairs.
+        inertia: "given", or "balanced" for a file with rounded numbers that break the triangle rule: no principal
+            moment of inertia exceeds the sum of the other two. A body that breaks the rule gets the mean of its three
+            moments for each, as with MuJoCo's `balanceinertia`. A body is a link with all links welded to it.
 
     Raises:
-        TypeError, ValueError: the file is no such arm, or a joint parameter is invalid; says which.
+        TypeError, ValueError: the file does not describe such an arm, or a joint parameter is invalid; names it.
         ImportError: MuJoCo is not installed.
 
     Warns:
-        UserWarning: a link that the arm moves has inertia but no mass, and its inertia is left out; or a joint beside
-            the arm mimics one of the arm's, but is held at zero; or a limit of a joint is beyond 10 rad or 100 m.
+        UserWarning: a link that the arm moves has inertia but no mass, so its inertia is left out; a joint outside the
+            arm mimics a joint of the arm, but is held at zero; or a joint has limits beyond 10 rad or 100 m.
     """
     choice("inertia", inertia, ("given", "balanced"))
     one_of("path", path, str, Path)

@@ -2,9 +2,9 @@
 
     M(q) q'' + c(q, q') = D (q_m' - q') + K (q_m - q) - J' F
 
-with elastic joints between the motors at q_m, which follow the line exactly or by a servo, and the links at q. Tool
-and object move along the line with the contact law of the scene. MuJoCo computes M, J and the bias c, SciPy integrates;
-MuJoCo's contacts and integrator are not used, nor is the compiled solver of this package.
+with elastic joints between the motors at q_m and the links at q. The motors follow the line, exactly or by a servo.
+Tool and object move along the line with the contact law of the scene. MuJoCo computes M, J and the bias c, and SciPy
+integrates. MuJoCo's contacts and integrator and the compiled solver of this package are not used.
 """
 
 import math
@@ -29,13 +29,13 @@ MOST_CONTACTS = 200
 
 @dataclass(frozen=True)
 class Blow:
-    """Results of an approach with all joints."""
+    """Results of an approach that was simulated with all joints."""
 
     object_velocity: float  # m/s, V_p
-    touch_time: float | None  # s, of the first touch; None if there is none
-    impact_velocity: float | None  # m/s, of the tool at it
+    touch_time: float | None  # s, of the first touch; None: the object is not touched
+    impact_velocity: float | None  # m/s, of the tool at the first touch
     peak_force: float  # N
-    contact_time: float | None  # s, of the first contact; None if it has not ended
+    contact_time: float | None  # s, duration of the first contact; None: it has not ended
     impulse: float  # N s, on the object
     contact_count: int
     sideways: float  # m, largest distance of the flange from the line during contacts
@@ -51,19 +51,19 @@ def simulate(
     """Simulate an approach of `arm` with all its joints along the line of `approach`; the scene has no robot.
 
     Args:
-        arm: that `approach` was computed for.
-        approach: where the motors go.
-        scene: tool, object, contact and coupling. Without friction, and with equal exponents of the contact.
+        arm: the arm that `approach` describes.
+        approach: the line, and the motors' angles along it.
+        scene: tool, object, contact and coupling; without friction, and with equal exponents of the contact.
         motion: of the motors along the line.
         duration: s.
         coriolis: whether centrifugal and Coriolis forces act.
-        gravity: whether weight acts, the joints deflected by it from the start; else it is compensated.
+        gravity: whether weight acts, which then also deflects the joints at the start.
         servo: how the motors follow the line; None: exactly.
-        rtol: of the integration, 1e-12 to 1e-3.
-        most_evaluations: of the equations, after which a run stops with a status.
+        rtol: relative tolerance of the integration, 1e-12 to 1e-3.
+        most_evaluations: number of evaluations of the equations after which the run stops with a status.
 
     Raises:
-        ValueError: this reference does not model the scene, or the line ends before the object; names the field.
+        ValueError: a field of the scene is not modelled here, or the line ends before the object; names the field.
     """
     for field, value, kinds in (
         ("arm", arm, (Arm,)), ("approach", approach, (Approach,)), ("scene", scene, (Scene,)),
@@ -101,12 +101,13 @@ def simulate(
 
 
 def _run(equations: Equations, duration: float, rtol: float, status: str) -> Blow:
-    """Integrate from one event to the next."""
+    """Integrate from event to event; the result has this `status` unless the run ends early."""
     scene, path, servo, touching, t = equations.scene, equations.path, equations.servo, False, 0.0
     y, d = equations.begin(scene.object.distance), damping_factor(scene.contact.dissipation, scene.contact.restitution)
     touches, parted, impact, rotation, undetected = list[float](), list[float](), None, np.eye(3), True
     peak = sideways = turn = 0.0
-    due, late = 0.0 if servo else math.inf, deque[tuple[float, Array]]()  # the next sample; torques that do not act yet
+    due = 0.0 if servo else math.inf  # s, of the next sample
+    late = deque[tuple[float, Array]]()  # torques that do not act yet, and the times at which they will
     try:
         while t < duration:
             if servo and t >= due:

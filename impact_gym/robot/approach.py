@@ -1,4 +1,4 @@
-"""The robot along a straight approach as a table, and the file it is kept in."""
+"""The robot along a straight approach as a table, and the file of such a table."""
 
 import json
 from dataclasses import dataclass
@@ -16,23 +16,23 @@ from impact_gym.validation import WrongTypeError, choice, numbers
 
 Array = NDArray[np.float64]
 SHIPPED = Path(__file__).with_name("default_approach.json")
-IMPACT = 0.2505  # m, from the start of the shipped one to the object's face; identified, see docs/provenance.md
+IMPACT = 0.2505  # m, from the start of the shipped approach to the object; identified, see docs/provenance.md
 
 COLUMNS = {
     "position": "travel_m", "held": "m_r_kg", "damping": "c_r_N_s_per_m", "stiffness": "k_r_N_per_m",
     "effective": "effective_mass_kg", "effective_stiffness": "effective_stiffness_N_per_m",
     "composite": "composite_mass_kg",
 }  # fmt: skip
-"""Name of each field in the file; the joint angles follow under the names of the joints."""
+"""Name in the file of each field; the columns of joint angles follow, with the names of the joints."""
 
 Mass = Literal["held", "effective", "composite"]
 
 
 @dataclass(frozen=True, eq=False)
 class Approach(Parameters):
-    """The flange on a straight line at constant orientation; arrays with a row per place.
+    """The flange on a straight line at constant orientation; the arrays have a row for each place.
 
-    The masses are those of the bare robot; the mass of a tool is added (paper: 'simply adds').
+    The masses are without a tool; a tool's mass is added (paper: 'simply adds').
     """
 
     position: Annotated[Array, SI("m")]  # of the imposed motion from its start, rising from 0
@@ -41,12 +41,12 @@ class Approach(Parameters):
     stiffness: Annotated[Array, SI("N/m")]  # k_r = K_X,11 (paper, eq. 14 and 16)
     effective: Annotated[Array, SI("kg")]  # 1/(M_X^-1)_11
     effective_stiffness: Annotated[Array, SI("N/m")]  # 1/(K_X^-1)_11
-    composite: Annotated[Array, SI("kg")]  # of all links as one body, see `Arm.reduction`
+    composite: Annotated[Array, SI("kg")]  # mass of all links as one body, see `Arm.reduction`
     joint_angles: Array  # rad, m for prismatic joints, (rows, n)
     joints: tuple[str, ...]  # names
     start: Annotated[Array, SI("m")]  # of the flange in the base's frame, (3,)
     direction: Annotated[Array, SI("-")]  # of length 1, (3,)
-    chosen: Mass = "held"  # the mass used unless another is named
+    chosen: Mass = "held"  # the mass of `robot_table` and `at`, unless another is named
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
@@ -75,15 +75,10 @@ class Approach(Parameters):
         array.flags.writeable = False
         object.__setattr__(self, name, array)
 
-    @property
-    def x(self) -> Array:
-        """Position of the flange along x in the base's frame, m, a row per place."""
-        return np.asarray(self.start[0] + self.position * self.direction[0])
-
     def robot_table(self, mass: Mass | None = None) -> RobotTable:
-        """Return the robot whose parameters vary along the line, with this one of its three masses, or the chosen one.
+        """Return the robot with parameters that vary along the line, with one of its three masses.
 
-        The effective mass comes with the effective stiffness, and a damping in proportion.
+        The effective mass comes with the effective stiffness, and the damping is reduced in proportion.
         """
         mass = self.chosen if mass is None else mass
         choice("mass", mass, get_args(Mass))
@@ -94,7 +89,7 @@ class Approach(Parameters):
         return RobotTable(*(tuple(map(float, column)) for column in columns))
 
     def at(self, position: float, mass: Mass | None = None) -> Robot:
-        """Return the robot with constant parameters, those at this place of the line, m."""
+        """Return the robot with constant parameters, as at `position` (m) of the line."""
         return self.robot_table(mass).at(position)
 
 
@@ -105,7 +100,7 @@ def default_approach() -> Approach:
 
 
 def read(path: Path) -> Approach:
-    """Read an approach that `write` wrote."""
+    """Read a file of `write`."""
     data = parsed(path, "JSON", json.loads)
     line, names = data["line"], tuple(data["line"]["joints"])
     if data["columns"] != [*COLUMNS.values(), *names]:
@@ -122,7 +117,7 @@ def read(path: Path) -> Approach:
 
 
 def write(path: Path, approach: Approach, provenance: dict[str, Any]) -> None:
-    """Write `approach` and its provenance to `path` atomically, one line per row, with all digits."""
+    """Write `approach` and its provenance to `path` atomically; each row is a line, with all digits."""
     line = {
         "joints": list(approach.joints), "start_m": approach.start.tolist(), "direction": approach.direction.tolist(),
         "chosen": approach.chosen,

@@ -1,6 +1,6 @@
-"""The bodies of an arm: a joint each, and the links welded together behind it as one rigid body.
+"""The bodies of an arm: each is a joint, and the links behind it that are welded together as one rigid body.
 
-Only the sum of links that are welded together is checked, as a frame or a point payload needs no inertia of its own.
+Only the sum of such links is checked, as a frame or a point payload may have no inertia.
 """
 
 import importlib
@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from impact_gym.robot.approach import Array
 
-LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # kg and kg m^2, of a body
+LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # least allowed values of a body, kg and kg m^2
 LARGEST_GYRATION = 3.0
-"""Radius of gyration, m, of a body of an arm that reaches no farther: in kg mm^2 even a finger's is above."""
+"""m, allowed radius of gyration of a body, unless the arm reaches farther; in kg mm^2 a finger's would be larger."""
 ROUNDING = 1e-6
-"""Relative excess allowed of the largest moment of inertia over the sum of the others: files have six digits."""
+"""Allowed relative excess of the largest moment of inertia over the sum of the others; files have six digits."""
 
 
 class Body(NamedTuple):
@@ -26,18 +26,18 @@ class Body(NamedTuple):
     unit: str  # of the joint's position, rad or m
     low: float  # limits of that position
     high: float
-    place: Array  # of the joint in the frame of the body before, homogeneous, (4, 4)
+    place: Array  # of the joint in the frame of the previous body, homogeneous, (4, 4)
     axis: Array  # of length 1, (3,)
     mass: float  # kg
-    moments: Array  # principal ones of inertia, kg m^2, (3,)
-    axes: Array  # of inertia, and the centre of mass, homogeneous, (4, 4)
+    moments: Array  # principal moments of inertia, kg m^2, (3,)
+    axes: Array  # principal axes of inertia and centre of mass, homogeneous, (4, 4)
 
 
 def pseudo_inertia(mass: float, tensor: Array, place: Array) -> Array:
-    """Return the integral of r r' over the mass of a link, r being (x, y, z, 1) in the link's frame, (4, 4).
+    """Return the integral J of r r' over the mass of a link, with r = (x, y, z, 1) in the link's frame, (4, 4).
 
-    It adds up over links that are welded together, and in another frame T it is T J T'. See Wensing, Kim and Slotine,
-    IEEE Robotics and Automation Letters 3 (2018).
+    For links that are welded together the integrals add up; in a frame at T the integral is T J T'. See Wensing, Kim
+    and Slotine, IEEE Robotics and Automation Letters 3 (2018).
 
     Args:
         mass: kg.
@@ -53,13 +53,13 @@ def welded_body(joint: str, links: Mapping[str, Array], reach: float, balanced: 
     """Return mass, principal moments and axes of the body that a joint moves, as in `Body`.
 
     Args:
-        joint: its name.
+        joint: name of the joint.
         links: pseudo-inertia of each link in the joint's frame.
         reach: of the arm, m.
-        balanced: whether moments of inertia of which one exceeds the sum of the others are all set to their mean.
+        balanced: whether all moments of inertia are set to their mean if one exceeds the sum of the others.
 
     Raises:
-        ValueError: this is the inertia of no rigid body, or in other units; names the links.
+        ValueError: no rigid body has such an inertia, or it has other units; names the links.
     """
     total = np.sum(list(links.values()), axis=0)
     mass, centre = float(total[3, 3]), total[:3, 3] / max(total[3, 3], LEAST_MASS)
@@ -68,7 +68,9 @@ def welded_body(joint: str, links: Mapping[str, Array], reach: float, balanced: 
             f"link {next(iter(links))!r}, which joint {joint!r} moves, must have at least {LEAST_MASS:g} kg with all"
             f" that is welded to it, got {mass:g} kg"
         )
-    spread, axes = np.linalg.eigh(total[:3, :3] - mass * np.outer(centre, centre))  # of the mass along its axes
+    spread, axes = np.linalg.eigh(
+        total[:3, :3] - mass * np.outer(centre, centre)
+    )  # second moments of the mass along its axes
     least, middle, most = (spread.sum() - spread[::-1]).tolist()
     first, *others = [repr(link) for link, part in links.items() if part.any()]
     what = f"link {first}" + (f" with {', '.join(others)} welded to it" if others else "")
@@ -92,13 +94,13 @@ def welded_body(joint: str, links: Mapping[str, Array], reach: float, balanced: 
 
 
 def specification(bodies: Sequence[Body], tip: Array) -> tuple[Any, Any]:
-    """Return MuJoCo, and its specification of a chain of bodies with the frame `tip`, (4, 4), on the last.
+    """Return the module mujoco, and its specification of a chain of bodies with the frame `tip`, (4, 4), on the last.
 
     Raises:
         ImportError: MuJoCo is not installed.
     """
     try:
-        mujoco: Any = importlib.import_module("mujoco")  # by name: types are checked without it as well
+        mujoco: Any = importlib.import_module("mujoco")  # by name, so that types are checked without MuJoCo
     except ImportError as missing:
         raise ImportError(
             "computing a robot needs MuJoCo: pip install 'impact-gym[robot]' (the shipped table does not need it)"

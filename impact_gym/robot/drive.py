@@ -13,11 +13,11 @@ from impact_gym.robot.approach import Array
 
 
 class Path:
-    """The commanded motion along the line: pieces of constant acceleration, of which the last one never ends."""
+    """The commanded motion along the line: pieces of constant acceleration; the last piece never ends."""
 
     def __init__(self, motion: Trapezoid | Motion) -> None:
-        self.pieces = [(0.0, 0.0, 0.0, 0.0)]  # s, m, m/s and m/s^2 at the beginning of each
-        self._motion, self.threshold = motion, math.inf  # N, of the force that triggers the brake
+        self.pieces = [(0.0, 0.0, 0.0, 0.0)]  # time (s), position, velocity and acceleration at the start of each
+        self._motion, self.threshold = motion, math.inf  # N, force that triggers the brake
         if isinstance(motion, Trapezoid):
             self._change(0.0, motion.speed, motion.acceleration)
             self.threshold = math.inf if motion.brake is None else motion.brake.threshold
@@ -32,13 +32,13 @@ class Path:
         return place + (speed + 0.5 * rate * since) * since, speed + rate * since, rate
 
     def brake(self, detection: float) -> None:
-        """Brake a delay after the force first exceeded the threshold, at `detection` (s)."""
+        """Brake; `detection` (s) is when the force first exceeded the threshold, and the brake's delay follows."""
         assert isinstance(self._motion, Trapezoid)
         assert self._motion.brake is not None
         self._change(detection + self._motion.brake.delay, 0.0, self._motion.deceleration)
 
     def _change(self, t: float, velocity: float, acceleration: float) -> None:
-        """From `t` (s) on, go to this velocity (m/s) with this acceleration (m/s^2), then hold it."""
+        """Change to this velocity (m/s) from `t` (s) on, with this acceleration (m/s^2), and keep it."""
         place, speed, _ = self.at(t)
         duration = abs(velocity - speed) / acceleration
         self.pieces = [piece for piece in self.pieces if piece[0] < t]
@@ -49,9 +49,9 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class Servo(Parameters):
-    """Motors that follow the line by a sampled PD control of their own positions, the joints' torque fed forward."""
+    """Sampled PD control of the motors' positions, with the joints' torque as a feedforward."""
 
-    frequency: Annotated[float, SI("rad/s", above=0)] = 300.0  # of the controlled rotor alone
+    frequency: Annotated[float, SI("rad/s", above=0)] = 300.0  # natural frequency of the controlled rotor alone
     damping_ratio: Annotated[float, SI("-", above=0)] = 1.0
     period: Annotated[float, SI("s", at_least=1e-4, at_most=0.1)] = 1e-3  # between samples
     delay: Annotated[float, SI("s", at_least=0, at_most=0.1)] = 1e-3  # from a sample until its torque acts
@@ -62,13 +62,13 @@ class Servo(Parameters):
             raise ValueError(f"Servo.delay must be at most 20 periods, {20 * self.period:g} s, got {self.delay:g} s")
 
     def growth(self, M: Array, stiffness: Array, damping: Array, rotors: Array) -> float:
-        """Return the spectral radius of the sampled loop around elastic joints at rest: stable below 1.
+        """Return the spectral radius of the sampled loop with elastic joints at rest; below 1 the loop is stable.
 
-        Torques are constant between samples, so matrix exponentials are exact.
+        The torques are constant between samples, so matrix exponentials are exact.
         """
         n, w, inverse = len(M), self.frequency, np.linalg.inv(M)
         unit, K, D, R, zero = np.eye(n), np.diag(stiffness), np.diag(damping), np.diag(1.0 / rotors), np.zeros((n, n))
-        # of joints, their rates, motors, their rates, and the torques that are held
+        # rates of change of: joints, joint rates, motors, motor rates, and torques, which are constant
         free = np.block([
             [zero, unit, zero, zero, zero],
             [-inverse @ K, -inverse @ D, inverse @ K, inverse @ D, zero],
@@ -79,11 +79,11 @@ class Servo(Parameters):
         control = np.hstack([
             -K, -D, K - np.diag(rotors) * w * w, D - np.diag(rotors) * 2.0 * self.damping_ratio * w
         ])  # fmt: skip
-        late = int(self.delay / self.period + 1e-9)  # samples; of the last one a part of a period is left
+        late = int(self.delay / self.period + 1e-9)  # whole periods of the delay; the rest is `part`
         part = min(max(self.delay - late * self.period, 0.0), self.period)
         first, then = (expm(free * t) for t in (part, self.period - part))
         state = 4 * n
-        loop = np.zeros((state + n * (late + 1),) * 2)  # then the torques asked for in the last samples
+        loop = np.zeros((state + n * (late + 1),) * 2)  # the state, then the torques of the last samples
         loop[:state, :state] = (then @ first)[:state, :state]
         loop[:state, state + n * late :] += then[:state, :state] @ first[:state, state:]
         if late:

@@ -14,34 +14,38 @@ from impact_gym.robot.arm import Arm
 from impact_gym.robot.drive import Path, Servo
 from impact_gym.scene import Bistable, Rigid, Scene, SpringDamper
 
-LOST = 0.05  # rad or m, deviation of a motor at which the servo has failed
-MOST_EVALUATIONS = 400_000  # of the equations, about a quarter of a minute
-STIFF = 1e5  # 1/s, the joints' fastest mode: above it an implicit method is faster
+LOST = 0.05  # rad or m, deviation of a motor from its command at which the servo has failed
+MOST_EVALUATIONS = 400_000  # of the equations; they take about 15 s
+STIFF = 1e5  # 1/s, the joints' fastest mode; above it an implicit method is faster
 
 
 class Unfinished(Exception):  # noqa: N818 a status, not an error
-    """A run ended early; says why."""
+    """A run ended early; its text says why."""
 
 
 class Equations:
-    """The equations. The state is q, q', with a servo the motors' angles and rates, then tool, object and impulse."""
+    """The equations of motion.
+
+    The state is: angles and rates of the joints; with a servo, angles and rates of the motors; position and velocity of
+    the tool and of the object; impulse on the object.
+    """
 
     def __init__(
         self, arm: Arm, approach: Approach, scene: Scene, path: Path, *, coriolis: bool = True, gravity: bool = False,
         servo: Servo | None = None, most_evaluations: int = MOST_EVALUATIONS,
     ) -> None:  # fmt: skip
         self.rigid, self.m_t, self.m_p = isinstance(scene.coupling, Rigid), scene.tool.mass, scene.object.mass
-        self.arm, self.scene, self.path, self.n = arm.with_load(self.m_t) if self.rigid else arm, scene, path, arm.count
+        self.arm, self.scene, self.path, n = arm.with_load(self.m_t) if self.rigid else arm, scene, path, arm.count
         self.coriolis, self.gravity, self.servo = coriolis, gravity, servo
         self.motors = CubicSpline(approach.position, approach.joint_angles)
         self.slopes, self.bend = self.motors.derivative(), self.motors.derivative(2)
         self.places, self.pieces = approach.position.tolist(), self.motors.c.transpose(1, 0, 2)
         self.start, self.u = approach.start, approach.direction
-        inverse = np.linalg.inv(self.arm.mass_matrix(self.motors(scene.object.distance)))
-        modes = np.linalg.eigvals(self._elastic(inverse))
-        self.stiff = bool(np.abs(modes).max() > STIFF)
-        self.torque = np.zeros(self.n)  # of the motors, held for a sample
-        self.damping = 0.0  # chi of the contact that goes on, N s/m^(1 + n)
+        inverse, unit = np.linalg.inv(self.arm.mass_matrix(self.motors(scene.object.distance))), np.eye(n)
+        modes = np.linalg.eigvals(np.block([[0.0 * unit, unit], [-inverse * arm.stiffness, -inverse * arm.damping]]))
+        self.n, self.stiff = n, bool(np.abs(modes).max() > STIFF)
+        self.torque = np.zeros(n)  # of the motors, constant during a sample
+        self.damping = 0.0  # chi of the present contact, N s/m^(1 + n)
         self.evaluations, self.most_evaluations = 0, most_evaluations
 
     def begin(self, distance: float) -> Array:
@@ -66,7 +70,7 @@ class Equations:
         return angles, rates
 
     def sample(self, t: float, y: Array) -> Array:
-        """Return the torques that the servo computes now."""
+        """Return the motors' torques that the servo computes from the state."""
         assert self.servo is not None
         s, rate, rise = self.path.at(t)
         q_m, v_m = self.driven(t, y)
@@ -79,7 +83,7 @@ class Equations:
         return np.asarray(self.arm.rotors * (wanted + follow) + held)
 
     def contact(self, depth: float, rate: float) -> float:
-        """Return the contact force before it is limited to pushing, N."""
+        """Return the force of the contact law, N; it is negative where the law would pull."""
         law, depth = self.scene.contact, max(depth, 0.0)
         return float(law.stiffness * depth**law.stiffness_exponent + self.damping * depth**law.damping_exponent * rate)
 
@@ -96,14 +100,14 @@ class Equations:
         return float(held.force(place)) - front + rear
 
     def flange(self, y: Array) -> tuple[float, float, Array, Array]:
-        """Return place and velocity along the line, the line's row of the Jacobian and the bias."""
+        """Return position and velocity of the flange along the line, the line's row of the Jacobian, and the bias."""
         q, rates = y[: self.n], y[self.n : 2 * self.n]
         place, J, bias = self.arm.dynamics(q, rates, self.coriolis, self.gravity)
         row = self.u @ J
         return float(self.u @ (place - self.start)), float(row @ rates), row, bias
 
     def rates(self, t: float, y: Array, touching: bool) -> Array:
-        """Return d(state)/dt."""
+        """Return the derivative of the state."""
         self.evaluations += 1
         if self.evaluations > self.most_evaluations:
             raise Unfinished(f"more than {self.most_evaluations} evaluations of the equations")
@@ -123,44 +127,25 @@ class Equations:
         out[-5:] = v_t, 0.0 if self.rigid else (pulled - force) / self.m_t, v_p, force / self.m_p, force
         return out
 
-    def jacobian(self, _: float, y: Array) -> Array:
-        """Return the part of d(rates)/d(state) from the joints' stiffness and damping: the only stiff part."""
-        self.flange(y)
-        matrix = np.zeros((len(y), len(y)))
-        matrix[: 2 * self.n, : 2 * self.n] = self._elastic(self.arm.accelerations(np.eye(self.n)))
-        return matrix
-
-    def _elastic(self, inverse: Any) -> Any:
-        unit = np.eye(self.n)
-        return np.block([[0.0 * unit, unit], [-inverse * self.arm.stiffness, -inverse * self.arm.damping]])
-
     def penetration(self, y: Array) -> tuple[float, float]:
         """Return the penetration, m, and its rate, m/s."""
         tool, v_t = self.flange(y)[:2] if self.rigid else y[-5:-3]
         return float(tool - y[-3]), float(v_t - y[-2])
 
     def deviation(self, y: Array, rotation: Array) -> tuple[float, float]:
-        """Return distance of the flange from the line, m, and its rotation from `rotation`, rad."""
-        self.arm.move(y[: self.n])
-        place, turned = self.arm.pose()
+        """Return the flange's distance from the line, m, and the angle from `rotation` to its rotation, rad."""
+        place, turned = self.arm.flange(y[: self.n])
         away = place - self.start
-        away = away - self.u * (self.u @ away)
+        away -= self.u * (self.u @ away)
         return math.sqrt(away @ away), math.acos(min(1.0, max(-1.0, 0.5 * (float(np.sum(rotation * turned)) - 1.0))))
 
     def piece(self, t: float, until: float, y: Array, touching: bool, undetected: bool, rtol: float) -> Any:
-        """Integrate a smooth piece to its first event: touch or parting, end of the line, force over the threshold."""
-
-        def gap(_: float, y: Array) -> float:
-            return self.penetration(y)[0]
-
-        def line_left(t: float, _: Array) -> float:
-            s = self.path.at(t)[0]
-            return min(s + 1e-9, self.places[-1] - s)
-
-        def over_threshold(_: float, y: Array) -> float:
-            return self.contact(*self.penetration(y)) - self.path.threshold
-
-        events: list[Any] = [gap, line_left, over_threshold][: 3 if undetected and touching else 2]
+        """Integrate until `until` or the first event: touch or parting, end of the line, force over the threshold."""
+        events: list[Any] = [
+            lambda _, y: self.penetration(y)[0],
+            lambda t, _: min((s := self.path.at(t)[0]) + 1e-9, self.places[-1] - s),
+            lambda _, y: self.contact(*self.penetration(y)) - self.path.threshold,
+        ][: 3 if undetected and touching else 2]
         for event, direction in zip(events, (-1.0 if touching else 1.0, -1.0, 1.0), strict=False):
             event.terminal, event.direction = True, direction
         longest, law = until - t, self.scene.contact
@@ -170,10 +155,9 @@ class Equations:
             longest = min(longest, depth / closing)
         elif isinstance(self.scene.coupling, Bistable):
             longest = min(longest, 2.0 * math.sqrt(self.m_t / self.scene.coupling.stop_stiffness))
-        # LSODA restarts too slowly for the samples of a servo, and oscillates where joints are stiff
+        # LSODA restarts too slowly for a servo's samples, and oscillates with stiff joints
         method = "DOP853" if self.servo else "Radau" if self.stiff else "LSODA"
         return solve_ivp(
             lambda t, y: self.rates(t, y, touching), (t, until), y, method, events=events, rtol=rtol,
             atol=max(1e-2 * rtol, 1e-10 if self.stiff else 0.0), max_step=max(longest, 1e-9), dense_output=touching,
-            **({} if self.servo else {"jac": self.jacobian}),
         )  # fmt: skip

@@ -1,10 +1,10 @@
 """The serial arm between two links of a URDF file.
 
-Links that hang on the arm by other joints move with it: fixed ones, and those of a gripper, which is held at zero.
-Links that the arm does not move are not checked. Meshes, colours and transmissions are ignored.
+Links that other joints connect to the arm move with it; such joints, of a gripper say, are held at zero. Links that the
+arm does not move are not checked. Meshes, colours and transmissions are ignored.
 
-MuJoCo's own reader of URDF is not used: it needs the meshes, ignores mimic joints without a warning, and refuses an
-inertia without the name of its link.
+MuJoCo's own reader of URDF is not used: it needs the meshes, ignores mimic joints without a warning, and does not name
+the link of a wrong inertia.
 """
 
 import codecs
@@ -24,8 +24,8 @@ from impact_gym.validation import number, unit_text
 UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 """Types of joints that an arm may have, and the unit of each."""
 MOST_MASS, MOST_INERTIA, FARTHEST, MOST_TURN = 1e6, 1e12, 100.0, 10.0
-"""In kg, kg m^2, m and rad, of the numbers in a file: beyond these they are in other units."""
-MOST_JOINTS, MOST_BYTES = 1000, 1 << 24  # of an arm, which MuJoCo's recursion bounds, and of a file
+"""Limits of the numbers in a file, in kg, kg m^2, m and rad; larger numbers are in other units."""
+MOST_JOINTS, MOST_BYTES = 1000, 1 << 24  # of an arm, as MuJoCo recurses along it; and of a file
 
 Element = ElementTree.Element
 
@@ -37,15 +37,15 @@ class Joint(NamedTuple):
     kind: str
     parent: str  # the link above it
     child: str
-    mimics: str | None  # the joint that it follows
+    mimics: str | None  # name of the joint that this joint follows
     element: Element
 
 
 def decoded(content: bytes) -> str:
-    """Return the text of an XML file, in UTF-16 by its first bytes, else as it declares or in UTF-8.
+    """Return the text of an XML file, decoded as its first bytes or its declaration say, else as UTF-8.
 
     Raises:
-        ValueError, LookupError: it is compressed, too large, or in no known encoding.
+        ValueError, LookupError: the file is compressed, too large, or in an unknown encoding.
     """
     if content[:2] == b"\x1f\x8b":
         raise ValueError("it is compressed by gzip, unpack it first")
@@ -59,14 +59,9 @@ def decoded(content: bytes) -> str:
 
 
 def read(text: str, base: str, tip: str, balanced: bool, remarks: list[str]) -> tuple[list[Body], Array]:
-    """Return the bodies from the link `base` to the link `tip`, and the place of `tip` in the last, (4, 4).
+    """Return the bodies from the link `base` to the link `tip`, and the place of `tip` in the last body, (4, 4).
 
-    Args:
-        text: of the file.
-        base: the link that stands still.
-        tip: the link at the end.
-        balanced: see `bodies.welded_body`.
-        remarks: list to which warnings are added.
+    Warnings are appended to `remarks`; `balanced` is explained at `bodies.welded_body`.
 
     Raises:
         ValueError: the text is no URDF of such an arm; names link or joint.
@@ -89,12 +84,12 @@ def read(text: str, base: str, tip: str, balanced: bool, remarks: list[str]) -> 
     if not 2 <= len(chain) <= MOST_JOINTS:
         wanted = "two joints or more" if len(chain) < 2 else f"at most {MOST_JOINTS} joints"
         raise ValueError(f"an arm has {wanted}, between {base!r} and {tip!r} there are {len(chain)}")
-    places = {base: (0, np.eye(4))}  # of a link: its body, 0 standing still, and where it is in the body's frame
+    places = {base: (0, np.eye(4))}  # of each link: its body (0: fixed), and its place in the body's frame
     begins, welded = [np.eye(4)], [dict[str, Array]()]
     for joint in joints:
         behind, place = places.get(joint.parent, (0, np.eye(4)))
         if not behind and joint.name not in on_way:
-            continue  # it stands still
+            continue  # a fixed link
         if joint.kind not in (*UNITS, "fixed"):
             kinds = f"{joint.kind or 'of no type'}, allowed are {', '.join(UNITS)} and fixed"
             raise ValueError(f"joint {joint.name!r} is {kinds}")
@@ -119,7 +114,7 @@ def read(text: str, base: str, tip: str, balanced: bool, remarks: list[str]) -> 
 
 def _parsed(text: str) -> Element:
     """Return the robot of a file."""
-    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # which takes a prefix as part of a name
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # a prefix is part of the name here
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:
         parser.Parse(text, True)
@@ -136,7 +131,7 @@ def _parsed(text: str) -> Element:
 
 
 def _named(robot: Element, kind: str) -> dict[str, Element]:
-    """Return all links or joints by their names."""
+    """Return all links, or all joints, by name."""
     named: dict[str, Element] = {}
     for each in robot.findall(kind):
         name = each.get("name", "")
@@ -147,7 +142,7 @@ def _named(robot: Element, kind: str) -> dict[str, Element]:
 
 
 def _only(of: Element | None, tag: str, name: str) -> Element | None:
-    """Return the element of this tag in the part called `name`, if there is one."""
+    """Return the element with this tag in the part called `name`, if there is one."""
     found = [] if of is None else of.findall(tag)
     if of is not None and len(found) > 1:
         raise ValueError(f"{of.tag} {name!r} has {len(found)} elements <{tag}>, allowed is one")
@@ -155,7 +150,7 @@ def _only(of: Element | None, tag: str, name: str) -> Element | None:
 
 
 def _downwards(links: Iterable[str], elements: Mapping[str, Element]) -> list[Joint]:
-    """Return the joints, each after those above it."""
+    """Return the joints, each of them after all joints above it."""
     below: dict[str, list[Joint]] = {link: [] for link in links}
     children: set[str] = set()
     for name, element in elements.items():
@@ -171,7 +166,7 @@ def _downwards(links: Iterable[str], elements: Mapping[str, Element]) -> list[Jo
         mimics = None if mimic is None else mimic.get("joint", "")
         below[parent].append(Joint(name, element.get("type", ""), parent, child, mimics, element))
     reached, found = [link for link in below if link not in children], list[Joint]()
-    for link in reached:  # which grows
+    for link in reached:  # the list grows during the loop
         found += below[link]
         reached += [joint.child for joint in below[link]]
     if len(reached) < len(below):
@@ -181,7 +176,7 @@ def _downwards(links: Iterable[str], elements: Mapping[str, Element]) -> list[Jo
 
 
 def _path(joints: Iterable[Joint], link: str) -> list[Joint]:
-    """Return the joints above a link, the highest first."""
+    """Return the joints above a link, from the root on."""
     above, path = {joint.child: joint for joint in joints}, list[Joint]()
     while link in above:
         path.insert(0, above[link])
@@ -190,10 +185,10 @@ def _path(joints: Iterable[Joint], link: str) -> list[Joint]:
 
 
 def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, most: float) -> tuple[float, ...]:
-    """Return the numbers of an attribute; `missing`, with as many words, replaces an absent one."""
+    """Return the numbers of an attribute; `missing` replaces an absent one, and has as many words."""
     text = missing if of is None else of.get(key, missing)
     try:
-        values = [float(each) for each in text.split()] if "_" not in text else []  # 1_0 is a number to Python alone
+        values = [float(each) for each in text.split()] if "_" not in text else []  # only Python allows 1_0
     except ValueError:
         values = []
     if len(values) != (count := len(missing.split())):
@@ -217,7 +212,7 @@ def _place(name: str, of: Element) -> Array:
 
 
 def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
-    """Return the unit of a joint of the arm and its limits, checked."""
+    """Return unit and limits of a joint of the arm."""
     name, limit = joint.name, _only(joint.element, "limit", joint.name)
     if joint.mimics is not None:
         raise ValueError(f"joint {name!r} mimics another, which is not allowed between base and tip")
@@ -237,7 +232,7 @@ def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
 
 
 def _axis(joint: Joint) -> Array:
-    """Return the axis of a joint, of length 1."""
+    """Return the axis of a joint with length 1."""
     axis = _only(joint.element, "axis", joint.name)
     if axis is not None and axis.get("xyz") is None:
         raise ValueError(f"axis of {joint.name} has no xyz")

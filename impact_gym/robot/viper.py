@@ -1,12 +1,13 @@
-"""The paper's arm, the Viper s650, and an approach solved for that has the paper's numbers.
+"""The paper's arm, the Viper s650, and an approach that is solved for to have the paper's numbers.
 
-The paper gives neither joint angles nor place of the impact; of its Fig. 12 the text has only m_r + m_t = 5.35 kg at
-the impact. k_r = 1.9e5 N/m there and the 0.2505 m of travel before it are identified from other printed numbers (see
-docs/provenance.md).
+The paper gives neither joint angles nor place of the impact. Of its Fig. 12 the text prints only m_r + m_t = 5.35 kg at
+the impact. k_r = 1.9e5 N/m at the impact and the 0.2505 m of travel before it are identified from other printed numbers
+(see docs/provenance.md).
 
 With the tool in the plane of the arm (y = 0) m_r and k_r depend on the place of the wrist centre alone: the orientation
-is held, so links 5 and 6 only translate. Both values meet at one place, and the arm reaches it on a straight line of
-that length with every joint at least 15 degrees from its limits. The tool is horizontal, along the approach.
+is held, so links 5 and 6 only translate. m_r and k_r have the wanted values at one place. The arm reaches it on a
+straight line of that length with every joint at least 15 degrees from its limits. The tool is horizontal, along the
+approach.
 """
 
 from pathlib import Path
@@ -21,8 +22,8 @@ from impact_gym.robot.arm import Arm, joint_angles
 
 FILE = Path(__file__).with_name("viper_s650.urdf")
 STIFFNESS = (10000.0, 10000.0, 3000.0, 1000.0, 700.0, 300.0)
-"""Of the joints, N m/rad. An estimate, not measured on this robot: chosen such that k_r = 1.5e5 N/m with the tool down
-at x = 0.50 m, z = 0.20 m; the split between joints is arbitrary."""
+"""Of the joints, N m/rad. An estimate, not measured: with it k_r = 1.5e5 N/m with the tool down at x = 0.50 m,
+z = 0.20 m. The split between joints is arbitrary."""
 DAMPING_OVER_STIFFNESS = 3.7e-4
 """beta in D = beta K, s: a damping ratio of about 3 % at 26 Hz."""
 MASS_AT_IMPACT = 5.35 - 0.125
@@ -31,23 +32,23 @@ STIFFNESS_AT_IMPACT = 1.9e5
 """k_r at the impact, N/m: identified from the paper's Fig. 13b and 14a, not printed."""
 PITCH = {"down": np.pi, "horizontal": np.pi / 2}
 """Angle of the flange's z axis from the vertical, towards +x, rad: the tool points down, or along the approach."""
-PROVENANCE = {  # no version and no date, so that the same table makes the same file
+PROVENANCE = {  # without version and date: the same table makes the same file
     "made_by": "impact_gym.robot.viper.write_default_approach()",
     "robot": "Viper s650, viper_s650.urdf and viper.py beside this file: inertia and joint stiffness are ESTIMATES",
     "choice": "solved for, see impact_gym/robot/viper.py",
     "columns": "paper, eq. 12-16: m_r, c_r, k_r: elements (1,1); effective: 1/(M_X^-1)_11, 1/(K_X^-1)_11; joints rad",
 }
-ELBOW_UP = (0.0, -0.7, 3.2, 0.0, -2.5, 0.0)  # rad, in the middle of the workspace; the pitch goes on top
+ELBOW_UP = (0.0, -0.7, 3.2, 0.0, -2.5, 0.0)  # rad, in the middle of the workspace, at pitch 0
 
 
 def viper() -> Arm:
-    """Return the arm; its frames are parallel at zero angles, the flange's z axis points out of it."""
+    """Return the arm; at zero angles all its frames are parallel. The z axis of the flange points away from the arm."""
     damping = tuple(DAMPING_OVER_STIFFNESS * stiffness for stiffness in STIFFNESS)
     return from_urdf(FILE, "base", "flange", joint_stiffness=STIFFNESS, joint_damping=damping)
 
 
 def angles_at(arm: Arm, x: float, y: float, z: float, orientation: str) -> Array:
-    """Return the joint angles, elbow up, that put the flange there (m), the tool "down" or "horizontal"."""
+    """Return the joint angles, elbow up, with the flange at x, y, z (m) and the tool "down" or "horizontal"."""
     pitch = PITCH[orientation]
     near = np.add(ELBOW_UP, [np.arctan2(y, x), 0.0, 0.0, 0.0, pitch, 0.0])
     return joint_angles(arm, (x, y, z), Rotation.from_rotvec([0.0, pitch, 0.0]).as_matrix(), near)
@@ -57,7 +58,7 @@ def default_line(arm: Arm) -> Approach:
     """Solve for the default approach.
 
     Raises:
-        ValueError: no such line was found, or the robot cannot reach a place tried on the way to it.
+        ValueError: no line was found, or the robot cannot reach a place that the search tried.
     """
 
     def misfit(place: Array) -> Array:
@@ -76,10 +77,10 @@ def default_line(arm: Arm) -> Approach:
 
 
 def write_default_approach(path: Path = SHIPPED) -> None:
-    """Compute the default approach again and write its table: over the shipped one, unless told otherwise.
+    """Compute the default approach again and write its table, by default over the shipped one.
 
     Raises:
         ImportError: MuJoCo is not installed.
-        OSError: the file cannot be written; what was there stays.
+        OSError: the file cannot be written; an old file stays.
     """
     write(path, default_line(viper()), PROVENANCE)

@@ -1,1 +1,1 @@
-"""How a chain moves in time: exact flight, contacts integrated between located events, and the loop that hands over."""
+"""The motion of a chain in time: exact flights, contacts integrated from event to event, and the loop over both."""

@@ -1,7 +1,7 @@
-"""The outer loop: a command to the flange becomes a ramp and a hold, each a sequence of flights and contacts."""
+"""The outer loop: a command to the flange is a ramp and a hold, each a sequence of flights and contacts."""
 
-cdef double GRAZE = 1e-12  # m/s, approach velocity of a touch at rest: from exactly zero the scaled equations never start
-cdef double LOST = 1e11  # distances to the object: of a spring deflected farther, rounding exceeds 1e-5 of the distance
+cdef double GRAZE = 1e-12  # m/s, smallest approach velocity: from exactly zero the scaled equations never start
+cdef double LOST = 1e11  # largest deflection over the distance to the object: beyond, rounding exceeds 1e-5 of the distance
 cdef double SHORT = 1e-6  # m, added to that distance
 
 
@@ -12,7 +12,7 @@ cdef void reset_memory(Memory *memory, double step) noexcept nogil:
 
 
 cdef double REST_SPEED = 1e-3  # m/s, a tool that stays slower counts as at rest
-cdef double REST_STEP = 1e-3  # s, between two checks of that
+cdef double REST_STEP = 1e-3  # s, between two checks whether the tool is at rest
 
 
 cdef void reset_chain(Chain *chain, const Law *law, double distance, double friction) noexcept nogil:
@@ -33,7 +33,7 @@ cdef void begin_contact(const Run *run, Chain *chain) noexcept nogil:
     chain.touching = chain.holding = 1
     chain.penetration = 0.0
     chain.penetration_rate = max(chain.penetration_rate, GRAZE)
-    if run.law.kind != RIGID:  # with RIGID the tool's motion is imposed, as if it were infinitely heavy
+    if run.law.kind != RIGID:  # with RIGID the motion of the tool is imposed
         mass = parallel(moving_mass(run, chain.flange_position), mass)
     chain.units = natural_units(&run.contact, mass, chain.penetration_rate)
     chain.start = chain.time
@@ -51,7 +51,7 @@ cdef void begin_contact(const Run *run, Chain *chain) noexcept nogil:
 
 
 cdef double sensed_force(const Run *run, const Chain *chain) noexcept nogil:
-    """Contact force now, N."""
+    """Return the present contact force, N."""
     cdef Contact contact = run.contact
     cdef double root
     if not chain.touching or not chain.holding:
@@ -62,16 +62,16 @@ cdef double sensed_force(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef double take_peak(const Run *run, Chain *chain) noexcept nogil:
-    """Largest contact force since it was last asked for, N."""
+    """Return the largest contact force since the last call, N."""
     cdef double taken = max(chain.unread_force, sensed_force(run, chain))
     chain.unread_force = 0.0
     return taken
 
 
 cdef int command(Run *run, Chain *chain, double target, double acceleration, double until) noexcept nogil:
-    """Take the flange to velocity `target` (m/s) at `acceleration` (m/s^2) and hold it, until time `until` (s).
+    """Bring the flange to the velocity `target` (m/s) at `acceleration` (m/s^2) and hold it, until time `until` (s).
 
-    Returns earlier: DETECTED when the contact force first exceeds the threshold, TOUCHED at the first touch if
+    Return earlier: DETECTED when the contact force first exceeds the threshold, TOUCHED at the first touch if
     `run.tell_touch` is set.
     """
     cdef double change, ramp, end
@@ -117,10 +117,7 @@ cdef int advance(Run *run, Chain *chain, double acceleration, double until) noex
 
 
 cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
-    """Fly to the first touch (TOUCHED), until the object comes to rest or to time `until` (s, both ARRIVED).
-
-    In closed form where there is one, otherwise integrated.
-    """
+    """Fly until the first touch (TOUCHED), or until the object comes to rest or time `until` (s; both ARRIVED)."""
     cdef double rest = INFINITY
     cdef int status
     if ground_now(run, chain) > 0.0:
@@ -132,7 +129,7 @@ cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept
 
 
 cdef int fly_on(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
-    """Fly to the first touch or to time `until` (s), with the object in one state."""
+    """Fly until the first touch or time `until` (s), while the object stays at rest or in motion."""
     cdef double distance, touch, left = until - chain.time
     if run.law.kind == INTEGRATED:
         return integrate(run, chain, acceleration, until, True)
@@ -155,10 +152,10 @@ cdef int fly_on(Run *run, Chain *chain, double acceleration, double until) noexc
 
 
 cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
-    """Largest displacement of the tool still to come, m, if the tool counts as at rest, else inf.
+    """Return a bound on the future displacement of the tool, m, if the tool counts as at rest, else inf.
 
-    It does once the imposed motion has stopped and neither tool nor flange will be faster than REST_SPEED again. The
-    speed of a swing about its next equilibrium is at most hypot(v, a / omega), for any omega below its own.
+    The tool is at rest when the imposed motion has stopped, and tool and flange stay slower than REST_SPEED. The speed
+    of a swing about its nearest equilibrium is at most hypot(v, a / omega), for any omega below its own.
     """
     cdef const Law *law = run.law
     cdef RobotTable table
@@ -187,13 +184,13 @@ cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef inline double slow_swing(double velocity, double acceleration, double frequency) noexcept nogil:
-    """Twice the amplitude of a swing of this angular frequency (rad/s), m; inf if it is faster than REST_SPEED."""
+    """Return twice the amplitude of a swing of a frequency (rad/s), m; inf if the swing is faster than REST_SPEED."""
     cdef double fastest = hypot(velocity, acceleration / frequency)
     return 2.0 * fastest / frequency if fastest <= REST_SPEED else INFINITY
 
 
 cdef void note_tool_rest(const Run *run, Chain *chain) noexcept nogil:
-    """With friction, keep the time from which on the tool counts as at rest."""
+    """With friction, record since when the tool counts as at rest."""
     if run.ground > 0.0:
         chain.tool_rest_time = min(chain.tool_rest_time, chain.time) if reach_at_rest(run, chain) < INFINITY else INFINITY
 
@@ -201,7 +198,7 @@ cdef void note_tool_rest(const Run *run, Chain *chain) noexcept nogil:
 cdef void record_rest(const Run *run, Chain *chain, double distance) noexcept nogil:
     """With friction, write how far the object slides from `distance` (m), and when object and tool are at rest.
 
-    An object still in motion is taken to slide to its end without another contact.
+    An object in motion is assumed to slide until it stops, without another contact.
     """
     cdef double speed = max(object_velocity(chain), 0.0)
     if run.ground == 0.0:
@@ -223,9 +220,9 @@ cdef struct Approach:  # scene and motion of one run
     double threshold  # N, inf without a brake
     double delay  # s
     double deceleration  # m/s^2
-    int64_t motion, points  # where the times of a `Motion` begin, then as many velocities; 0 points: a trapezoid
+    int64_t motion, points  # index of the times of a `Motion`, then as many velocities; 0 points: a trapezoid
     double duration  # s
-    double frame  # m/s, velocity of the frame of reference: flange, tool and object start with it
+    double frame  # m/s, velocity of the frame of reference, with which flange, tool and object start
 
 
 cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
@@ -270,7 +267,7 @@ cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
 
 
 cpdef double separation_velocity(double damping, double stiffness_exponent, double damping_exponent) noexcept:
-    """Velocity of separation over that of approach of an isolated contact u'' = -u^m - d u^n u', by integration."""
+    """Integrate an isolated contact u'' = -u^m - d u^n u'; return its separation velocity over its approach velocity."""
     cdef Law law
     cdef Work work
     cdef Run run

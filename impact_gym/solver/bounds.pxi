@@ -2,21 +2,21 @@
 
 
 cdef inline double coupling_energy(const Law *law, double stretch) noexcept nogil:
-    """Energy of the coupling, J."""
+    """Return the energy of the coupling, J."""
     if law.stops:
         return mechanism_energy(&law.mechanism, stretch)
     return 0.5 * law.stiffness * stretch * stretch
 
 
 cdef inline double coupling_reach(const Law *law, double stretch, double kinetic) noexcept nogil:
-    """A bound on the stretch to come, m, with so much `kinetic` energy (J) to feed it."""
+    """Return a bound on the future stretch, m, with so much `kinetic` energy (J)."""
     if law.stops:
         return mechanism_reach(&law.mechanism, stretch, kinetic)
     return sqrt(stretch * stretch + 2.0 * kinetic / law.stiffness)
 
 
 cdef inline double moving_mass(const Run *run, double position) noexcept nogil:
-    """Mass that touches the object, kg: the tool's, and the robot's if they are one."""
+    """Return the mass that touches the object, kg: of the tool, and of the robot if they are one mass."""
     cdef RobotTable table
     if run.law.kind != INTEGRATED or run.law.coupled:
         return run.law.tool_mass
@@ -25,7 +25,7 @@ cdef inline double moving_mass(const Run *run, double position) noexcept nogil:
 
 
 cdef double highest_frequency(const Run *run, double position) noexcept nogil:
-    """A bound on the angular frequencies but for the stops, rad/s."""
+    """Return a bound on the angular frequencies, without the stops, rad/s."""
     cdef const Law *law = run.law
     cdef RobotTable table = robot_table(run)
     cdef double square = law.stiffest if law.intervals else 0.0, k = law.stiffness
@@ -39,7 +39,7 @@ cdef double highest_frequency(const Run *run, double position) noexcept nogil:
 
 
 cdef Units flight_units(const Run *run, const Chain *chain, double acceleration) noexcept nogil:
-    """Natural units of a flight: the chain's fastest motion, and the largest velocity at hand."""
+    """Return natural units of a flight: from the highest frequency of the chain and the largest present velocity."""
     cdef Units units
     units.time = 1.0 / highest_frequency(run, chain.flange_position)
     units.velocity = max(fabs(chain.penetration_rate - chain.deflection_rate), fabs(chain.flange_velocity))
@@ -51,15 +51,15 @@ cdef Units flight_units(const Run *run, const Chain *chain, double acceleration)
 
 
 cdef enum:
-    TABLE = 2  # factor by which a robot's parameters, changing within an interval, may feed the swing: they vary slowly
+    TABLE = 2  # factor on the energy of the swing, for the robot's parameters, which vary slowly within an interval
 
 
 cdef double longest_blind_step(const Piece *now, const double *x, double longest, double shortest) noexcept nogil:
-    """A step of a flight between `shortest` and `longest` (scaled) in which tool and object cannot touch.
+    """Return a step of a flight between `shortest` and `longest` (scaled) in which tool and object cannot touch.
 
-    From the imposed motion, the tool is at most as fast as the energy E of the swing allows, of which the acceleration
-    a feeds it at most |a| sqrt(2 E m) per second: sqrt(E) grows by at most |a| sqrt(m / 2) t. `shortest` is returned
-    if no longer step is safe.
+    The energy E of the swing bounds the velocity of the tool relative to the imposed motion. The acceleration a adds at
+    most |a| sqrt(2 E m) per second to E, so sqrt(E) grows by at most |a| sqrt(m / 2) t. If no longer step is safe,
+    return `shortest`.
     """
     cdef const Law *law = now.law
     cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
@@ -81,7 +81,7 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
         span = h * now.units.time
         gained = fabs(now.acceleration) * sqrt(0.5 * mass) * span
         fed = sqrt(TABLE * max(energy - floor, 0.0)) + gained
-        if floor + fed * fed >= barrier:  # and then there is more to gain on the other side
+        if floor + fed * fed >= barrier:  # then the other side, with a lower energy, can be reached
             fed = sqrt(TABLE * energy) + gained
         if span * (closing + (fabs(now.acceleration) + ground) * span + fed * sqrt(2.0 / touching)) < gap:
             return h
@@ -90,7 +90,7 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
 
 
 cdef double integrated_reach(const Run *run, const Chain *chain) noexcept nogil:
-    """Largest deflection to come, m, while the imposed motion rests and there is no contact."""
+    """Return a bound on the future deflection, m, while the imposed motion rests and there is no contact."""
     cdef const Law *law = run.law
     cdef RobotTable table = robot_table(run)
     cdef RobotNow robot

@@ -1,10 +1,10 @@
-"""Functions of a chain for all three kinds."""
+"""Functions that depend on the kind of chain."""
 
 
 cdef void begin_piece(
     const Run *run, const Chain *chain, double acceleration, double until, bint flying, Piece *now
 ) noexcept nogil:
-    """Set the constants of the piece that starts at the state of `chain` and ends at time `until` (s) at the latest."""
+    """Set the constants of the piece that starts at the state of `chain` and ends at time `until` (s) or earlier."""
     cdef const Law *law = run.law
     now.law, now.flying, now.acceleration = law, flying, acceleration
     now.units = flight_units(run, chain, acceleration) if flying else chain.units
@@ -12,7 +12,7 @@ cdef void begin_piece(
     if not chain.holding:
         now.contact.held = now.contact.damping = 0.0
     now.tolerance = run.tolerance
-    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # such a chain is integrated in contacts alone
+    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # such chains are integrated in contacts only
     now.threshold = run.threshold / now.units.force
     now.horizon = (until - chain.time) / now.units.time
     now.push = acceleration * now.units.time / now.units.velocity
@@ -68,7 +68,7 @@ cdef void load(const Piece *now, const Chain *chain, double *x) noexcept nogil:
 
 
 cdef void store(const Piece *now, const Chain *base, const double *x, Chain *chain) noexcept nogil:
-    """Write the scaled state `x` into `chain`; `base`, which may be the same, is where the piece started."""
+    """Write the scaled state `x` into `chain`; `base`, which may be the same, is the chain at the start of the piece."""
     cdef double impulse = now.units.force * now.units.time
     if now.law.kind == SPRING:
         chain.deflection_integral = base.deflection_integral
@@ -121,7 +121,7 @@ cdef inline double explicit_step(const Piece *now, Work *work, double h) noexcep
 
 
 cdef void dense_output(const Piece *now, Work *work, double h) noexcept nogil:
-    """Find the upper four coefficients of the polynomial through the explicit step just tried."""
+    """Find the upper four coefficients of the polynomial through the last explicit attempt."""
     if now.law.kind == SPRING:
         spring_dense(now, work, h)
     elif now.law.kind == RIGID:
@@ -131,7 +131,7 @@ cdef void dense_output(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nogil:
-    """How far the rates of the last two stages of an explicit step differ, over their states; of a series by `fastest`."""
+    """Return the estimated eigenvalue: of an explicit step from its last two stages, of a series by `fastest`."""
     if work.method == SERIES:
         return fastest(now, work.trial, work.trial_rate)
     if now.law.kind == SPRING:
@@ -142,12 +142,12 @@ cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nog
 
 
 cdef inline double ground_now(const Run *run, const Chain *chain) noexcept nogil:
-    """Deceleration of the object by its friction where nothing pushes it, m/s^2."""
+    """Return the deceleration of the object by friction, without contact, m/s^2."""
     return run.ground if chain.object_state != STUCK else 0.0
 
 
 cdef inline void drift(const Run *run, Chain *chain, double acceleration, double time) noexcept nogil:
-    """Move a chain with a closed form through `time` (s) of flight, exactly."""
+    """Move a chain with a closed form exactly through `time` (s) of flight."""
     if run.law.kind == RIGID:
         rigid_drift(chain, acceleration, ground_now(run, chain), time)
     else:
@@ -155,7 +155,7 @@ cdef inline void drift(const Run *run, Chain *chain, double acceleration, double
 
 
 cdef inline double touch_time(const Run *run, const Chain *chain, double acceleration, double horizon) noexcept nogil:
-    """Time (s) until a chain with a closed form touches the object, inf if not within `horizon`."""
+    """Return the time (s) until a chain with a closed form touches the object; inf if not within `horizon`."""
     cdef double time, ground = ground_now(run, chain)
     if run.law.kind == SPRING:
         return spring_touch(run.law, chain, acceleration, ground, horizon)
@@ -164,7 +164,7 @@ cdef inline double touch_time(const Run *run, const Chain *chain, double acceler
 
 
 cdef double smooth_until(const Run *run, const Chain *chain, double acceleration, double until) noexcept nogil:
-    """Time (s), `until` at the latest, up to which a robot's parameters are smooth functions of time."""
+    """Return the time (s), at most `until`, up to which a robot's parameters are smooth functions of time."""
     cdef double low, high, ahead = INFINITY, behind = INFINITY, x_r = chain.flange_position, v_r = chain.flange_velocity
     cdef RobotTable table
     if run.law.kind != INTEGRATED or not run.law.intervals:
@@ -179,9 +179,9 @@ cdef double smooth_until(const Run *run, const Chain *chain, double acceleration
 
 
 cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
-    """True if tool and object can never touch again, given that the imposed motion stays at rest.
+    """Return whether tool and object can never touch again while the imposed motion stays at rest.
 
-    The object does not come back, and the energy of the chain bounds how far the tool can swing out.
+    The object does not come back, and the energy of the chain bounds the reach of the tool.
     """
     cdef double reach
     if run.law.kind == RIGID:
@@ -196,7 +196,7 @@ cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef void round_off(const Law *law, Chain *chain, double target) noexcept nogil:
-    """Give the imposed motion the velocity (m/s) with which a ramp ends but for rounding; tool and object keep theirs."""
+    """Set the imposed motion to the exact velocity (m/s) at the end of a ramp; tool and object keep theirs."""
     cdef double shift = target - chain.flange_velocity
     if law.kind == RIGID:
         chain.penetration_rate += shift
@@ -210,7 +210,7 @@ cdef void round_off(const Law *law, Chain *chain, double target) noexcept nogil:
 
 
 cdef double coupling_impulse(const Law *law, const Chain *chain) noexcept nogil:
-    """Impulse of the coupling on the tool over the current contact, N s (paper, eq. 21)."""
+    """Return the impulse of the coupling on the tool over the present contact, N s (paper, eq. 21)."""
     cdef double w = law.frequency, stretched = chain.deflection - chain.start_deflection
     if law.kind == RIGID:
         return law.tool_mass * (chain.flange_velocity - chain.start_tool_velocity) + chain.impulse
@@ -220,7 +220,7 @@ cdef double coupling_impulse(const Law *law, const Chain *chain) noexcept nogil:
 
 
 cdef double coupling_force(const Run *run, const Chain *chain, double acceleration, double push) noexcept nogil:
-    """Force of the coupling on the tool, N, under a contact force `push` (N)."""
+    """Return the force of the coupling on the tool, N, under a contact force `push` (N)."""
     cdef const Law *law = run.law
     if law.kind == RIGID:
         return law.tool_mass * acceleration + push
@@ -230,7 +230,7 @@ cdef double coupling_force(const Run *run, const Chain *chain, double accelerati
 
 
 cdef Accelerations motion_now(const Run *run, const Chain *chain, double acceleration, double push) noexcept nogil:
-    """Accelerations of an INTEGRATED chain under a contact force `push` (N), SI units."""
+    """Return the accelerations of an INTEGRATED chain under a contact force `push` (N), in SI units."""
     cdef Piece now
     cdef Swing at
     now.law, now.acceleration, now.units = run.law, acceleration, Units(1.0, 1.0, 1.0, 1.0)
@@ -242,6 +242,6 @@ cdef Accelerations motion_now(const Run *run, const Chain *chain, double acceler
 
 
 cdef double tool_momentum(const Run *run, const Chain *chain) noexcept nogil:
-    """Momentum gained by the tool in the contact, without that of mass that joined it, N s."""
+    """Return the momentum that the tool gained in the contact, without the momentum of mass that joined it, N s."""
     cdef double before = moving_mass(run, chain.start_flange_position) * chain.start_tool_velocity
     return moving_mass(run, chain.flange_position) * tool_velocity(chain) - before - chain.joined

@@ -1,17 +1,17 @@
 """Events within a smooth piece. Each event is a row: a value, negative until the event occurs, and its slope.
 
-An accepted step is searched for events: the rows at its two ends show which have occurred at its end and which have
-come and gone within it. The event is located on the integrator's polynomial; then one step is taken that ends there.
+In an accepted step, the rows at both ends show which events have occurred at its end, and which have occurred and
+ended within it. The event is located on the integrator's polynomial; then one step is taken that ends there.
 """
 
 cdef enum:
-    CLOCK  # the time is up
-    SEPARATION  # the root z passes zero, for good: beyond it dt = z ds runs backwards
+    CLOCK  # the end of the piece is reached
+    SEPARATION  # the root z passes zero; beyond it dt = z ds runs backwards
     CLAMP  # the force becomes a pull, or a push again
     FORCE  # the force exceeds the threshold; its largest value is recorded
     SLIP  # the force exceeds the friction of an object that sticks
     REST  # a sliding object comes to rest
-    TOP  # largest speed of a sliding object, recorded only: no event
+    TOP  # largest speed of a sliding object; only recorded, not an event
     FRONT_STOP  # a stop begins or ceases to push
     REAR_STOP
     ALIGNMENT  # the slider passes it
@@ -21,7 +21,7 @@ cdef enum:
     SHORTER = -2  # an event cannot be located yet: try a shorter step
 
 cdef double SHORTEST_STEP = 1e-10
-# A step that starts on an event and ends beyond it is shortened down to this; then the event is at its start.
+# A step that starts on an event and ends beyond it is shortened to this length at least; then the event is at its start.
 
 
 cdef struct Events:
@@ -54,7 +54,7 @@ cdef void evaluate_events(const Piece *now, const double *x, const double *rate,
 
 
 cdef void evaluate_object_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
-    """Fill the rows of an object with friction; those of the force are filled already."""
+    """Fill the rows of an object with friction; the rows of the force are known."""
     cdef double speed = -x[RATE], gain = now.push * rate[TIME] - rate[RATE]
     events.value[SLIP] = events.height[SLIP] = events.height[FORCE] - now.friction
     events.slope[SLIP] = events.slope[FORCE]
@@ -69,7 +69,7 @@ cdef void evaluate_object_events(const Piece *now, const double *x, const double
 
 
 cdef inline bint acts(const Piece *now, int row) noexcept nogil:
-    """Whether this piece has a row."""
+    """Return whether a piece has a row."""
     if SLIP <= row <= TOP:
         return now.rough and (row == SLIP) == (now.object_state == STUCK)
     if row == ALIGNMENT:
@@ -100,17 +100,17 @@ cdef void evaluate_slider_events(const Piece *now, const double *x, const double
 
 
 cdef struct Finding:
-    int event  # the first, or NOTHING, or SHORTER
-    double share  # of the step, at the event; for SHORTER the factor on the step
-    double within  # share of the step by which the event has occurred
-    double peak, top  # largest force, and speed of an object with friction, inside the step, over F0 and the velocity
-    double peak_at, top_at  # their places, from the start of the step
+    int event  # the first one, NOTHING, or SHORTER
+    double share  # of the step until the event; for SHORTER the factor on the step
+    double within  # share of the step after which the event has occurred for certain
+    double peak, top  # scaled: largest force, and largest speed of an object with friction, inside the step
+    double peak_at, top_at  # from the start of the step
 
 
 cdef Finding search(
     const Piece *now, Work *work, double h, const Events *start, const Events *end, bint undetected
 ) noexcept nogil:
-    """Return the first event in the step of `h` just tried, from `start` to `end`."""
+    """Return the first event in the last attempt of `h`, from `start` to `end`."""
     cdef Finding found = Finding(NOTHING, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
     cdef int row
     cdef double high, share, reached
@@ -148,7 +148,7 @@ cdef Finding search(
 
 
 cdef bint rises_at_onset(const Piece *now, Work *work, double h) noexcept nogil:
-    """Whether the force grows at the onset of a contact with n = 0, where df/ds is zero whether it grows or not."""
+    """Return whether the force grows at the onset of a contact with n = 0, where df/ds is always zero."""
     cdef Events soon
     probe_exactly(now, work, h, 1e-3)  # a millionth of the step's time
     evaluate_events(now, work.probe, work.probe_rate, &soon)
@@ -156,7 +156,7 @@ cdef bint rises_at_onset(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef bint starts_on(int row, double h, const Events *start, double reached) noexcept nogil:
-    """Whether a step of `h` starts on an event and ends beyond it: only a shorter step can tell the zeros apart."""
+    """Return whether a step of `h` starts on an event and ends beyond it: a shorter step must separate the zeros."""
     if row < CLAMP or h <= SHORTEST_STEP or start.value[row] <= -1e-9 * reached:
         return False
     return FRONT_STOP <= row <= ALIGNMENT or start.slope[row] <= 0.0
@@ -177,7 +177,7 @@ cdef int before_landing(const Piece *now, const Events *end, int landed, bint un
 
 
 cdef double extremum(double start, double start_slope, double end, double end_slope) noexcept nogil:
-    """Place in (0, 1) where the cubic with these values and slopes at 0, rising, and 1, falling, is largest."""
+    """Return the place in (0, 1) of the maximum of the cubic with these values and slopes at 0, rising, and 1, falling."""
     cdef double a = 3.0 * (end - start) - 2.0 * start_slope - end_slope, b = start_slope + end_slope - 2.0 * (end - start)
     cdef double root = sqrt(max(a * a - 3.0 * b * start_slope, 0.0))
     cdef double place = -start_slope / (a - root)
@@ -185,7 +185,7 @@ cdef double extremum(double start, double start_slope, double end, double end_sl
 
 
 cdef double on_cubic(double t, double start, double start_slope, double end, double end_slope) noexcept nogil:
-    """Value at t of the cubic with these values and slopes at 0 and 1."""
+    """Return the value at t of the cubic with these values and slopes at 0 and 1."""
     return start + t * (
         start_slope + t * (3.0 * (end - start) - 2.0 * start_slope - end_slope
         + t * (start_slope + end_slope - 2.0 * (end - start)))
@@ -193,9 +193,9 @@ cdef double on_cubic(double t, double start, double start_slope, double end, dou
 
 
 cdef bint comes_back(int row, double h, const Events *start, const Events *end) noexcept nogil:
-    """Whether a row rises and falls within a step, unless it clearly stays below zero."""
+    """Return whether a row rises and falls within a step, and may exceed zero."""
     cdef double v0 = start.height[row], v1 = end.height[row], s0 = h * start.slope[row], s1 = h * end.slope[row], top
-    if row == TOP and s1 < 0.0 < start.slope[SLIP]:  # at a slip the speed begins to grow, but its slope there is rounding
+    if row == TOP and s1 < 0.0 < start.slope[SLIP]:  # at a slip the speed begins to grow, but its slope is a rounding error
         return True
     if not s0 > 0.0 > s1:
         return False
@@ -208,10 +208,10 @@ cdef bint comes_back(int row, double h, const Events *start, const Events *end) 
 cdef double climb(
     const Piece *now, Work *work, double h, int row, const Events *start, const Events *end, Events *summit
 ) noexcept nogil:
-    """Find the share of the step at which a row that rises and falls is largest, and all rows there.
+    """Find the share of the step at which a row that rises and falls is largest, and all rows at that share.
 
-    Secants through the slope, kept inside the bracket (Illinois): on the polynomial to a millionth of the step, which
-    is accurate enough for the height; then by exact steps, of which the first nearly always confirms the maximum.
+    Secant method on the slope, kept inside the bracket (Illinois): on the polynomial to a millionth of the step, which
+    is accurate enough for the height; then with exact steps, the first of which nearly always confirms the maximum.
     """
     cdef double low = 0.0, high = 1.0, low_slope = start.slope[row], high_slope = end.slope[row], before, gain
     cdef double share = extremum(start.height[row], h * low_slope, end.height[row], h * high_slope)
@@ -245,7 +245,7 @@ cdef double climb(
 
 
 cdef double cubic_zero(double start, double start_slope, double end, double end_slope) noexcept nogil:
-    """Guess the zero in (0, 1) of the cubic with these values, of opposite signs, and slopes at 0 and 1."""
+    """Estimate the zero in (0, 1) of the cubic with these values, of opposite signs, and slopes at 0 and 1."""
     cdef double f, tangent, a = 3.0 * (end - start) - 2.0 * start_slope - end_slope
     cdef double b = start_slope + end_slope - 2.0 * (end - start), t = start / (start - end)
     for _ in range(4):
@@ -290,14 +290,14 @@ cdef double crossing_share(
 
 
 cdef double clock_share(const Piece *now, const Work *work, double h) noexcept nogil:
-    """Estimate the share at which the time is up, by the polynomial of order 7 through t, z, w and dw/ds at both ends.
+    """Estimate the share at which the piece ends, by the polynomial of order 7 through t, z, w and dw/ds at both ends.
 
-    The step that ends there is corrected by `land`; the estimate is mostly good to 1e-9.
+    Its error is mostly below 1e-9; `land` corrects the step.
     """
     cdef double v0 = h * work.x[ROOT], a0 = 0.25 * h * h * work.x[RATE], j0 = h * h * h / 12.0 * work.rate[RATE]
     cdef double v1 = h * work.trial[ROOT], a1 = 0.25 * h * h * work.trial[RATE], j1 = h * h * h / 12.0 * work.trial_rate[RATE]
     cdef double way = work.trial[TIME] - work.x[TIME], left = now.horizon - work.x[TIME]
-    # residuals of the start's cubic Taylor polynomial at the end, in value, slope and the next two
+    # residuals at the end of the cubic Taylor polynomial at the start: value and three derivatives
     cdef double p = way - v0 - a0 - j0, q = v1 - v0 - 2.0 * a0 - 3.0 * j0
     cdef double r = a1 - a0 - 3.0 * j0, t = j1 - j0
     cdef double c4 = 35.0 * p - 15.0 * q + 5.0 * r - t, c5 = -84.0 * p + 39.0 * q - 14.0 * r + 3.0 * t
@@ -316,9 +316,9 @@ cdef double clock_share(const Piece *now, const Work *work, double h) noexcept n
 
 
 cdef double bend_share(const Work *work, double h) noexcept nogil:
-    """Share of a step of flight at which the gap may close although it opens at both ends; 1 if there is none.
+    """Return the share of a step of flight at which the gap may close although it opens at both ends; 1 if none.
 
-    A step that ends there decides. Between the ends the gap has at most one inflection, see `LARGEST_STEP`.
+    A step to that share then decides. Between the ends the gap has at most one inflection, see `LARGEST_STEP`.
     """
     cdef double w0 = work.x[RATE], w1 = work.trial[RATE], bend0 = h * work.rate[RATE], bend1 = h * work.trial_rate[RATE]
     cdef double share
@@ -329,10 +329,10 @@ cdef double bend_share(const Work *work, double h) noexcept nogil:
 
 
 cdef double land(const Piece *now, Work *work, const Finding *found, double tried, double *error) noexcept nogil:
-    """Take a step that ends on an event found in the one of `tried` length; return its length, and its error.
+    """Take a step that ends on an event found in the step `tried`; return its length, and its error.
 
-    Newton's method on the step length, every iterate a full step of the integrator: the result is a zero of the
-    computed motion, not of a polynomial. The last ten-millionth of the step is linear extrapolation.
+    Newton's method on the step length. Each iterate is a full step of the integrator, so the result is a zero of the
+    computed motion, not of a polynomial. The last ten-millionth of the step is extrapolated linearly.
     """
     cdef double h = found.share * tried, low = 0.0, high = found.within * tried, off
     cdef int row = found.event

@@ -1,18 +1,18 @@
-"""The one loop that integrates: a contact, or the flight of a chain without a closed form, from event to event."""
+"""The integration loop: a contact, or a flight without a closed form, from event to event."""
 
 cdef double FIRST_STEP = 0.3  # of the variable s of a contact
 cdef double FIRST_FLIGHT = 0.1  # of a flight, over the inverse of the chain's highest angular frequency
 cdef double LARGEST_STEP = 1.0
-# Likewise, stops apart. Within it the gap's third derivative hardly changes sign twice, which the search for a touch
-# relies on; a step in which the tool cannot get there need not be searched and may be larger (`longest_blind_step`).
+# Likewise, without the frequency of stops. In such a step the third derivative of the gap rarely changes sign twice, as
+# the search for a touch assumes. If a touch is impossible, a step may be longer (`longest_blind_step`).
 cdef double OVERSHOOT = 1e3
-# In a contact with friction, which may last, a step is at most so many times the time that is left. Where the tool rests
-# against the object or pushes it steadily, every step is accepted, and a step that grew without bound would be too long
-# to locate the end of the piece in it.
+# In a contact with friction a step is at most so many times the time left. When the tool rests against the object or
+# pushes it steadily, every step is accepted; without a bound, a step could grow too long for locating the end of the
+# piece in it.
 
 cdef enum:
     TRACE_POINTS = 8  # in a step of a contact
-    EVENTS_IN_TURN = 20  # landings tried in one step
+    EVENTS_IN_TURN = 20  # most landings tried in one step
 
 
 cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bint flying) noexcept nogil:
@@ -30,15 +30,15 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     load(&now, chain, work.x)
     rates(&now, work.x, work.rate)
     evaluate_events(&now, work.x, work.rate, start)
-    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:  # it turns soon: step to where it does
+    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:  # it reverses soon: step to the reversal
         h = min(h, -work.x[RATE] / work.rate[RATE])
     if not flying:
-        peak = start.height[FORCE]  # a linear contact begins with one
-        if undetected and start.value[FORCE] >= 0.0:  # a threshold of 0 is passed by the touch
+        peak = start.height[FORCE]  # the force of a linear contact begins above 0
+        if undetected and start.value[FORCE] >= 0.0:  # a threshold of 0 is exceeded at the touch
             chain.detection = chain.time
             return DETECTED
         if now.rough and now.object_state == STUCK and work.x[ROOT] == 0.0 and start.value[SLIP] > 0.0:
-            return conclude(run, chain, SLIP, until)  # likewise the friction is exceeded by the first force
+            return conclude(run, chain, SLIP, until)  # the first force exceeds the friction
     work.memory, work.expanded = chain.memory, False
     while True:
         chain.steps += 1
@@ -77,7 +77,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
 
 
 cdef void add_ground_impulse(const Piece *now, const Run *run, Chain *chain, const double *x) noexcept nogil:
-    """Add the impulse of the ground over a piece: that of the contact if the object sticks, else mu m_p g times time."""
+    """Add the impulse of the ground over a piece: of the contact force if the object sticks, else mu m_p g times time."""
     if now.object_state == STUCK:
         chain.ground_impulse += x[IMPULSE] * now.units.force * now.units.time
     else:
@@ -93,7 +93,7 @@ cdef void come_to_rest(Chain *chain) noexcept nogil:
 cdef bint good_step(
     const Piece *now, Work *work, const Events *start, Events *end, bint undetected, double *h, double *taken, Finding *found
 ) noexcept nogil:
-    """Try a step of `h`, or up to the first event in it; return whether it is good, and in `h` what to try next."""
+    """Try a step of `h`, or up to the first event in it; return whether to accept it, and set `h` to the next trial."""
     cdef double error, factor, tried, left = INFINITY, most = INFINITY
     if now.flying:
         left = now.horizon - work.x[TIME]
@@ -130,9 +130,9 @@ cdef bint good_step(
 cdef double land_on_first(
     const Piece *now, Work *work, double tried, const Events *start, Events *end, bint undetected, Finding *found, double *error
 ) noexcept nogil:
-    """Land on the event found in a step, or on an earlier one found meanwhile; return the length of that step.
+    """Land on the event found in a step, or on an earlier one found on the way; return the length of that step.
 
-    `found.event` becomes SHORTER if a shorter step is needed first.
+    `found.event` becomes SHORTER if a shorter step must be tried first.
     """
     cdef int other
     cdef double taken = tried
@@ -147,7 +147,7 @@ cdef double land_on_first(
             return taken
         found.event, found.within = other, 1.0
         found.share = crossing_share(now, work, taken, other, start, end, 1.0)
-    found.event, found.share = SHORTER, 0.5  # each of two events seems to come first: they are closer than the error
+    found.event, found.share = SHORTER, 0.5  # two events each seem to be the first: they are closer than the error
     return taken
 
 
@@ -181,11 +181,11 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
 
 
 cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noexcept nogil:
-    """Trace points along the step just found good, each by a step of its own, which is more exact than the polynomial."""
+    """Trace points along the accepted step, each by a separate step, which is more exact than the polynomial."""
     cdef Chain ghost = chain[0]
     cdef Events events
     cdef int64_t point, points = TRACE_POINTS
-    if run.work.method == SERIES:  # such a step is longer
+    if run.work.method == SERIES:  # its steps are longer
         points = 3 * TRACE_POINTS // 2
     if now.flying:
         points = <int64_t> ceil(taken * now.units.time / run.recorder.interval)

@@ -1,9 +1,9 @@
 """Equations of motion of the chain without a closed form: a coupling on a compliant robot, one with stops, or both.
 
-Its parts are data: a tool behind a spring and damper, with or without stops, or behind a mechanism, on a rigid robot or
-on a robot with a table of parameters; or a tool that is one mass with such a robot. Flights are integrated like contacts.
-Forces are computed in SI units, then scaled. Further places of the state: the impulse of the coupling on the tool, the
-momentum of the mass that has joined it, the offset of the flange from the imposed motion and its rate.
+The tool is on a spring and damper, with or without stops, or on a mechanism, with a rigid robot or a robot table; or it is
+one mass with such a robot. Flights are integrated like contacts. Forces are computed in SI units, then scaled. Further
+components of the state are the impulse of the coupling on the tool, the momentum of the mass that has joined the tool,
+the offset of the flange from the imposed motion and its rate.
 """
 
 
@@ -11,21 +11,21 @@ cdef struct IntegratedRates:
     double z, w, t, p, y, v, s, j, q, r
 
 
-cdef struct Swing:  # the chain seen from the imposed motion, SI units
+cdef struct Swing:  # the chain relative to the imposed motion, SI units
     double x_r, v_r  # m, m/s, of the imposed motion
     double y, y_dot, q, q_dot  # deflection and flange offset
     RobotNow robot
 
 
-cdef struct Accelerations:  # scaled accelerations, and the forces behind them
-    double tool, flange  # of tool and flange from the imposed motion
-    double gap  # of the tool from the object
+cdef struct Accelerations:  # scaled accelerations, and forces
+    double tool, flange  # relative to the imposed motion
+    double gap  # of the tool relative to the object
     double pull  # N, of the coupling on the tool
     double joined  # N, momentum per second of the mass that joins the moving part
 
 
 cdef inline Swing swing(const Piece *now, double t, double y, double v, double q, double r) noexcept nogil:
-    """The chain at a scaled state."""
+    """Return the chain at a scaled state."""
     cdef Swing at
     cdef double elapsed = t * now.units.time
     at.x_r = now.position + elapsed * (now.velocity + 0.5 * now.acceleration * elapsed)
@@ -40,14 +40,14 @@ cdef inline Swing swing(const Piece *now, double t, double y, double v, double q
 
 
 cdef inline double coupling_pull(const Piece *now, double stretch, double stretch_rate) noexcept nogil:
-    """Force of the coupling on the tool, N (paper, right side of eq. 17, or eq. 23)."""
+    """Return the force of the coupling on the tool, N (paper, right side of eq. 17, or eq. 23)."""
     if now.law.stops:
         return mechanism_pull(&now.law.mechanism, now.pressed, stretch, stretch_rate)
     return -now.law.stiffness * stretch - now.law.damping * stretch_rate
 
 
 cdef inline Accelerations motion(const Piece *now, const Swing *at, double push) noexcept nogil:
-    """Accelerations under a contact force `push` (N; paper, eq. 8, 16 and 17)."""
+    """Return the accelerations under a contact force `push` (N; paper, eq. 8, 16 and 17)."""
     cdef Accelerations move
     cdef const RobotNow *robot = &at.robot
     cdef double flange_rate
@@ -60,7 +60,7 @@ cdef inline Accelerations motion(const Piece *now, const Swing *at, double push)
         move.pull = coupling_pull(now, at.y - at.q, at.y_dot - at.q_dot)
         move.gap = (move.pull - push) * now.tool_rate
         if now.robot.intervals:
-            flange_rate = now.per_acceleration / robot.mass  # while the pull is not yet known
+            flange_rate = now.per_acceleration / robot.mass  # a division that need not wait for the pull
             move.flange = (-robot.stiffness * at.q - robot.damping * at.q_dot - move.pull) * flange_rate - now.push
     move.tool = move.gap - now.push
     move.gap += now.ground - push * now.object_rate
@@ -70,7 +70,7 @@ cdef inline Accelerations motion(const Piece *now, const Swing *at, double push)
 cdef inline IntegratedRates integrated_rates(
     const Piece *now, double z, double w, double t, double y, double v, double q, double r
 ) noexcept nogil:
-    """d/ds of the scaled state; in flight d/dt."""
+    """Return d/ds of the scaled state; in flight d/dt."""
     cdef IntegratedRates rates
     cdef Swing at = swing(now, t, y, v, q, r)
     cdef double pace = 1.0 if now.flying else z
@@ -96,7 +96,7 @@ cdef struct Gradient:  # derivatives of one entry of `Accelerations`
 
 
 cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept nogil:
-    """Derivatives of the coupling's force on the tool."""
+    """Return the derivatives of the coupling's force on the tool."""
     cdef double k, c
     cdef RobotSlopes slopes
     if not now.law.coupled:
@@ -115,7 +115,7 @@ cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept n
 
 
 cdef inline Gradient flange_gradient(const Piece *now, const Swing *at, const Gradient *pull, double T) noexcept nogil:
-    """Derivatives of the force on a flange of its own over its mass, given those of the pull T (N) it bears."""
+    """Return the derivatives of the force on a separate flange over its mass, from those of the coupling's pull T (N)."""
     cdef const RobotNow *robot = &at.robot
     cdef RobotSlopes slopes = robot_slopes(&now.robot, now.place, at.x_r)
     cdef double m = robot.mass, force = -robot.stiffness * at.q - robot.damping * at.q_dot - T
@@ -127,7 +127,7 @@ cdef inline Gradient flange_gradient(const Piece *now, const Swing *at, const Gr
 
 
 cdef inline void gradient_row(const Piece *now, const Gradient *part, double scale, double *row) noexcept nogil:
-    """Write a row but for the columns of z and w; `scale` is the scaled rate for one unit of what `part` is of."""
+    """Write a row except the columns of z and w; `scale` is the scaled rate per unit of the entry of `part`."""
     row[DEFLECTION] = scale * part.y * now.units.length
     row[DEFLECTION_RATE] = scale * part.y_dot * now.units.velocity
     row[OFFSET] = scale * part.q * now.units.length
@@ -136,7 +136,7 @@ cdef inline void gradient_row(const Piece *now, const Gradient *part, double sca
 
 
 cdef void integrated_jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
-    """Write d(rates)/d(state), all else being zero."""
+    """Write d(rates)/d(state); entries not written stay zero."""
     cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
     cdef double z = x[ROOT], pace = 1.0 if now.flying else z, push = 0.0, tool_rate = now.tool_rate, f_z, f_w
     cdef Accelerations move

@@ -1,31 +1,31 @@
-"""Constants of the equations of motion in one smooth piece of a contact or a flight, and functions of every chain."""
+"""Constants of one smooth piece of a contact or a flight, and functions for every chain."""
 
 cdef enum:
-    DEFLECTION = 4, DEFLECTION_RATE = 5  # places of the scaled state behind z, w, t and the impulse: y and y'
+    DEFLECTION = 4, DEFLECTION_RATE = 5  # components of the scaled state after z, w, t and the impulse: y and y'
     DEFLECTION_INTEGRAL = 6  # of a SPRING chain
     PULL_IMPULSE = 6, JOINED = 7, OFFSET = 8, OFFSET_RATE = 9  # of an INTEGRATED chain, see its module
 
-cdef double STANDSTILL = 1e-13  # share of the largest velocity: a slip starts from a difference of velocities, known to rounding
+cdef double STANDSTILL = 1e-13  # over the largest velocity: rounding error of the speed from which a slip starts
 
 
 cdef struct Piece:
     const Law *law
-    int width  # places of the scaled state
+    int width  # components of the scaled state
     Units units
-    bint analytic  # polynomial in z, w, y and v: then its steps are those of its Taylor series
-    bint flying  # then the first place is the penetration over the unit of length, and s is time
+    bint analytic  # polynomial in z, w, y and v: then steps use its Taylor series
+    bint flying  # then the first component is the penetration over the unit of length, and s is time
     const Contact *grip  # the contact law
-    Contact contact  # the same, without force while the surfaces part faster than they recover
-    bint rough  # there is friction under the object
+    Contact contact  # the contact law, without force while the surfaces part faster than they recover
+    bint rough  # with friction under the object
     int object_state
     double friction  # mu m_p g over F0
-    double ground  # scaled deceleration of the object by its friction as it slides
-    double standstill  # scaled speed backwards at which an object that slid has come to rest
-    double share  # of the relative acceleration that the contact force would give without friction
+    double ground  # scaled deceleration by friction of an object that slides
+    double standstill  # scaled backward speed at which an object that slides has come to rest
+    double share  # relative acceleration by the contact force, over that without friction
     double tolerance  # -, local error of a step
     double threshold  # alarm threshold over F0
-    double horizon  # time left
-    double position, velocity, acceleration  # m, m/s, m/s^2, of the imposed motion; the first two where the piece starts
+    double horizon  # scaled time until the end of the piece
+    double position, velocity, acceleration  # m, m/s, m/s^2, of the imposed motion, at the start of the piece
 
     # of the linear chains, in the piece's units
     double push  # flange acceleration
@@ -37,13 +37,13 @@ cdef struct Piece:
     int place  # interval of that table
     RobotNow lumped  # its parameters, if it has one interval
     double per_acceleration  # scaled acceleration for 1 m/s^2
-    double tool_rate, object_rate  # likewise of tool and object for 1 N
+    double tool_rate, object_rate  # scaled acceleration of tool and object for 1 N
     double per_force  # 1 / N
     int pressed, side  # of the slider
 
 
 cdef void store_common(const Piece *now, const Chain *base, const double *x, Chain *chain) noexcept nogil:
-    """Write the places of `x` that every chain has into `chain`; `base` is where the piece started."""
+    """Write the components of `x` that every chain has into `chain`; `base` is the chain at the start of the piece."""
     cdef double elapsed = x[TIME] * now.units.time
     chain.time = base.time + elapsed
     chain.flange_position = base.flange_position + elapsed * (base.flange_velocity + 0.5 * now.acceleration * elapsed)
@@ -57,32 +57,32 @@ cdef void store_common(const Piece *now, const Chain *base, const double *x, Cha
 
 
 cdef inline double object_velocity(const Chain *chain) noexcept nogil:
-    """Velocity of the object, m/s; exactly 0 until the first contact and while it sticks."""
+    """Return the velocity of the object, m/s; exactly 0 before the first contact and while it sticks."""
     if chain.contacts == 0 or chain.object_state == STUCK:
         return 0.0
     return tool_velocity(chain) - chain.penetration_rate
 
 
 cdef inline double tool_velocity(const Chain *chain) noexcept nogil:
-    """Velocity of the tool, m/s."""
+    """Return the velocity of the tool, m/s."""
     return chain.flange_velocity + chain.deflection_rate
 
 
 cdef inline double tool_position(const Chain *chain) noexcept nogil:
-    """Position of the tool, m."""
+    """Return the position of the tool, m."""
     return chain.flange_position + chain.deflection
 
 
 cdef inline double flange_velocity(const Law *law, const Chain *chain) noexcept nogil:
-    """Velocity of the flange, m/s; `chain.flange_velocity` is that of the imposed motion."""
+    """Return the velocity of the flange, m/s, not of the imposed motion, `chain.flange_velocity`."""
     return tool_velocity(chain) if law.with_tool else chain.flange_velocity + chain.flange_offset_rate
 
 
 cdef inline double flange_position(const Law *law, const Chain *chain) noexcept nogil:
-    """Position of the flange, m."""
+    """Return the position of the flange, m."""
     return tool_position(chain) if law.with_tool else chain.flange_position + chain.flange_offset
 
 
 cdef inline double parallel(double first, double second) noexcept nogil:
-    """Reduced mass of two bodies, kg."""
+    """Return the reduced mass of two bodies, kg."""
     return first * second / (first + second)

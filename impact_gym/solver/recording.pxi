@@ -1,8 +1,8 @@
-"""Finished contacts and trace points are written to the recorder. Rows that do not fit are counted, not written."""
+"""Recording of finished contacts and trace points. Rows that do not fit into the arrays are only counted."""
 
 
 cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil:
-    """Add the current contact to the totals of `chain` and the contact log; `end` (s) is nan if unfinished."""
+    """Add the present contact to the totals of `chain` and to the contact log; `end` (s) is nan if it is unfinished."""
     cdef double impulse = coupling_impulse(run.law, chain)
     cdef double given = run.object_mass * (object_velocity(chain) - chain.start_object_velocity)
     cdef double residual = tool_momentum(run, chain) + given - impulse  # residual of the paper's eq. 20
@@ -27,7 +27,7 @@ cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil
 
 
 cdef void trace(const Run *run, Chain *counter, const Chain *chain, double acceleration, double push) noexcept nogil:
-    """Append the state of `chain` under a contact force `push` (N) to the trace; `counter` holds its length."""
+    """Append the state of `chain` under a contact force `push` (N) to the trace, whose length is in `counter`."""
     cdef TraceRow *row
     if run.recorder.trace_rows == 0:
         return
@@ -48,7 +48,7 @@ cdef void trace(const Run *run, Chain *counter, const Chain *chain, double accel
 
 
 cdef void trace_flight(const Run *run, Chain *chain, double acceleration, double duration) noexcept nogil:
-    """Trace the `duration` (s) of closed-form flight ahead of `chain`, with at most `interval` between two points."""
+    """Trace the next `duration` (s) of a flight in closed form, with at most `interval` between two points."""
     cdef Chain ghost
     cdef int64_t point, points
     if run.recorder.trace_rows == 0:

@@ -6,7 +6,7 @@ cdef struct RigidRates:
 
 
 cdef inline RigidRates rigid_rates(const Piece *now, double z, double w) noexcept nogil:
-    """d/ds of z, w, time and impulse (paper, eq. 6, second line)."""
+    """Return d/ds of z, w, time and impulse (paper, eq. 6, second line)."""
     cdef RigidRates rates
     rates.p = impulse_rate(&now.contact, z, w)
     rates.z = 0.5 * w
@@ -26,29 +26,29 @@ cdef inline void contact_rows(const Piece *now, const double *x, double[WIDTH] *
 
 
 cdef void rigid_jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
-    """Write d(rates)/d(state), all else being zero."""
+    """Write d(rates)/d(state); entries not written stay zero."""
     contact_rows(now, x, J)
     J[RATE][ROOT] = now.push + now.ground - now.share * J[IMPULSE][ROOT]
     J[RATE][RATE] = -now.share * J[IMPULSE][RATE]
 
 
 cdef double gap_closes(double gap, double speed, double acceleration) noexcept nogil:
-    """Time (s) until gap - speed t - acceleration t^2 / 2 falls to zero from above; inf if never.
+    """Return the time (s) until gap - speed t - acceleration t^2 / 2 falls to zero from above; inf if never.
 
-    A gap of zero that opens counts as open, one that closes as closed. No difference of nearly equal numbers is taken.
+    A gap of zero that opens counts as open, one that closes as closed. There is no cancellation.
     """
     cdef double square = speed * speed + 2.0 * acceleration * gap
     if square < 0.0:
         return INFINITY
     if speed > 0.0:
         return 2.0 * gap / (speed + sqrt(square)) if gap > 0.0 else 0.0
-    if acceleration > 0.0:  # not closing yet, or just opened: back once the acceleration has turned it
+    if acceleration > 0.0:  # not closing yet, or just opened: it closes after the acceleration has reversed the motion
         return (sqrt(square) - speed) / acceleration
     return INFINITY
 
 
 cdef void rigid_drift(Chain *chain, double acceleration, double ground, double time) noexcept nogil:
-    """Move `chain` through `time` (s) of flight, exactly, while the object slows down by `ground` (m/s^2)."""
+    """Move `chain` exactly through `time` (s) of flight; `ground` (m/s^2) is the deceleration of the object."""
     chain.penetration += time * (chain.penetration_rate + 0.5 * (acceleration + ground) * time)
     chain.penetration_rate += (acceleration + ground) * time
     chain.flange_position += time * (chain.flange_velocity + 0.5 * acceleration * time)

@@ -46,7 +46,7 @@ STIFF_C[7][:7] = [
 cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
     """Try a step of `h` from `work.x`, whose rate is known, into `work.trial`; return its estimated error.
 
-    The error, of the pair's order 4, is measured like that of the explicit pair, over the error allowed.
+    The error, of order 4, is over the allowed error, as for the explicit pair.
     """
     cdef int stage, earlier, i, n = now.width
     cdef double total = 0.0, a, c, size
@@ -84,8 +84,8 @@ cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
 cdef void invert(int n, double[WIDTH] *matrix) noexcept nogil:
     """Replace the first `n` rows and columns of `matrix` by the transpose of their inverse (Gauss and Jordan).
 
-    Rows are exchanged for the largest pivot. A product with the inverse keeps a processor busier than two triangles do,
-    in which each place waits for the one before.
+    Rows are exchanged for the largest pivot. A product with the inverse is faster than the solution of two triangular
+    systems, in which each component depends on the one before.
     """
     cdef double[WIDTH][WIDTH] inverse
     cdef int k, row, column, pivot

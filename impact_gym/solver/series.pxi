@@ -1,20 +1,20 @@
-"""Steps by the Taylor series of a piece that is polynomial: `taylor.h` expands it, this file chooses and takes the step."""
+"""Steps by the Taylor series of a polynomial piece: `taylor.h` expands it, this file chooses and takes the step."""
 
 cdef enum:
-    LAST_ORDERS = 3  # tell how a series converges: from z = 0, without damping, two in a row of every five vanish
+    LAST_ORDERS = 3  # for the estimate of convergence; from z = 0, without damping, two of every five orders vanish
 
-cdef double LEFT_OUT = 0.05  # truncation error over the local error allowed: it adds up over a contact,
-cdef double MOST_LEFT_OUT = 2e-8  # and over several: more digits cost little
+cdef double LEFT_OUT = 0.05  # truncation error over the local error allowed: errors add up over a contact
+cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error: errors add up over several contacts
 cdef double TOO_STEEP = 1e30  # mean square of coefficients above which the explicit pair takes over
 
 
 cdef void expand(const Piece *now, Work *work) noexcept nogil:
-    """Find the series of the state from `work.x` on, and the longest step by it, 0 if unknown."""
+    """Expand the state at `work.x` in a series, and find its longest step, 0 if unknown."""
     cdef Polynomial law = Polynomial(
         now.contact.held, now.contact.damping, now.share, now.ground,
         now.tool_share, now.push, now.pull_y, now.pull_y_dot,
     )
-    if now.law.kind == RIGID:  # a spring without effect, so that one series serves both
+    if now.law.kind == RIGID:  # a spring without effect, so that one series is enough for both
         law.ground += now.push
         law.tool_share = law.push = law.pull_y = law.pull_y_dot = 0.0
         work.x[DEFLECTION] = work.x[DEFLECTION_RATE] = work.x[DEFLECTION_INTEGRAL] = 0.0
@@ -23,8 +23,8 @@ cdef void expand(const Piece *now, Work *work) noexcept nogil:
 
 
 cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil:
-    """The step with the truncation error allowed, if coefficients of order k shrink as the k-th power of a radius."""
-    cdef float inverse_radius = -7.0  # its log; no less, as last orders may vanish by chance or in a float
+    """Return the step with the allowed truncation error, if the coefficient of order k falls as the k-th power of a radius."""
+    cdef float inverse_radius = -7.0  # log, at least: the last orders can vanish by chance or in a float
     cdef double[PLACES] weight
     cdef double squares, left_out = min(LEFT_OUT * now.tolerance, MOST_LEFT_OUT)
     cdef int i, k
@@ -58,7 +58,7 @@ cdef void evaluate(const Piece *now, const Work *work, double h, double *x, doub
 
 
 cdef double fastest(const Piece *now, const double *x, const double *rate) noexcept nogil:
-    """Largest eigenvalue of contact or spring, each for itself, at the scaled state `x` of an analytic piece."""
+    """Return the largest eigenvalue of the contact alone and the spring alone, at the scaled state `x` of an analytic piece."""
     cdef double z = x[ROOT], force, spring = 0.0
     if now.law.kind == SPRING:
         spring = z * largest_root(-now.pull_y_dot, -now.pull_y)

@@ -1,7 +1,7 @@
-"""A tool behind a spring and damper: flight in closed form, the first touch isolated between extrema of the gap."""
+"""A tool on a spring and damper: flight in closed form, the first touch bracketed by extrema of the gap."""
 
 cdef enum:
-    MOST_BENDS = 300000  # between two zeros of the gap's third derivative, in one flight
+    MOST_BENDS = 300000  # most intervals between zeros of the gap's third derivative, in one flight
 
 
 cdef struct SpringRates:
@@ -9,7 +9,7 @@ cdef struct SpringRates:
 
 
 cdef inline SpringRates spring_rates(const Piece *now, double z, double w, double y, double v) noexcept nogil:
-    """d/ds of z, w, time, impulse, deflection, its rate and its integral (paper, eq. 17-18)."""
+    """Return d/ds of z, w, time, impulse, deflection, its rate and its integral (paper, eq. 17-18)."""
     cdef SpringRates rates
     cdef double pull = z * (now.pull_y * y + now.pull_y_dot * v)
     rates.p = impulse_rate(&now.contact, z, w)
@@ -23,7 +23,7 @@ cdef inline SpringRates spring_rates(const Piece *now, double z, double w, doubl
 
 
 cdef void spring_jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
-    """Write d(rates)/d(state), all else being zero."""
+    """Write d(rates)/d(state); entries not written stay zero."""
     cdef double z = x[ROOT], y = x[DEFLECTION], v = x[DEFLECTION_RATE]
     cdef double pull = now.pull_y * y + now.pull_y_dot * v
     contact_rows(now, x, J)
@@ -40,7 +40,7 @@ cdef void spring_jacobian(const Piece *now, const double *x, double[WIDTH] *J) n
 
 
 cdef void spring_drift(const Law *law, Chain *chain, double acceleration, double ground, double time) noexcept nogil:
-    """Move `chain` through `time` (s) of flight, exactly, while the object slows down by `ground` (m/s^2)."""
+    """Move `chain` exactly through `time` (s) of flight; `ground` (m/s^2) is the deceleration of the object."""
     cdef double z, z_dot, rest = -acceleration / (law.frequency * law.frequency)
     cdef double object_speed = tool_velocity(chain) - chain.penetration_rate
     cdef double travel = time * (chain.flange_velocity + 0.5 * acceleration * time)
@@ -68,7 +68,7 @@ cdef struct Gap:
 
 
 cdef Gap gap_at(const Glide *glide, double time) noexcept nogil:
-    """The penetration at `time` and its derivatives."""
+    """Return the penetration at `time` and its derivatives."""
     cdef double z, w2 = glide.frequency * glide.frequency, c = 2.0 * glide.damping_ratio * glide.frequency
     cdef Gap gap
     z, gap.order[1] = free_decay(glide.frequency, glide.damping_ratio, glide.position, glide.velocity, time)
@@ -82,7 +82,7 @@ cdef Gap gap_at(const Glide *glide, double time) noexcept nogil:
 
 
 cdef double monotone_zero(const Glide *glide, int order, bint rising, double low, double high) noexcept nogil:
-    """Zero of derivative `order` between `low` and `high`, where it only rises, or only falls, to rounding.
+    """Return the zero of derivative `order` between `low` and `high`, where it is monotone, to rounding.
 
     Newton's method, kept inside the bracket by bisection.
     """
@@ -104,7 +104,7 @@ cdef double monotone_zero(const Glide *glide, int order, bint rising, double low
 
 
 cdef double inflection_time(const Glide *glide, double after, const Gap *gap) noexcept nogil:
-    """First zero after `after`, where the gap is known, of its third derivative, a free decay; inf if there is none."""
+    """Return the first zero of the gap's third derivative, a free decay, after the time `after` of `gap`; inf if none."""
     cdef double w = glide.frequency, zeta = glide.damping_ratio, p = gap.order[3]
     cdef double slope = gap.order[4] + zeta * w * p, square = (1.0 - zeta) * (1.0 + zeta) * w * w
     cdef double damped, phase, ratio, split
@@ -126,10 +126,10 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
 
 
 cdef double within_reach(const Glide *glide, double now) noexcept nogil:
-    """First time from `now` on at which a bound allows a touch, inf if it never does.
+    """Return the first time from `now` on at which a bound allows a touch; inf if never.
 
-    The free decay loses energy, so it stays below r / omega with r^2 = z'^2 + omega^2 z^2: the gap closes no sooner than
-    with a tool deflected so far from now on.
+    The free decay loses energy, so it stays below r / omega with r^2 = z'^2 + omega^2 z^2. The gap closes no earlier
+    than with a tool that stays deflected by r / omega.
     """
     cdef double gap, swing, closed, z = glide.position, z_dot = glide.velocity
     if now > 0.0:
@@ -145,10 +145,10 @@ cdef double within_reach(const Glide *glide, double now) noexcept nogil:
 cdef double spring_touch(
     const Law *law, const Chain *chain, double acceleration, double ground, double horizon
 ) noexcept nogil:
-    """Time (s) until tool and object touch, inf if not within `horizon`, nan after MOST_BENDS; none is stepped over.
+    """Return the time (s) of the first touch, inf if not within `horizon`, nan after MOST_BENDS.
 
-    Between two zeros of its third derivative the gap has at most one inflection, so at most two extrema, so at most
-    three monotone pieces: each is tested by its ends.
+    Between two zeros of its third derivative the gap has at most one inflection, hence at most two extrema, hence at
+    most three monotone pieces. Each is tested at its ends, so no touch is missed.
     """
     cdef Glide glide
     cdef Gap first, between, last
@@ -182,9 +182,9 @@ cdef double spring_touch(
 cdef double touch_in_bend(
     const Glide *glide, double begin, const Gap *first, double end, const Gap *last
 ) noexcept nogil:
-    """First touch between `begin` and `end`, where the gap is known and bends one way only; inf if there is none.
+    """Return the first touch between `begin` and `end`, where the gap has no inflection; inf if there is none.
 
-    While the gap opens there is none; an apparent one right after a contact is rounding.
+    While the gap opens there is no touch; an apparent one right after a contact is a rounding error.
     """
     cdef bint closing = first.order[1] > 0.0, still = last.order[1] > 0.0
     cdef double turn

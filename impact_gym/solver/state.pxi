@@ -1,18 +1,18 @@
-"""The records that the kernels work on: what does not change in a run, the row that does, and scratch.
+"""The records of the solver: the constants of a run, the state of a row, and work arrays.
 
-Those that Python reads and writes are NumPy records of the same names and layout, see `kernels.pyx`.
+Some are also NumPy records of the same names and layout, see `kernels.pyx`.
 """
 
 cpdef enum:
-    RIGID, SPRING, INTEGRATED  # chains: the tool imposed, on one spring and damper, and all that has no closed form
+    RIGID, SPRING, INTEGRATED  # chains: tool of imposed motion, tool on one spring and damper, and any without a closed form
 
 cpdef enum:
-    ARRIVED = 0  # at the time asked for
+    ARRIVED = 0  # at the requested time
     DETECTED = 1  # the contact force has just exceeded the threshold for the first time
     TOUCHED = 2  # a contact begins
     PARTED = 3  # the contact has ended
-    SWITCHED = 4  # the equations of motion change: a stop, the alignment, or a force that would be a pull
-    UNSETTLED = 5  # an episode is over before all contacts are
+    SWITCHED = 4  # the equations of motion change: at a stop, at the alignment, or where the force would become a pull
+    UNSETTLED = 5  # at the end of an episode contacts are still possible
     STEP_LIMIT = -1  # more integration steps than allowed
     NOT_FINITE = -2  # a state became inf or nan
 
@@ -26,64 +26,64 @@ cpdef enum:
     SLIDING, STUCK  # the object
 
 
-cdef struct Mount:  # what holds the tool, as a user describes it
+cdef struct Mount:  # coupling and robot, as a user describes them
     int64_t coupling_kind, robot_kind
     double tool_mass  # kg
-    CouplingNumbers coupling  # those that its kind has not are 0
-    RobotNumbers robot  # of a lumped one, likewise
+    CouplingNumbers coupling  # 0: its kind does not have this number
+    RobotNumbers robot  # of a LUMPED one, else 0
     int64_t table, intervals  # of a TABLE_OF_POSITION, as in `Law`
     double stiffest
 
 
-cdef struct Interval:  # a robot's table of one interval
+cdef struct Interval:  # a robot table of one interval
     double begin, end  # m
     double[4] mass, stiffness, damping  # coefficients
 
 
 cdef struct Law:  # the simplest chain equivalent to the mount
     int64_t kind  # of chain
-    double tool_mass  # kg; of a RIGID or SPRING chain all that moves with the tool
+    double tool_mass  # kg; of a RIGID or SPRING chain with the robot mass that moves with the tool
     double frequency  # rad/s, omega of a SPRING chain
     double damping_ratio  # -, zeta of a SPRING chain
-    int64_t coupled  # of an INTEGRATED chain: 1 if a coupling is between tool and flange, 0 if they are one mass
+    int64_t coupled  # of an INTEGRATED chain: 1 with a coupling between tool and flange, 0 if they are one mass
     int64_t with_tool  # 1 if the flange moves with the tool: a compliant robot with a DIRECT coupling
-    int64_t bistable  # 1 if that coupling is a mechanism, 0 if a spring and damper, or if there is none
-    int64_t stops  # 1 if it has stops: `mechanism` then has the spring, whichever it is
-    double stiffness  # N/m, of the spring and damper
-    double damping  # N s/m, likewise
+    int64_t bistable  # 1 if the coupling is a mechanism
+    int64_t stops  # 1 if the coupling has stops: `mechanism` then has its spring, linear or not
+    double stiffness  # N/m, of a spring and damper
+    double damping  # N s/m, of a spring and damper
     Mechanism mechanism
     int64_t table  # where the robot's table begins among the numbers of all tables; -1 if it is `lumped`
     int64_t intervals  # of that table; 0 if the robot is rigid
     Interval lumped
-    double stiffest  # 1/s^2, largest k_r / m_r at the breaks: a scale, not a bound
+    double stiffest  # 1/s^2, largest k_r / m_r at the breaks: an estimate, not a bound
 
 
 cdef struct Memory:  # step control of a contact or a flight, kept between steps
     double step  # next trial step
     int64_t method  # of the next step: EXPLICIT or STIFF
-    int64_t seen  # attempts by this method; by the explicit one those near the border of its stability count once more
+    int64_t seen  # attempts by this method; after `patience` explicit ones only those near the limit of stability
     int64_t patience  # attempts of the explicit pair without a check of stiffness
     int64_t rejected  # 1 if the last attempt was
-    double log_before  # of the error of the last good one
+    double log_before  # log of the error of the last accepted attempt
 
 
 cdef struct Chain:  # a row: the state of motion, and results so far
     double time  # s
-    double flange_position  # m, of the imposed motion: where the flange is if the robot is rigid
+    double flange_position  # m, of the imposed motion; of the flange, if the robot is rigid
     double flange_velocity  # m/s, likewise
     double deflection  # m, tool minus imposed motion
     double deflection_rate  # m/s
-    double penetration  # m, tool minus object face: the gap is its negative
+    double penetration  # m, tool face minus object face: minus the gap
     double penetration_rate  # m/s
-    double flange_offset  # m, flange minus imposed motion; 0 but for a flange of its own behind a coupling
+    double flange_offset  # m, flange minus imposed motion; nonzero only with a compliant robot and a coupling
     double flange_offset_rate  # m/s
     int64_t pressed  # which stop pushes: 1 front, -1 rear, 0 none
-    int64_t side  # of the alignment the slider of a mechanism is on, 1 in front
+    int64_t side  # of the alignment on which the slider of a mechanism is: 1 front, -1 rear
     int64_t object_state  # SLIDING or STUCK; without friction always SLIDING
 
-    # the contact under way
+    # the present contact
     int64_t touching  # 0 or 1
-    int64_t holding  # 0 while the surfaces part faster than they recover
+    int64_t holding  # 0 while the surfaces part faster than they recover, else 1
     Units units
     double start  # s
     double approach_velocity  # m/s
@@ -93,10 +93,10 @@ cdef struct Chain:  # a row: the state of motion, and results so far
     double start_flange_position  # m
     double damping  # -, damping factor
     double impulse  # N s, on the object
-    double ground_impulse  # N s, of the ground on the object, which holds it back
+    double ground_impulse  # N s, of the friction of the ground on the object
     double deflection_integral  # m s
-    double pull_impulse  # N s, of the coupling on the tool, where no closed form gives it
-    double joined  # N s, momentum of the mass that has joined the moving part
+    double pull_impulse  # N s, of the coupling on the tool, in an INTEGRATED chain
+    double joined  # N s, momentum of mass that has joined the moving part, see `integrated.pxi`
     double contact_peak_force  # N
     Memory memory
 
@@ -105,16 +105,16 @@ cdef struct Chain:  # a row: the state of motion, and results so far
     double first_contact  # s, inf if none yet
     double detection  # s, inf if none yet
     double peak_force  # N
-    double peak_object_velocity  # m/s; with friction only, without friction the object never loses velocity
+    double peak_object_velocity  # m/s, with friction; without friction the object never loses velocity
     double object_rest_time  # s, when the object last came to rest
-    double tool_rest_time  # s, from when on the tool stays slower than REST_SPEED; inf if it does not, or without friction
+    double tool_rest_time  # s, since then the tool stays slower than REST_SPEED; inf if it does not, or without friction
     double slide  # m, from the object's first position to where it rests, with friction
     double rest_time  # s, when object and tool are at rest, with friction; inf if the tool is not
-    double unread_force  # N, largest since `take_peak`
+    double unread_force  # N, largest since the last `take_peak`
     double coupling_impulse  # N s, over the finished contacts (paper, eq. 21)
     double momentum_error  # -, largest over the finished contacts (paper, eq. 20)
     int64_t steps  # integration steps, rejected ones included
-    int64_t logged  # rows of the contact log, those that did not fit included
+    int64_t logged  # rows of the contact log, including those that did not fit
     int64_t traced  # rows of the trace, likewise
     int64_t snaps  # passages of the slider through the alignment, likewise
     int64_t status  # how an approach ended
@@ -140,7 +140,7 @@ cdef struct TraceRow:
     double command_position, command_velocity  # of the imposed motion
 
 
-cdef struct Recorder:  # where contacts and trace are written; no rows record nothing
+cdef struct Recorder:  # arrays for contacts and trace; empty ones record nothing
     ContactRow *contacts
     TraceRow *trace
     double *snaps  # s, when a slider passes its alignment
@@ -163,7 +163,7 @@ cdef enum:
     KEPT = 8  # stages of a step that are kept: the rates of stages 5 to 11 for dense output, or all of a stiff step
 
 
-cdef struct Work:  # scratch of the integrator
+cdef struct Work:  # work arrays of the integrator
     double[WIDTH] x, rate  # the state a step starts from
     double[WIDTH] trial, trial_rate  # the state it tries
     double[WIDTH] probe, probe_rate  # a state within it
@@ -172,10 +172,10 @@ cdef struct Work:  # scratch of the integrator
     double[7][WIDTH] dense  # polynomial through the step
     bint dense_known
     double[ORDER + 1][PLACES] series  # of the state from `x` on
-    bint expanded  # whether it is that
-    double longest  # step that it is good for, 0 for none
+    bint expanded  # whether `series` is known
+    double longest  # longest step for which `series` is accurate; 0: none
     double[WIDTH][WIDTH] matrix
-    int method  # of the step under way
+    int method  # of the present step
     Memory memory
 
 
@@ -186,7 +186,7 @@ cdef struct Run:  # constants of a run
     double object_mass  # kg
     double ground  # m/s^2, mu g, deceleration of an object that slides; 0 without friction
     double threshold  # N, of the contact alarm; inf if there is none
-    bint tell_touch  # whether to come back at the first touch
+    bint tell_touch  # whether `command` returns at the first touch
     double tolerance  # -, local error of a step in its own scales
     int64_t max_steps
     Recorder recorder
@@ -194,7 +194,7 @@ cdef struct Run:  # constants of a run
 
 
 cdef inline RobotTable robot_table(const Run *run) noexcept nogil:
-    """The robot's table: breaks, then coefficients."""
+    """Return the robot's table: breaks, then coefficients."""
     cdef RobotTable table
     table.intervals = run.law.intervals
     table.breaks = <const double *> &run.law.lumped if run.law.table < 0 else run.tables + run.law.table

@@ -1,23 +1,23 @@
 """One step of the integrator: by a Taylor series, by the explicit pair DOP853, or by an L-stable one.
 
-Where the equations are polynomial, a step follows their series (`series.pxi`), which says how far it goes and is known
-throughout it; elsewhere it is a step of the explicit pair. Stiffness is detected by the estimate of Hairer's code: the
-rates of the last two stages, which are at the same time, differ by about lambda times the difference of their states; of
-a series the eigenvalues are known. Near the border of stability, h lambda about 6, the error estimate limits the step
-however smooth the motion is. After repeated attempts near the border, accepted or not, the L-stable pair takes over. From
-time to time the explicit pair tries a step, and continues if that succeeds. If the L-stable pair was not needed, as with
-swings that only look stiff, the next change to it takes more attempts.
+If the equations are polynomial, a step uses their series (`series.pxi`), which determines its length and gives every
+point in it. Otherwise it is a step of the explicit pair. Stiffness is detected as in Hairer's code: the last two stages
+are at the same time, and their rates differ by about lambda times the difference of their states. For a series the
+eigenvalues are known. Near the limit of stability, h lambda about 6, the error estimate limits the step, however smooth
+the motion is. After repeated attempts near the limit, accepted or not, the L-stable pair replaces the explicit pair.
+Every few steps the explicit pair is tried again, and kept if that succeeds. If it succeeds soon, as with swings that
+only look stiff, the next change to the L-stable pair takes more attempts.
 """
 
 cdef enum:
     EXPLICIT, STIFF, SERIES
-    UNCHECKED = 25  # attempts without a check of stiffness: most smooth pieces have no more
-    REPEATED = 10  # attempts near the border before the L-stable pair takes over
-    TRY = 10  # stiff steps after which the explicit pair tries the next
-    IN_VAIN = 2  # a return within so many tries shows that the change was not needed
+    UNCHECKED = 25  # attempts without a check of stiffness: most smooth pieces have fewer
+    REPEATED = 10  # attempts near the limit of stability before the change to the L-stable pair
+    TRY = 10  # stiff steps between two trials of the explicit pair
+    IN_VAIN = 2  # trials; if the explicit pair succeeds within so many, the change was not needed
     MOST = 16 * UNCHECKED
 
-cdef double NEAR = 3.5  # of h lambda; kept at the border of 6, good attempts and bad ones alternate between 4 and 7
+cdef double NEAR = 3.5  # h lambda near the limit of 6, where accepted and rejected attempts alternate between 4 and 7
 
 
 cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
@@ -32,13 +32,13 @@ cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double judge(const Piece *now, Work *work, double h, double *error) noexcept nogil:
-    """Return the factor on the step after an attempt of `h` with an estimated `error`, which above 1 is rejected.
+    """Return the factor on the step after an attempt of `h`; an estimated `error` above 1 means rejected.
 
-    Decides, too, by which method the next step goes.
+    Also choose the method of the next step.
     """
     cdef Memory *memory = &work.memory
     memory.seen += 1
-    if work.method != STIFF and memory.method == STIFF:  # a trial: a single step can have a small error although it is unstable
+    if work.method != STIFF and memory.method == STIFF:  # a trial: one step can have a small error although the method is unstable
         if error[0] > 1.0 or h * apparent_eigenvalue(now, work) > NEAR:
             memory.seen, error[0] = 0, 2.0
             return 1.0
@@ -53,7 +53,7 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
 
 
 cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
-    """Choose the method: in a stiff piece now and then an explicit one. A new series sets the step."""
+    """Choose the method: in a stiff piece sometimes the explicit one. A new series sets the step."""
     cdef const Memory *memory = &work.memory
     cdef bint stiff = memory.method == STIFF, known = work.expanded
     work.method = STIFF if stiff and (memory.seen == 0 or memory.seen % TRY != 0) else EXPLICIT
@@ -68,10 +68,10 @@ cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
 
 
 cdef double step_factor(Work *work, double error) noexcept nogil:
-    """Factor on the step by the order of the method.
+    """Return the factor on the step, by the order of the method.
 
-    Of the explicit pair with Hairer's stabilisation: the error before this one counts too, and a step that follows a
-    rejected one does not grow. One attempt in eight is rejected; without the stabilisation one in four.
+    For the explicit pair with Hairer's stabilisation: it uses the previous error, too, and a step after a rejected one
+    does not grow. One attempt in eight is rejected; without the stabilisation one in four.
     """
     cdef float factor, log_error  # single precision suffices for a step
     cdef Memory *memory = &work.memory
@@ -93,7 +93,7 @@ cdef double step_factor(Work *work, double error) noexcept nogil:
 
 
 cdef void probe(const Piece *now, Work *work, double h, double share) noexcept nogil:
-    """Find the state and its rate at a share of the step of `h` just tried, on the polynomial if there is one."""
+    """Find the state and its rate at a share of the last attempt of `h`, on the polynomial if there is one."""
     cdef int i
     if work.method != EXPLICIT:
         probe_exactly(now, work, h, share)
@@ -105,7 +105,7 @@ cdef void probe(const Piece *now, Work *work, double h, double share) noexcept n
 
 
 cdef void probe_exactly(const Piece *now, Work *work, double h, double share) noexcept nogil:
-    """Find the same by a step of that length."""
+    """Find the state and its rate at a share of the last attempt of `h`, by a step of that length."""
     cdef Work other
     if work.method == SERIES:
         evaluate(now, work, share * h, work.probe, work.probe_rate)
@@ -119,7 +119,7 @@ cdef void probe_exactly(const Piece *now, Work *work, double h, double share) no
 
 
 cdef void fit_polynomial(const Piece *now, Work *work, double h) noexcept nogil:
-    """Fit the explicit pair's polynomial to the step just tried, unless that is done."""
+    """Fit the explicit pair's polynomial to the last attempt, unless that is done."""
     cdef double change
     cdef int i
     if work.dense_known:
@@ -134,7 +134,7 @@ cdef void fit_polynomial(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef inline (double, double) on_polynomial(const Work *work, int i, double share) noexcept nogil:
-    """Component `i` at a share of the step, on its polynomial (Hairer's CONTD8), and its derivative by the share."""
+    """Return component `i` at a share of the step, on its polynomial (Hairer's CONTD8), and its derivative by the share."""
     cdef double left = 1.0 - share, value = work.dense[6][i], slope = 0.0
     cdef int k
     for k in range(5, 0, -2):

@@ -1,10 +1,10 @@
-"""The 8(5,3) pair of Dormand and Prince, DOP853 in Hairer and Wanner's code, and its steps written out for each chain.
+"""The 8(5,3) pair of Dormand and Prince, DOP853 in Hairer and Wanner's code, and its steps as code for each chain.
 
 Order 8, 12 stages, first same as last. Coefficients, error estimates and dense output of order 7: Hairer, Norsett,
 Wanner, Solving Ordinary Differential Equations I (1993), II.10, in double precision from SciPy.
 
-The kernels take a step as straight-line code on local variables, which a compiler keeps in registers: half the time of
-loops over a table in memory. setup.py writes that code, `dop853.pxi`, from these numbers.
+From these numbers setup.py writes `dop853.pxi`: straight-line code on local variables, which a compiler keeps in
+registers. It takes half the time of loops over a table in memory.
 """
 
 from collections.abc import Iterable
@@ -14,29 +14,29 @@ from scipy.integrate import DOP853
 
 
 def by_stage(rows: Iterable[Iterable[float]]) -> tuple[dict[int, float], ...]:
-    """Return the weights of each row that are not zero, by stage."""
+    """Return the nonzero weights of each row, by stage."""
     return tuple({stage: float(weight) for stage, weight in enumerate(row) if weight} for row in rows)
 
 
 A = by_stage([*DOP853.A, DOP853.B, *DOP853.A_EXTRA])
-"""Weights of the earlier stages in each stage; row 12 is also the solution, rows 13 to 15 serve dense output alone."""
+"""Weights of the earlier stages in each stage. Row 12 is also the solution; rows 13 to 15 are for dense output only."""
 ERROR = by_stage([DOP853.E5, DOP853.E3])
-"""Weights of the stages in the estimates of order 5 and of order 3."""
+"""Weights of the stages in the error estimates of orders 5 and 3."""
 DENSE = by_stage(DOP853.D)
 """Weights of the stages in the upper four coefficients of the polynomial through a step."""
 
 NOTICE = '"""The steps of `solver/tableau.py` written out by setup.py: edit that."""'
 LAST = 12  # the stage at the end of the step
-KEPT = range(5, LAST)  # stages that dense output needs beside the first and the last
+KEPT = range(5, LAST)  # stages for dense output, in addition to the first and the last
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The places of a chain's scaled state."""
+    """The components of a chain's scaled state."""
 
     name: str  # of its functions
-    places: str  # a letter each, in order
-    used: str  # those on which the rates depend; the others are pure integrals
+    places: str  # one letter for each component, in order
+    used: str  # the components on which the rates depend; the others are pure integrals
 
 
 LAYOUTS = (
@@ -47,12 +47,12 @@ LAYOUTS = (
 
 
 def weighed(weights: dict[int, float], place: str) -> str:
-    """Return the sum of the stages' rates of a place."""
+    """Return the weighted sum of the stages' rates of a component."""
     return " + ".join(f"{weight!r} * k{stage}.{place}" for stage, weight in weights.items())
 
 
 def moved(stage: int, place: str, newest: bool) -> str:
-    """Return the assignment of a place at a stage; the newest rate last: it is known last."""
+    """Return the assignment of a component at a stage; with `newest`, its newest rate is added last."""
     *earlier, last = A[stage].items()
     if not newest:
         return f"{place}{stage} = {place}0 + h * ({weighed(A[stage], place)})"
@@ -69,7 +69,7 @@ def stage_lines(layout: Layout, stage: int) -> list[str]:
 
 
 def header(layout: Layout, name: str, stages: range, given: dict[int, str]) -> list[str]:
-    """Return the head of a function that starts at `work.x`; rates of stages in `given` are copied from there."""
+    """Return the head of a function that starts at `work.x` and copies the rates of stages in `given`."""
     kind = f"{layout.name.title()}Rates"
     return [
         f"cdef {name} noexcept nogil:",
@@ -82,7 +82,7 @@ def header(layout: Layout, name: str, stages: range, given: dict[int, str]) -> l
 
 
 def step(layout: Layout) -> list[str]:
-    """Return a step from `work.x` into `work.trial`, and the estimate of its error."""
+    """Return the function that steps from `work.x` to `work.trial` and returns the estimated error."""
     integrals = [place for place in layout.places if place not in layout.used]
     lines = header(
         layout, f"double {layout.name}_step(const Piece *now, Work *work, double h)",

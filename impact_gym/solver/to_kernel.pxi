@@ -1,16 +1,16 @@
-"""From the mount, as a user describes coupling and robot, to the simplest equivalent chain."""
+"""The simplest chain equivalent to a mount, a coupling and a robot as a user describes them."""
 
 cdef double STANDARD_GRAVITY = 9.80665  # m/s^2
-cdef double EVERYWHERE = 1e9  # m; a lumped robot is a table of one interval that extends so far to either side
+cdef double EVERYWHERE = 1e9  # m, half the length of the one interval in the table of a LUMPED robot
 
 
 cpdef double rest_of(
     double stiffness, double free_length, double height, double front_stop, double stop_stiffness
 ) noexcept nogil:
-    """Position of a slider where its front stop bears the preload, m.
+    """Return the position of a slider at which its front stop balances the spring, m.
 
-    The net force is concave in the depth and negative at the stroke: from there Newton's method falls onto its one
-    zero and never below, until rounding ends it.
+    The net force is concave in the depth and negative at the stroke. From there Newton's method decreases monotonically
+    to the only zero, until rounding ends it.
     """
     cdef Mechanism law = Mechanism(stiffness, free_length, height, 0.0, front_stop, 0.0, stop_stiffness, 0.0, 0, 0.0)
     cdef double depth = sqrt((free_length - height) * (free_length + height)) - front_stop, net, lower

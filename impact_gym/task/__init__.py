@@ -1,17 +1,18 @@
 """The task: arguments, action, observation, reward and draws of an episode.
 
-`quantities`       the table of all numbers (in `impact_gym.quantities`: scenes are checked by it, too)
 `nested`           nested records and their dotted paths
-`scenario`         ranges of scenarios, and their named sets
+`scenario`         ranges of scenarios, and named sets of ranges
 `task`             arguments of the environment, checked
 `action`           numbers of the action, from [-1, 1] to SI units and back; compiled: `action.pxi`
-`observation`      numbers of the observation, and their scales
-`episodes`         draws of an episode, and the options of `reset`
+`observation`      numbers of the observation, and their scales; compiled: `observation.pxi`
+`episodes`         draws of an episode, and the options of `reset`; compiled: `draw.pxi`
 `evaluation_sets`  frozen scenarios
-`numbers`          writes the records of the compiled program
+`range_sensor`     the range sensor; compiled: `range_sensor.pxi`
+`numbers`          writes `numbers.pxi`, records of the compiled program
 
-Compiled: `draw.pxi` draws an episode, `episode.pxi` plays its control steps, `alarm.pxi` raises the alarm, `reward.pxi`
-rewards the steps, `settle.pxi` ends the episode, `records.pxi` and `numbers.pxi` hold its records.
+Compiled: `episode.pxi` plays the control steps, `alarm.pxi` raises the alarm, `reward.pxi` gives the reward,
+`settle.pxi` ends the episode, `records.pxi` holds the other records. The table of all numbers, `quantities`, is in
+`impact_gym`.
 """
 
 from impact_gym.quantities import QUANTITIES, Quantity

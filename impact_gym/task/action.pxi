@@ -1,9 +1,9 @@
-"""The action as compiled: from a number in [-1, 1] to SI units. Its numbers are listed in `task/action.py`."""
+"""Conversion of the action from [-1, 1] to SI units. Its numbers are listed in `task/action.py`."""
 
 
 cdef struct ActionEntry:  # one number of the action
     double low, high  # in its unit, at -1 and at 1
-    double resolution  # in its unit, of the grid that values lie on; 0: none
+    double resolution  # in its unit, spacing of the grid to which values are rounded; 0: no grid
 
 
 cdef double decoded(const ActionEntry *entry, double action) noexcept nogil:

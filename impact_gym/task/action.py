@@ -1,4 +1,4 @@
-"""The action: which numbers it has, and how they are mapped from [-1, 1] to SI units and back."""
+"""The action: its numbers, and their conversion from [-1, 1] to SI units and back."""
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -10,7 +10,7 @@ from impact_gym.kernels import ACTION, FASTEST_WITHDRAWAL
 if TYPE_CHECKING:
     from impact_gym.task.task import Task
 
-RESOLUTION = 1e-6  # m/s and m/s^2, of velocities and accelerations: a float32 then gives 8 m/s^2 exactly
+RESOLUTION = 1e-6  # m/s or m/s^2, grid of velocities and accelerations: a float32 then gives 8 m/s^2 exactly
 
 
 class Action(NamedTuple):
@@ -21,13 +21,13 @@ class Action(NamedTuple):
     low: float  # at -1
     high: float  # at 1
     words: str
-    resolution: float = RESOLUTION  # of the grid that values lie on; 0: none
+    resolution: float = RESOLUTION  # spacing of the grid to which values are rounded; 0: no grid
 
 
 class ActionSpec:
-    """The numbers of a task's action in their order, `entries`: velocity and acceleration of the flange.
+    """The numbers of the action of a task, `entries` in their order: velocity and acceleration of the flange.
 
-    With an operator: gain on the operator's command, acceleration and withdrawal.
+    With an operator these are the gain on the operator's command, acceleration and withdrawal.
     """
 
     def __init__(self, task: "Task") -> None:
@@ -44,22 +44,22 @@ class ActionSpec:
         return len(self.entries)
 
     def decode(self, actions: ArrayLike) -> NDArray[np.float64]:
-        """Return the values (..., n) of actions (..., n), each in its unit; actions beyond [-1, 1] are clipped."""
+        """Return the values (..., n), each in its unit, of actions (..., n), which are clipped to [-1, 1]."""
         share = 0.5 * (np.clip(np.asarray(actions, np.float64), -1.0, 1.0) + 1.0)
         values = self._low + share * (self._high - self._low)
         steps = np.array([entry.resolution for entry in self.entries])
         return np.where(steps > 0.0, np.rint(values / np.where(steps > 0.0, steps, 1.0)) * steps, values)
 
     def encode(self, *values: ArrayLike) -> NDArray[np.float32]:
-        """Return the actions (..., n) for values (...), one array for each number of the action, in its unit.
+        """Return the actions (..., n) for arrays of values (...), one for each number of the action, in its unit.
 
-        A value beyond its range becomes a number beyond [-1, 1], which environments clip.
+        A value beyond its range becomes a number beyond [-1, 1].
         """
         stacked = np.stack(np.broadcast_arrays(*values), axis=-1)
         return (2.0 * (stacked - self._low) / (self._high - self._low) - 1.0).astype(np.float32)
 
     def to_kernel(self) -> NDArray[Any]:
-        """Return the entries as the compiled program reads them (3,), ACTION; unused rows are zeros."""
+        """Return the entries for the compiled program (3,), ACTION; unused rows are zeros."""
         rows = np.zeros(3, ACTION)
         rows[: len(self)] = [(entry.low, entry.high, entry.resolution) for entry in self.entries]
         return rows

@@ -1,4 +1,4 @@
-"""From uniform numbers to the record of an episode, in a batch and alone by the same function."""
+"""The record of an episode from uniform random numbers."""
 
 
 cdef struct Generator:  # `bitgen_t` of NumPy's C interface
@@ -10,7 +10,7 @@ cdef struct Generator:  # `bitgen_t` of NumPy's C interface
 
 
 cpdef double draw(double low, double high, bint logarithmic, double uniform) noexcept nogil:
-    """Map `uniform` in [0, 1) to [low, high), log-uniformly if asked."""
+    """Map `uniform` in [0, 1) to [low, high), uniformly or log-uniformly."""
     if low == high:
         return low
     if logarithmic:
@@ -19,12 +19,12 @@ cpdef double draw(double low, double high, bint logarithmic, double uniform) noe
 
 
 cdef double normal(const double *uniform) noexcept nogil:
-    """Standard normal number from two uniform ones in [0, 1) (Box and Muller)."""
+    """Return a standard normal number from two uniform numbers in [0, 1) (Box and Muller)."""
     return sqrt(-2.0 * log1p(-uniform[0])) * cos(2.0 * M_PI * uniform[1])
 
 
 cpdef double hashed(double seed, int64_t count) noexcept nogil:
-    """Uniform number in [0, 1), the `count`-th of the stream that `seed` names (splitmix64, Steele et al. 2014)."""
+    """Return the `count`-th uniform number in [0, 1) of the stream with a seed (splitmix64, Steele et al. 2014)."""
     cdef uint64_t z = <uint64_t> seed + <uint64_t> (count + 1) * <uint64_t> 0x9E3779B97F4A7C15
     z = (z ^ (z >> 30)) * <uint64_t> 0xBF58476D1CE4E5B9
     z = (z ^ (z >> 27)) * <uint64_t> 0x94D049BB133111EB
@@ -42,8 +42,8 @@ cdef Record draw_record(
 ) noexcept nogil:
     """Draw the numbers of an episode that are not fixed.
 
-    Numbers of the set-up come from streams of their own, seeded by the noise seed. So each episode takes the same count
-    of numbers from its generator, whichever numbers are drawn.
+    Numbers of the set-up come from separate streams, seeded by the noise seed. So each episode takes equally many
+    numbers from its generator, whichever are drawn.
     """
     cdef Record record = task.numbers
     cdef double *number = <double *> &record

@@ -1,11 +1,8 @@
-"""One episode, one row of a batch: its beginning, its control steps and its end. Every front end runs these kernels."""
-
-cpdef enum:
-    LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE  # curves of an observation's entry
+"""The episode of a row: beginning, control steps and end, for every front end."""
 
 
 cpdef int64_t readings_in_transit(double reaction_delay, double control_period) noexcept nogil:
-    """Number of readings between sensor and controller at t = 0."""
+    """Return the number of readings in transit from sensor to controller at t = 0."""
     return <int64_t> floor(reaction_delay / control_period + 1e-9)
 
 
@@ -41,12 +38,12 @@ cdef double snap(double time, double onto) noexcept nogil:
 
 
 cdef void sample(const Run *run, Row *row) noexcept nogil:
-    """Read the sensors now; the controller gets the reading `reaction_delay` later.
+    """Read the sensors; the reading reaches the controller `reaction_delay` later.
 
-    The sensors are read one delay before each possible observation. Those times are known a delay ahead, because the
-    alarm, which shifts the control steps, comes a delay after its cause. Each reading carries its time. An observation
-    gets the last reading that is due; a reading for an observation that does not come (at the horizon, while an alarm
-    is in transit) is skipped. An alarm by the readings comes with an observation and shifts nothing.
+    The sensors are read one delay before each possible observation. These times are known one delay in advance: the
+    alarm, which shifts the control steps, arrives one delay after its cause. Each reading has its time, and an
+    observation gets the last one that has arrived. A reading is skipped if its observation does not occur (at the
+    horizon, while an alarm is in transit). An alarm by the readings coincides with an observation and shifts nothing.
     """
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
@@ -73,9 +70,9 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
 
 
 cdef void receive(Row *row) noexcept nogil:
-    """Deliver the oldest reading in transit to the controller, with the sensor's errors; no force is negative.
+    """Deliver the oldest reading in transit to the controller, with the sensor's errors; negative forces become 0.
 
-    Where readings raise the alarm, a force above the threshold does so, unless the alarm is on.
+    With an alarm by readings, a force above the threshold raises it, unless it is on.
     """
     cdef Episode *episode = row.episode
     cdef Sensors *sensors = &episode.sensors
@@ -100,40 +97,8 @@ cdef void receive(Row *row) noexcept nogil:
     episode.popped += 1
 
 
-cdef void observe(Row *row) noexcept nogil:
-    """Write the observation of the present time."""
-    cdef Chain *chain = row.chain
-    cdef const Record *drawn = &row.episode.drawn
-    cdef Sensors *sensors = &row.episode.sensors
-    cdef const double *values = <const double *> row.episode
-    cdef const Entry *entry
-    cdef double value
-    cdef int64_t k
-    sensors.position, sensors.velocity, sensors.time = chain.flange_position, chain.flange_velocity, chain.time
-    sensors.alarm = chain.time >= row.episode.alarm
-    sensors.time_since_alarm = chain.time - row.episode.alarm if sensors.alarm else 0.0
-    sensors.distance_estimate = drawn.distance_estimate - chain.flange_position
-    sensors.distance = drawn.distance - chain.flange_position
-    if row.task.operator_kind:
-        observe_link(row)
-    if row.task.range_sensor:
-        sense_range(row)
-    sensors.time_since_touch = max(chain.time - chain.detection - drawn.reaction_delay, 0.0)
-    for k in range(row.length):
-        entry = &row.entries[k]
-        value = values[entry.place]
-        if entry.curve == LOGARITHM:
-            if row.episode.control_steps > 0:
-                continue  # a number on this scale stays the same through an episode
-            value = log(value)
-        elif entry.curve == LOGARITHM_OF_ONE_MORE and value != 0.0:
-            value = log1p(value)
-        value = entry.scaled_low + entry.gain * (value - entry.low)
-        row.observation[k] = <float> min(1.0, max(entry.scaled_low, value))
-
-
 cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
-    """Play one control step: decode the action, move, read the sensors, and at the end settle. Return the reward."""
+    """Play one control step: decode the action, move, read the sensors, settle if it is the last. Return the reward."""
     cdef const Task *task = row.task
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
@@ -172,9 +137,9 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
 
 
 cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
-    """Move the flange to the end of the control step and read the sensors meanwhile.
+    """Move the flange to the end of the control step, and read the sensors on the way.
 
-    With an operator the link turns the action into a command, again at each event of the link.
+    With an operator the link gives the command, anew at each of its events.
     """
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
@@ -199,7 +164,7 @@ cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
             add_to_withheld_share(row, chain.time - begun)
         if status < 0:
             episode.status = status
-            if not begun <= chain.time <= until:  # nan or worse
+            if not begun <= chain.time <= until:  # nan, or outside the step
                 chain.time = until
             break
         if status == TOUCHED:

@@ -1,4 +1,4 @@
-"""The draws of an episode: uniform numbers, and numbers that `reset(options=...)` fixes instead."""
+"""The draws of an episode: uniform random numbers, and the numbers that `reset(options=...)` fixes."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -16,21 +16,20 @@ from impact_gym.task.task import PLACES, Task
 from impact_gym.validation import number, one_of, shown, whole
 
 RECORD_IDS = tuple(row.id for row in (*SCENARIO, *EPISODE))
-"""Ids of all drawn numbers except those of the set-up: keys of the final `info["record"]` and of `options["record"]`,
-which plays the episode again."""
+"""Ids of all drawn numbers except those of the set-up: keys of the final `info["record"]` and `options["record"]`."""
 
 
 class EpisodeState(NamedTuple):
-    """Times of the alarm and the end of an episode, s; inf for an event that has not come."""
+    """Times of the alarm and the end of an episode, s; inf for an event yet to come."""
 
     detection: float  # contact force first above the threshold
-    alarm: float  # last alarm at the controller; an alarm by a switch is known while it is in transit
+    alarm: float  # arrival of the last alarm at the controller, known in advance if a switch raises it
     alarm_over: float  # end of that alarm; inf with an alarm by a switch, which stays on
-    end: float  # end of the last control step; later parts of the trace are the settling
+    end: float  # end of the last control step; the trace continues until all has settled
 
 
 def skip_episodes(generator: np.random.Generator, count: int) -> None:
-    """Advance `generator` by `count` episodes: each takes the same count of numbers, whatever the options."""
+    """Advance `generator` by `count` episodes, each of which takes UNIFORMS numbers, whatever the options."""
     generator.bit_generator.advance(count * UNIFORMS)  # type: ignore[attr-defined]  # PCG64, which Gymnasium seeds
 
 
@@ -42,7 +41,7 @@ def first_uniforms(seed: int, count: int) -> NDArray[np.float64]:
 
 
 def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[Any]:
-    """Return records (count,) in which these numbers are fixed, for all records or for each; nan: to draw."""
+    """Return records (count,) with these numbers, each one for all or (count,); nan where the episode draws."""
     records = np.empty(count, RECORD)
     columns = records.view(np.float64).reshape(count, -1)
     columns.fill(math.nan)
@@ -52,15 +51,14 @@ def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[
 
 
 def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None) -> tuple[NDArray[Any], int]:
-    """Return the numbers that `reset(options=...)` fixes, and how many episodes it skips.
+    """Return the numbers that `reset(options=...)` fixes, as records (slots or 1,), and how many episodes it skips.
 
-    The numbers are records (slots or 1,), nan where the episode draws. Where a scenario and a record fix the same
-    number, the scenario counts. With `slots` a value may be a sequence of one for each slot. `tasks` are one for all
-    slots or one for each. A number of the set-up stays within the range that its task draws from, a reaction delay
-    below the longest, for which readings are kept.
+    Where the episode draws, records are nan. A scenario overrides a record. With `slots` a value may be a sequence
+    (slots,). `tasks` are one for all slots or one for each. A number of the set-up must lie in the range of its task.
+    A reaction delay is at most the longest of the task: readings are stored for so long.
 
     Raises:
-        TypeError, ValueError: an unknown option or field, or a value out of range; names the allowed ones.
+        TypeError, ValueError: an unknown option or field, or a value out of range.
     """
     one_of("options", options, Mapping, type(None))
     given, fixed = dict(options or {}), dict[str, ArrayLike]()
@@ -72,7 +70,7 @@ def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None)
             if name not in known:
                 raise ValueError(f"options[{option!r}] has no field {name!r}; its fields are {list(known)}")
             fixed[name] = _checked(f"options[{option!r}][{name!r}]", name, value, tasks, slots)
-            if name == "distance" and option == "scenario":  # a record may hold a distance that is out of reach
+            if name == "distance" and option == "scenario":  # the distance in a record may be out of reach
                 for distance, task in zip(np.resize(fixed[name], slots or 1), cycle(tasks), strict=False):
                     task.check_distance(float(distance), f"options[{option!r}][{name!r}]")
     for name in given:
@@ -82,7 +80,7 @@ def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None)
 
 
 def _checked(field: str, name: str, value: Any, tasks: Sequence[Task], slots: int | None) -> ArrayLike:
-    """Return the number that an option fixes, one for all slots or a list of one for each."""
+    """Return the number that an option fixes, or a list with one for each slot."""
     several = isinstance(value, Sequence) and not isinstance(value, (str, bytes))
     listed = slots is not None and (several or getattr(value, "ndim", 0) > 0)
     if listed and len(value) != slots:

@@ -1,7 +1,7 @@
-"""Frozen evaluation sets: scenarios as small data files with a checksum, so that a comparison outlives any generator.
+"""Frozen evaluation sets: files of scenarios with a checksum, so that comparisons do not depend on a random generator.
 
-A shipped set holds the first draws of the environments seeded `seed`, `seed + 1`, ... from its named ranges. It is
-played by `envs.reset(options={"scenario": set.scenario})` on a batch of `set.count` environments.
+A shipped set has the first draws of environments seeded `seed`, `seed + 1`, ... from its named ranges. To play it, call
+`envs.reset(options={"scenario": set.scenario})` of a batch of `set.count` environments.
 """
 
 import csv
@@ -24,9 +24,9 @@ SHIPPED = Path(__file__).with_name("sets")
 
 @dataclass(frozen=True, eq=False)
 class EvaluationSet:
-    """Scenarios, an array entry each."""
+    """Scenarios, as arrays of their numbers."""
 
-    seed: int  # of the first
+    seed: int  # of the first scenario
     scenario: dict[str, NDArray[np.float64]]  # fields and units as in `ScenarioRanges`
 
     @property
@@ -36,7 +36,7 @@ class EvaluationSet:
 
 
 def load(name: str | Path) -> EvaluationSet:
-    """Return a shipped set by its name, or the one in a file.
+    """Return a shipped set by its name, or the set in a file.
 
     Raises:
         ValueError: there is no such set, or the file was altered.
@@ -45,7 +45,6 @@ def load(name: str | Path) -> EvaluationSet:
 
 
 def _frozen(text: str) -> EvaluationSet:
-    """Return the set in the text of a file."""
     head, _, table = text.partition("\n")
     about = json.loads(head.removeprefix("# "))
     checksum = hashlib.sha256(f"{about['seed']},{about['count']}\n{table}".encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""Nested records and their dotted paths, such as `coupling.stiffness`: read, changed, and made from mappings."""
+"""Nested records: reading and replacing values by dotted path, such as `coupling.stiffness`; records from mappings."""
 
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass, replace
@@ -12,7 +12,7 @@ Tree = Mapping[str, Any]
 
 
 def flatten(records: Tree, prefix: str = "") -> dict[str, float]:
-    """Return the numbers in records, or in mappings of them, by their dotted paths, in order."""
+    """Return the numbers in nested records or mappings by dotted path, in order."""
     numbers: dict[str, float] = {}
     for name, value in records.items():
         if isinstance(value, float):
@@ -23,28 +23,28 @@ def flatten(records: Tree, prefix: str = "") -> dict[str, float]:
 
 
 def parts(record: Any) -> Tree:
-    """Return the fields of a record, or of a mapping, by name."""
+    """Return the fields of a record or a mapping by name."""
     if isinstance(record, Mapping):
         return record
     return {field.name: getattr(record, field.name) for field in fields(record)}
 
 
 def get(record: Any, path: str) -> Any:
-    """Return the value at a dotted path of a record or of mappings of records."""
+    """Return the value at a dotted path in nested records or mappings."""
     for name in path.split("."):
         record = record[name] if isinstance(record, Mapping) else getattr(record, name)
     return record
 
 
 def replaced(record: Any, numbers: Mapping[str, Any]) -> Any:
-    """Return a record, or a mapping of records, with other `numbers` by path; each record is made once."""
+    """Return a record, or a mapping of records, with the `numbers` at these paths replaced."""
     groups = grouped(numbers).items()
     changes = {name: replaced(get(record, name), to) if isinstance(to, dict) else to for name, to in groups}
     return {**record, **changes} if isinstance(record, Mapping) else replace(record, **changes)
 
 
 def grouped(numbers: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values by dotted path as mappings in mappings, one level deep."""
+    """Turn {"a.b": value} into {"a": {"b": value}}, splitting at the first dot only."""
     groups: dict[str, Any] = {}
     for path, value in numbers.items():
         first, dot, rest = path.partition(".")
@@ -56,12 +56,12 @@ def grouped(numbers: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, dict[str, Range]]:
-    """Return the record of one of the `kinds` that `value` describes, and the ranges in it by dotted path.
+    """Return the record that `value` describes, of one of the `kinds`, and the ranges in `value` by dotted path.
 
-    The record has the middle of each range. It must be valid at all corners of the ranges.
+    The record has the middle of each range. It must be valid at all combinations of their ends.
 
     Raises:
-        TypeError, ValueError: a range is malformed, or the record refuses a corner.
+        TypeError, ValueError: a range is malformed, or a combination is invalid.
     """
     if not isinstance(value, Mapping):
         return record_from(name, value, kinds), {}
@@ -78,9 +78,9 @@ def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[
 
 
 def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
-    """Return a record of one of the `allowed` kinds from one, or from a mapping with its fields and its kind as "type".
+    """Return `value` if it is a record of an `allowed` kind; or make it from a mapping with its fields and "type".
 
-    A mapping of all fields of one kind needs no type: `EnvSpec.to_json` makes such mappings of records.
+    A mapping with exactly the fields of one kind needs no type: `EnvSpec.to_json` writes such mappings.
     """
     if isinstance(value, allowed):
         return value

@@ -1,4 +1,4 @@
-"""The observation: which rows of the table of quantities it holds, in which order, and how they are scaled."""
+"""The observation: its numbers, rows of the table of quantities, their order and their scales."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -16,11 +16,11 @@ Floats = NDArray[np.float64]
 
 
 class Curve(NamedTuple):
-    """A function of a number, applied before it is scaled."""
+    """A function applied to a number before scaling."""
 
     code: int  # in the compiled program
     at: Callable[[float], float]  # of one number, as the C library computes it
-    of: Callable[[Any], Any]  # of an array
+    of: Callable[[Any], Any]  # of arrays
     inverse: Callable[[Any], Any]
 
 
@@ -34,40 +34,29 @@ _PLACES = places(EPISODE)
 
 
 class Entry(NamedTuple):
-    """One number of the observation."""
+    """One number of the observation; its scaled value is scaled_low + gain * (curve(value) - offset)."""
 
     id: str
     words: str
     unit: str
     scale: Scale
-    argument: str  # of the environment that adds it; "always" if none has to
-
-    @property
-    def place(self) -> int:
-        """Where the compiled program finds it in an episode, counted in numbers."""
-        return _PLACES.get(f"sensors.{self.id}", _PLACES.get(f"drawn.{self.id}", -1))
-
-    @property
-    def affine(self) -> tuple[float, float]:
-        """Curve of `low`, and the gain from there on: scaled_low + gain * (curve of the value - curve of `low`)."""
-        low, high = map(CURVES[self.scale.curve].at, (self.scale.low, self.scale.high))
-        return low, (1.0 - self.scale.scaled_low) / (high - low)
+    argument: str  # of the environment, which adds it; or "always"
+    place: int  # index in the compiled record of an episode, counted in numbers
+    affine: tuple[float, float]  # offset and gain
 
 
 class ObservationSpec:
-    """The numbers of an observation: their places, and how each is mapped to SI units.
+    """The numbers of an observation: their order, and how each is converted to SI units.
 
     `ids` and `entries` are in the order of the observation: first the numbers for an actor,
-    `observation[..., spec.actor]`, then the true values that the argument `privileged` appends. A critic gets all of
-    them, `observation[..., spec.critic]`.
+    `observation[..., spec.actor]`, then the true values that `privileged` appends. A critic gets all of them,
+    `observation[..., spec.critic]`. `sensors` are the observed ids without past readings and time weight, time first.
     """
 
     def __init__(self, task: Task, drawn: Iterable[str] | None = None) -> None:
-        """Make the specification of a task's observation.
+        """Make the specification of the observation of `task`.
 
-        Args:
-            task: arguments of the environment.
-            drawn: ids of the numbers of the set-up that a critic gets; None: those that the task draws.
+        A critic gets the numbers of the set-up with ids in `drawn`; None: the numbers that the task draws.
         """
         shown = [row for row in QUANTITIES.values() if _actor_sees(row, task)]
         critic = {*(task.drawn if drawn is None else drawn)}
@@ -78,15 +67,17 @@ class ObservationSpec:
         self.actor, self.critic = slice(0, len(shown)), slice(0, len(self.entries))
         self.scaled_low = np.array([entry.scale.scaled_low for entry in self.entries], np.float32)
         self._index = {name: place for place, name in enumerate(self.ids)}
+        known = [entry.id for entry in self.entries[self.actor] if entry.argument != "past_readings"]
+        self.sensors = sorted((name for name in known if name != "time_weight"), key=lambda name: name != "time")
 
     @classmethod
     def of_rows(cls, tasks: Sequence[Task]) -> "ObservationSpec":
-        """Return the specification that all rows of a batch have in common.
+        """Return the common specification of the rows of a batch.
 
         In every row a critic gets the numbers that any of the tasks draws.
 
         Raises:
-            ValueError: the tasks observe different things; names the arguments and the row.
+            ValueError: the observations of the tasks differ; names the arguments and the row.
         """
         drawn = {name for task in tasks for name in task.drawn}
         common = cls(tasks[0], drawn)
@@ -104,11 +95,7 @@ class ObservationSpec:
         return name in self._index
 
     def index(self, name: str) -> int:
-        """Return the place of the number with this id.
-
-        Raises:
-            ValueError: it is not observed; names the observed ones.
-        """
+        """Return the index of the number with this id; ValueError: it is not observed."""
         if name not in self._index:
             raise ValueError(f"{name!r} is not observed; observed are {', '.join(self.ids)}")
         return self._index[name]
@@ -120,7 +107,7 @@ class ObservationSpec:
     def decode(self, observation: ArrayLike, name: str) -> Floats:
         """Return a number (...) in its unit from observations (..., n_obs).
 
-        A number at an end of its scale may truly lie beyond.
+        The true value may lie beyond an end of the scale, since observations are clipped.
         """
         scale = self.scale(name)
         curve = CURVES[scale.curve]
@@ -130,25 +117,19 @@ class ObservationSpec:
         return np.asarray(curve.inverse(begin + share * (end - begin)))
 
     def encode(self, name: str, value: ArrayLike) -> Floats:
-        """Return the scaled and clipped value of a number (...) given in its unit."""
+        """Return the scaled and clipped values of a number (...) in its unit."""
         entry = self.entries[self.index(name)]
         low, gain = entry.affine
         with np.errstate(divide="ignore"):
             curved = CURVES[entry.scale.curve].of(np.asarray(value, np.float64))
         return np.clip(entry.scale.scaled_low + gain * (curved - low), entry.scale.scaled_low, 1.0)
 
-    @property
-    def sensors(self) -> list[str]:
-        """Observed ids except past readings and the time weight, time first."""
-        known = [entry.id for entry in self.entries[self.actor] if entry.argument != "past_readings"]
-        return sorted((name for name in known if name != "time_weight"), key=lambda name: name != "time")
-
     def to_kernel(self) -> NDArray[Any]:
-        """Return the entries as the compiled program reads them (n,), ENTRY."""
-        rows = []
-        for entry in self.entries:
-            low, gain = entry.affine
-            rows.append((entry.place, CURVES[entry.scale.curve].code, low, entry.scale.scaled_low, gain))
+        """Return the entries for the compiled program (n,), ENTRY."""
+        rows = [
+            (entry.place, CURVES[entry.scale.curve].code, entry.affine[0], entry.scale.scaled_low, entry.affine[1])
+            for entry in self.entries
+        ]
         return np.array(rows, ENTRY)
 
 
@@ -161,7 +142,7 @@ def _actor_sees(row: Quantity, task: Task) -> bool:
         case "operator" | "range_sensor":
             return getattr(task, row.observed) is not None
         case "range_noise":
-            return task.range_noise is not None  # 0 is an estimate without an error
+            return task.range_noise is not None  # 0: an exact estimate
         case "observe_range_noise" | "deflection_sensor":
             return bool(getattr(task, row.observed))
     return row.observed == "always"
@@ -172,7 +153,7 @@ def _critic_sees(row: Quantity, task: Task, drawn: set[str]) -> bool:
     if not task.privileged:
         return False
     if row.id == "time_since_touch":
-        return task.alarm == "reading"  # else the alarm says as much
+        return task.alarm == "reading"  # otherwise the time since the alarm is observed
     return row.observed == "privileged" or row.id in drawn
 
 
@@ -182,6 +163,8 @@ def _entry(row: Quantity, task: Task) -> Entry:
     if scale.ends:
         low, high = task.ends(scale.ends)
         scale = scale._replace(low=low, high=high)
+    begin, end = map(CURVES[scale.curve].at, (scale.low, scale.high))
     argument = row.observed if _actor_sees(row, task) else "privileged"
     words = f"{row.words} minus flange position" if row.from_flange else row.words
-    return Entry(row.id, words, row.unit, scale, argument)
+    place = _PLACES.get(f"sensors.{row.id}", _PLACES.get(f"drawn.{row.id}", -1))
+    return Entry(row.id, words, row.unit, scale, argument, place, (begin, (1.0 - scale.scaled_low) / (end - begin)))

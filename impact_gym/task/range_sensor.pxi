@@ -1,15 +1,15 @@
 """The range sensor: it reads the gap at every control step; the controller gets the newest reading and its age."""
 
-cdef int64_t RANGE_STREAM = 1 << 40  # first of its numbers in the stream of the noise seed; force readings have the first
+cdef int64_t RANGE_STREAM = 1 << 40  # its first index in the stream of the noise seed; force readings begin at 0
 
 
 cdef void begin_range(Row *row) noexcept nogil:
-    """Start an episode without a reading: nothing is seen, at an infinite distance."""
+    """Start an episode without a reading: the range is infinite."""
     row.episode.sensors.range, row.episode.range_time = INFINITY, -INFINITY
 
 
 cdef void sense_range(Row *row) noexcept nogil:
-    """Take a reading now, unless it is lost, and deliver those that are due."""
+    """Take a reading, unless it is lost, and deliver the readings that are due."""
     cdef Episode *episode = row.episode
     cdef const RangeSensorNumbers *sensor = &episode.drawn.range_sensor
     cdef const RangeReading *reading

@@ -1,4 +1,4 @@
-"""The ranges from which an episode draws its scenario, and the named sets of ranges."""
+"""The ranges from which an episode draws its scenario, and named sets of ranges."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -12,7 +12,7 @@ FIELDS = tuple(quantity.id for quantity in SCENARIO)
 
 @dataclass(frozen=True)
 class ScenarioRanges:
-    """Ranges an episode's scenario is drawn from; a number is a range of width 0."""
+    """Ranges from which an episode draws its scenario; a number is a range of width 0."""
 
     object_mass: Range = (0.1, 2.5)  # kg
     contact_stiffness: Range = (1e3, 1e6)  # N/m^1.5
@@ -26,10 +26,10 @@ class ScenarioRanges:
 
     @classmethod
     def of(cls, value: "ScenarioRanges | Mapping[str, Any] | str") -> "ScenarioRanges":
-        """Return ranges from ranges, from a mapping of some of their fields, or from the name of a set.
+        """Return `value` if it is a record of ranges; or make it from a mapping of some fields, or the name of a set.
 
         Raises:
-            TypeError, ValueError: it is none of these, or a range is wrong; names the allowed ones.
+            TypeError, ValueError: `value` is none of these, or a range is wrong.
         """
         if isinstance(value, ScenarioRanges):
             return value
@@ -52,8 +52,8 @@ class ScenarioRanges:
 
 NAMED = {
     "train": ScenarioRanges(),
-    "test": ScenarioRanges(),  # the same ranges, met with seeds that training never uses
-    "hard": ScenarioRanges(  # outside the training ranges on every axis: light, stiff, inelastic, near
+    "test": ScenarioRanges(),  # the same ranges, with seeds that training never uses
+    "hard": ScenarioRanges(  # outside the training ranges: lighter, stiffer, less elastic and nearer objects
         object_mass=(0.02, 0.1), contact_stiffness=(1e6, 1e8), restitution=(0.02, 0.1), distance=(0.05, 0.15)
     ),
 }

@@ -1,13 +1,13 @@
-"""The end of an episode: the arm brakes to rest, and the simulation goes on until nothing changes V_p any more."""
+"""The end of an episode: the arm brakes to rest, and the simulation continues until V_p is final."""
 
 
 cdef inline double v_p(const Run *run, const Chain *chain) noexcept nogil:
-    """V_p so far, m/s: the object's velocity; with friction its largest one."""
+    """Return V_p so far, m/s: the velocity of the object, with friction its largest velocity."""
     return chain.peak_object_velocity if run.ground > 0.0 else object_velocity(chain)
 
 
 cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
-    """Settle an episode that terminates, and enter what its last `step` is charged for beside the time."""
+    """Settle an episode that terminates, and write the terms of its last `step` except the time."""
     cdef Episode *episode = row.episode
     if episode.status == 0 and row.chain.contacts > 0:
         episode.status = settle(run, row)
@@ -25,9 +25,9 @@ cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
 cdef int settle(Run *run, Row *row) noexcept nogil:
     """Brake the flange to rest at full deceleration, then simulate until no contact remains possible.
 
-    With friction until the tool is calm, too; a contact with an object that sticks may then remain. An object that has
-    stuck for half of the settle limit, with the flange at rest, is taken to stick for good: a tool that rocks against
-    it only loses energy. Return UNSETTLED where a contact is still possible after the settle limit.
+    With friction also until the tool is at rest; it may then still touch an object that sticks. An object that has stuck
+    for half of the settle limit, with the flange at rest, is assumed to stick forever, because a tool that swings
+    against it only loses energy. Return UNSETTLED if a contact is still possible at the settle limit.
     """
     cdef Chain *chain = row.chain
     cdef double limit = chain.time + row.task.settle_limit, deceleration = row.task.full_deceleration, brake_end
@@ -49,14 +49,14 @@ cdef int settle(Run *run, Row *row) noexcept nogil:
 
 
 cdef inline bint has_stuck(const Chain *chain, double since) noexcept nogil:
-    """Whether the object has rested since a time (s) or longer, on ground that holds it, with the flange at rest now."""
+    """Return whether the object has stuck to the ground since a time (s) or longer, and the flange is at rest."""
     return chain.object_state == STUCK and chain.object_rest_time <= since and chain.flange_velocity == 0.0
 
 
 cdef bint is_over(const Run *run, const Chain *chain) noexcept nogil:
-    """Whether nothing can change V_p any more; with friction the tool is calm, too.
+    """Return whether V_p is final; with friction, whether the tool is at rest, too.
 
-    A calm tool that touches makes the object no faster than twice REST_SPEED.
+    A touch by a tool at rest makes the object at most twice as fast as REST_SPEED.
     """
     if chain.flange_velocity != 0.0:
         return False

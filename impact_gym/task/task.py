@@ -1,4 +1,4 @@
-"""The arguments of the environment, checked, and their record for the compiled program."""
+"""The arguments of the environment, checked, and their records for the compiled program."""
 
 import math
 import warnings
@@ -15,87 +15,86 @@ from impact_gym.task.action import ActionSpec
 from impact_gym.task.nested import get, grouped, ranged_record
 from impact_gym.task.range_sensor import RangeSensor
 from impact_gym.task.scenario import ScenarioRanges
-from impact_gym.teleop import checks
-from impact_gym.teleop.channels import Channel
+from impact_gym.teleop.channels import WAYS, Channel
+from impact_gym.teleop.link import Link
 from impact_gym.teleop.operators import Operator
 from impact_gym.to_kernel import LOCAL_SHARE, ROBOT_NUMBERS, mount_to_kernel, places
 from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 
-VELOCITY_RANGE = (-0.5, 1.5)  # m/s, of the first number of an action, by default
-ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, of the second, by default; the flange brakes at its end after the episode
+VELOCITY_RANGE = (-0.5, 1.5)  # m/s
+ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2
 MISSED_COST = 2.0  # m/s
-SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
-MOST_STEPS = 2**53  # control steps until truncation
+SETTLE_LIMIT = 10.0  # s, longest simulation after the end of an episode
+MOST_STEPS = 2**53  # control steps, largest limit until truncation
 PLACES = places(RECORD)
-"""Place of each number of an episode in its record, by id."""
+"""Index of each number of an episode in its record, by id."""
 MOUNT_IDS = tuple(row.id for row in SET_UP if row.id.partition(".")[0] in ("tool_mass", "coupling", "robot"))
-"""Ids of the numbers of the mount: the tool, its coupling and the robot."""
-WORST_OF_STROKE = {"tool_mass": 1, "coupling.stiffness": 0, "coupling.stroke": 0}
-"""The end of each range (0 low, 1 high) at which the tool is closest to its stop."""
+"""Ids of the numbers of the mount: tool, coupling and robot."""
 
 PARTS: Mapping[str, tuple[Any, ...]] = {
     "coupling": get_args(Coupling), "robot": (Robot,), "range_sensor": (RangeSensor,),
-    "operator": get_args(Operator), **dict.fromkeys(checks.WAYS, (Channel,)),
+    "operator": get_args(Operator), **dict.fromkeys(WAYS, (Channel,)),
 }  # fmt: skip
-"""Arguments that are records, and their kinds."""
+"""Arguments that are records, and their classes."""
 
 
 def argument(default: Any, words: str) -> Any:
-    """Return a field of `Task` with the words that the documentation has for it."""
+    """Return a field of `Task` with its words in the documentation."""
     return field(default=default, metadata={"words": words})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """The arguments of the environment, checked; every front end takes these.
+    """The arguments of the environment, checked; the same for every front end.
 
     A number of the set-up may be given as a pair (low, high), from which each episode draws. Then `drawn` has the pair,
-    and the field has its middle. `arguments` returns what was given, `changed` a task with other arguments, `at` the
-    task of one episode. A field has the type Any where the value that is kept differs from the value that is given.
+    and the field has its middle. The type of a field is Any where the stored value differs from the given value.
     """
 
     scenario: Any = argument("train", '"train", "test", "hard", a `ScenarioRanges` or a dict of ranges')
-    coupling: Any = argument(SpringDamper(50.0, 1.0), "how the tool hangs on the flange; a dict works too")
+    coupling: Any = argument(SpringDamper(50.0, 1.0), "how the tool is mounted on the flange; or a dict")
     tool_mass: Any = argument(0.125, "")
-    time_weight: Any = argument(2.0, "cost of a second of approach; a pair draws it log-uniformly per episode")
+    time_weight: Any = argument(2.0, "cost of a second of approach; of a pair each episode draws one, log-uniformly")
     force_weight: float = argument(0.0, "")
-    reaction_delay: Any = argument(0.016, "from sensor to controller; a pair draws it uniformly per episode")
+    reaction_delay: Any = argument(0.016, "from sensor to controller; of a pair each episode draws one, uniformly")
     control_period: float = argument(0.016, "")
     velocity_range: Range = argument(VELOCITY_RANGE, "")
     acceleration_range: Range = argument(
-        ACCELERATION_RANGE, "range of the second number of an action; the flange brakes at its top after the episode"
+        ACCELERATION_RANGE,
+        "range of the second number of an action; after the episode the flange brakes at the largest",
     )
     alarm: str = argument("force", 'or "reading": source of the alarm, see Observation Space')
     alarm_threshold: Any = argument(1.0, "")
     dissipation: str = argument("hu-guo", 'or "exact" or "fixed": how damping follows from restitution, see `Contact`')
     reference_velocity: float | None = argument(None, 'at which "fixed" gives the restitution, 1 if None')
-    friction: Any = argument(None, "under the object; None: none, it slides without an end")
+    friction: Any = argument(None, "under the object; None: no friction, the object never stops")
     range_noise: Any = argument(None, "standard deviation of a distance estimate; None: no estimate")
     range_bias: Any = argument(0.0, "added to every distance estimate")
     observe_range_noise: bool = argument(False, "observe `range_noise`, which may differ from episode to episode")
-    range_sensor: Any = argument(None, "a `RangeSensor` on the tool; a dict works too; None: none")
+    range_sensor: Any = argument(None, "a `RangeSensor` on the tool, or a dict")
     force_noise: Any = argument(0.0, "")
     force_bias: Any = argument(0.0, "")
     deflection_sensor: bool = argument(False, "observe how far the tool is displaced on its coupling")
-    past_readings: int = argument(0, f"readings before the last one to observe too; at most {PAST_READINGS}")
-    privileged: bool = argument(False, "observe the true scenario and all drawn numbers, too")
-    robot: Any = argument(None, "a compliant `Robot`; a dict works too")
+    past_readings: int = argument(0, f"number of earlier readings to observe, at most {PAST_READINGS}")
+    privileged: bool = argument(False, "also observe the true scenario and all drawn numbers")
+    robot: Any = argument(None, "a compliant `Robot`, or a dict; None: a rigid one")
     rtol: float = argument(1e-8, "relative error allowed in a contact, see `simulate`")
     horizon: float = argument(HORIZON, "end of an episode without an alarm")
     after_alarm: float = argument(AFTER_ALARM, "from the alarm to the end of an episode")
     missed_cost: float = argument(MISSED_COST, "cost of an object that was not touched")
     operator: Any = argument(
-        None, "the operator, see `impact_gym.operators`; a dict works too; None: the controller commands alone"
+        None, "the operator, see `impact_gym.operators`, or a dict; None: the controller commands alone"
     )
-    uplink: Any = argument(None, "`Channel` of the operator's commands; a dict works too; None: a perfect one")
-    downlink: Any = argument(None, "`Channel` of the operator's view, likewise")
+    uplink: Any = argument(None, "`Channel` of the operator's commands, or a dict; None: without delay or loss")
+    downlink: Any = argument(None, "`Channel` of the operator's view, or a dict; None: without delay or loss")
     max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
 
     drawn: Mapping[str, Range] = field(init=False, hash=False)  # by id, in the order of the table
+    link: Link | None = field(init=False, repr=False, compare=False, default=None)  # with an operator
     _given: Mapping[str, Any] = field(init=False, repr=False, compare=False)
 
     def __new__(cls, **given: Any) -> Self:
-        """Keep the arguments as they are given."""
+        """Store the arguments as given."""
         self = super().__new__(cls)
         self._put("_given", {name: {**value} if isinstance(value, dict) else value for name, value in given.items()})
         return self
@@ -128,13 +127,19 @@ class Task:
         if self.velocity_range[1] <= 0.0:
             raise ValueError(f"velocity_range must end above 0 m/s, got {self.velocity_range}")
         self._check_choices()
-        for way, channel in checks.checked(self).items():
-            self._put(way, channel)
+        if self.operator is None and (self.uplink or self.downlink):
+            raise ValueError("uplink and downlink must be None without an operator")
+        if self.operator is not None:
+            for way in WAYS:
+                self._put(way, getattr(self, way) or Channel())
+            link = Link(self.operator, self.uplink, self.downlink, self.drawn)
+            link.check(self.velocity_range, self.friction, self.horizon, self.control_period)
+            self._put("link", link)
         self._check_reach()
 
     @classmethod
     def of(cls, field: str, given: Any) -> "Task":
-        """Return the task of a mapping of arguments, such as a file has at `field`; ValueError: it is none."""
+        """Return the task of a mapping of arguments, or raise ValueError; `field` is its place in the input."""
         one_of(field, given, Mapping)
         for name in given:
             if name not in ARGUMENTS:
@@ -146,7 +151,7 @@ class Task:
         return dict(self._given)
 
     def by_path(self) -> dict[str, Any]:
-        """Return all arguments but the scenario, and the parts of records, by dotted path; ranges as given."""
+        """Return all arguments except the scenario, and the parts of records, by dotted path; ranges as given."""
         values: dict[str, Any] = {}
         for name in (name for name in ARGUMENTS if name != "scenario"):
             values[name] = self._given.get(name, getattr(self, name))
@@ -155,7 +160,7 @@ class Task:
         return values
 
     def changed(self, by_path: Mapping[str, Any]) -> "Task":
-        """Return the task with other arguments, or parts of them, by dotted path; the other parts of a record stay."""
+        """Return the task with other arguments, or parts of them, by dotted path."""
         arguments = self.arguments()
         for name, value in grouped(by_path).items():
             if any(path.startswith(f"{name}.") for path in by_path):
@@ -164,7 +169,7 @@ class Task:
         return Task(**arguments)
 
     def _parts(self, name: str) -> dict[str, Any]:
-        """Return the numbers of a coupling, robot, operator or channel, as they were given if in a mapping."""
+        """Return the numbers of a record in the task; as they were given if that was a mapping."""
         given = self._given.get(name)
         parts = asdict(getattr(self, name)) | (dict(given) if isinstance(given, Mapping) else {})
         return {part: value for part, value in parts.items() if part != "type" and value is not None}
@@ -186,7 +191,7 @@ class Task:
             raise ValueError("range_bias and observe_range_noise must be 0 and False without an estimate (range_noise)")
         if self.range_sensor is not None:
             if self.range_noise is not None:
-                raise ValueError(f"range_noise must be None beside a range_sensor, got {self.range_noise:g} m")
+                raise ValueError(f"range_noise must be None with a range_sensor, got {self.range_noise:g} m")
             number("range_sensor.delay", self.longest("range_sensor.delay"), "s", at_most=self.horizon)
         self._put("past_readings", whole("past_readings", self.past_readings, at_least=0))
         number("past_readings", self.past_readings, "-", at_most=PAST_READINGS)
@@ -195,19 +200,18 @@ class Task:
             number("max_episode_steps", self.max_episode_steps, "-", at_most=MOST_STEPS)
 
     def _check_reach(self) -> None:
-        """Refuse objects that are all out of reach; warn of some that are, and of a stroke that is too short."""
+        """Refuse a range of objects all out of reach; warn if a part is, and if a stroke is too short."""
         near, far = self.scenario.distance
         way = self.check_distance(near)
         if far > self.reach:
             warnings.warn(f"scenario.distance ends at {far:g} m, but {way}: the rest is missed", stacklevel=3)
-        worst = {name: self.drawn[name][end] for name, end in WORST_OF_STROKE.items() if name in self.drawn}
         if isinstance(self.coupling, SpringDamper):
-            numbers = {name.removeprefix("coupling."): value for name, value in worst.items() if name != "tool_mass"}
-            mass = worst.get("tool_mass", self.tool_mass)
-            warn_of_stroke(replace(self.coupling, **numbers), mass, self.acceleration_range[1])
+            drawn = {name: self.drawn.get(f"coupling.{name}") for name in ("stiffness", "stroke")}
+            lowest = {name: ends[0] for name, ends in drawn.items() if ends}
+            warn_of_stroke(replace(self.coupling, **lowest), self.longest("tool_mass"), self.acceleration_range[1])
 
     def check_distance(self, near: float, field: str = "scenario.distance") -> str:
-        """Raise ValueError if objects from `near` (m) on are out of reach; return in words how far the arm gets."""
+        """Raise ValueError if objects from `near` (m) on are out of reach; return the reach in words."""
         way = f"in {self.horizon:g} s (horizon) the arm gets only {self.reach:.3g} m far"
         if near > self.reach:
             raise ValueError(f"{field} must begin below {self.reach:.3g} m, got {near:g} m: {way}")
@@ -215,24 +219,24 @@ class Task:
 
     @property
     def reach(self) -> float:
-        """How far the flange gets before an episode without a touch ends, m."""
+        """Largest distance that the flange covers in an episode without a touch, m."""
         speed, acceleration = self.velocity_range[1], self.acceleration_range[1]
         ramp = min(self.horizon, speed / acceleration)
         return 0.5 * acceleration * ramp**2 + speed * (self.horizon - ramp)
 
     @property
     def ranges(self) -> dict[str, Range]:
-        """Return by id the ranges that episodes draw from; those of a scenario, delay and weight may have no width."""
+        """The ranges that episodes draw from, by id; ranges of scenario, delay and weight can have width 0."""
         pairs = {name: getattr(self, name) for name in ("time_weight", "reaction_delay")}
         always = {name: pair if isinstance(pair, tuple) else (pair, pair) for name, pair in pairs.items()}
         return self.scenario.by_id() | always | dict(self.drawn)
 
     def longest(self, path: str) -> float:
-        """Return the largest value in any episode of a number, by its dotted path."""
+        """Return the largest value of a number, by its dotted path, in any episode."""
         return self.ranges[path][1] if path in self.ranges else float(get(self, path))
 
     def ends(self, argument: str) -> Range:
-        """Return the ends of a scale that depend on an argument of the environment."""
+        """Return the ends of a scale that an argument of the environment determines."""
         if argument == "operator":
             return -0.25, 0.75 if self.operator is None else 1.75
         if argument == "horizon":
@@ -240,54 +244,48 @@ class Task:
         return (0.0, self.after_alarm) if argument == "after_alarm" else self.velocity_range
 
     def differs_in(self, other: "Task") -> list[str]:
-        """Return the arguments in which another task differs, however they are written."""
+        """Return the arguments whose values differ in another task, however they were written."""
         names = {name for name in ARGUMENTS if getattr(self, name) != getattr(other, name)}
         drawn = {name for name in {*self.drawn, *other.drawn} if self.drawn.get(name) != other.drawn.get(name)}
         return sorted(names | {name.partition(".")[0] for name in drawn})
 
     def at(self, record: Mapping[str, float]) -> "Task":
-        """Return the task of the episode that drew `record`, the final `info["record"]`: nothing in it is drawn."""
+        """Return the task of one episode, with the numbers of `record`, its final `info["record"]`, as constants."""
         return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
 
     def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
-        """Return the task in the records of the compiled program.
+        """Return its record (1,), TASK; the fields of DRAW of each number that episodes draw; and its tables (n,).
 
-        Args:
-            first_draw: place of its first draw among those of all tasks.
-            table_at: place of its first table's first number among the tables of all tasks.
-
-        Returns:
-            its record (1,), TASK; the fields of DRAW of each number that episodes draw; and its tables (n,).
+        Among all tasks, its draws begin at the index `first_draw`, the numbers of its tables at `table_at`.
         """
         held, no_table = mount_to_kernel(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)
         record["mount"] = held
         numbers = record["numbers"]
         numbers["coupling"], numbers["robot"] = record["mount"]["coupling"], record["mount"]["robot"]
-        tables = [no_table, *checks.lowered(self, record, table_at + len(no_table))]
+        tables = [no_table, *(self.link.to_kernel(record, table_at + len(no_table)) if self.link else ())]
         for name in numbers["range_sensor"].dtype.names or ():
             numbers["range_sensor"][name] = getattr(self.range_sensor, name, 0.0)
         if self.robot is None:
             for name in ROBOT_NUMBERS:
-                numbers["robot"][name] = math.inf  # for a critic, beside rows with a robot
+                numbers["robot"][name] = math.inf  # a rigid robot, for a critic
         for row in SET_UP:
             if "." not in row.id:
                 numbers[row.id] = getattr(self, row.id) or 0.0
         draws = []
         for name, (low, high) in self.ranges.items():
             law: Any = QUANTITIES[name].draw
-            source = -1 - law.place if law.own_stream else law.place  # a uniform number; < 0: of stream -1 - source
+            source = -1 - law.place if law.own_stream else law.place  # index, or < 0: stream -1 - source
             draws.append((PLACES[name], source, QUANTITIES[name].by_ratio(low), low, high))
         action = ActionSpec(self)
-        values = {
-            "control_period": self.control_period, "horizon": self.horizon, "after_alarm": self.after_alarm,
+        same = ("control_period", "horizon", "after_alarm", "missed_cost", "force_weight")
+        values = {name: getattr(self, name) for name in same} | {
             "full_deceleration": self.acceleration_range[1], "settle_limit": SETTLE_LIMIT,
-            "missed_cost": self.missed_cost, "reference_velocity": self.reference_velocity or 0.0,
-            "velocity": self.velocity_range, "action_size": len(action), "actions": action.to_kernel(),
+            "reference_velocity": self.reference_velocity or 0.0, "velocity": self.velocity_range,
+            "action_size": len(action), "actions": action.to_kernel(),
             "first_draw": first_draw, "last_draw": first_draw + len(draws),
             "mount_drawn": not self.drawn.keys().isdisjoint(MOUNT_IDS),
             "range_sensor": self.range_sensor is not None, "alarm_by_reading": self.alarm == "reading",
-            "force_weight": self.force_weight,
             "tolerance": LOCAL_SHARE * self.rtol, "exact": self.dissipation != "hu-guo",
             "max_steps": self.max_episode_steps or 0,
         }  # fmt: skip

@@ -1,1 +1,1 @@
-"""An operator in the loop: operators, channels, whether they fit a task, and the link that is compiled."""
+"""An operator in the loop: operators, channels, and the link of both with the assistance at the arm."""

@@ -1,5 +1,6 @@
-"""Channels between an operator and an arm: their delays, losses and traces, and those of telesurgery over 5G."""
+"""Channels between an operator and an arm: delays, losses, recorded traces; and channels of telesurgery over 5G."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,30 +13,31 @@ from impact_gym.kernels import LONGEST_JITTER
 from impact_gym.parameters import Parameters
 from impact_gym.validation import numbers, rising, shown
 
-CUT = float(LONGEST_JITTER)  # means of a random delay, which takes no longer
-LOST = 1e6  # s, the delay of a packet that never arrives: longer than any episode
-USUAL_DELAY = 1.0  # s; a file with longer ones must say its unit
+WAYS = ("uplink", "downlink")
+CUT = float(LONGEST_JITTER)  # random delays are at most this many times their mean
+LOST = 1e6  # s, delay of a lost packet: longer than any episode
+USUAL_DELAY = 1.0  # s, above it a trace file must state the unit
 TRACE_COLUMNS = {
     "time": Column("s", r"((rel|relative|elapsed|send|sent) )?(time ?stamp|time|at)s?|t|sent"),
-    "delay": Column("s", r"((one way|network|packet) )?(delay|latency|owd)s?", empty=np.nan),
+    "delay": Column("s", r"((one way|network|packet) )?(delay|latency|owd)s?", may_be_empty=True),
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Channel(Parameters, path="uplink"):
-    """One way between operator and arm: a packet each control period; the newest wins, later ones are dropped.
+    """One direction between operator and arm: a packet each control period; if a newer one overtakes it, it is dropped.
 
-    A packet takes `delay` and an exponential time beside, of mean `jitter`, or of mean `tail` for a share of them; what
-    takes more than twelve times its mean is cut. With a `trace`, rows of time and delay in s or a CSV file of these, it
-    takes what the trace says, from a random place on; a delay of `LOST` loses the packets that are sent nearest to it.
-    Losses come in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
+    The delay of a packet is `delay` plus an exponential random time, at most twelve times its mean: `jitter`, or `tail`
+    for the share `tail_share` of the packets. A `trace`, rows of time and delay in s or a CSV file of these, gives all
+    delays instead, from a random time on; packets sent nearest to a delay of `LOST` are lost. Losses come in bursts
+    (Gilbert 1960, Bell Syst. Tech. J. 39).
     """
 
     delay: float = 0.0  # s
     jitter: float = 0.0  # s
     loss: float = 0.0  # -, share of all packets
-    burst: float = 1.0  # -, mean number in a row
-    timeout: float = 0.1  # s; of the uplink alone: without a newer command for so long the arm stops
+    burst: float = 1.0  # -, mean number of losses in a row
+    timeout: float = 0.1  # s, of the uplink only: time without a newer command after which the arm stops
     trace: Any = None
     tail: float = 0.0  # s
     tail_share: float = 0.0  # -
@@ -51,7 +53,7 @@ class Channel(Parameters, path="uplink"):
                 raise ValueError(f"Channel.trace must have 2 packets or more that arrive, got {len(self.delays)}")
             for name in ("delay", "jitter", "tail", "tail_share"):
                 if value := getattr(self, name):
-                    raise ValueError(f"Channel.{name} must be 0 beside a trace, which has all delays, got {value!r}")
+                    raise ValueError(f"Channel.{name} must be 0 with a trace, which gives all delays, got {value!r}")
         if self.loss > (most := self.burst / (1.0 + self.burst)):
             raise ValueError(f"Channel.loss must be at most {most:g} with bursts of {self.burst:g}, got {self.loss!r}")
 
@@ -62,7 +64,7 @@ class Channel(Parameters, path="uplink"):
 
     @property
     def table(self) -> NDArray[np.float64]:
-        """The trace: times (s), then as many delays (s), `LOST` up to the middle between such a packet and the next."""
+        """The trace: times (s), then as many delays (s). `LOST` holds up to the middle between two packets."""
         times, delays = np.array(self.trace or np.empty((0, 2)), np.float64).T
         lost = delays >= LOST
         if not lost.any():
@@ -86,9 +88,9 @@ FIFTH_GENERATION = {
 
 
 def columns_of(trace: Any) -> list[list[float]]:
-    """Return the times and delays (s) of rows of both, or of a CSV file, see `impact_gym.csv_files`.
+    """Return times and delays (s) of a trace: rows of both, or a CSV file, see `impact_gym.csv_files`.
 
-    Those of a file begin at 0 s; an empty delay, or one that is no finite number, is that of a packet that is `LOST`.
+    The times of a file are shifted to begin at 0 s. Where its delay is empty or not finite, the packet is `LOST`.
     """
     wanted = f"Channel.trace must be rows of time and delay in s, or a CSV file of them, got {shown(trace)}"
     try:
@@ -108,3 +110,16 @@ def columns_of(trace: Any) -> list[list[float]]:
     if columns.ndim != 2 or len(columns) != 2:
         raise ValueError(wanted)
     return columns.tolist()
+
+
+def without_files(environment: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments of an environment from an untrusted file.
+
+    Raises:
+        ValueError: a trace is the name of a file or an URL instead of rows.
+    """
+    for way in WAYS:
+        channel = environment.get(way)
+        if isinstance(channel, Mapping) and isinstance(trace := channel.get("trace"), str):
+            raise ValueError(f"{way}.trace must be rows of time and delay in s, got {shown(trace)}: no file is read")
+    return dict(environment)

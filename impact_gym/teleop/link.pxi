@@ -1,80 +1,11 @@
-"""An operator behind two channels: commands, their packets, and the assistance at the arm."""
+"""The link between operator and arm: its events, the packets in transit, the assistance at the arm, and the end of the task."""
 
-cpdef enum:
-    NO_OPERATOR, REPLAY, PERSON, STEADY, REACH, SECOND_ORDER_LAG, TRACKER  # operators
-
-cpdef enum:
-    LONGEST_JITTER = 12  # means; a longer random delay is cut to this
-
-cdef double MUSCLE = 0.04  # s, time constant of each of two lags between control and motion (Todorov 2005)
-cdef double WITHDRAWAL = 0.3  # m/s, the fastest
-cdef double FADE = 0.1  # s, in which a withdrawal ends
+cdef double WITHDRAWAL = 0.3  # m/s, fastest withdrawal
+cdef double FADE = 0.1  # s, in which a withdrawal fades to 0
 FASTEST_WITHDRAWAL, WITHDRAWAL_FADE = WITHDRAWAL, FADE
-cdef double IDLE = 0.3  # s, an operator who has commanded 0 for so long is done
-cdef double BESIDE = 5e-3  # m, penetration or gap of a tool that stands at the object
+cdef double IDLE = 0.3  # s, after so long at a command of 0 the operator is done
+cdef double BESIDE = 5e-3  # m, largest penetration or gap of a tool that is done
 cdef double STANDING = 0.01  # m/s, fastest flange of such a tool
-
-
-cdef double chance(Row *row, int64_t stream, int64_t count) noexcept nogil:
-    """Uniform number in [0, 1), the `count`-th of a stream of the episode; force noise has the stream 0."""
-    return hashed(row.episode.drawn.noise_seed, (stream << 40) + count)
-
-
-cdef double normal_chance(Row *row, int64_t stream, int64_t count) noexcept nogil:
-    """Standard normal number, likewise."""
-    cdef double[2] uniform
-    uniform[0], uniform[1] = chance(row, stream, 2 * count), chance(row, stream, 2 * count + 1)
-    return normal(uniform)
-
-
-cdef double delay_of(Row *row, const ChannelNumbers *channel, const Table *trace, int64_t stream, int64_t count,
-                     double time) noexcept nogil:
-    """Delay of the `count`-th packet of a channel, sent at `time`, s: the trace's, or the least and a random one."""
-    cdef double mean, begin
-    if trace.points > 0:
-        begin = chance(row, stream + 3, 0) * trace.length
-        return look_up(trace, row.tables, fmod(begin + time, trace.length))
-    if channel.jitter == channel.tail == 0.0:
-        return channel.delay
-    mean = channel.tail if chance(row, stream, 2 * count) < channel.tail_share else channel.jitter
-    return channel.delay + mean * min(-log1p(-chance(row, stream, 2 * count + 1)), <double> LONGEST_JITTER)
-
-
-cdef double mean_delay(const ChannelNumbers *channel, const Table *trace) noexcept nogil:
-    """Mean delay of a channel's packets, s."""
-    if trace.points > 0:
-        return trace.mean
-    return channel.delay + channel.jitter + channel.tail_share * (channel.tail - channel.jitter)
-
-
-cdef bint is_lost(Row *row, const ChannelNumbers *channel, int64_t *was_lost, int64_t stream,
-                  int64_t count) noexcept nogil:
-    """Whether a packet is lost, from whether the one before was (Gilbert 1960): `loss` of all, `burst` in a row."""
-    cdef double share = channel.loss
-    if share == 0.0:
-        return False
-    if count > 0:
-        share = 1.0 - 1.0 / channel.burst if was_lost[0] else min(1.0, share / (channel.burst * (1.0 - share)))
-    was_lost[0] = chance(row, stream + 1, count) < share
-    return was_lost[0]
-
-
-cdef double look_up(const Table *table, const double *tables, double time) noexcept nogil:
-    """Value of a table at a time, linear between its points, the last one beyond."""
-    cdef const double *times = tables + table.begin
-    cdef const double *values = times + table.points
-    cdef int64_t low = 0, high = table.points - 1, middle
-    if time >= times[high]:
-        return values[high]
-    if time <= times[0]:
-        return values[0]
-    while high - low > 1:
-        middle = (low + high) // 2
-        if times[middle] <= time:
-            low = middle
-        else:
-            high = middle
-    return values[low] + (values[high] - values[low]) * (time - times[low]) / (times[high] - times[low])
 
 
 cdef void begin_link(Row *row) noexcept nogil:
@@ -93,81 +24,8 @@ cdef void begin_link(Row *row) noexcept nogil:
     row.episode.late = lag + numbers.reaction
 
 
-cdef double step_response(double omega, double zeta, double time) noexcept nogil:
-    """Response of a spring and damper of angular frequency omega (rad/s) to a unit step of its target at time 0."""
-    cdef double decay = zeta * omega, root = omega * sqrt(fabs(1.0 - zeta * zeta)), slow, fast
-    if time <= 0.0:
-        return 0.0
-    if root == 0.0:
-        return 1.0 - exp(-decay * time) * (1.0 + decay * time)
-    if zeta < 1.0:
-        return 1.0 - exp(-decay * time) * (cos(root * time) + decay / root * sin(root * time))
-    slow, fast = decay - root, decay + root
-    return 1.0 - (fast * exp(-slow * time) - slow * exp(-fast * time)) / (fast - slow)
-
-
-cdef double intended(Row *row, double time) noexcept nogil:
-    """Command of the operator's model, m/s, before noise."""
-    cdef const OperatorNumbers *numbers = &row.episode.drawn.operator
-    cdef Link *link = row.link
-    cdef double speed = numbers.speed, share, omega, zeta
-    if row.task.operator_kind == PERSON:
-        return link.person_command
-    if row.task.operator_kind == REPLAY:  # at the tick's own time, whatever rounding the clock has gathered
-        time = floor(numbers.recording) * row.task.replay.length + (link.ticks - 1) * row.task.control_period
-        return look_up(&row.task.replay, row.tables, time)
-    if row.task.operator_kind == STEADY:
-        return speed
-    if row.task.operator_kind == REACH:
-        share = time / link.duration if link.duration > 0.0 else 1.0
-        speed = 30.0 * link.believed / link.duration * (share * (1.0 - share)) ** 2 if share < 1.0 else 0.0
-        return max(speed, numbers.creep) if share > 0.5 else speed
-    if row.task.operator_kind == SECOND_ORDER_LAG:
-        omega, zeta = sqrt(numbers.stiffness), 0.5 * numbers.damping / sqrt(numbers.stiffness)
-        share = exp(-M_PI * zeta / sqrt(1.0 - zeta * zeta)) if zeta < 1.0 else 0.0  # by which it overshoots
-        speed /= 1.0 + share
-        share = time - link.believed / speed  # since the target has arrived
-        speed *= step_response(omega, zeta, time) - step_response(omega, zeta, share)
-        return max(speed, numbers.creep) if omega * share > 1.0 else speed
-    return min(max(numbers.gain * (link.believed - seen_position(row, time)), numbers.creep), speed)
-
-
-cdef double seen_position(Row *row, double time) noexcept nogil:
-    """Position of the flange that the operator sees, m: of the newest packet displayed a reaction time ago."""
-    cdef double then = time - row.episode.drawn.operator.reaction + ROUNDING
-    cdef Link *link = row.link
-    cdef Packet *packet
-    cdef int64_t k
-    for k in range(link.packets, max(link.seen_packet, link.packets - row.packet_slots), -1):
-        packet = &row.packets[k % row.packet_slots]
-        if packet.displayed <= then:
-            link.seen_packet, link.seen_position = k, packet.position
-            break
-    return link.seen_position
-
-
-cdef double commanded(Row *row, double time) noexcept nogil:
-    """Command of the operator now, m/s: the model's with the noise of control."""
-    cdef const OperatorNumbers *numbers = &row.episode.drawn.operator
-    cdef Link *link = row.link
-    cdef int64_t count = link.packets
-    cdef double limit = numbers.speed if numbers.speed > 0.0 else INFINITY
-    cdef double least = max(-limit, row.task.velocity.low), speed, rate, share
-    if link.stopped:
-        return 0.0
-    speed = intended(row, time)
-    if numbers.noise > 0.0:  # white, 10 ms of it as in the source, through two lags
-        rate = row.task.control_period / MUSCLE
-        rate = rate / (1.0 + rate)
-        share = numbers.noise * sqrt(0.01 / row.task.control_period)
-        link.muscle += rate * (share * normal_chance(row, 12, count) - link.muscle)
-        link.tremor += rate * (link.muscle - link.tremor)
-        speed *= 1.0 + link.tremor
-    return min(max(speed, least), limit)
-
-
 cdef double send_display(Row *row) noexcept nogil:
-    """Send a packet to the display; return when it arrives, s. The first to arrive after a touch shows it."""
+    """Send a packet to the display; return its arrival time, s. The operator stops after the first one sent since a touch."""
     cdef Link *link = row.link
     cdef const ChannelNumbers *channel = &row.episode.drawn.downlink
     cdef double now = row.chain.time
@@ -181,14 +39,14 @@ cdef double send_display(Row *row) noexcept nogil:
 
 
 cdef void send(Row *row, bint regular) noexcept nogil:
-    """Send a command now, which may be lost; at a `regular` tick the arm sends a packet to the display too."""
+    """Send a command, which may be lost; at a `regular` tick the arm sends a packet to the display, too."""
     cdef Link *link = row.link
     cdef Chain *chain = row.chain
     cdef const ChannelNumbers *channel = &row.episode.drawn.uplink
     cdef Packet *packet = &row.packets[link.packets % row.packet_slots]
     packet.sent, packet.position = chain.time, chain.flange_position
     packet.displayed = send_display(row) if regular else INFINITY
-    link.last_sent = packet.command = commanded(row, chain.time)
+    link.last_sent = packet.command = operator_command(row, chain.time)
     packet.arrives = chain.time + delay_of(row, channel, &row.task.uplink, 4, link.packets, chain.time)
     if is_lost(row, channel, &link.uplink_lost, 4, link.packets):
         packet.arrives = INFINITY
@@ -197,7 +55,7 @@ cdef void send(Row *row, bint regular) noexcept nogil:
 
 
 cdef void receive_commands(Row *row) noexcept nogil:
-    """Receive the commands that have arrived by now: the newest counts, older ones are dropped."""
+    """Receive the commands that have arrived; use the one sent last, drop the others."""
     cdef Link *link = row.link
     cdef Packet *packet
     cdef double now = row.chain.time + ROUNDING, age
@@ -226,7 +84,7 @@ cdef void receive_commands(Row *row) noexcept nogil:
 
 
 cdef double next_event(const Row *row) noexcept nogil:
-    """Time of the link's next event, s: a command is sent, arrives or expires."""
+    """Return the time of the next event of the link, s: a command is sent, arrives or expires."""
     cdef const Link *link = row.link
     cdef double sends = min(link.next_sent, link.stop if not link.stopped else INFINITY)
     return min(min(sends, link.next_arrival), link.expires)
@@ -250,9 +108,9 @@ cdef void process_events(Row *row) noexcept nogil:
 
 
 cdef Command flange_command(Row *row) noexcept nogil:
-    """Command to the flange: a share of the operator's, soon after an alarm minus a withdrawal.
+    """Return the command to the flange: a share of the operator's command, minus a withdrawal after an alarm.
 
-    A command of 0, or one that has expired, stops the flange at the arm's limit, whatever the action is.
+    Where the operator's command is 0 or has expired, the flange stops at the arm's largest deceleration.
     """
     cdef Link *link = row.link
     cdef const Task *task = row.task
@@ -266,7 +124,7 @@ cdef Command flange_command(Row *row) noexcept nogil:
 
 
 cdef void assist(Row *row, double gain, double acceleration, double withdrawal) noexcept nogil:
-    """Take the action of a control step, in SI units; a withdrawal counts for `after_alarm` after an alarm, then fades."""
+    """Set the action of a control step, in SI units. A withdrawal is allowed for `after_alarm` after an alarm, then fades."""
     cdef double since
     row.link.gain, row.link.acceleration = gain, acceleration
     row.link.withdrawal = 0.0
@@ -278,13 +136,13 @@ cdef void assist(Row *row, double gain, double acceleration, double withdrawal) 
 
 
 cdef void add_to_withheld_share(Row *row, double time) noexcept nogil:
-    """Add a time (s) before the touch to the ways commanded and withheld."""
+    """Add a span (s) before the touch to the distances commanded and withheld."""
     row.link.commanded_way += time * fabs(row.link.effective)
     row.link.withheld_way += time * fabs(row.link.effective - row.episode.sensors.executed)
 
 
 cdef void observe_link(Row *row) noexcept nogil:
-    """Write the observed numbers of the operator's commands."""
+    """Write the sensor values about the operator's commands."""
     cdef Link *link = row.link
     cdef Sensors *sensors = &row.episode.sensors
     sensors.command = link.command
@@ -295,7 +153,7 @@ cdef void observe_link(Row *row) noexcept nogil:
 
 
 cdef bint task_done(Row *row) noexcept nogil:
-    """Done: object at rest and operator or tool finished, or operator gave up untouched."""
+    """Return whether the object rests and operator or tool is done, or the operator gave up before a touch."""
     cdef Chain *chain = row.chain
     cdef bint idle = chain.time >= row.link.idle_since + IDLE - ROUNDING
     if chain.contacts == 0:

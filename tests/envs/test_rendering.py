@@ -1,4 +1,4 @@
-"""The pictures show what the trace says."""
+"""Pictures agree with the trace."""
 
 import itertools
 
@@ -24,18 +24,18 @@ pytestmark = pytest.mark.usefixtures("no_display")
     {}, {"coupling": ig.Bistable()}, {"coupling": ig.Rigid()}, {"robot": ROBOT},
     {"coupling": ig.Rigid(), "robot": ROBOT},
 ], ids=str)  # fmt: skip
-def test_tool_flange_and_spring_are_drawn_where_the_trace_has_them(options):
+def test_tool_flange_and_object_are_drawn_at_their_positions(options):
     env = gym.make(ID, record_trace=True, **options)
     play(env, seed=4, scenario=HARD_AND_HEAVY)
     history, task = history_of(env), task_of(env)
-    first, view = history.touches[0], chain.camera(history, STAGE)  # the camera stands still
+    first, view = history.touches[0], chain.camera(history, STAGE)  # the camera is fixed
     deflection = history.columns["tool_position"] - history.columns["flange_position"]
     shortest = float(history.time[np.argmin(deflection)])
     for time in (0.5 * first, 0.99 * first, first, shortest, history.events.alarm + 0.02, history.now):
         state, picture = history.at(time), drawn(env, time)
-        row = round(view.axis + 0.4 * chain.TOOL_HEIGHT * view.scale)  # where nothing else is drawn
+        row = round(view.axis + 0.4 * chain.TOOL_HEIGHT * view.scale)  # nothing else is drawn in this row
         tool = np.flatnonzero(is_colour(picture[row], TOOL))
-        mark = 1.0 if is_colour(picture[row], FORCE).any() else 0.0  # the mark of the force covers this
+        mark = 1.0 if is_colour(picture[row], FORCE).any() else 0.0  # the mark of the force covers one pixel
         assert tool[-1] + 1 + mark == pytest.approx(view.x(state.tool_position), abs=1.0)
         assert tool[0] == pytest.approx(view.x(state.tool_position - chain.TOOL_LENGTH), abs=1.0)
         row = round(view.axis + 0.45 * chain.FLANGE_HEIGHT * view.scale)
@@ -53,14 +53,12 @@ def test_tool_flange_and_spring_are_drawn_where_the_trace_has_them(options):
         assert deflection.min() < -0.03
 
 
-def test_lamp_is_lit_by_the_force_and_turns_red_when_the_controller_knows():
+def test_lamp_is_amber_from_the_detection_on_and_red_from_the_alarm_on():
     env = gym.make(ID, record_trace=True, reaction_delay=0.03)
     _, results = play(env, scenario=HARD_AND_HEAVY)
-    told = next(
-        0.75 * (float(result[0][2]) + 1.0) for result in results if result[0][3] == 1.0
-    )  # s, of the observation
+    observed = next(0.75 * (float(seen[2]) + 1.0) for seen, *_ in results if seen[3] == 1.0)  # s
     history, (x, y) = history_of(env), map(round, LAMP)
-    assert history.events.alarm == pytest.approx(told, abs=2e-7)
+    assert history.events.alarm == pytest.approx(observed, abs=2e-7)
     assert np.interp(history.events.detection, history.time, history.columns["contact_force"]) == pytest.approx(
         1.0, rel=1e-6
     )
@@ -115,7 +113,7 @@ def test_scenes_of_any_scale_are_drawn(scenario, options):
         assert is_colour(drawn(env, time), INK).any()
 
 
-def test_episode_too_long_for_its_trace_is_drawn_as_far_as_that_goes():
+def test_episode_too_long_for_its_trace_is_drawn_to_the_end_of_the_trace():
     task = Task(scenario=HARD_AND_HEAVY, horizon=40.0, control_period=0.15)
     batch, renderer, pictures = Batch(1, task, trace_points=400), Renderer("rgb_array"), []
     batch.begin_seeded(1, {})

@@ -1,4 +1,4 @@
-"""Pictures follow each other slowed down where something happens, in every mode; drawing them changes nothing."""
+"""Films are in slow motion around contacts, in every mode; drawing changes no result."""
 
 import copy
 import pickle
@@ -30,10 +30,10 @@ SHORT = {"scenario": HARD_AND_HEAVY | {"distance": 0.02}, "after_alarm": 0.03}
 
 @pytest.fixture
 def no_waiting(monkeypatch):
-    """Pictures follow each other as fast as they are drawn; the rates asked for are kept."""
-    asked = []
-    monkeypatch.setattr("pygame.time.Clock", lambda: SimpleNamespace(tick=asked.append))
-    return asked
+    """Pictures are drawn without waiting; the requested rates are returned."""
+    rates = []
+    monkeypatch.setattr("pygame.time.Clock", lambda: SimpleNamespace(tick=rates.append))
+    return rates
 
 
 @pytest.mark.parametrize("name", IDS)
@@ -48,7 +48,7 @@ def test_every_mode_of_every_id_passes_gymnasiums_check(name, no_waiting):
 
 
 @pytest.mark.parametrize("name", APPROACHES)
-def test_contact_fills_many_pictures_as_far_apart_as_the_factor_says(name):
+def test_contact_has_many_pictures_at_the_intervals_of_the_factor(name):
     env = gym.make(name, record_trace=True)
     for seed in range(5):
         _, results = play(env, seed=seed)
@@ -64,7 +64,7 @@ def test_contact_fills_many_pictures_as_far_apart_as_the_factor_says(name):
 
 
 @pytest.mark.parametrize("mode", ["rgb_array_list", "human"])
-def test_modes_show_a_picture_of_each_instant_of_one_go_and_change_no_result(mode, no_waiting):
+def test_every_mode_shows_each_instant_and_changes_no_result(mode, no_waiting):
     import pygame
 
     env = gym.make(ID, record_trace=True, **SHORT)
@@ -77,7 +77,7 @@ def test_modes_show_a_picture_of_each_instant_of_one_go_and_change_no_result(mod
     inside = (instants[:, 0] > contact.touches[0]) & (instants[:, 0] < contact.partings[0])
     assert inside.sum() >= FRAMES_PER_IMPACT - 2
     assert instants[-1, 0] == contact.now > contact.events.end
-    last = renderer.picture(contact, *instants[-1])
+    last = renderer.draw(contact, *instants[-1]).pixels()
     env = gym.make(ID, render_mode=mode, **SHORT)
     pictures, results = play(env)
     assert_identical(results, expected)
@@ -97,7 +97,7 @@ def test_modes_show_a_picture_of_each_instant_of_one_go_and_change_no_result(mod
     env.reset(seed=2)  # opens another window
     assert pygame.display.get_init() == (mode == "human")
     if mode == "rgb_array_list":
-        for _ in range(8):  # not rendered: another episode begins its own film all the same
+        for _ in range(8):  # not rendered: the next episode begins a new film
             env.step(encode(0.1, 1.0))
         assert_identical(play(env, stop=3)[0], pictures[:4])
     env.close()
@@ -116,7 +116,7 @@ assert "pygame" in sys.modules
     subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
 
 
-def test_extra_without_pygame_and_display_that_is_not_there_are_named(monkeypatch):
+def test_missing_pygame_and_missing_display_are_named(monkeypatch):
     with monkeypatch.context() as patch:
         patch.setitem(sys.modules, "pygame", None)
         env = gym.make(ID, render_mode="rgb_array")
@@ -129,8 +129,8 @@ def test_extra_without_pygame_and_display_that_is_not_there_are_named(monkeypatc
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_batch_draws_what_gymnasiums_loop_draws_and_goes_on_drawing_from_a_state(mode):
-    """Copied and pickled, too."""
+def test_batch_draws_the_same_pictures_as_gymnasiums_loop(mode):
+    """Also after its state was copied or pickled."""
     options = EVERYTHING_DRAWN["spring"] | {"horizon": 0.15, "control_period": 0.05, "scenario": {"distance": 0.01}}
     options["after_alarm"] = 0.05
     kinds = {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": mode}}, {"autoreset_mode": mode}
@@ -152,7 +152,7 @@ def test_batch_draws_what_gymnasiums_loop_draws_and_goes_on_drawing_from_a_state
 
 
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec])
-def test_calls_of_render_that_can_draw_nothing_are_named(make):
+def test_render_before_a_reset_or_without_a_mode_is_refused(make):
     with pytest.raises(gym.error.ResetNeeded, match="reset"):
         make(ID, render_mode="rgb_array").unwrapped.render()
     env = make(ID)
@@ -162,7 +162,7 @@ def test_calls_of_render_that_can_draw_nothing_are_named(make):
 
 
 def assert_film(folder, recorded, rate):
-    """The only film in a folder shows what was recorded, pictures (height, width, 3), at so many per s."""
+    """The only film in a folder shows the recorded pictures, (height, width, 3), at this rate per s."""
     clips, ffmpeg = pytest.importorskip("moviepy"), pytest.importorskip("imageio_ffmpeg")
     (film,) = folder.glob("*.mp4")
     assert len(recorded) - ffmpeg.count_frames_and_secs(film)[0] in (0, 1)  # moviepy's rounding may lose the last
@@ -195,7 +195,7 @@ def test_film_of_an_episode_shows_its_pictures_in_slow_motion_for_6_to_10_second
 
 @pytest.mark.parametrize("stable", [False, True], ids=["Gymnasium", "stable-baselines3"])
 def test_film_of_a_batch_has_a_tile_for_each_slot(stable, tmp_path):
-    """Of stable-baselines3 across the end of an episode, after which the next one begins in the same step."""
+    """With stable-baselines3 an episode ends, and the next episode begins in the same step."""
     pytest.importorskip("moviepy")
     if stable:
         envs = ImpactVecEnv(4, render_mode="rgb_array", max_episode_steps=4)

@@ -1,4 +1,4 @@
-"""Datasets of Minari: its contract, atomic writing, bit-exact replay; an operator made of tries."""
+"""Datasets of Minari: their contract, atomic writes, bit-exact replay; an operator made of tries."""
 
 import json
 import subprocess
@@ -35,7 +35,7 @@ def root(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Tries of persons who push until a while after the touch, with several delays and assistances; one is marked."""
+    """Tries of persons who push beyond the touch, with several delays and assistances; one is marked."""
     path = tmp_path_factory.mktemp("tries")
     for seed, assist in enumerate(("none", "brake", "policy", "limit", "none")):
         this = pushed(lambda time, seed=seed: 0.1 + 0.3 * np.sin(3.0 * time + seed) ** 2, assist=assist, seed=seed,
@@ -118,12 +118,12 @@ def test_dataset_of_another_version_is_refused(tmp_path):
         content["episode_3/rewards"][5] += 1e-16 + abs(content["episode_3/rewards"][5]) * 1e-15
     refused(check_rule, "rewards of episode 3 differ when replayed", "it was made with impact-gym==")
     about = next(tmp_path.rglob("metadata.json"))
-    about.write_text(about.read_text().replace("time_weight", "weight_of_time"))  # an argument that is none here
+    about.write_text(about.read_text().replace("time_weight", "weight_of_time"))  # an unknown argument
     refused(check_rule, "has an environment that is not of this package", "weight_of_time")
 
 
 RUN = "subprocess:check_output"
-HOSTILE = {  # what a dataset's metadata may say, and the field that is named
+HOSTILE = {  # the named field, and a hostile value in a dataset's metadata
     "entry_point": {"entry_point": RUN, "kwargs": {"args": ["touch", "evil"]}},
     "vector_entry_point": {"vector_entry_point": RUN},
     "additional_wrappers": {"additional_wrappers": [{"name": "x", "entry_point": RUN, "kwargs": {}}]},
@@ -166,7 +166,7 @@ def test_random_actions_are_as_many_as_the_environment_takes():
     assert dataset.check("impact/teleop-spring/random-v0") == 2
 
 
-def test_a_set_up_of_ones_own_without_a_policy_says_so(tmp_path):
+def test_a_set_up_without_a_policy_is_refused_for_the_policy_alone(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(tomli_w.dumps({"environment": {"coupling": {"type": "SpringDamper", "stiffness": 80.0}}}))
     refused(lambda: make(str(path), who=("policy",)), "mine")

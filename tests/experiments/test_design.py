@@ -1,4 +1,4 @@
-"""Designs: laws of pads and of a tool in flight, limits, and how a design is played."""
+"""Designs: laws of pads and of a tool in flight, limits, and plays of a design."""
 
 from dataclasses import asdict, replace
 
@@ -24,7 +24,7 @@ NO_LIMITS = Limits(deflection=None)
 
 
 @pytest.mark.parametrize("name", PADS)
-def test_on_pad_shares_a_force_adds_the_penetrations_and_loses_what_both_halves_lose(name):
+def test_on_pad_has_one_force_the_sum_of_penetrations_and_the_losses_of_both_bodies(name):
     pad, restitution = pad_of(name), 0.8
     for stiffness in (1e3, 1e5, 1e7):
         together, rebound = on_pad(name, stiffness, restitution)
@@ -40,7 +40,7 @@ def test_on_pad_shares_a_force_adds_the_penetrations_and_loses_what_both_halves_
 
 
 @pytest.mark.parametrize("name", PADS)
-def test_pad_of_is_a_dome_of_a_material_of_the_table_at_its_bounciest(name):
+def test_pad_of_is_a_dome_of_its_material_with_the_largest_restitution(name):
     pad, material = pad_of(name), ig.MATERIALS[name]
     edges = [4 / 3 * E / (1 - nu**2) * pad.radius**0.5 for E in material.young for nu in material.poisson]
     assert min(edges) * (1 - 1e-12) <= pad.stiffness <= max(edges) * (1 + 1e-12)
@@ -48,8 +48,8 @@ def test_pad_of_is_a_dome_of_a_material_of_the_table_at_its_bounciest(name):
 
 
 @pytest.mark.parametrize(("stiffness", "damping_ratio"), [(300.0, 0.2), (120.0, 0.0), (80.0, 1.0)])
-def test_travel_is_that_of_a_spring_and_damper_set_going_evenly(stiffness, damping_ratio):
-    """It swings over m a / k by exp(-pi zeta / sqrt(1 - zeta^2)), given half a period of its own."""
+def test_travel_is_that_of_a_spring_and_damper_under_constant_acceleration(stiffness, damping_ratio):
+    """After half a period it overshoots m a / k by exp(-pi zeta / sqrt(1 - zeta^2))."""
     coupling = {"type": "SpringDamper", "stiffness": stiffness, "damping_ratio": damping_ratio}
     environment = {"coupling": coupling, "scenario": {"distance": 0.5}, "acceleration_range": [1.0, 5.0]}
     travel = Travel(4)
@@ -60,11 +60,11 @@ def test_travel_is_that_of_a_spring_and_damper_set_going_evenly(stiffness, dampi
     assert (travel.stroke >= travel.deflection).all()
 
 
-def test_search_refuses_a_design_that_holds_only_as_far_off_as_it_may_be_built():
-    """A critically damped spring goes m a / k: within its limit 5.5 % off, but not the 6 % that a search asks."""
+def test_search_allows_for_more_than_the_tolerance_of_the_design():
+    """A critically damped spring deflects by m a / k: within the limit at 5.5 %, but not at the 6 % of a search."""
     coupling = {"type": "SpringDamper", "stiffness": [300.0, 400.0], "damping_ratio": 1.0}
     environment = {"coupling": coupling, "scenario": {"distance": 0.5}, "acceleration_range": [1.0, 5.0]}
-    environment["control_period"] = 0.002  # so that the cubic between two looks at the tool is exact
+    environment["control_period"] = 0.002  # makes the cubic between two observations exact
     candidate = Candidate(environment, "ConstantSpeed")
     variables = [SearchVariable("coupling.stiffness", 300.0, 400.0)]
     candidates = np.array([np.log(350.0), 1.5, 5.0, 5.0]) * np.ones((4, 1, 1))
@@ -78,7 +78,7 @@ def test_search_refuses_a_design_that_holds_only_as_far_off_as_it_may_be_built()
     assert loss(0.06) == loss(0.5)
 
 
-def test_excess_counts_what_is_beyond_each_limit_as_a_share():
+def test_excess_is_the_sum_of_shares_beyond_the_limits():
     stage, travel, release = ScenarioBatch(TUNING_SEED, 40, threads=1), Travel(40), np.array([2.0])
     played = stage.play(BlindProfile(PROFILE), watch=travel)
     peak, twice = np.quantile(played.peak_force, 0.95), (played.contact_count > 1).mean()
@@ -113,7 +113,7 @@ def test_scenario_batch_plays_rows_with_a_design_as_a_set_up_with_that_design():
         assert np.array_equal(together.object_velocity[10 * copy : 10 * copy + 10], played.object_velocity)
 
 
-def test_task_takes_numbers_of_a_coupling_together_that_are_a_coupling_only_together():
+def test_task_changes_the_numbers_of_a_coupling_together():
     task = Task(**load_setup("bistable-blind").environment)
     assert Task(**task.arguments()) == task
     before = task.arguments()
@@ -128,17 +128,17 @@ def test_task_takes_numbers_of_a_coupling_together_that_are_a_coupling_only_toge
         task.changed({"coupling.height": 0.06})
 
 
-def test_play_takes_a_design_as_it_may_be_built_another_in_each_scenario():
-    design, scenarios = {"coupling.stiffness": 80.0, "coupling.damping_ratio": 0.4}, {"name": "validation", "count": 60}
+def test_play_draws_the_design_within_its_tolerance_in_each_scenario():
+    design = {"coupling.stiffness": 80.0, "coupling.damping_ratio": 0.4}
     assert as_built({"coupling.rear_stop": -0.02}, 0.05) == {"coupling.rear_stop": pytest.approx([-0.021, -0.019])}
     candidate = asdict(Candidate({}, "BlindProfile", PROFILE, design))
-    exact, built = (play(candidate, share, limits={}, **scenarios) for share in (0.0, 0.05))
-    alone = ScenarioBatch.of(**scenarios, task=Task().changed(design), threads=1).play(BlindProfile(PROFILE))
+    exact, built = (play(candidate, share, "validation", {}) for share in (0.0, 0.05))
+    alone = ScenarioBatch.of("validation", None, Task().changed(design), threads=1).play(BlindProfile(PROFILE))
     exact, built = (frame["object_velocity"].to_numpy() for frame in (exact, built))
     assert np.array_equal(exact, alone.object_velocity)
     changes = built / exact - 1.0
     assert (changes != 0.0).all()
-    assert np.abs(np.median(changes)) < np.abs(changes).max() < 0.5
+    assert np.abs(np.median(changes)) < np.quantile(np.abs(changes), 0.99) < 0.5
 
 
 @pytest.mark.parametrize(("text", "start", "logarithmic"), [
@@ -148,7 +148,9 @@ def test_play_takes_a_design_as_it_may_be_built_another_in_each_scenario():
     ("coupling.damping_ratio=0.1:2", 1.0, True),
     ("coupling.damping_ratio=0:3", 1.0, False),
 ])  # fmt: skip
-def test_free_number_is_searched_by_ratio_where_that_matters_and_begins_where_the_set_up_is(text, start, logarithmic):
+def test_free_number_is_searched_on_a_logarithmic_scale_if_wide_and_starts_at_the_set_ups_value(
+    text, start, logarithmic
+):
     (variable,) = search_variables([text], load_setup("linear-blind"))
     parameter = variable.parameter()
     assert variable.logarithmic is logarithmic

@@ -1,4 +1,4 @@
-"""The study of a design: a stopped one continues, validation chooses, the chosen design is a set-up, and the page."""
+"""The study of a design: a stopped study continues, validation chooses, the chosen design is a set-up; the page."""
 
 import re
 from dataclasses import replace
@@ -9,7 +9,7 @@ import pytest
 
 from agents.setups import load_setup
 from experiments.design.__main__ import design
-from experiments.design.findings import analyse, reduction, sentence, summary
+from experiments.design.findings import analyse, reduction, summary
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions, write_setup
 from experiments.design.pads import on_pad, pad_of
 from experiments.design.search import SearchBudget, objective
@@ -21,7 +21,7 @@ SPRING = ("coupling.stiffness=20:200", "coupling.damping_ratio=0.2:2")
 
 @pytest.fixture
 def small(tmp_path):
-    """A search that takes seconds and finds little."""
+    """Options of a search of a few seconds."""
     budget = SearchBudget(scenarios=12, budget=24, population=8)
     few = {"search": budget, "seeds": 1, "processes": 0, "against": ()}
     return DesignOptions("linear-blind", SPRING, tmp_path / "out", times=(1.0, 1.3), **few)
@@ -43,7 +43,6 @@ def test_stopped_study_continues_and_ends_with_a_set_up(small):
     assert [(row["line"], row["allowed"]) for row in rows if row["line"] != FRONT] == [
         (PAPER, 1.0), *((name, time) for name in (CHOSEN, "paper's spring") for time in (1.0, 1.3))
     ]  # fmt: skip
-    assert ["BEYOND ITS" in sentence(rows[0] | {"excess": excess}) for excess in (0.0, 1e-9)] == [False, True]
     curve, text = [row for row in rows if row["line"] == CHOSEN], (small.out / "index.html").read_text()
     assert f"its tool moves at most {1e3 * max(row['deflection'] for row in curve):.1f} mm" in text
     for missed in (0, 1):
@@ -87,7 +86,7 @@ def test_design_with_a_pad_writes_set_up_and_page(small, capsys):
 
 
 def results(velocity, time, excess=0.0, **labels):
-    """A frame of 40 plays that all come to the same, but that the first may miss and leave the object at rest."""
+    """A table of 40 plays with equal results, of which the first `missed` miss and leave the object at rest."""
     entry = {"line": FRONT, "allowed": 1.0, "seed": 1, "missed": 0} | labels
     number = pl.int_range(pl.len()) < pl.col("missed")
     plays = pl.DataFrame([entry | {"object_velocity": velocity, "approach_time": time, "excess": excess}] * 40)
@@ -103,7 +102,7 @@ def results(velocity, time, excess=0.0, **labels):
     ([(0.20, 0.30, 0.0, 0), (0.19, 0.30, 0.0, 1)], 1),  # a miss of 40 costs 2 / 40 m/s, and has no V_p
     ([(0.20, 0.30, 0.0, 0), (0.15, 0.30, 0.0, 1)], 2),
 ])  # fmt: skip
-def test_front_counts_a_later_approach_and_exceeded_limits_and_misses(small, played, seed):
+def test_front_penalises_late_approaches_exceeded_limits_and_misses(small, played, seed):
     allowed = 1.25
     searches = [{"line": FRONT, "allowed": allowed, "seed": k, "loss": 0.0, "design": "{}", "parameters": "[]"}
                 for k in (1, 2)]  # fmt: skip
@@ -115,8 +114,8 @@ def test_front_counts_a_later_approach_and_exceeded_limits_and_misses(small, pla
     assert front.seed == seed
 
 
-def test_miss_costs_a_candidate_what_the_environment_charges(small):
-    """A candidate that is too slow to touch anything has no V_p: it must lose."""
+def test_loss_of_a_miss_is_the_missed_cost_of_the_environment(small):
+    """A candidate that is too slow to touch the object has no V_p, and must not win."""
     variables, budget = small.variables, replace(small.search, population=4)
     candidate = replace(Search(small).paper.candidate, environment=small.searched)
     losses = objective(candidate, variables, 9.0, small.limits, budget)

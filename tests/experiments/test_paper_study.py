@@ -1,4 +1,4 @@
-"""The study of the paper: its figures, the rules by which statements are judged, the verdicts, and the page."""
+"""The study `paper`: figures, rules for statements, verdicts, and the page."""
 
 import html
 import re
@@ -15,8 +15,8 @@ from experiments.studies.paper import STUDY, section_4
 from experiments.studies.paper.runs import WIDTH
 from experiments.studies.paper.statements import SAID, Basis, Said, Verdict, agreeing_digits, judge
 
-APART = {  # the statements that do not simply agree; each carries its reason on the page
-    Verdict.DISAGREES: (  # what a correct model says otherwise than the text
+APART = {  # the statements that do not agree; the page has the reason of each
+    Verdict.DISAGREES: (  # a correct model contradicts the text
         "figure_06.restitution", "figure_13.brakes_after", "figure_14.share",
         "figure_17.relative_velocity", "figure_18.contact_stiffness", "figure_19.slower", "beyond_delay.operator",
     ),
@@ -72,7 +72,7 @@ def test_each_statement_is_judged_by_one_rule_and_has_a_reason(statements):
 
 
 @pytest.mark.parametrize("verdict", APART)
-def test_statements_agree_but_for_those_listed(statements, verdict):
+def test_all_statements_but_the_listed_ones_agree(statements, verdict):
     listed = [name for name, found in zip(SAID, statements["verdict"], strict=True) if found == verdict]
     assert listed == [*APART[verdict]]
 

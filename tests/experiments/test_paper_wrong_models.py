@@ -1,4 +1,4 @@
-"""No statement of the paper agrees by the width of its tolerance: a wrong model contradicts each."""
+"""No statement agrees only because its tolerance is wide: a wrong model contradicts each."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -56,7 +56,7 @@ def numbers_of(table):
 
 
 def judged_names(numbers):
-    """The statements that are tests of what was drawn, but those that only follow from others."""
+    """The statements about computed figures that are tests and do not only follow from others."""
     return {
         name for name, said in SAID.items()
         if name.partition(".")[0] in numbers and said.basis == "test" and not said.agree
@@ -69,7 +69,7 @@ def agreeing(numbers):
 
 
 def test_each_statement_that_agrees_is_contradicted_by_a_wrong_model(monkeypatch):
-    """Else it would agree by its tolerance alone. A figure that a wrong model cannot draw contradicts nothing."""
+    """A figure that a wrong model cannot compute contradicts nothing."""
     right, contradicted = {"simulate": ig.simulate, "sweep": ig.sweep}, set()
 
     def wrong_simulate(change, scene, motion, *rest, **options):

@@ -25,7 +25,7 @@ def approach_of(coupling=None, robot=None, e=0.5, motion=MOTION):
 
 
 def ranges_of(scene, motion):
-    """What a scene has of each range of the storm."""
+    """The numbers of a scene that the storm draws from its ranges."""
     coupling = scene.coupling
     values = {
         "contact stiffness": scene.contact.stiffness,
@@ -39,7 +39,7 @@ def ranges_of(scene, motion):
     return {name: value for name, value in values.items() if value is not None}
 
 
-def test_storm_fills_its_ranges_to_their_ends_with_every_chain_and_law_and_depends_on_its_number_alone():
+def test_storm_covers_its_ranges_with_every_chain_and_law_and_depends_on_its_number_alone():
     drawn = [approaches.storm(number) for number in range(1500)]
     everywhere = [ranges_of(*approach.run[:2]) for approach in drawn]
     for name, (low, high) in approaches.RANGES.items():
@@ -81,20 +81,20 @@ def test_row_of_a_sound_run_breaks_no_promise(coupling, robot, e):
     assert promises_broken(row | {"milliseconds": 1.0}) == set()  # the storm judges the time
     assert row["energy_doubt"] < 1e-3
     if e == 1.0 and ig.simulate(*approach.run).contacts[-1].end is not None:
-        # nothing dissipates: what has gone in has come out again, but for a contact under way at the end
+        # nothing dissipates, so a finished contact returns all its energy
         assert abs(row["energy_created"]) < 1e-6 + row["energy_doubt"]
 
 
 @pytest.mark.parametrize("number", [882, 2628, 1177, 1678, 1845, 2197])
-def test_row_of_an_object_that_is_pushed_on_or_sticks_breaks_no_promise(number):
-    """The first two are pushed on until the brake has ended, the others come to stick under the tool."""
+def test_row_of_an_object_that_is_pushed_or_sticks_breaks_no_promise(number):
+    """The first two objects are pushed until the tool is at rest, the others stick to the ground under the tool."""
     approach = approaches.storm(number)
     assert approach.scene.object.friction
     assert promises_broken(storm.row_of(approach) | {"milliseconds": 1.0}) == set()
 
 
 @pytest.mark.parametrize("e", [0.1, 0.5, 0.9])
-def test_row_of_an_isolated_contact_has_lost_what_its_restitution_says(e):
+def test_row_of_an_isolated_contact_loses_the_energy_of_its_restitution(e):
     row = storm.row_of(approach_of(e=e, motion=ig.Trapezoid(1.0, 8.0)))
     lost = 1.0 - ig.effective_restitution("hu-guo", e) ** 2
     assert row["energy_created"] == pytest.approx(-lost, rel=1e-7)
@@ -172,7 +172,7 @@ def test_over_storm_says_which_promise_is_missed_by_how_many():
     assert all("1 of 3 scenes" in finding for finding in missed.values())
 
 
-def test_agreement_finds_a_difference_and_over_agreement_counts_what_is_not_known():
+def test_agreement_finds_differences_and_counts_scenes_without_a_truth():
     ours = frame_of(storm.row_of(approaches.storm(17)))
     (truth,) = storm.truth_row(17, 60.0)
     changes = ({}, {"velocity": truth["velocity"] * (1 + 3e-6)}, {"passes": truth["passes"] + 1})
@@ -191,7 +191,7 @@ def test_agreement_finds_a_difference_and_over_agreement_counts_what_is_not_know
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    """A study of a few scenes, for one of which the independent solver has no time at all."""
+    """A study of a few scenes; the independent solver gets no time for one of them."""
     late = Cell({"scene": 2}, {"number": 2, "patience": 1e-3})
     run = small_run(
         stability.STUDY, tmp_path_factory.mktemp("stability"),

@@ -1,4 +1,4 @@
-"""The studies gain, bench and teleop: priors that theory knows the answer of, rates, and what assists an operator."""
+"""The studies gain, bench and teleop: distributions of distances, rates, and the assistances of an operator."""
 
 import json
 from html import unescape
@@ -16,12 +16,12 @@ from impact_gym.task import Task
 from impact_gym.teleop.channels import FIFTH_GENERATION
 
 
-def test_places_are_those_of_the_prior():
+def test_distances_have_the_distribution_of_the_prior():
     uniform, memoryless = gain.Prior(0.15, 0.35), gain.Prior(0.001, 0.6, memoryless=True)
     assert np.sort(uniform.distances(1, 400)) == pytest.approx(0.15 + 0.2 * (np.arange(400) + 0.5) / 400)
     away = memoryless.distances(1, 100_000) - 0.001
     assert away.mean() == pytest.approx(memoryless.mean, rel=1e-3)
-    for gone in (0.1, 0.3):  # what is left is distributed alike, however far one has come
+    for gone in (0.1, 0.3):  # the remaining distance has the same distribution everywhere
         assert (away[away > gone] - gone).mean() == pytest.approx(memoryless.mean, rel=1e-2)
     assert (away < 0.599).mean() == pytest.approx(0.95, abs=1e-3)
 
@@ -29,7 +29,7 @@ def test_places_are_those_of_the_prior():
 def test_steady_rule_keeps_its_speed_wherever_it_is():
     numbers = [0.4, 15.0, *(parameter.start for parameter in gain.REACTION)]
     played = ScenarioBatch.of("test", 20).play(gain.Steady(numbers))
-    ramp = 0.4 / 15.0  # s, in which it gets half as far as at full speed
+    ramp = 0.4 / 15.0  # s, in which it travels half as far as at full speed
     assert played.approach_time == pytest.approx(played.scenario["distance"] / 0.4 + ramp / 2, abs=2e-2)
 
 
@@ -80,7 +80,7 @@ def test_page_has_rates_beside_gymnasiums_and_the_time_of_an_approach(tmp_path):
     text = text_of_a_page_that_stands_on_its_own(tmp_path, figures=0)
     assert all(word in text for word in (name, bench.BATCH_SCALE, bench.SCALE, "the default"))
     (ours,) = run.frames["rates"].to_dicts()
-    assert 0.0 < ours["training, torch threads: 1"] < ours["environment"]  # which steps the same, and does not learn
+    assert 0.0 < ours["training, torch threads: 1"] < ours["environment"]  # the same steps without learning
     rows = {(name, envs): (steps, ratio) for name, envs, steps, ratio in run.frames["environments"].rows()}
     steps, ratio = rows[bench.SCALE, 1]
     assert ratio == rows[bench.ID, 1][0] / steps
@@ -108,7 +108,7 @@ COUNT = 25
 
 
 def few(cells):
-    """Cells with few scenarios, one seed of the policy, and two of the places."""
+    """Cells of two places, with few scenarios and one seed of the policy."""
     asked = {("spring", "reach", 0.2), ("rigid", "steady", 0.2)}
     for cell in cells:
         place = tuple(cell.labels[name] for name in ("coupling", "operator", "delay"))
@@ -139,11 +139,11 @@ def test_page_has_every_contestant_and_numbers_that_hold_together(study):
         assert row["brake_slide"] == pytest.approx(brake["slide"] - row["slide"], abs=1e-12)
         assert row["brake_cost"] == pytest.approx(brake["cost"] - row["cost"], abs=1e-12)
         if who in (teleop.ALONE, teleop.BRAKE, teleop.RULE):
-            assert row["taken"] == 0.0  # they withhold nothing before the touch
-        if who == teleop.ALONE:  # one of the gains
+            assert row["taken"] == 0.0  # they do not change the command before the touch
+        if who == teleop.ALONE:  # the gain of 1
             assert row["gain_slide"] == pytest.approx(0.0, abs=1e-12)
             assert row["gain_cost"] <= 0.0
-    for operator in (teleop.REACH, "steady"):  # who senses at once stops before the operator has seen anything
+    for operator in (teleop.REACH, "steady"):  # the brake stops before the operator sees the touch
         assert by_name[operator, teleop.BRAKE]["slide"] < by_name[operator, teleop.ALONE]["slide"]
 
 
@@ -177,7 +177,7 @@ def test_duel_counts_cells_and_weighs_all_of_them():
     assert "by 0.400 [0.300, 0.500] m/s (rigid, steady, 100 ms) at the most and -0.200 [-0.300, -0.100] m/s" in text
 
 
-def test_recordings_go_the_whole_way_and_are_none_of_the_training():
+def test_recordings_have_the_whole_length_and_are_not_those_of_the_training():
     recorded, seen = teleop.recordings(), teleop.environment_of("rigid", teleop.SEEN, {"delay": 0.1})["operator"]
     task = Task(**teleop.environment_of("rigid", "recordings", {"delay": 0.1}))
     assert task.operator.recorded.min() == 0.0

@@ -1,4 +1,4 @@
-"""URDF files of small arms whose equations one can write down."""
+"""URDF files of small arms with equations that one can write down."""
 
 import re
 
@@ -8,7 +8,7 @@ SHOULDER = '(name="shoulder".*?lower=)"-3" upper="3"'
 
 
 def link(name, mass=0.0, at=(0.0, 0.0, 0.0), moments=(0.01, 0.02, 0.02), extra=""):
-    """A link; one without mass is a frame."""
+    """A link; without mass it is a frame."""
     if not mass:
         return f'<link name="{name}">{extra}</link>'
     xx, yy, zz = moments
@@ -33,7 +33,7 @@ def write(folder, *parts):
 
 
 def rods(folder, lengths=LENGTHS, masses=(3.0, 2.0), names=("shoulder", "elbow"), turn="0 0 0"):
-    """Rods of these lengths (m) and masses (kg) that turn about z, one on the other, in a base that is turned, too."""
+    """Rods of these lengths (m) and masses (kg) in series that turn about z, in a base with a rotation `turn`."""
     parts = [link("world"), joint("held", "fixed", "world", "base", turn=turn), link("base")]
     before, reach = "base", 0.0
     for name, rod, length, mass in zip(names, ("upper", "fore", "hand"), lengths, masses, strict=False):
@@ -45,7 +45,7 @@ def rods(folder, lengths=LENGTHS, masses=(3.0, 2.0), names=("shoulder", "elbow")
 
 
 def edited(folder, old, new):
-    """Two rods with a piece of the file exchanged."""
+    """Two rods; a piece of the file is replaced."""
     path = rods(folder)
     text = path.read_text()
     assert re.search(old, text)
@@ -54,7 +54,7 @@ def edited(folder, old, new):
 
 
 def slides(folder, first=2.0, second=3.225):
-    """Two slides, along x and along y: along x it is one mass on a spring."""
+    """Two slides, along x and along y; along x they are one mass on a spring."""
     return write(
         folder, link("base"), joint("x", "prismatic", "base", "carriage", axis="1 0 0"), link("carriage", first),
         joint("y", "prismatic", "carriage", "tip", axis="0 1 0"), link("tip", second),
@@ -62,7 +62,7 @@ def slides(folder, first=2.0, second=3.225):
 
 
 def seven_joints(folder, names=tuple(f"joint {k}" for k in range(7)), turn="0 0 0"):
-    """An arm of seven joints about z and y, upright at zero angles, in a base that is turned itself; made-up masses."""
+    """Seven joints about z and y, upright at zero angles, with made-up masses and a base rotated by `turn`."""
     parts = [joint("held", "fixed", "world", "link 0", turn=turn)]
     for k, name in enumerate(names):
         parts += [joint(name, "revolute", f"link {k}", f"link {k + 1}", (0, 0, 0.2), ("0 0 1", "0 1 0")[k % 2]),

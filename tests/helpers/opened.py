@@ -1,4 +1,4 @@
-"""The kernels opened for tests: `opened_kernels.pyx`, compiled anew when a source of the kernels has changed."""
+"""`opened_kernels.pyx`, the kernels with entries for tests; compiled if a source of the kernels has changed."""
 
 import fcntl
 import importlib.util
@@ -13,12 +13,12 @@ from pathlib import Path
 SOURCE = Path(__file__).with_name("opened_kernels.pyx")
 BUILT = Path(__file__).parents[2] / "build" / "opened_kernels"
 FLAGS = "-O0 -w -fPIC -fno-math-errno -fno-trapping-math -ffp-contract=off -DCOMPILED_FROM='\"tests\"'"
-"""Not optimised, which takes a tenth of the time; the rounding of each operation is that of setup.py's flags."""
+"""Without optimisation the compiler takes a tenth of the time; each operation rounds as with the flags of setup.py."""
 
 
 @cache
 def kernels():
-    """The compiled module; 4 s the first time, for whichever process comes first."""
+    """The compiled module; the first process takes 4 s."""
     package = SOURCE.parents[2] / "impact_gym"
     sources = (SOURCE, *sorted((*package.glob("*.pyx"), *package.rglob("*.pxi"), *package.rglob("*.h"))))
     content = b"".join(file.read_bytes() for file in sources)

@@ -1,5 +1,5 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, initializedcheck=False, cdivision=True, cpow=True
-"""The kernels, and in the same program what tests look at: the closed forms, and one step of each method."""
+"""The kernels with entries for tests: closed forms of flight, and one step of each method."""
 
 include "../../impact_gym/kernels.pyx"
 
@@ -12,27 +12,27 @@ def drift_once(law, chain, double acceleration, double time):
 
 
 def first_touch(law, chain, double acceleration, double horizon):
-    """Time (s) until `chain` touches, inf if not within `horizon`; likewise."""
+    """Time (s) until `chain` (1, CHAIN) touches under a `law` (1, LAW); inf if not within `horizon` (s)."""
     cdef Run run
     run.law, run.ground = <const Law *> memory_of(law), 0.0
     return touch_time(&run, <const Chain *> memory_of(chain), acceleration, horizon)
 
 
 def never_touches(law, chain):
-    """Whether `chain` is known never to touch again while the imposed motion rests; likewise, without a robot."""
+    """Whether `chain` certainly never touches again while the imposed motion rests; without a robot."""
     cdef Run run
     run.law, run.tables, run.ground = <const Law *> memory_of(law), NULL, 0.0
     return cannot_touch(&run, <const Chain *> memory_of(chain))
 
 
 def energy_and_reach(law, double stretch, double kinetic):
-    """Energy of a coupling (J) and a bound on the stretch to come with so much `kinetic` energy (m); a `law` (1, LAW)."""
+    """Energy of a coupling (J), and a bound on its later stretch (m) with a `kinetic` energy (J)."""
     cdef const Law *given = <const Law *> memory_of(law)
     return coupling_energy(given, stretch), coupling_reach(given, stretch, kinetic)
 
 
 def swing_reach(law, chain):
-    """Largest deflection to come (m) of an INTEGRATED `chain` on a lumped robot or none; likewise."""
+    """A bound on the later deflection (m) of an INTEGRATED `chain` on a lumped robot or none."""
     cdef Run run
     run.law, run.tables = <const Law *> memory_of(law), NULL
     return integrated_reach(&run, <const Chain *> memory_of(chain))
@@ -42,15 +42,15 @@ BLIND = 10.0, 1e-4  # longest and shortest blind step, scaled
 
 
 def step_once(plan, table, chain, double acceleration, bint flying, x, double h, str method, double tolerance):
-    """Try a step of `h` from the scaled state `x` of a piece that begins at `chain`; return all that is known of it.
+    """Try a step of `h` from the scaled state `x` of a piece that begins at `chain`; return its end, rates and errors.
 
     Args:
         plan, table, chain: one approach, its robot's table, and a row whose `units` are set if it is in contact.
         acceleration: of the flange, m/s^2.
-        flying: in flight or in contact.
+        flying: whether in flight; otherwise in contact.
         x: state (n,), as long as the chain's.
-        h, method: the step, and how: "explicit", "stiff" or "series".
-        tolerance: local error of a step, which says how long one of a series may be.
+        h, method: length and method of the step: "explicit", "stiff" or "series".
+        tolerance: allowed local error of a step; it limits the length of a series' step.
     """
     cdef Run run
     cdef Work work
@@ -100,7 +100,7 @@ def inverse_of(matrix):
     return np.array([[inside[j][i] for j in range(n)] for i in range(n)])
 
 
-STIFF_TABLEAU = {  # as `solver/rosenbrock.pxi` has it
+STIFF_TABLEAU = {  # of `solver/rosenbrock.pxi`
     "A": np.array([[STIFF_A[i][j] for j in range(STIFF_STAGES)] for i in range(STIFF_STAGES)]),
     "C": np.array([[STIFF_C[i][j] for j in range(STIFF_STAGES)] for i in range(STIFF_STAGES)]),
     "gamma": STIFF_GAMMA,

@@ -1,4 +1,4 @@
-"""A set-up as a user writes one: an arm of its own, hardly any training, hardly any report."""
+"""A user's set-up with its own arm, a short training and a short report."""
 
 TEXT = """
 title = "A slow arm"
@@ -30,14 +30,12 @@ varied = { tool_mass = [0.4] }
 
 
 def own_set_up(folder):
-    """Write it to a file."""
     path = folder / "mine.toml"
     path.write_text(TEXT)
     return path
 
 
 def change(path, old, new):
-    """Change a file in one place."""
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))

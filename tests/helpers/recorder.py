@@ -1,6 +1,6 @@
-"""Blows recorded by the slow independent solver, through a sensor of its own: nothing here knows our solver.
+"""Blows recorded by the slow independent solver through an independent sensor, without our solver.
 
-Force and velocity are read off the solver at NODES times of each contact; in between they are cubics.
+Force and velocity are the solver's at NODES times of each contact, with cubics in between.
 """
 
 from functools import lru_cache
@@ -53,14 +53,14 @@ def scene(k_c=1e5, e=0.5, m_p=0.25, coupling=SPRING, robot=None):
 
 
 def truths(of):
-    """What is identified where nothing else is asked for."""
+    """The numbers that `identify` fits by default."""
     return {"contact.stiffness": of.contact.stiffness, "contact.restitution": of.contact.restitution,
             "object.mass": of.object.mass}  # fmt: skip
 
 
 @lru_cache
 def blow(of, motion, after):
-    """Return the motion from the first touch to `after` seconds behind it."""
+    """The motion from the first touch to `after` seconds later."""
     touch = reference.simulate(of, motion, 3.0, RTOL).contacts[0].start
     run = reference.simulate(of, motion, touch + after, RTOL)
     spans = [(contact.start, touch + after if contact.end is None else contact.end) for contact in run.contacts]
@@ -69,7 +69,7 @@ def blow(of, motion, after):
     force, velocity, moving = *np.zeros((2, len(time))), Motion(Chain(of, motion), of.object.distance, RTOL)
     kink = [] if run.detection_time is None or motion.brake is None else [run.detection_time + motion.brake.delay]
     for (start, end), contact in zip(spans, run.contacts, strict=True):
-        shares = np.linspace(0.0, 1.0, NODES) ** 2  # the onset is the roughest place
+        shares = np.linspace(0.0, 1.0, NODES) ** 2  # finest at the onset, where the force changes most
         nodes = np.union1d(start + (end - start) * shares, [time for time in kink if start < time < end])
         points = [(0.0, contact.object_velocity - contact.impulse / of.object.mass)]
         for node in nodes[1:] if contact.end is None else nodes[1:-1]:
@@ -87,9 +87,9 @@ def blow(of, motion, after):
 def log(
     of, rate=4000.0, noise=0.02, low_pass=None, bias=0.0, columns=("force",), seed=0, after=0.03, motion=MOTION,
 ):  # fmt: skip
-    """A log to `after` s behind the touch, the motion beginning at 1 s; noise over the peak of each column.
+    """A log until `after` s behind the touch; the motion begins at 1 s, and the noise is relative to each peak.
 
-    A `low_pass` (Hz) is of first order, and at rest at the touch.
+    The filter `low_pass` (Hz) is of first order, and at rest at the touch.
     """
     here, rng, before = blow(of, motion, after), np.random.default_rng(seed), 0.01
     times = here.time[0] - before + np.arange(int((before + after) * rate)) / rate

@@ -1,15 +1,10 @@
-"""Refusals of bad input."""
-
 import re
 
 import pytest
 
 
 def refused(call, field, *says):
-    """Assert that `call` raises ValueError in one line that names the field and says the rest: value, unit, allowed.
-
-    Returns the error.
-    """
+    """Assert that `call` raises ValueError in one line with the field and these texts; return the error."""
     with pytest.raises(ValueError, match=re.escape(field)) as raised:
         call()
     message = str(raised.value).partition(" was raised from the environment creator")[0]  # the rest is Gymnasium's

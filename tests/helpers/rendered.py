@@ -1,4 +1,4 @@
-"""Episodes played for their pictures, and how to read these."""
+"""Episodes played for their pictures, and functions to read pictures."""
 
 import numpy as np
 from episodes import task_of
@@ -12,9 +12,9 @@ HARD_AND_HEAVY = {"object_mass": 1.3, "contact_stiffness": 2e5, "restitution": 0
 
 
 def play(env, seed=1, scenario=None, stop=10**6, look=None):
-    """Play the paper's rule; return what `look` gave after the reset and each step, and what each `step` gave.
+    """Play the paper's rule; return the results of `look` after the reset and each step, and those of each `step`.
 
-    It is called with whether the episode has ended; by default it is `render`.
+    The argument of `look` is whether the episode has ended; by default `look` calls `render`.
     """
     look = look or (lambda ended: env.render() if env.render_mode else None)
     observation, _ = env.reset(seed=seed, options={"scenario": scenario or {}})
@@ -33,7 +33,7 @@ def history_of(env, ended=True):
 
 def drawn(env, time):
     """The picture of any instant of the episode that `env` has played."""
-    return Renderer("rgb_array").picture(history_of(env), time, 8.0)
+    return Renderer("rgb_array").draw(history_of(env), time, 8.0).pixels()
 
 
 def is_colour(pixels, name):

@@ -1,4 +1,4 @@
-"""The Viper s650 once more, from the numbers in its data file and nothing of the package's own calculation."""
+"""The Viper s650 from the numbers in its data file, without code of the package."""
 
 import json
 from pathlib import Path
@@ -63,7 +63,7 @@ def mass_matrix(angles):
 
 
 def composite_mass(angles):
-    """What a force along x on the flange meets if all links are one free body: its 6 x 6 inertia about the flange."""
+    """Effective mass along x at the flange of all links as one free body, by its 6 x 6 inertia about the flange."""
     at_flange, spatial = frames(angles)[-1][:3, 3], np.zeros((6, 6))
     for mass, center, tensor in bodies(angles):
         r = center - at_flange

@@ -1,4 +1,4 @@
-"""What is identified from logs of the independent solver, how surely, and what a log cannot tell."""
+"""Numbers identified from logs of the independent solver, their intervals, and what a log cannot determine."""
 
 import math
 from dataclasses import replace
@@ -31,7 +31,7 @@ def identified(seed=0):
 
 
 def assert_near(fit, of, widths=2.0):
-    """Each estimate within so many half widths of its 95 % interval."""
+    """Each estimate is within `widths` half widths of its 95 % interval from the truth."""
     for name, truth in truths(of).items():
         low, high = fit.interval[name]
         assert low < fit.estimate[name] < high
@@ -60,7 +60,7 @@ def test_identify_finds_the_numbers_behind_a_log(truth, columns):
     assert labels[::2] == [f"{name} ({'N' if name == 'force' else 'm/s'})" for name in columns]
 
 
-def test_identify_finds_them_to_a_thousandth_with_next_to_no_noise():
+def test_identify_finds_the_numbers_to_a_thousandth_almost_without_noise():
     fit = ig.identify(log(TRUTH, noise=1e-5), guess(), MOTION)
     assert fit.estimate == pytest.approx(truths(TRUTH), rel=1e-3)
 
@@ -74,7 +74,7 @@ def test_identify_takes_filter_and_bias_of_a_sensor_into_account():
     assert unaware.estimate["contact.stiffness"] + 4000.0 < fit.estimate["contact.stiffness"]
 
 
-def test_sensor_with_a_low_pass_answers_a_ramp_as_its_equation_does():
+def test_response_of_a_low_pass_to_a_ramp_solves_its_equation():
     time, at = np.linspace(0.0, 0.05, 40), np.linspace(0.0, 0.05, 77)
     value, slope = ig.Sensor(low_pass=100.0).senses(time, 3.0 * time, at)
     lag = 1.0 / (2.0 * math.pi * 100.0)  # of y' = (u - y) / lag with u = 3 t
@@ -83,19 +83,19 @@ def test_sensor_with_a_low_pass_answers_a_ramp_as_its_equation_does():
 
 
 @pytest.mark.parametrize("damping_ratio", [0.0, 0.05, 0.7])
-def test_load_cell_answers_a_step_like_a_mass_on_a_spring_and_damper(damping_ratio):
+def test_step_response_of_a_load_cell_is_that_of_a_mass_on_a_spring_and_damper(damping_ratio):
     time, omega = np.linspace(0.0, 0.01, 41), 2.0 * np.pi * 700.0
     read, slope = ig.Sensor(cell=ig.LoadCell(0.02, 700.0, damping_ratio)).senses(time, np.ones(41), time)
     root = math.sqrt(1.0 - damping_ratio**2)
     turn, fade = omega * root * time, np.exp(-damping_ratio * omega * time)
     expected = 1.0 - fade * (np.cos(turn) - damping_ratio / root * np.sin(turn))
     np.testing.assert_allclose(read, expected, rtol=0.0, atol=1e-9)
-    assert slope[0] == pytest.approx(2.0 * damping_ratio * omega, abs=1e-6)  # the damper takes it up at once
+    assert slope[0] == pytest.approx(2.0 * damping_ratio * omega, abs=1e-6)  # the damper transmits the step at once
 
 
-def test_identify_sees_through_a_low_pass_and_a_load_cell_that_rings_and_is_braked_with_the_tool():
+def test_identify_takes_a_ringing_load_cell_behind_a_low_pass_into_account():
     cell, trace = ig.LoadCell(0.03, 1500.0, 0.03), ig.simulate(TRUTH, MOTION, 0.4, trace=True).trace
-    fine = np.arange(0.25, 0.345, 1e-6)  # what rings at its begin has faded to e^-14 when the log begins
+    fine = np.arange(0.25, 0.345, 1e-6)  # the ringing at its begin has decayed to e^-14 when the log begins
     pull = np.interp(fine, trace.time, trace.coupling_force - trace.contact_force) / TRUTH.tool.mass
     force = np.interp(fine, trace.time, trace.contact_force) + cell.mass * pull
     omega, pace = 2.0 * np.pi * np.array([cell.frequency, 900.0])
@@ -114,7 +114,7 @@ def test_identify_sees_through_a_low_pass_and_a_load_cell_that_rings_and_is_brak
     assert not low < TRUTH.object.mass < high
 
 
-def test_identify_takes_a_flange_that_keeps_its_speed_all_along():
+def test_identify_allows_a_flange_with_constant_speed():
     recorded = log(TRUTH, after=0.012)
     steady = {"flange_velocity": np.ones_like(recorded["time"])}
     alone, both = (ig.identify(recorded | more, guess(), MOTION) for more in ({}, steady))
@@ -122,7 +122,7 @@ def test_identify_takes_a_flange_that_keeps_its_speed_all_along():
     assert both.noise["flange_velocity"] < 1e-6
 
 
-def test_identify_estimates_noise_or_believes_what_is_known_of_it():
+def test_identify_estimates_noise_or_uses_known_noise():
     noise = 0.02 * log(TRUTH, noise=0.0)["force"].max()
     known, twice = (ig.identify(log(TRUTH), guess(), MOTION, sensor=ig.Sensor(noise=n)) for n in (noise, 2 * noise))
     assert identified().noise["force"] == pytest.approx(noise, rel=0.2)
@@ -130,7 +130,7 @@ def test_identify_estimates_noise_or_believes_what_is_known_of_it():
     assert log_width(twice) == pytest.approx(2 * log_width(known), rel=0.25)  # the misfit is no parabola
 
 
-def test_identify_knows_numbers_that_four_logs_share_twice_as_well():
+def test_four_logs_halve_the_intervals_of_one():
     all_four = ig.identify([log(TRUTH, seed=seed) for seed in range(4)], guess(), MOTION)
     assert_near(all_four, TRUTH)
     assert log_width(identified()) / log_width(all_four) == pytest.approx(2.0, rel=0.25)
@@ -167,7 +167,7 @@ def test_interval_ends_where_the_misfit_has_grown_by_the_quantile(rate, estimate
 
 
 class Misfit:
-    """In the place of a model: of u = ln(object.mass) and v, with the misfit `profile(u)` at the best v, which is u."""
+    """A stand-in for `Model`: x = (ln(object.mass), v), with the misfit `profile(x[0])` at the best v, x[0]."""
 
     size = samples = 2
 
@@ -184,7 +184,7 @@ class Misfit:
 
 
 @pytest.mark.parametrize("well", [0.0, 0.4])
-def test_interval_reaches_over_a_ridge_to_another_minimum_that_is_as_good(well):
+def test_interval_contains_an_equally_good_minimum_behind_a_ridge(well):
     model = Misfit(lambda u: min((u / 0.1) ** 2, ((u - well) / 0.1) ** 2 + 2.0 * (well > 0.0)))
     covariance = 0.1**2 * np.array([[1.0, 1.0], [1.0, 2.0]])
     _, ((low, high),) = intervals(Fit(model, np.zeros(2), 0.0, covariance, covariance, []))
@@ -193,7 +193,7 @@ def test_interval_reaches_over_a_ridge_to_another_minimum_that_is_as_good(well):
     assert well or len(model.tried) == 2 * (1 + len(BEYOND))  # a parabola ends where its curvature says
 
 
-def test_fits_begin_once_in_each_part_of_what_is_searched():
+def test_starts_cover_each_part_of_the_searched_range_once():
     model = ig.identify(log(TRUTH), TRUTH, MOTION, ("contact.restitution", "tool.mass")).fit.model
     for i, number in enumerate(model.free):
         low, high = map(number.coordinate, number.searched)
@@ -211,7 +211,7 @@ def test_indistinguishable_names_an_object_much_heavier_than_the_tool():
     assert "heavier than the tool" in said[0]
 
 
-def test_indistinguishable_names_samples_slower_than_the_blow():
+def test_indistinguishable_names_too_few_samples_in_the_blow():
     logged = {"of": scene(1e7, 0.3, coupling=ig.Rigid()), "rate": 500.0, "after": 0.012}
     sensor = ig.Sensor(noise=0.02 * log(**logged, noise=0.0)["force"].max())
     fit = ig.identify(log(**logged), guess(ig.Rigid()), MOTION, sensor=sensor)
@@ -233,13 +233,13 @@ def test_indistinguishable_names_a_filter_longer_than_the_blow():
         f"contact.restitution: any value above {low:.3g} fits equally well, because the filter takes 32 ms"
         in restitution
     )
-    assert "contact.restitution and object.mass: a larger one with a smaller other" in pair
+    assert "contact.restitution and object.mass: a larger contact.restitution with a smaller object.mass" in pair
 
 
-def test_correlation_is_that_of_the_scene_and_hardly_of_the_noise():
+def test_correlation_hardly_depends_on_the_noise():
     for seed in range(2):
         fit = identified(seed)
-        assert len({fit, fit.fit, identified(1 - seed).fit}) == 3  # what holds arrays is compared by identity
+        assert len({fit, fit.fit, identified(1 - seed).fit}) == 3  # objects with arrays are compared by identity
         assert np.allclose(np.diag(fit.correlation), 1.0)
         assert np.allclose(fit.correlation, fit.correlation.T)
         assert f"correlation of contact.stiffness and object.mass: {fit.correlation[0, 2]:.2f}" in str(fit)
@@ -248,8 +248,8 @@ def test_correlation_is_that_of_the_scene_and_hardly_of_the_noise():
 
 
 @pytest.mark.storm
-def test_intervals_hold_the_truth_as_often_as_chance_lets_95_percent_do():
-    """Random scenes, recorded by random sensors of which something is known; all are told the same guess."""
+def test_95_percent_intervals_contain_the_truth_as_often_as_they_should():
+    """Random scenes, recorded by random sensors with partly known properties; every fit has the same guess."""
     held = []
     for seed in range(40):
         rng = np.random.default_rng(seed)
@@ -264,8 +264,8 @@ def test_intervals_hold_the_truth_as_often_as_chance_lets_95_percent_do():
         noise, bias, known = log_uniform(rng, 0.01, 0.1), rng.choice([0.0, rng.normal(0.0, 0.5)]), rng.random() < 0.5
         noises = {name: noise * values.max() for name, values in log(truth, noise=0.0, **logged).items()}
         offset = "estimated" if bias else 0.0
-        told = noises if known else dict.fromkeys(columns)
-        sensor = {name: ig.Sensor(logged["rate"], low_pass, offset, told[name]) for name in columns}
+        given = noises if known else dict.fromkeys(columns)
+        sensor = {name: ig.Sensor(logged["rate"], low_pass, offset, given[name]) for name in columns}
         recorded = log(truth, noise=noise, bias=bias, seed=seed, **logged)
         fit = ig.identify(recorded, scene(1e5, 0.5, 0.25, *chain), motion, sensor=sensor)
         held.append([low <= truths(truth)[name] <= high for name, (low, high) in fit.interval.items()])

@@ -1,4 +1,4 @@
-"""From logs and a scene's file to a set-up that agents.load_setup accepts, and predictions of what was not fitted."""
+"""From logs and a scene's file to a set-up that agents.load_setup accepts, and predictions of blows not fitted."""
 
 import csv
 from dataclasses import replace
@@ -19,7 +19,7 @@ SLOW = replace(MOTION, speed=0.5)
 
 @pytest.fixture
 def identify(tmp_path):
-    """Run the command on the log of a blow and more of them, with a scene's file in which a piece is changed."""
+    """Run the command on one log or several, with a change of the scene's file."""
 
     def run(*options, logs=(), change=("", "")):
         paths = [tmp_path / f"{k}.csv" for k in range(1 + len(logs))]
@@ -32,7 +32,7 @@ def identify(tmp_path):
     return run
 
 
-def test_main_makes_intervals_the_ranges_of_a_set_up(identify, tmp_path, capsys):
+def test_intervals_become_ranges_of_the_set_up(identify, tmp_path, capsys):
     out = tmp_path / "setup.toml"
     identify("--out", out, "--plot", tmp_path / "a.png")
     assert "contact.stiffness = " in capsys.readouterr().out
@@ -47,7 +47,7 @@ def test_main_makes_intervals_the_ranges_of_a_set_up(identify, tmp_path, capsys)
     assert (tmp_path / "a.png").stat().st_size > 0
 
 
-def test_main_prints_the_set_up_and_may_free_a_coupling(identify, tmp_path, capsys):
+def test_set_up_is_printed_and_a_number_of_the_coupling_may_be_free(identify, tmp_path, capsys):
     with pytest.warns(UserWarning, match="csv.*force"):  # the object is four times lighter than the file says
         identify("--free", "contact.stiffness", "coupling.stiffness")
     (tmp_path / "printed.toml").write_text(capsys.readouterr().out)
@@ -55,10 +55,10 @@ def test_main_prints_the_set_up_and_may_free_a_coupling(identify, tmp_path, caps
     assert stiffness == 150.0 or stiffness[0] < stiffness[1]
 
 
-def test_main_holds_out_every_other_log_and_writes_the_predictions_beside_the_set_up(identify, capsys):
+def test_hold_out_prints_predictions_and_writes_them_beside_the_set_up(identify, capsys):
     slow = log(TRUTH, motion=SLOW, seed=1)
     logs, speeds = [slow, log(TRUTH, seed=2), slow], ("speed = 1.0", "speed = [1.0, 0.5, 1.0, 0.5]")
-    with pytest.warns(UserWarning, match="force"):  # stiffness and mass of the file are not those of the log
+    with pytest.warns(UserWarning, match="force"):  # the log has another stiffness and mass than the file
         folder = identify("--free", "contact.restitution", "--hold-out", logs=logs, change=speeds)
     comments, _, rest = capsys.readouterr().out.partition("\ntitle")
     assert all(line.startswith("# ") for line in comments.splitlines())
@@ -75,8 +75,8 @@ def test_main_holds_out_every_other_log_and_writes_the_predictions_beside_the_se
     assert {row["equal blows"] for row in rows} == {"nan"}  # the halves have one speed each
 
 
-def test_held_out_blows_are_predicted_to_the_noise_by_the_chain_that_made_them_and_by_no_other():
-    """Slow ones by a fit to fast ones and the other way round, beside the independent solver without noise."""
+def test_only_the_right_model_predicts_held_out_blows_to_the_noise():
+    """Fast blows predict slow blows and the reverse; compared with the independent solver without noise."""
     motions = [MOTION, SLOW] * 2
     logs = [log(TRUTH, noise=0.01, columns=BOTH, seed=k, motion=each) for k, each in enumerate(motions)]
     other = replace(TRUTH, contact=replace(TRUTH.contact, dissipation="fixed"))
@@ -97,9 +97,9 @@ def test_held_out_blows_are_predicted_to_the_noise_by_the_chain_that_made_them_a
     assert theirs > 4.0 * ours
 
 
-def test_scatter_of_equal_blows_is_the_median_of_those_that_were_fitted():
+def test_scatter_of_equal_blows_is_relative_to_the_median_of_the_fitted_blows():
     logs = [log(scene(1e5, e), noise=1e-4, columns=("object_velocity",)) for e in (0.3, 0.5, 0.6, 0.7, 0.4)]
-    with pytest.warns(UserWarning, match="object_velocity"):  # one restitution for several
+    with pytest.warns(UserWarning, match="object_velocity"):  # one restitution is fitted to several
         found = ig.hold_out(logs, TRUTH, MOTION, free=("contact.restitution",))
     ends = [np.mean(each["object_velocity"][-40:]) for each in logs]  # the last quarter of 160
     assert [each.measured for each in found.predictions] == pytest.approx(ends)
@@ -107,4 +107,6 @@ def test_scatter_of_equal_blows_is_the_median_of_those_that_were_fitted():
     assert [each.equal for each in found.predictions] == pytest.approx([halves[k % 2] for k in range(5)])
     predicted = [each.predicted for each in found.predictions]
     assert found.errors("object_velocity")[0] == pytest.approx(np.abs(np.divide(predicted, ends) - 1.0))
-    assert predicted == pytest.approx([halves[k % 2] for k in range(5)], rel=0.03)  # e near the middle of its half
+    assert predicted == pytest.approx(
+        [halves[k % 2] for k in range(5)], rel=0.03
+    )  # e near the middle of the fitted half

@@ -1,4 +1,4 @@
-"""What a log may look like without being refused, and which one is too late."""
+"""Unusual logs that are accepted, files of recorders, and a log that begins too late."""
 
 from dataclasses import replace
 
@@ -12,15 +12,15 @@ from impact_gym.identify.log import Log, check, read
 from impact_gym.identify.model import IMPOSSIBLE, Model, free_coordinates
 
 
-def test_coarse_or_gently_rounded_sensor_is_not_taken_for_a_saturated_one():
+def test_coarse_or_gently_rounded_readings_are_not_saturated():
     coarse = np.round(CLEAN + 0.002 * CLEAN.max() * NOISE)  # N: several equal values at the top
     assert np.sum(coarse == coarse.max()) >= 3
-    bottom = np.where(FLAT == 2.5, 2.0, FLAT)  # beside it 3 resolutions away, no more
+    bottom = np.where(FLAT == 2.5, 2.0, FLAT)  # only 3 resolutions below its neighbours
     for force in (coarse, bottom):
         check(Log("blow", TIME[: len(force)], {"force": force}), SCENE, MOTION, {"force": ig.Sensor()})
 
 
-def test_sample_is_taken_for_another_blow_from_six_standard_deviations():
+def test_sample_above_six_standard_deviations_is_another_blow():
     noise = CLEAN.max() / 25.0
 
     def fit(height):
@@ -73,7 +73,7 @@ def test_file_of_a_recorder_is_read_in_seconds_and_newtons(name, tmp_path):
     assert ("not used: 'note', 'temp'" in log.said) == (name == "extra columns")
 
 
-def test_lost_samples_are_counted_and_the_rate_is_that_of_all(tmp_path):
+def test_lost_samples_count_for_the_rate(tmp_path):
     lines = table("t [ms],object accel. (g)\n", of_time=1e-3, of_force=9.80665).splitlines()
     (tmp_path / "log.csv").write_text("\n".join(lines[:9] + lines[10:]))
     log = read(tmp_path / "log.csv", "")
@@ -81,14 +81,14 @@ def test_lost_samples_are_counted_and_the_rate_is_that_of_all(tmp_path):
     assert 1.0 / log.step == pytest.approx(51200.0)
     assert log.said.startswith("read 19 samples at 51.2 kHz")
     assert log.said.endswith("1 sample lost")
-    rounded = np.round(np.arange(1000) / 51200, 6)  # to 1 us, of which the median step makes 50 kHz
+    rounded = np.round(np.arange(1000) / 51200, 6)  # to 1 us; the median step would give 50 kHz
     late = rounded + 0.7 * (np.arange(1000) % 7 == 3) / 51200
     for stamps in (rounded, late):
         assert 1.0 / Log("a", stamps, {}).step == pytest.approx(51200.0, rel=1e-4)
 
 
-def test_impulse_far_above_what_turns_the_tool_back_is_told_of():
-    """As of a fast recorder's stamps in ms, which are steps that a slow one could have in s."""
+def test_impulse_far_too_large_for_the_tool_is_a_warning():
+    """Times in ms of a fast recorder could be times in s of a slow recorder."""
     with pytest.warns(UserWarning, match=r"force has an impulse of .* N s, .* at 1 m/s .* 0\.25 N s: is time in ms\?"):
         check(Log("blow", 1e3 * TIME, {"force": FORCE}), SCENE, MOTION, {"force": ig.Sensor()})
 
@@ -109,7 +109,7 @@ def test_accelerations_of_a_log_are_the_slopes_of_the_velocities(friction):
         assert sensed == pytest.approx(slope, abs=0.02 * np.abs(slope).max())
 
 
-def test_start_so_early_that_the_log_ends_when_the_blow_is_over_is_impossible_and_not_simulated():
+def test_log_that_would_begin_after_the_blow_is_impossible_and_not_simulated():
     coordinates = free_coordinates(SCENE, ("object.mass",))
     log = read({"time": TIME, "force": FORCE}, "blow")
     model = Model.of([log], SCENE, [MOTION], {"force": ig.Sensor()}, coordinates)

@@ -39,8 +39,8 @@ def test_force_has_the_numbers_of_fig_22(force):
     assert barrier == pytest.approx(44.1e-3, abs=5e-6)
     assert (MECHANISM.peak_force, MECHANISM.barrier) == pytest.approx((force(x).max(), barrier), rel=1e-9)
     assert MECHANISM.peak_position == pytest.approx(25.69e-3, abs=5e-6)
-    assert MECHANISM.equilibria == pytest.approx((-64.156e-3, 0.0, 64.156e-3), abs=5e-7)
-    assert [force(equilibrium) for equilibrium in MECHANISM.equilibria] == pytest.approx([0.0] * 3, abs=1e-14)
+    assert MECHANISM.stroke == pytest.approx(64.156e-3, abs=5e-7)
+    assert force(MECHANISM.stroke * np.array([-1.0, 0.0, 1.0])) == pytest.approx([0.0] * 3, abs=1e-14)
 
 
 def test_mechanism_starts_at_rest_under_its_preload():

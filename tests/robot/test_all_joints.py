@@ -1,4 +1,4 @@
-"""All joints at once: against the compiled solver where an arm is one mass, laws, limits, and what it refuses."""
+"""All joints at once: against the compiled solver for an arm that is one mass, laws, and limits."""
 
 from dataclasses import replace
 from functools import partial
@@ -10,8 +10,6 @@ from scipy.integrate import solve_ivp
 
 import impact_gym as ig
 from impact_gym.robot import all_joints, from_urdf
-from impact_gym.robot.drive import Path
-from impact_gym.robot.equations import Equations
 
 pytest.importorskip("mujoco", reason="the extra robot is not installed")
 COUPLINGS = (ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable())
@@ -34,7 +32,7 @@ def sliding(folder):
 
 @pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda each: type(each).__name__)
 def test_two_slides_are_the_chain_with_one_mass_on_a_spring(coupling, tmp_path):
-    """Nothing turns, so every mass is that of both carriages and the compiled solver has the same equations."""
+    """Nothing rotates: every mass is the mass of both carriages, and the compiled solver has the same equations."""
     (arm, approach), scene = sliding(tmp_path), replace(SCENE, coupling=coupling)
     assert arm.units == ("m", "m")
     ours = ig.simulate(replace(scene, robot=ig.Robot(5.225, 1.9e5, 50.4)), PAPERS, duration=0.4)
@@ -47,8 +45,8 @@ def test_two_slides_are_the_chain_with_one_mass_on_a_spring(coupling, tmp_path):
     assert max(theirs.sideways, theirs.turn) < 1e-12
 
 
-def test_stiffer_joints_come_to_a_rigid_robot_as_one_over_their_stiffness(tmp_path):
-    """Over three decades, along the line of the arm whose joints are the softest."""
+def test_difference_from_a_rigid_robot_is_inverse_to_the_joints_stiffness(tmp_path):
+    """Over three decades; all arms follow the same line."""
     scene, (_, approach) = replace(SCENE, contact=ig.Contact(1e4, 0.5)), elastic(tmp_path)
     rigid, off = ig.simulate(scene, PAPERS, duration=0.3, rtol=1e-11).object_velocity, []
     for factor in (1e2, 1e3, 1e4, 1e5):
@@ -58,18 +56,7 @@ def test_stiffer_joints_come_to_a_rigid_robot_as_one_over_their_stiffness(tmp_pa
     assert np.array(off[:-1]) / off[1:] == pytest.approx([10.0, 10.0, 10.0], rel=0.02)
 
 
-def test_jacobian_is_the_derivative_of_the_rates_by_the_joints(tmp_path):
-    """At rest, where no torque acts: the mass matrix then does not count."""
-    arm, approach = elastic(tmp_path)
-    made = Equations(arm, approach, SCENE, Path(ig.Motion((0.0, 1.0), (0.0, 0.0))))
-    assert (made.path.at(1.0), made.damping) == ((0.0, 0.0, 0.0), 0.0)  # the motors stand
-    y, ours = made.begin(0.1), made.jacobian(0.0, made.begin(0.1))
-    steps = 1e-6 * np.eye(len(y))[:4]
-    by_columns = [made.rates(0.0, y + step, False) - made.rates(0.0, y - step, False) for step in steps]
-    np.testing.assert_allclose(ours[:4, :4], np.transpose(by_columns)[:4] / 2e-6, rtol=1e-6, atol=1e-4)
-
-
-def test_weight_hangs_the_joints_and_coriolis_is_small_but_there(tmp_path):
+def test_weight_does_not_turn_a_vertical_axis_and_coriolis_forces_are_small(tmp_path):
     arm, approach = elastic(tmp_path)
     run = partial(all_joints.simulate, arm, approach, SCENE, PAPERS, duration=0.3)
     plain = run().object_velocity
@@ -77,7 +64,7 @@ def test_weight_hangs_the_joints_and_coriolis_is_small_but_there(tmp_path):
     assert 1e-7 < abs(plain - run(coriolis=False).object_velocity) < 0.01 * plain
 
 
-def test_good_servo_is_nearly_an_imposed_motion_and_a_bad_one_has_a_status(tmp_path):
+def test_good_servo_is_nearly_an_imposed_motion_and_a_bad_servo_has_a_status(tmp_path):
     arm, approach = elastic(tmp_path, rotor_inertia=1e-4, gear=100.0)
     assert arm.rotors == pytest.approx([1.0, 1.0])
     run = partial(all_joints.simulate, arm, approach, scene=SCENE, motion=PAPERS, duration=0.25)
@@ -96,20 +83,20 @@ def test_good_servo_is_nearly_an_imposed_motion_and_a_bad_one_has_a_status(tmp_p
 @pytest.mark.parametrize("delay", [0.0, 0.3, 1.0, 1.4, 2.0])
 @pytest.mark.parametrize("w", [0.2, 0.9, 1.7])
 def test_loop_of_a_servo_around_a_rotor_alone_is_the_sampled_double_integrator(w, delay):
-    """Period 1 s. Joints so soft that they pass nothing on: x'' is what was asked for a delay ago."""
+    """Period 1 s. The joints are so soft that they transmit no torque: x'' is the command of a delay ago."""
     ratio, part, late = 0.5, delay % 1.0, int(delay)
     rest = 1.0 - part
     state = np.array([[1.0, 1.0], [0.0, 1.0]])
     older, newer = np.array([part**2 / 2 + part * rest, part]), np.array([rest**2 / 2, rest])
     control = np.array([-w * w, -2.0 * ratio * w])
-    loop = np.zeros((3 + late, 3 + late))  # x, x', then what was asked for in the last samples
+    loop = np.zeros((3 + late, 3 + late))  # x, x', then the commands of the last samples
     loop[:2, :2], loop[2, :2], loop[:2, 2 + late] = state, control, older
     if late:
         loop[:2, 1 + late] += newer
         loop[3:, 2:-1] += np.eye(late)
     else:
         loop[:2, :2] += np.outer(newer, control)
-    servo = all_joints.Servo(w / 0.01, ratio, 0.01, 0.01 * delay)  # the same but for its unit of time
+    servo = all_joints.Servo(w / 0.01, ratio, 0.01, 0.01 * delay)  # the same loop in another unit of time
     growth = servo.growth(np.eye(1), np.array([1e-9]), np.array([1e-9]), np.ones(1))
     expected = np.abs(np.linalg.eigvals(loop)).max()
     assert growth == pytest.approx(max(expected, 1.0), abs=1e-6)
@@ -117,10 +104,10 @@ def test_loop_of_a_servo_around_a_rotor_alone_is_the_sampled_double_integrator(w
         assert (growth > 1.0 + 1e-6) == (w > min(4.0 * ratio, 1.0 / ratio))
 
 
-def test_all_that_is_reported_is_what_an_independent_run_has(tmp_path):
-    """Lagrange's equations of the two links, motors by their inverse kinematics, another method, looked at everywhere.
+def test_all_results_are_those_of_an_independent_simulation(tmp_path):
+    """Lagrange's equations of the two links, motors by their inverse kinematics, another method of integration.
 
-    Flange, Jacobian and mass matrix are the arm's, which test_robot.py has from an independent chain.
+    Flange, Jacobian and mass matrix are the arm's; test_robot.py compares them with an independent chain.
     """
     arm, approach = elastic(tmp_path)
     (a, b), m, k_c = LENGTHS, 0.125, 1e5
@@ -177,10 +164,10 @@ def test_all_that_is_reported_is_what_an_independent_run_has(tmp_path):
     assert ours.peak_force == pytest.approx(max(force(t, y, chi) for t, y in looked), rel=1e-5)
     assert ours.sideways == pytest.approx(max(abs(x * u[1] - y * u[0]) for x, y in away), rel=1e-3)
     assert ours.turn == pytest.approx(max(abs(y[:2].sum() - met[:2].sum()) for _, y in looked), rel=1e-3)
-    assert abs(away[-1][0] * u[1] - away[-1][1] * u[0]) < 0.9 * ours.sideways  # it is largest in between
+    assert abs(away[-1][0] * u[1] - away[-1][1] * u[0]) < 0.9 * ours.sideways  # not largest at the end of the contact
 
 
-def test_a_motion_beyond_the_line_and_one_that_takes_too_long_have_a_status(tmp_path):
+def test_motion_beyond_the_line_and_too_many_evaluations_have_a_status(tmp_path):
     arm, approach = elastic(tmp_path)
     beyond = all_joints.simulate(arm, approach, SCENE, ig.Trapezoid(0.5, 8.0), duration=2.0)
     assert beyond.status == "the motion leaves the line at 0.4313 s"  # 0.2 m at 0.5 m/s and 0.5 m/s at 8 m/s^2
@@ -191,7 +178,7 @@ def test_a_motion_beyond_the_line_and_one_that_takes_too_long_have_a_status(tmp_
     assert short.status == "more than 100 evaluations of the equations"
 
 
-def test_advise_names_the_cheapest_mass_beside_all_joints(tmp_path):
+def test_advise_compares_one_mass_with_all_joints_and_names_the_cheapest(tmp_path):
     arm, approach = elastic(tmp_path, joint_stiffness=(9e4, 4e4))
     advice = ig.advise(SCENE, PAPERS, 0.05, duration=0.3, arm=(arm, approach))
     true = all_joints.simulate(arm, approach, SCENE, PAPERS, duration=0.3).object_velocity
@@ -204,7 +191,7 @@ def test_advise_names_the_cheapest_mass_beside_all_joints(tmp_path):
     assert ig.advise(SCENE, PAPERS, 1e-9, duration=0.3, arm=(arm, approach)).model.name == "all joints"
 
 
-def test_advise_finds_that_two_slides_are_one_mass_that_yields(tmp_path):
+def test_advise_finds_that_two_slides_are_one_mass_on_a_spring(tmp_path):
     advice = ig.advise(SCENE, PAPERS, 1e-5, duration=0.4, arm=sliding(tmp_path))
     off = {model.name: model.bound for model in advice.tried}
     assert advice.model.name.startswith("robot one mass")

@@ -1,6 +1,6 @@
-"""A robot that yields: against matrix exponentials, and the paper's Fig. 13b and 14.
+"""A compliant robot, compared with matrix exponentials and the paper's Fig. 13b and 14.
 
-That every chain with a robot, or a table of one, agrees with the slow solver is in tests/solver/test_agreement.py.
+tests/solver/test_agreement.py compares every chain with a robot, or with a table, with the slow solver.
 """
 
 import math
@@ -40,8 +40,8 @@ def test_robot_and_fixed_tool_are_one_mass_on_the_robots_spring():
 
 
 @pytest.mark.parametrize("coupling", [ig.SpringDamper(150.0), ig.SpringDamper(5000.0, 0.1)], ids=str)
-def test_robot_flange_and_tool_fly_as_the_matrix_exponential_says(coupling):
-    trace = approach(coupling, ROBOT, distance=1e3, duration=0.5).trace  # an object that is never met
+def test_flight_of_flange_and_tool_is_the_matrix_exponential(coupling):
+    trace = approach(coupling, ROBOT, distance=1e3, duration=0.5).trace  # the object is not reached
     (m_r, k_r, c_r), m_t, k_t = astuple(ROBOT), 0.125, coupling.stiffness
     c_t = 2 * coupling.damping_ratio * math.sqrt(k_t * m_t)
     # offsets of flange and tool from the imposed motion, their rates, and the imposed acceleration

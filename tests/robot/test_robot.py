@@ -1,4 +1,4 @@
-"""The robot's reduction against an independent kinematic chain and the laws it obeys; the table that is shipped."""
+"""The robot's reduction, compared with an independent kinematic chain and laws; the shipped table."""
 
 import dataclasses
 import json
@@ -48,7 +48,7 @@ def test_file_has_the_numbers_of_the_data(arm):
     assert arm.length == pytest.approx(viper.KINEMATICS["link_lengths_m"]["a2"])
 
 
-def test_along_x_is_energy_and_force_along_x(arm):
+def test_reduction_along_x_follows_from_energy_and_force(arm):
     for angles in SHIPPED.joint_angles[::19]:
         ours = arm.reduction(angles, X)
         J = viper.point_jacobian(angles, viper.frames(angles)[-1][:3, 3], 6)
@@ -57,8 +57,8 @@ def test_along_x_is_energy_and_force_along_x(arm):
         torques = J.T @ np.eye(6)[0]  # a force or an impulse along x, nothing else
         stiffness = rates @ (K * rates)
         assert ours == pytest.approx({
-            "held": rates @ M @ rates,  # twice its kinetic energy
-            "stiffness": stiffness,  # the force that holds it 1 m off
+            "held": rates @ M @ rates,  # twice the kinetic energy
+            "stiffness": stiffness,  # the force at a deflection of 1 m
             "damping": vipers.DAMPING_OVER_STIFFNESS * stiffness,
             "effective": 1 / (J[0] @ np.linalg.solve(M, torques)),
             "effective_stiffness": 1 / (J[0] @ (torques / K)),
@@ -78,7 +78,7 @@ def test_joint_angles_put_the_flange_there(arm, y, orientation, pointing):
     assert np.all((lower < angles) & (angles < upper))
 
 
-def test_default_approach_is_straight_in_the_arms_plane_within_limits_and_has_the_papers_mass():
+def test_default_approach_is_straight_within_limits_and_has_the_papers_mass():
     assert SHIPPED.at(0.2505).mass + 0.125 == pytest.approx(5.35, abs=1e-9)  # paper, section 3.2
     assert SHIPPED.at(0.2505).stiffness == pytest.approx(1.9e5, rel=1e-9)
     assert (SHIPPED.chosen, SHIPPED.start[1]) == ("held", pytest.approx(0.0, abs=1e-15))
@@ -91,7 +91,7 @@ def test_default_approach_is_straight_in_the_arms_plane_within_limits_and_has_th
         assert viper.condition(angles) < MAX_CONDITION
 
 
-def test_shipped_table_is_made_again_and_its_file_loses_no_digit(arm, tmp_path):
+def test_shipped_table_is_reproduced_and_its_file_has_all_digits(arm, tmp_path):
     write_default_approach(file := tmp_path / "again.json")
     again, numbers = approach.read(file), (*approach.COLUMNS, "joint_angles")
     for name in numbers:
@@ -111,14 +111,14 @@ def test_robot_table_meets_the_robot_between_its_rows(arm):
     for row in [*range(0, len(SHIPPED.position) - 1, 3), len(SHIPPED.position) - 2]:
         middle = 0.5 * (SHIPPED.position[row] + SHIPPED.position[row + 1])
         angles = joint_angles(arm, np.add(SHIPPED.start, (middle, 0.0, 0.0)), forward, SHIPPED.joint_angles[row])
-        # small beside what is unknown about the links
+        # far smaller than the uncertainty of the links' inertia
         assert table.at(middle).mass == pytest.approx(arm.reduction(angles, X)["held"], rel=1e-4)
 
 
 def test_arm_alone_needs_mujoco():
     script = """
 import sys
-sys.modules["mujoco"] = None  # what import finds where it is not installed
+sys.modules["mujoco"] = None  # as if it were not installed
 import impact_gym.robot as robot
 assert robot.default_approach().robot_table().at(0.2505).mass > 0
 from impact_gym.robot.viper import viper

@@ -1,7 +1,7 @@
-"""The study `paper`: the figures of the paper drawn anew, and what its text says about them, judged one by one.
+"""The study `paper`: the paper's figures computed by our model, and the statements of its text about them, judged.
 
-A module for each section of the paper. Of a figure it computes the table (figure_02), draws it (_draw_figure_02), and
-reads off it the numbers that statements.toml names (_numbers_figure_02).
+Each section of the paper has a module. For each figure the module computes a table (figure_02), draws it
+(_draw_figure_02), and computes the numbers that statements.toml names (_numbers_figure_02).
 """
 
 from collections import Counter
@@ -22,7 +22,7 @@ DEPENDS = (*SOLVER, "experiments.lab.scenes", "experiments.studies.paper.runs")
 
 
 def _words(row: dict[str, Any]) -> tuple[str, str, str, str]:
-    """Return a statement in words, the verdict with the digits to which we agree, what we find, and why."""
+    """Return a statement, the verdict with the agreeing digits, our result, and the reason."""
     place = f"section {row['section']}" + f", {ABOUT[row['figure']]['heading']}" * row["figure"].startswith("figure")
     digits = "" if row["digits"] is None else f", {row['digits']} digit{'s' * (row['digits'] != 1)}"
     basis = f" ({row['basis']})" * (row["basis"] != Basis.TEST)
@@ -35,12 +35,12 @@ def _words(row: dict[str, Any]) -> tuple[str, str, str, str]:
 
 def table(caption: str, statements: pl.DataFrame) -> Table:
     """Return a table of statements."""
-    head = ("What the text says", "Verdict", "What we find", "By which rule, and why")
+    head = ("What the text says", "Verdict", "Our result", "Rule and reason")
     return Table(caption, head, [_words(row) for row in statements.iter_rows(named=True)])
 
 
 def answer(statements: pl.DataFrame) -> str:
-    """Return the counts in words."""
+    """Return the number of statements with each verdict, in words."""
     bases = Counter(Basis(basis).name for basis in statements["basis"])
     tests = Counter(Verdict(verdict).name for verdict in statements.filter(basis=Basis.TEST)["verdict"])
     agree, others = sum(tests[verdict.name] for verdict in AGREEING), len(statements) - bases["TEST"]
@@ -48,7 +48,7 @@ def answer(statements: pl.DataFrame) -> str:
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
-    """Judge the statements about all figures that were made, and show both."""
+    """Judge the statements about all measured figures, and show figures and statements."""
     statements = judged({name: MADE[f"_numbers_{name}"](frame) for name, frame in frames.items()})
     apart = statements.filter(~pl.col("verdict").is_in(AGREEING))
     misprints = Table.of("", DATA["misprints"], {"Where": "{place}", "What is wrong with it": "{correction}"})
@@ -67,8 +67,8 @@ def analyse(frames: Frames, quick: bool) -> Findings:
 
 STUDY = Study(
     name="paper",
-    question="Does the model do what the paper says?",
-    measurements=[  # a table for each figure: of one cell, and that fast that a process is not worth while
+    question="Does the model agree with the paper?",
+    measurements=[  # a table of one cell for each figure, so fast that it runs in this process
         Measurement(name, lambda quick, frames: [Cell({}, {})], MADE[name], DEPENDS, processes=0)
         for section in DATA["sections"]
         for name in section["figures"]

@@ -1,4 +1,4 @@
-"""What sections 1 and 6 claim and no figure shows: other speeds, objects, delays, and who notices the impact."""
+"""Claims of sections 1 and 6 without a figure: other speeds, objects and delays, and the sensor of the impact."""
 
 from dataclasses import replace
 from functools import partial
@@ -25,20 +25,20 @@ OBJECTS = {"light": 0.25, "heavy": 1.0}  # kg
 DELAYS = np.array([0, 4, 8, 12, 16, 20, 30, 40, 50, 75, 100, 125, 150, 200, 250, 300, 400, 500]) / 1000  # s
 STIFFNESS = np.logspace(2, 8, 25)  # N/m^1.5
 RESTITUTIONS = np.round(np.arange(0.1, 1.001, 0.05), 2)
-MIDDLE_STIFFNESS, SMALL_RESTITUTION = 1e5, 0.1  # N/m^1.5, -: what is held while the other varies
-NEVER = -1.0  # s, in place of a delay: no brake
-PERSON = 0.2  # s, a simple reaction of a person
-FROM_TOUCH = np.round(np.arange(0.002, 0.1001, 0.002), 3)  # s, from the touch to the braking
+MIDDLE_STIFFNESS, SMALL_RESTITUTION = 1e5, 0.1  # N/m^1.5, -: one is fixed while the other varies
+NEVER = -1.0  # s, a delay that stands for no brake
+PERSON = 0.2  # s, simple reaction time of a person
+FROM_TOUCH = np.round(np.arange(0.002, 0.1001, 0.002), 3)  # s, from the touch to the start of braking
 MASSES = np.unique(np.append(np.geomspace(0.1, scenes.HEAVY_MASS, 41), OBJECT_MASS))  # kg
-SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # radius over that of the paper's object; k_c, N/m^1.5
-CHANGES = np.linspace(0.9, 1.1, 9)  # of H and of the front stop
-ENOUGH = 40.0  # %, least reduction; the paper's about 50 % to its one digit would be 45 %
+SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # radius over that of the paper's object: k_c (N/m^1.5)
+CHANGES = np.linspace(0.9, 1.1, 9)  # factors of H and of the front stop
+ENOUGH = 40.0  # %, least reduction; 'about 50 %' to one digit would be 45 %
 SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s
-CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s, at constant speed in Fig. 23
+CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s, of constant speed in Fig. 23
 
 
 def beyond_delay() -> list[Row]:
-    """Simulate every delay, and no brake, over contact stiffness and over restitution, for each coupling and object."""
+    """Simulate all delays and no brake, over contact stiffness and restitution, for each coupling and object."""
     rows: list[Row] = []
     braking = replace(MOTION, brake=replace(BRAKE, delay=0.0))
     lines = {
@@ -61,7 +61,7 @@ def beyond_delay() -> list[Row]:
 
 
 def _ratios(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return the frame with V_p over that of the rigid tool, and over that without a brake."""
+    """Return the table with V_p over the rigid tool's, and over V_p without a brake."""
     velocity, scenario = pl.col("object_velocity"), ("object", "over", "stiffness", "restitution")
     rigid, free = velocity.filter(coupling="rigid").first(), velocity.filter(delay=NEVER).first()
     return frame.with_columns(
@@ -107,19 +107,19 @@ def _numbers_beyond_delay(frame: pl.DataFrame) -> Numbers:
 
 
 def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
-    """Return how long after the touch the contact force exceeds 1 N, and the coupling's has changed by 1 N (s)."""
+    """Return when the contact force exceeds 1 N and the coupling's has changed by 1 N, from the touch on (s)."""
     outcome, trace = scenes.simulate_with_trace(approach, STEADY)
     time = trace.time - outcome.contacts[0].start
     change = np.abs(trace.coupling_force - np.interp(0.0, time, trace.coupling_force))
     if isinstance(approach.coupling, ig.Rigid):
-        change = trace.contact_force  # the robot holds the tool itself
+        change = trace.contact_force  # the tool is fixed to the robot
     felt = [force > scenes.THRESHOLD for force in (trace.contact_force, change)]
     by_tool, by_robot = (float(time[(time >= 0.0) & above][0]) for above in felt)
     return by_tool, by_robot
 
 
 def beyond_detection() -> list[Row]:
-    """Simulate every delay, and the two that follow from who notices; the brake counts from 1 N of contact force."""
+    """Simulate all delays, and those of a sensor on the tool and of the robot; a brake's delay counts from 1 N."""
     rows: list[Row] = []
     for name, coupling in COUPLINGS.items():
         approach = scene(1e3, 0.1, coupling)
@@ -159,7 +159,7 @@ def _numbers_beyond_detection(frame: pl.DataFrame) -> Numbers:
 
 
 def beyond_objects() -> pl.DataFrame:
-    """Simulate the tool fixed, the mechanism, and every small change of it that holds the tool."""
+    """Simulate the fixed tool, the mechanism, and all its small changes that hold the tool."""
     height, stop = MECHANISM.height, MECHANISM.front_stop
     candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
     holding = [coupling for coupling in candidates if coupling.holding_force >= scenes.HOLD]
@@ -177,7 +177,7 @@ def beyond_objects() -> pl.DataFrame:
 
 
 def _reductions(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return the frame with velocities as per cent by which they lie below that of the fixed tool."""
+    """Return the table with velocities as reductions from the fixed tool's, in per cent."""
     return frame.with_columns((pl.col("as_it_is", "changed") / pl.col("rigid") - 1.0) * -100.0)
 
 
@@ -205,7 +205,7 @@ def _numbers_beyond_objects(frame: pl.DataFrame) -> Numbers:
 
 
 def _row(coupling: str, speed: float) -> Row:
-    """Simulate one approach at `speed` (m/s); a row of the frame."""
+    """Simulate one approach at `speed` (m/s); return its row."""
     distance = speed**2 / (2.0 * MOTION.acceleration) + speed * CRUISE
     approach = scene(1e3, 0.1, COUPLINGS[coupling], distance=distance)
     outcome = ig.simulate(approach, replace(MOTION, speed=speed), duration=2.0)
@@ -217,7 +217,7 @@ def _row(coupling: str, speed: float) -> Row:
 
 
 def beyond_speed() -> list[Row]:
-    """Simulate all couplings; changes in contacts, passes and alarm are enclosed."""
+    """Simulate all couplings, with intervals around the changes of contacts, passes and alarm."""
     counts = ("contacts", "passes", "alarm")
     return [row for name in COUPLINGS for row in enclose_changes(SPEEDS, partial(_row, name), "speed", *counts)]
 

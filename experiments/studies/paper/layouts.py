@@ -1,4 +1,4 @@
-"""Drawing of figures: their panels and texts after statements.toml, and layouts that several of them share."""
+"""Drawing of figures: panels and texts from statements.toml, and layouts of several figures."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -12,10 +12,10 @@ from experiments.lab.parts import Picture
 from experiments.studies.paper.runs import runs_of
 from experiments.studies.paper.statements import DATA
 
-SCALE = 0.8  # of all figures: so small that letters can be read where two stand beside each other
-WIDE = 11.0  # inches before that; a wider figure stands alone in its row
+SCALE = 0.8  # of all figures, so that the text is legible if two are side by side
+WIDE = 11.0  # inches, unscaled; a wider figure is alone in its row
 Panels = Any
-"""Axes of matplotlib: one, or an array of them, which its types do not tell apart."""
+"""Axes of matplotlib, or an array of them."""
 
 
 def picture(name: str, draw: Callable[..., None], frame: pl.DataFrame) -> Picture:
@@ -33,7 +33,7 @@ def picture(name: str, draw: Callable[..., None], frame: pl.DataFrame) -> Pictur
 
 
 def mark(axes: Panels, x: Any, y: Any, colour: str = "none", marker: str = "o", label: str | None = None) -> None:
-    """Mark points of a curve; with no points and no colour, as an entry of the legend."""
+    """Mark points of a curve; without points and colour, add an entry to the legend."""
     axes.plot(x, y, marker, color=colour, markeredgecolor="black", label=label)
 
 
@@ -47,14 +47,14 @@ def velocities_and_forces(frame: pl.DataFrame, grid: Panels) -> None:
 
 
 def imposed_and_actual(frame: pl.DataFrame, grid: Panels) -> None:
-    """Draw velocities of two cases against time where the robot is compliant: the layout of Fig. 13 and 14."""
+    """Draw the velocities of two cases with a compliant robot against time: the layout of Fig. 13 and 14."""
     for axes, run in zip(grid, runs_of(frame), strict=True):
         velocities(axes, run.trace._replace(flange_velocity=run.trace.command_velocity))
         axes.lines[0].set_label("imposed")
 
 
 def impulses(frame: pl.DataFrame, axes: Panels, cases: Sequence[str]) -> None:
-    """Draw what the coupling has given the tool since the contact began: the layout of Fig. 20 and 24."""
+    """Draw the impulse of the coupling since the contact began: the layout of Fig. 20 and 24."""
     for colour, run, case in zip(SERIES, runs_of(frame), cases, strict=False):
         time, impulse = run.running_impulse()
         axes.plot(time, impulse, color=colour, label=f"{case}: {impulse[-1]:.4f} N s")

@@ -1,4 +1,4 @@
-"""Columns of a figure's frame, searches along a parameter, and the runs whose time histories a frame holds."""
+"""Columns of a figure's table, searches along a parameter, and runs with their time histories."""
 
 from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise, product
@@ -15,19 +15,19 @@ from impact_gym.physics import impact
 
 Array = NDArray[np.float64]
 Numbers = dict[str, Any]
-"""What statements about a figure name: numbers, arrays of them, or words."""
-WIDTH = 1e-6  # to which `enclose_changes` closes in on a change, in units of the parameter
+"""Numbers, arrays or words that the statements about a figure name."""
+WIDTH = 1e-6  # width of an interval of `enclose_changes`, in the unit of the parameter
 
 
 def where(frame: pl.DataFrame, **values: float | str) -> dict[str, NDArray[Any]]:
-    """Return the columns of the rows in which each named column has the value given for it."""
+    """Return the columns of the rows in which the named columns have these values."""
     return {column.name: column.to_numpy() for column in (frame.filter(**values) if values else frame)}
 
 
 def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parameter: str, *counts: str) -> list[Row]:
-    """Return the rows at rising `values` of a parameter, and the pairs within WIDTH that enclose a change of a count.
+    """Return the rows at rising `values` of a parameter, and pairs of rows within WIDTH around each change of a count.
 
-    `row` computes the row at a value. Between two values each of `counts` is expected to change once at most.
+    `row` computes the row at a value. Between two values each of `counts` may change at most once.
     """
     rows = [row(value) for value in values]
     enclosing: list[Row] = []
@@ -42,16 +42,16 @@ def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parame
 
 
 def changes(rows: dict[str, NDArray[Any]], parameter: str, count: str) -> list[tuple[float, int, int]]:
-    """Return where the column `count` changes: the parameter below it, and the count below and above it."""
+    """Return the changes of the column `count`: the parameter below each, and the count below and above it."""
     places, counts = np.flatnonzero(np.diff(rows[count])), rows[count].astype(int).tolist()
     return [(float(rows[parameter][i]), counts[i], counts[i + 1]) for i in places]
 
 
 def histories(cases: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION) -> pl.DataFrame:
-    """Simulate scenes for `duration` (s) and return their traces below each other, told apart by the column `case`.
+    """Simulate scenes for `duration` (s); return one table of their traces, with a column `case`.
 
-    The column `contact` counts the contact going on from 1 and is 0 in flight. `impulse` is eq. 21 over all contacts in
-    N s, the same in all rows of a case.
+    The column `contact` is the number of the current contact, from 1, and 0 in flight. `impulse` is eq. 21 over all
+    contacts (N s), the same in all rows of a case.
     """
     parts = []
     for case, scene in cases.items():
@@ -66,37 +66,37 @@ def histories(cases: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, dura
 
 
 class Run:
-    """One case with a contact of a frame of `histories`, and the numbers read off it."""
+    """A case of a table of `histories`, and its numbers."""
 
     def __init__(self, frame: pl.DataFrame, case: str) -> None:
-        """Pick the rows of `case`."""
+        """Read the rows of `case`."""
         rows = where(frame, case=case)
         self.trace = ig.Trace(*(rows[name] for name in ig.Trace._fields))
-        self.contact = rows["contact"]  # number of the contact going on, 0 in flight
+        self.contact = rows["contact"]  # number of the current contact, 0 in flight
         self.contacts = int(self.contact.max())
         self.first_contact = first = self.part(self.contact == 1)
         self.during_contact = during = self.part(self.contact > 0)
         self.felt_contact = self.part((self.contact == 1) & (self.trace.contact_force > THRESHOLD))
-        self.impulse = rows["impulse"][-1]  # N s, eq. 21 as the simulation integrated it
+        self.impulse = rows["impulse"][-1]  # N s, eq. 21, integrated by the simulation
         self.final_velocity = self.trace.object_velocity[-1]  # m/s, V_p
         self.peak_force = self.trace.contact_force.max()  # N
-        self.impact_velocity = first.tool_velocity[0]  # m/s, of the tool when it first touches the object at rest
+        self.impact_velocity = first.tool_velocity[0]  # m/s, of the tool at the first touch
         self.duration = 1e3 * np.ptp(first.time)  # ms, of the first contact
         self.deceleration = (during.contact_force - during.coupling_force).max() / TOOL_MASS  # m/s^2; paper, eq. 17
         rate = first.tool_velocity - first.object_velocity
-        self.restitution = -rate[-1] / rate[0]  # that the first contact had: separation over approach velocity
+        self.restitution = -rate[-1] / rate[0]  # of the first contact: separation over approach velocity
         behind = first.command_position - first.tool_position
-        self.deflection = 1e3 * (behind.max() - behind[0])  # mm, of the robot by the contact
-        self.way = 1e3 * np.ptp(first.command_position)  # mm, of the imposed motion during it
+        self.deflection = 1e3 * (behind.max() - behind[0])  # mm, of the robot, caused by the contact
+        self.way = 1e3 * np.ptp(first.command_position)  # mm, of the imposed motion during the contact
 
     def part(self, rows: NDArray[np.bool_]) -> ig.Trace:
         """Return some points of the trace."""
         return ig.Trace(*(column[rows] for column in self.trace))
 
     def running_impulse(self) -> tuple[Array, Array]:
-        """Return time since the first contact began (s) and the impulse of the coupling until then (N s; eq. 21).
+        """Return the time since the first contact began (s) and the impulse of the coupling so far (N s; eq. 21).
 
-        By the trapezoidal rule over the trace, contacts only: between two of them the impulse stays where it is.
+        Computed by the trapezoidal rule during contacts; between contacts the impulse is constant.
         """
         time, force, contact = self.trace.time, self.trace.coupling_force, self.contact
         within = (contact[1:] > 0) & (contact[1:] == contact[:-1])

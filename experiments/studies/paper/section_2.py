@@ -1,8 +1,8 @@
 """Section 2, instantaneous and non-instantaneous impact.
 
-The first in closed form at v_t = 1 m/s, v_p = 0 (paper, eq. 1-4), no simulation. The second is an approach at 1 m/s
-without a brake, tool fixed (a) and free (b). Two free masses meet as an imposed tool meets one object of their reduced
-mass: same penetration, same force.
+The instantaneous impact is computed in closed form at v_t = 1 m/s, v_p = 0 (paper, eq. 1-4), without simulation. The
+other is an approach at 1 m/s without a brake, tool fixed (a) and free (b). The contact of two free masses has the same
+penetration and force as that of an imposed tool and an object of their reduced mass.
 """
 
 from collections.abc import Iterable
@@ -24,7 +24,7 @@ MASSES = np.logspace(-2.0, 1.0, 121)  # kg
 STIFFNESS, RESTITUTION = 1e5, 0.5  # of Fig. 5
 STIFFNESSES = np.logspace(3.0, 6.0, 25).tolist()  # N/m^1.5
 RESTITUTIONS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)  # as given to eq. 7
-CUT = 1e5  # N/m^1.5, where more restitutions are looked at
+CUT = 1e5  # N/m^1.5, stiffness with more restitutions
 CUT_RESTITUTIONS = np.round(np.arange(0.05, 1.0001, 0.025), 3)
 VANISHING = (0.05, 0.02, 0.01, 0.005)  # restitutions below those of the curves
 CONTACTS = {
@@ -33,7 +33,7 @@ CONTACTS = {
 }
 SPEEDS = (0.5, 1.0, 2.0)  # m/s, of the tool
 NOMINAL = np.round(np.linspace(0.01, 1.0, 100), 2)
-SMALL = 0.3  # what we call a small restitution; the paper does not say
+SMALL = 0.3  # a small restitution; the paper does not define it
 LAWS = {"hu-guo": "eq. 7 (Hu and Guo)", "hunt-crossley": "Hunt and Crossley"}
 
 
@@ -63,7 +63,7 @@ def _numbers_figure_02(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_03() -> pl.DataFrame:
-    """Evaluate eq. 3 and 4 over restitution and mass of the tool; with the paper's tool, and robot and tool."""
+    """Evaluate eq. 3 and 4 over restitution and mass of the tool, for the paper's tool and robot with tool as well."""
     every_mass = np.sort(np.append(MASSES, (TOOL_MASS, scenes.ROBOT_AND_TOOL)))
     restitution, mass = (axis.ravel() for axis in np.meshgrid(OF_MASSES, every_mass, indexing="ij"))
     tool, hit = (np.asarray(velocity) for velocity in impact.free_tool(mass, OBJECT_MASS, 1.0, 0.0, restitution))
@@ -88,13 +88,13 @@ def _numbers_figure_03(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_05() -> pl.DataFrame:
-    """Simulate both cases."""
+    """Simulate the fixed and the free tool."""
     fixed, free = (scene(STIFFNESS, RESTITUTION, object_mass=mass) for mass in (OBJECT_MASS, REDUCED_MASS))
     return histories({"a": fixed, "b": free}, STEADY, duration=0.5)
 
 
 def parts(run: Run) -> tuple[Array, Array]:
-    """Return elastic part and damping part of the contact force (N)."""
+    """Return the elastic part and the damping part of the contact force (N)."""
     penetration = np.maximum(run.trace.tool_position - run.trace.object_position, 0.0)
     elastic = np.where(run.trace.contact_force > 0.0, STIFFNESS * penetration**1.5, 0.0)
     return elastic, run.trace.contact_force - elastic
@@ -121,9 +121,9 @@ def _numbers_figure_05(frame: pl.DataFrame) -> Numbers:
 
 
 def _sweep(pairs: Iterable[tuple[float, float]]) -> list[Row]:
-    """Simulate both cases for every (contact stiffness, restitution).
+    """Simulate the fixed and the free tool for every pair of contact stiffness and restitution.
 
-    The free tool as in Fig. 5: the impulse on the object of reduced mass is that on the free one.
+    The free tool is simulated as in Fig. 5. The impulse on the object of reduced mass is that on the free object.
     """
     rows: list[Row] = []
     for stiffness, restitution in pairs:
@@ -149,7 +149,7 @@ def _grids(frame: pl.DataFrame, column: str) -> Array:
 
 
 def _draw_figure_07(frame: pl.DataFrame, grid: Panels, column: str) -> None:
-    """Draw `column` against k_c, a panel of `grid` (2,) per limit case and a curve per restitution."""
+    """Draw `column` against k_c: a panel of `grid` (2,) for each case, a curve for each restitution."""
     for axes, curves in zip(grid, _grids(frame, column), strict=True):
         for colour, e, values in zip(SERIES, RESTITUTIONS, curves, strict=True):
             axes.loglog(STIFFNESSES, values, color=colour, label=f"e = {e:g}")
@@ -159,7 +159,7 @@ def _draw_figure_07(frame: pl.DataFrame, grid: Panels, column: str) -> None:
 
 
 def figure_06() -> list[Row]:
-    """Simulate the grid of (a) and (b), and a finer row over e at one k_c."""
+    """Simulate the grid of (a) and (b), and at one k_c more restitutions."""
     grid = {(k, e) for e in RESTITUTIONS for k in STIFFNESSES}
     return _sweep(sorted(grid | {(CUT, float(e)) for e in CUT_RESTITUTIONS}))
 
@@ -191,7 +191,7 @@ def _numbers_figure_06(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_07() -> list[Row]:
-    """Simulate the grid, and at one k_c what becomes of a restitution that tends to zero."""
+    """Simulate the grid, and at one k_c restitutions near zero."""
     return _sweep([(k, e) for e in RESTITUTIONS for k in STIFFNESSES] + [(CUT, e) for e in VANISHING])
 
 
@@ -211,12 +211,12 @@ def _numbers_figure_07(frame: pl.DataFrame) -> Numbers:
 
 
 def _contact(case: str, speed: float) -> pl.DataFrame:
-    """Simulate one contact; return its rows of the frame, time from the touch on (s)."""
+    """Simulate one contact; return its rows, with the time since the touch (s)."""
     contact = CONTACTS[case]
     approach = ig.Scene(ig.Tool(TOOL_MASS), ig.Object(OBJECT_MASS, speed**2 / STEADY.acceleration), contact)
     outcome, trace = simulate_with_trace(approach, ig.Trapezoid(speed, STEADY.acceleration))
     (record,) = outcome.contacts
-    assert record.end is not None  # without a coupling a contact ends
+    assert record.end is not None  # a contact without coupling ends
     depth = np.maximum(trace.tool_position - trace.object_position, 0.0)
     elastic = contact.stiffness * depth**contact.stiffness_exponent
     columns = {"time": trace.time - record.start, "force": trace.contact_force, "elastic": elastic}
@@ -226,7 +226,7 @@ def _contact(case: str, speed: float) -> pl.DataFrame:
 
 
 def beyond_contact() -> pl.DataFrame:
-    """Simulate both contacts at every speed, and evaluate both laws, which have no motion."""
+    """Simulate both contacts at every speed, and evaluate the restitution of both laws."""
     contacts = [_contact(case, speed) for case in CONTACTS for speed in SPEEDS]
     delivered = {law: np.asarray(ig.effective_restitution(law, NOMINAL)) for law in LAWS}
     laws = [pl.DataFrame({"nominal": NOMINAL, "delivered": e, "case": law}) for law, e in delivered.items()]
@@ -238,16 +238,16 @@ def _draw_beyond_contact(frame: pl.DataFrame, grid: Panels) -> None:
     for case, label, colour in (("linear", "linear", TOOL), ("paper", "the paper's", FORCE)):
         rows = where(frame, case=case, speed=1.0)
         left.plot(1e3 * rows["time"], rows["force"], color=colour, label=f"{label}: force")
-        damping = np.where(rows["force"] > 0.0, rows["force"] - rows["elastic"], np.nan)  # none once it has let go
+        damping = np.where(rows["force"] > 0.0, rows["force"] - rows["elastic"], np.nan)  # nan after the separation
         left.plot(1e3 * rows["time"], damping, ":", color=colour, label="damping part")
     for (law, label), colour in zip(LAWS.items(), (OBJECT, TOOL), strict=True):
         rows = where(frame, case=law)
         right.plot(rows["nominal"], rows["delivered"], color=colour, label=label)
-    right.plot([0.0, 1.0], [0.0, 1.0], color=FLANGE, linewidth=0.8, linestyle="--", label="what is asked for")
+    right.plot([0.0, 1.0], [0.0, 1.0], color=FLANGE, linewidth=0.8, linestyle="--", label="nominal")
 
 
 def _ends(rows: dict[str, Array]) -> tuple[float, float]:
-    """Return the force at the touch, and that of the spring where the contact lets go, over the largest force."""
+    """Return the force at the touch, and the spring's force at the separation, over the largest force."""
     pushing = np.flatnonzero(rows["force"] > 0.0)
     return rows["force"][pushing[0]] / rows["force"].max(), rows["elastic"][pushing[-1]] / rows["force"].max()
 

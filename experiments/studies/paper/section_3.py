@@ -1,4 +1,4 @@
-"""Section 3, the compliant robot (3.1 its model, 3.2 its impacts): Fig. 11 to 14."""
+"""Section 3, the compliant robot (3.1 model, 3.2 impacts): Fig. 11 to 14."""
 
 import numpy as np
 import polars as pl
@@ -17,7 +17,7 @@ COMPONENTS = {"held": "effective", "damping": None, "stiffness": "effective_stif
 def figure_11() -> pl.DataFrame:
     """Simulate the approach of Fig. 13b; positions in the base frame of our robot model."""
     outcome, trace = scenes.simulate_with_trace(scenes.scene(1e5, 1.0, robot=scenes.ROBOT))
-    position = default_approach().x[0] + trace.command_position
+    position = default_approach().start[0] + trace.command_position
     columns = {"time": trace.time, "position": position, "velocity": trace.command_velocity}
     events = {"impact": outcome.contacts[0].start, "detection": outcome.detection_time}
     return pl.DataFrame({**columns, **events})
@@ -44,10 +44,11 @@ def _numbers_figure_11(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_12() -> pl.DataFrame:
-    """Read the approach that ships with the robot model."""
+    """Read the approach of the shipped robot model."""
     approach = default_approach()
-    names = ("position", "x", "held", "damping", "stiffness", "effective", "effective_stiffness")
-    columns = {name: np.array(getattr(approach, name)) for name in names}
+    columns = {"position": approach.position, "x": approach.start[0] + approach.position * approach.direction[0]}
+    names = ("held", "damping", "stiffness", "effective", "effective_stiffness")
+    columns |= {name: getattr(approach, name) for name in names}
     return pl.DataFrame({**columns, "at_impact": approach.position == IMPACT})
 
 
@@ -69,11 +70,11 @@ def _numbers_figure_12(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_13() -> pl.DataFrame:
-    """Simulate both, and the second again with our estimates of the robot: frozen at the impact, and along the line."""
+    """Simulate both, and (b) with our estimates of the robot: as at the impact, and variable along the line."""
     approach = default_approach()
     robots = {"a": None, "b": scenes.ROBOT, "frozen": approach.at(IMPACT), "along": approach.robot_table()}
     approaches = {case: scenes.scene(1e5, 1.0, robot=robot) for case, robot in robots.items()}
-    for case in ("b", "along"):  # beyond reach: nothing is struck within the run
+    for case in ("b", "along"):  # the object is out of reach
         approaches[f"{case}, unhindered"] = scenes.scene(1e5, 1.0, robot=robots[case], distance=10.0)
     return histories(approaches)
 
@@ -82,9 +83,9 @@ _draw_figure_13 = _draw_figure_14 = imposed_and_actual
 
 
 def _nearest_minimum(frame: pl.DataFrame, case: str) -> Numbers:
-    """Return the local minimum of the tool's velocity that is nearest to the impact (m/s), and how far apart they are.
+    """Return the local minimum of the tool's velocity nearest to the impact (m/s), and the time between them (ms).
 
-    The minimum is that of the same approach with nothing in the way. Apart in ms; `order` is the impact's.
+    The velocity is that of the same approach without an object. `order`: whether the impact is before or after it.
     """
     impact_time = Run(frame, case).during_contact.time[0]
     unhindered = where(frame, case=f"{case}, unhindered")
@@ -115,14 +116,14 @@ def _numbers_figure_13(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_14() -> pl.DataFrame:
-    """Simulate both, Fig. 13b beside them, and both once more with a robot that never brakes."""
+    """Simulate both, Fig. 13b, and both with a robot that never brakes."""
     soft, stiff = (scenes.scene(k_c, 1.0, robot=scenes.ROBOT, object_mass=scenes.HEAVY_MASS) for k_c in (1e5, 1e6))
     braking = histories({"a": soft, "b": stiff, "13b": scenes.scene(1e5, 1.0, robot=scenes.ROBOT)})
     return pl.concat([braking, histories({"a, no brake": soft, "b, no brake": stiff}, scenes.STEADY)])
 
 
 def _ranges(run: Run) -> tuple[float, float]:
-    """Return the range of x_t' - x_r' in the 50 ms before the first contact, and in the 50 ms after it, m/s."""
+    """Return the range of x_t' - x_r' in the 50 ms before and after the first contact (m/s)."""
     relative, time = run.trace.tool_velocity - run.trace.command_velocity, run.trace.time
     start, end = run.first_contact.time[[0, -1]]
     before, after = (time > start - 0.05) & (time < start), (time > end) & (time < end + 0.05)

@@ -1,9 +1,9 @@
-"""Section 4, the tool behind spring and damper.
+"""Section 4, the tool on spring and damper.
 
-Fig. 16 and 18 are V_p against the stiffness of the coupling. Where the number of contacts changes between two points of
-the grid, the change is enclosed by bisection and both ends of the enclosure become points of the curve. Beside the
-paper's approach there is one to an object so far ahead that the tool no longer swings when it arrives. Fig. 17, 19 and
-20 are runs at k_t = 150 N/m, zeta = 1.
+Fig. 16 and 18 show V_p against the stiffness of the coupling. If the number of contacts changes between two points of
+the grid, the change is enclosed by bisection, and both ends of the interval become points of the curve. Besides the
+paper's approach there is one to an object so far ahead that the tool no longer swings at the touch. Fig. 17, 19 and 20
+are runs at k_t = 150 N/m, zeta = 1.
 """
 
 from collections.abc import Mapping
@@ -26,8 +26,8 @@ from experiments.studies.paper.runs import Array, Numbers, Run, changes, enclose
 CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
 COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
 SETTLED_STIFFNESSES = COUPLING_STIFFNESSES[::5]  # N/m
-SETTLED = 4.0  # m, distance after which the swing from the acceleration has died away at every k_t
-CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m: lines in the plane of both
+SETTLED = 4.0  # m, distance at which the swing from the acceleration has decayed at every k_t
+CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m: lines through the plane of both
 RESTITUTION = 0.1  # of Fig. 18 to 20
 INELASTIC = {"a": decoupled(1e5, RESTITUTION, 150.0), "b": decoupled(1e3, RESTITUTION, 150.0)}  # Fig. 19 and 20
 
@@ -35,7 +35,7 @@ INELASTIC = {"a": decoupled(1e5, RESTITUTION, 150.0), "b": decoupled(1e3, RESTIT
 def _point(
     k_t: float, k_c: float, restitution: float, zeta: float = 1.0, distance: float = DISTANCE, braked: bool = True
 ) -> Row:
-    """Simulate one approach; a row of the frame."""
+    """Simulate one approach; return its row."""
     scene = decoupled(k_c, restitution, k_t, zeta, distance)
     outcome = ig.simulate(scene, MOTION if braked else STEADY, DURATION + distance / MOTION.speed)
     return {
@@ -47,7 +47,7 @@ def _point(
 
 
 def _sweep(restitution: float) -> list[Row]:
-    """Simulate the curves of the paper and those of the settled tool."""
+    """Simulate the curves of the paper and those of a tool without swing."""
     rows: list[Row] = []
     for k_c in CONTACT_STIFFNESSES:
         along = partial(_point, k_c=k_c, restitution=restitution)
@@ -57,7 +57,7 @@ def _sweep(restitution: float) -> list[Row]:
 
 
 def figure_16() -> list[Row]:
-    """Simulate the curves, and at one k_t a row over the damping ratio."""
+    """Simulate the curves, and at one k_t several damping ratios."""
     ratios = [zeta for zeta in np.round(np.arange(0.1, 2.0001, 0.05), 2).tolist() if zeta != 1.0]  # on the curve
     return _sweep(1.0) + [_point(150.0, k_c, 1.0, zeta) for k_c in CONTACT_STIFFNESSES for zeta in ratios]
 
@@ -71,32 +71,32 @@ def figure_18() -> list[Row]:
 def curves(
     frame: pl.DataFrame, distance: float = DISTANCE, braked: bool = True, at: Mapping[str, float] = CRITICAL
 ) -> list[dict[str, Array]]:
-    """Return the rows of each contact stiffness, by rising coupling stiffness or damping ratio, `at` the other."""
+    """Return the rows of each contact stiffness, by rising coupling stiffness or damping ratio; `at`: the other."""
     rows = frame.sort("damping_ratio", maintain_order=True).filter(braked=braked, distance=distance, **at)
     return [where(rows, contact_stiffness=k_c) for k_c in CONTACT_STIFFNESSES]
 
 
 def _velocities(frame: pl.DataFrame, **line: Any) -> Array:
-    """Return V_p by contact stiffness and the points of the grid along `line`, arguments of `curves`."""
+    """Return V_p (contact stiffness, coupling stiffness of the grid); `line` are arguments of `curves`."""
     points = frame.filter(pl.col("coupling_stiffness").is_in(COUPLING_STIFFNESSES.tolist()))
     return np.array([rows["object_velocity"] for rows in curves(points, **line)])
 
 
 def _rising_from(frame: pl.DataFrame) -> Array:
-    """Return for each contact stiffness the coupling stiffness (N/m) from which on V_p rises at every step."""
+    """Return for each contact stiffness the coupling stiffness (N/m) above which V_p rises at every step."""
     falls = [np.flatnonzero(steps <= 0) for steps in np.diff(_velocities(frame))]
     return np.array([COUPLING_STIFFNESSES[at[-1] + 1 if at.size else 0] for at in falls])
 
 
 def _places(holds: NDArray[np.bool_]) -> str:
-    """Return in words at how many points of the grid something holds, and between which it does not."""
+    """Return the number of points of the grid at which a condition holds, and the range in which it fails, in words."""
     broken = COUPLING_STIFFNESSES[~holds]
     where_not = f"; not at {broken.min():g} to {broken.max():g} N/m" if broken.size else ""
     return f"holds at {holds.sum()} of {holds.size} values of k_t{where_not}"
 
 
 def _draw_figure_18(frame: pl.DataFrame, axes: Panels) -> None:
-    """Draw a curve per contact stiffness and mark where the number of contacts changes."""
+    """Draw a curve for each contact stiffness, with marks at changes of the number of contacts."""
     near = curves(frame)
     for colour, k_c, rows, far in zip(SERIES, CONTACT_STIFFNESSES, near, curves(frame, SETTLED), strict=False):
         stiffness, velocity = rows["coupling_stiffness"], rows["object_velocity"]
@@ -180,14 +180,14 @@ def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_19() -> pl.DataFrame:
-    """Simulate both, and both with e = 1; all with a brake and without."""
+    """Simulate both, both with e = 1, and all four without a brake."""
     cases = INELASTIC | {"a, e = 1": decoupled(1e5, 1.0, 150.0), "b, e = 1": decoupled(1e3, 1.0, 150.0)}
     never = {f"{case}, no brake": scene for case, scene in cases.items()}
     return pl.concat([histories(cases), histories(never, STEADY)])
 
 
 def _share_before_the_brake(run: Run) -> float:
-    """Return how many per cent of V_p the object has when the robot begins to brake."""
+    """Return the object's velocity when the robot begins to brake, in per cent of V_p."""
     begin = run.trace.time[np.argmax((run.trace.flange_velocity < MOTION.speed) & (run.contact > 0))]
     return float(100 * np.interp(begin, run.trace.time, run.trace.object_velocity)) / run.final_velocity
 
@@ -195,7 +195,7 @@ def _share_before_the_brake(run: Run) -> float:
 def _coupling(touching: ig.Trace) -> Numbers:
     """Return numbers of the coupling during a contact, and words about it.
 
-    What is said from where the tool has fallen behind the flange begins there; in the first moments it runs ahead.
+    `push`, `gain` and `slower` begin when the tool becomes slower than the flange; at the touch it is faster.
     """
     behind = int(np.argmax(touching.tool_velocity < touching.flange_velocity))
     stretch = np.max(touching.tool_position - touching.flange_position)

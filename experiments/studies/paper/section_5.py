@@ -44,7 +44,7 @@ def _numbers_figure_22(frame: pl.DataFrame) -> Numbers:
     product, force = columns["position"] * columns["force"], used["force"]
     peaks = [where(frame, height=height)["force"].max() for height in HEIGHTS]
     return {
-        "product": product[columns["position"] != 0.0], "relaxed": 1e3 * MECHANISM.equilibria[2],
+        "product": product[columns["position"] != 0.0], "relaxed": 1e3 * MECHANISM.stroke,
         "peak_steps": np.diff(peaks), "peak_ends": [peaks[0], peaks[-1]],
         "peak": force.max(), "peak_at": 1e3 * used["position"][np.argmax(force)],
         "stop": force[used["position"] == MECHANISM.front_stop][0], "hold": HOLD,
@@ -57,8 +57,8 @@ def figure_23() -> pl.DataFrame:
 
 
 def _slider(trace: ig.Trace) -> tuple[Array, float]:
-    """Return where the slider is from the alignment (m), and when it first passes that (s)."""
-    # at t = 0 the preload presses the slider a little into its stop; the trace counts from there
+    """Return the slider's position from the alignment (m), and the time at which it first passes it (s)."""
+    # at t = 0 the preload presses the slider slightly into its stop; the trace begins there
     start = MECHANISM.front_stop + float(MECHANISM.force(MECHANISM.front_stop)) / MECHANISM.stop_stiffness
     x = start + trace.tool_position - trace.flange_position
     passed = np.flatnonzero((x[:-1] > 0.0) & (x[1:] <= 0.0))
@@ -86,7 +86,7 @@ def _numbers_figure_23(frame: pl.DataFrame) -> Numbers:
     first_phase = (time >= time[touch]) & (time < snap)
     slowed = int(np.argmax(first_phase & (tool <= 0.4)))
     settling = first_phase & (time >= time[slowed])  # between 0.4 m/s and the alignment
-    steady = settling & np.append(np.diff(time) > 0.0, False)  # events are in the trace twice
+    steady = settling & np.append(np.diff(time) > 0.0, False)  # the trace has events twice
     rate = np.abs(np.diff(tool)[steady[:-1]] / np.diff(time)[steady[:-1]])
     plateau = tool[steady][np.argmin(rate)]  # m/s, where the velocity changes least
     at_stop = int(np.argmax((time > snap) & (x <= MECHANISM.rear_stop)))
@@ -120,7 +120,7 @@ def _numbers_figure_24(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_25() -> pl.DataFrame:
-    """Simulate the tool fixed to the robot, and behind the mechanism."""
+    """Simulate the tool fixed to the robot, and on the mechanism."""
     return histories({"rigid": scene(1e3, 0.1), "bistable": scene(1e3, 0.1, MECHANISM)})
 
 

@@ -1,8 +1,8 @@
-"""What the paper says, what we find, and a verdict computed from the two by a stated rule.
+"""Statements of the paper, our results, and verdicts by stated rules.
 
-A printed number is agreed with to n digits if ours is within half a unit of its n-th significant digit. Where the text
-says 'about', one unit of the last printed digit is allowed. A trend or a comparison comes with a rule of its own. The
-statements are in statements.toml; its first lines say how to read it.
+Ours agrees with a printed number to n digits if it is within half a unit of its n-th significant digit. If the text
+says 'about', one unit of the last printed digit is allowed. A trend or a comparison has its own rule. The statements
+are in statements.toml; its first lines explain the format.
 """
 
 import re
@@ -38,29 +38,29 @@ AGREEING = (Verdict.DIGITS, Verdict.AGREES)
 
 
 class Basis(StrEnum):
-    """What stands behind a verdict: only a TEST could have come out otherwise."""
+    """Basis of a verdict: only a TEST could have failed."""
 
     TEST = "test"
-    IDENTIFIED = "used to identify"  # a value that the paper does not print was chosen such that this comes true
-    GIVEN = "identity, scale law or input"  # an equation evaluated, an input read back, true of any numbers
+    IDENTIFIED = "used to identify"  # a value that the paper does not print was chosen to make this true
+    GIVEN = "identity, scale law or input"  # an evaluated equation or an input, true for any numbers
     REPEATED = "repeats another statement"  # follows from another statement of the list
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Said:
-    """One thing that the paper says about a figure, as in statements.toml."""
+    """A statement of the paper about a figure, as in statements.toml."""
 
-    text: str  # a short quotation, or what the passage says
+    text: str  # a short quotation, or the content of the passage
     section: str
     basis: str = "test"  # name of a Basis
     printed: str | None = None  # a number with its unit, "0.98 m/s"; None for a trend
-    value: str = ""  # name of our number beside it
+    value: str = ""  # name of our number
     holds: tuple[str, ...] = ()  # conditions of a trend
-    agree: tuple[str, ...] = ()  # or the statements, FIGURE.KEY, that have to agree for this one to
-    rule: str = "none"  # the conditions in words; "none": the text does not suffice to judge it
-    ours: str = ""  # format string of what we find
-    why: str = ""  # format string: where we disagree, or where there is something to know
-    source: str = ""  # of numbers that are not computed here
+    agree: tuple[str, ...] = ()  # or statements, FIGURE.KEY, which must all agree
+    rule: str = "none"  # the conditions in words; "none": the statement cannot be judged
+    ours: str = ""  # format string of our result
+    why: str = ""  # format string: reason of a disagreement, or remark
+    source: str = ""  # of numbers that are not computed by this study
     reading: Mapping[str, Any] = field(default_factory=dict)  # another reading of the text: its text, holds and ours
 
 
@@ -73,7 +73,7 @@ SAID = {
 
 
 def agreeing_digits(printed: str, ours: float) -> tuple[int, int]:
-    """Return to how many significant digits `ours` agrees with `printed`, and how many are printed."""
+    """Return the number of significant digits of `printed` with which `ours` agrees, and their number."""
     value = Decimal(printed)  # "5e1" is 50 with one significant digit
     count = len(value.as_tuple().digits)
     error = abs(Decimal(ours) - value)
@@ -82,15 +82,15 @@ def agreeing_digits(printed: str, ours: float) -> tuple[int, int]:
 
 
 def number(name: str, numbers: Numbers) -> Any:
-    """Return what a format string with these numbers would show as {name}, such as "a.impulse" or "ends[0]"."""
+    """Return the number with the name of a replacement field, such as "a.impulse" or "ends[0]"."""
     return Formatter().get_field(name, (), numbers)[0]
 
 
 def holding(conditions: Iterable[str], numbers: Numbers) -> Verdict:
-    """Return whether all conditions hold: "ratio >= 1.8", "soft < middle"; those of arrays, in every place.
+    """Return whether all conditions hold, such as "ratio >= 1.8" or "soft < middle"; those of arrays at every index.
 
     Raises:
-        KeyError: a condition is about a number that there is not.
+        KeyError: a condition names an unknown number.
     """
     outcomes = []
     for name, sign, bound in map(str.split, conditions):
@@ -100,7 +100,7 @@ def holding(conditions: Iterable[str], numbers: Numbers) -> Verdict:
 
 
 def compared(said: Said, ours: float) -> tuple[Verdict, str, int]:
-    """Return the verdict on a printed number, the rule, and the digits to which `ours` agrees."""
+    """Return the verdict on a printed number, the rule, and the number of agreeing digits."""
     value = str(said.printed).partition(" ")[0]
     digits, count = agreeing_digits(value, ours)
     last_unit = Decimal(1).scaleb(int(Decimal(value).as_tuple().exponent))
@@ -112,15 +112,15 @@ def compared(said: Said, ours: float) -> tuple[Verdict, str, int]:
 
 
 def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) -> dict[str, Any]:
-    """Judge a statement about a figure by what was computed there, and return its row.
+    """Judge a statement about a figure, and return its row.
 
-    Of a trend, `printed` and `digits`, to how many significant ones ours agrees, are None.
+    For a trend `printed` and `digits` (the number of agreeing significant digits) are None.
 
     Args:
         figure: its name.
         said: the statement.
-        numbers: what its conditions and format strings name.
-        others_agree: whether the statements agree that it follows from.
+        numbers: numbers that the conditions and format strings name.
+        others_agree: whether all statements in `said.agree` agree.
     """
     printed, unit, digits, rule, ours = None, "", None, said.rule, said.ours.format(**numbers)
     verdict = holding(said.holds, numbers) if others_agree else Verdict.DISAGREES
@@ -136,7 +136,7 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
         second = holding(reading["holds"], numbers)
         otherwise = f"Another reading, {reading['text']}: {reading['ours'].format(**numbers)} ({second})."
         if (second is Verdict.DISAGREES) != (verdict is Verdict.DISAGREES):
-            verdict = Verdict.ONE_READING  # it stays one statement
+            verdict = Verdict.ONE_READING
     return {
         "figure": figure, "section": said.section, "text": said.text, "printed": printed, "ours": ours, "unit": unit,
         "verdict": verdict, "rule": rule, "digits": digits, "why": said.why.format(**numbers),
@@ -145,14 +145,14 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
 
 
 def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> pl.DataFrame:
-    """Judge all statements about the figures whose numbers are there; return a row for each, as `judge` does.
+    """Judge all statements about the measured figures; return a row for each, as `judge` does.
 
     Args:
-        numbers: of figures, by their name.
-        statements: by FIGURE.KEY; one that follows from statements about figures that are not there is left out.
+        numbers: numbers of each measured figure.
+        statements: by FIGURE.KEY. A statement with `agree` is left out if one of those is not judged.
     """
     found = dict[str, dict[str, Any]]()
-    for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # what follows comes last
+    for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # statements with `agree` last
         figure = name.partition(".")[0]
         if figure in numbers and all(other in found for other in said.agree):
             others_agree = all(found[other]["verdict"] in AGREEING for other in said.agree)

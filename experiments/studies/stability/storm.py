@@ -188,7 +188,7 @@ def _given(target: ig.Object, time: Array, velocity: Array, force: Array) -> Arr
 
 
 def _work(time: Array, mass: Array, delta: Array, rate: Array, given: Array) -> Array:
-    """Return M a d(delta) between the points (J), with a constant: M a is M delta'' plus the contact force."""
+    """Return M a d(delta) between the points (J). M a, taken as constant, is M delta'' plus the contact force."""
     push = (mass[1:] + mass[:-1]) / 2 * np.diff(rate) + np.diff(given)
     passed = np.diff(time)
     return np.divide(push * np.diff(delta), passed, out=np.zeros_like(push), where=passed > 0)

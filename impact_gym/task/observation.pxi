@@ -1,0 +1,36 @@
+"""The observation: sensor values of the present time, each scaled to the range that `task/observation.py` states."""
+
+cpdef enum:
+    LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE  # curves of a number of the observation
+
+
+cdef void observe(Row *row) noexcept nogil:
+    """Write the sensor values and the observation of the present time."""
+    cdef Chain *chain = row.chain
+    cdef const Record *drawn = &row.episode.drawn
+    cdef Sensors *sensors = &row.episode.sensors
+    cdef const double *values = <const double *> row.episode
+    cdef const Entry *entry
+    cdef double value
+    cdef int64_t k
+    sensors.position, sensors.velocity, sensors.time = chain.flange_position, chain.flange_velocity, chain.time
+    sensors.alarm = chain.time >= row.episode.alarm
+    sensors.time_since_alarm = chain.time - row.episode.alarm if sensors.alarm else 0.0
+    sensors.distance_estimate = drawn.distance_estimate - chain.flange_position
+    sensors.distance = drawn.distance - chain.flange_position
+    if row.task.operator_kind:
+        observe_link(row)
+    if row.task.range_sensor:
+        sense_range(row)
+    sensors.time_since_touch = max(chain.time - chain.detection - drawn.reaction_delay, 0.0)
+    for k in range(row.length):
+        entry = &row.entries[k]
+        value = values[entry.place]
+        if entry.curve == LOGARITHM:
+            if row.episode.control_steps > 0:
+                continue  # numbers on this scale are constant in an episode
+            value = log(value)
+        elif entry.curve == LOGARITHM_OF_ONE_MORE and value != 0.0:
+            value = log1p(value)
+        value = entry.scaled_low + entry.gain * (value - entry.low)
+        row.observation[k] = <float> min(1.0, max(entry.scaled_low, value))

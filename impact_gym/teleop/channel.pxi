@@ -1,0 +1,66 @@
+"""The channels between operator and arm: delay and loss of each packet, with random numbers or by a recorded trace."""
+
+cpdef enum:
+    LONGEST_JITTER = 12  # random delays are at most this many times their mean
+
+
+cdef double chance(Row *row, int64_t stream, int64_t count) noexcept nogil:
+    """Return the `count`-th uniform number in [0, 1) of a stream of the episode. Stream 0 is that of the force noise."""
+    return hashed(row.episode.drawn.noise_seed, (stream << 40) + count)
+
+
+cdef double normal_chance(Row *row, int64_t stream, int64_t count) noexcept nogil:
+    """Return the `count`-th standard normal number of a stream."""
+    cdef double[2] uniform
+    uniform[0], uniform[1] = chance(row, stream, 2 * count), chance(row, stream, 2 * count + 1)
+    return normal(uniform)
+
+
+cdef double delay_of(Row *row, const ChannelNumbers *channel, const Table *trace, int64_t stream, int64_t count,
+                     double time) noexcept nogil:
+    """Return the delay of the `count`-th packet of a channel, sent at `time`, s: from the trace, else least plus random."""
+    cdef double mean, begin
+    if trace.points > 0:
+        begin = chance(row, stream + 3, 0) * trace.length
+        return look_up(trace, row.tables, fmod(begin + time, trace.length))
+    if channel.jitter == channel.tail == 0.0:
+        return channel.delay
+    mean = channel.tail if chance(row, stream, 2 * count) < channel.tail_share else channel.jitter
+    return channel.delay + mean * min(-log1p(-chance(row, stream, 2 * count + 1)), <double> LONGEST_JITTER)
+
+
+cdef double mean_delay(const ChannelNumbers *channel, const Table *trace) noexcept nogil:
+    """Return the mean delay of a channel's packets, s."""
+    if trace.points > 0:
+        return trace.mean
+    return channel.delay + channel.jitter + channel.tail_share * (channel.tail - channel.jitter)
+
+
+cdef bint is_lost(Row *row, const ChannelNumbers *channel, int64_t *was_lost, int64_t stream,
+                  int64_t count) noexcept nogil:
+    """Return whether the `count`-th packet is lost: a share `loss` of all, in runs of mean length `burst` (Gilbert 1960)."""
+    cdef double share = channel.loss
+    if share == 0.0:
+        return False
+    if count > 0:
+        share = 1.0 - 1.0 / channel.burst if was_lost[0] else min(1.0, share / (channel.burst * (1.0 - share)))
+    was_lost[0] = chance(row, stream + 1, count) < share
+    return was_lost[0]
+
+
+cdef double look_up(const Table *table, const double *tables, double time) noexcept nogil:
+    """Return the value of a table at a time: linear between its points, constant outside them."""
+    cdef const double *times = tables + table.begin
+    cdef const double *values = times + table.points
+    cdef int64_t low = 0, high = table.points - 1, middle
+    if time >= times[high]:
+        return values[high]
+    if time <= times[0]:
+        return values[0]
+    while high - low > 1:
+        middle = (low + high) // 2
+        if times[middle] <= time:
+            low = middle
+        else:
+            high = middle
+    return values[low] + (values[high] - values[low]) * (time - times[low]) / (times[high] - times[low])

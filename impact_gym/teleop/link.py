@@ -1,0 +1,91 @@
+"""The link of a task: its operator and both channels, whether they fit the arm, and their compiled records."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_gym.kernels import LONGEST_JITTER, WITHDRAWAL_FADE
+from impact_gym.teleop.channels import LOST, WAYS, Channel
+from impact_gym.teleop.operators import KINDS, Operator
+from impact_gym.validation import Range
+
+LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, s: the larger limits the spacing of a trace
+FADE: float = WITHDRAWAL_FADE  # s, in which a withdrawal fades to 0
+
+
+class Link(NamedTuple):
+    """Operator and channels of a task."""
+
+    operator: Operator
+    uplink: Channel
+    downlink: Channel
+    drawn: Mapping[str, Range]  # numbers that episodes draw, by dotted path
+
+    def ends(self, part: str, name: str) -> Range:
+        """Return the least and largest value of a number of the operator or a channel; 0 if it has no such number."""
+        value = getattr(getattr(self, part), name, 0.0)
+        return self.drawn.get(f"{part}.{name}", (value, value))
+
+    def check(
+        self, velocity_range: Range, friction: float | None, horizon: float, control_period: float
+    ) -> None:  # fmt: skip
+        """Raise ValueError if the arm cannot follow the operator, or an episode would not end or see a packet."""
+        low, high = velocity_range
+        if low > 0.0:
+            raise ValueError(f"velocity_range must not begin above 0 m/s with an operator, got {low:g} m/s")
+        if not friction or self.drawn.get("friction", (1.0, 1.0))[0] == 0.0:
+            raise ValueError("friction must be above 0 (no unit) with an operator: else an object never rests")
+        for name in ("speed", "creep"):
+            if (fastest := self.ends("operator", name)[1]) > high:
+                raise ValueError(f"operator.{name} must be at most the arm's {high:g} m/s, got {fastest:g} m/s")
+        for velocity in getattr(self.operator, "velocity", ()):
+            if not low <= velocity <= high:
+                allowed = f"within the arm's {low:g} to {high:g} m/s"
+                raise ValueError(f"Replay.velocity must be {allowed}, got {velocity:g} m/s")
+        if 0.0 < (length := getattr(self.operator, "length", 0.0)) < horizon:
+            raise ValueError(f"Replay.length must be at least the horizon, {horizon:g} s, got {length!r} s")
+        for way in WAYS:
+            self._check_delay(way, horizon, control_period)
+        if (timeout := self.downlink.timeout) != Channel().timeout:
+            raise ValueError(f"downlink.timeout must be left out: only the uplink's stops the arm, got {timeout:g} s")
+
+    def _check_delay(self, way: str, horizon: float, control_period: float) -> None:
+        channel: Channel = getattr(self, way)
+        delay, jitter, tail = (self.ends(way, name)[1] for name in ("delay", "jitter", "tail"))
+        mean = delay + max(jitter + share * (tail - jitter) for share in self.ends(way, "tail_share"))
+        late, note = max(mean, *channel.delays, 0.0), " with the mean jitter" if mean > delay else ""
+        of, note = ("trace", ": is it in ms?") if channel.trace else ("delay", note)
+        if late >= horizon:
+            raise ValueError(f"{way}.{of} must be below the horizon, {horizon:g} s, got {late:g} s{note}")
+        apart = float(np.median(np.diff([time for time, _ in channel.trace]))) if channel.trace else 0.0
+        if apart > (most := max(LONGEST_SPACING * control_period, SLOWEST_PING)):
+            raise ValueError(f"{way}.trace must have a packet each {most:g} s or more often with a control period of "
+                             f"{control_period:g} s, got one each {apart:g} s: is it in ms?")  # fmt: skip
+
+    def to_kernel(self, record: NDArray[Any], begin: int) -> list[NDArray[np.float64]]:
+        """Write the link into the record of a task (1,), TASK; return its tables, which begin at `begin`."""
+        record["operator_kind"] = KINDS[type(self.operator)]
+        for part in ("operator", *WAYS):
+            numbers = record["numbers"][part]
+            for name in numbers.dtype.names or ():
+                numbers[name] = getattr(getattr(self, part), name, None) or 0.0
+        tables = [getattr(self.operator, "table", np.empty(0)), self.uplink.table, self.downlink.table]
+        for name, points in zip(("replay", *WAYS), tables, strict=True):
+            times, values = np.split(points, 2)
+            length = times[-1] if len(times) else 0.0
+            kept = values < LOST
+            mean = np.trapezoid(values[kept], times[kept]) / np.ptp(times[kept]) if len(times) else 0.0
+            record[name] = begin, len(times), length, mean
+            begin += len(points)
+        record["replay"]["length"] = getattr(self.operator, "length", 0.0)
+        return tables
+
+    def packets(self, horizon: float, control_period: float) -> int:
+        """Return how many packets must be stored: packets in transit, and packets that the operator has yet to see."""
+        late = [LONGEST_JITTER * max(self.ends(way, name)[1] for name in ("jitter", "tail")) for way in WAYS]
+        up, down = (self.ends(way, "delay")[1] + max((0.0, *getattr(self, way).delays)) for way in WAYS)
+        most = max(up + late[0], down + late[1] + self.ends("operator", "reaction")[1])
+        return math.ceil(min(most, horizon) / control_period) + 4
