@@ -152,12 +152,6 @@ def printed(code, where=PACKAGE.parent):
     return process.stdout + process.stderr
 
 
-@pytest.fixture
-def copy(tmp_path):
-    shutil.copytree(PACKAGE, tmp_path / "impact_gym", ignore=shutil.ignore_patterns("__pycache__"))
-    return tmp_path / "impact_gym"
-
-
 def test_import_does_not_load_the_packages_for_learning_and_plotting():
     heavy = {"torch", "stable_baselines3", "matplotlib", "tensorboard", "pygame", "pandas", "mujoco"}
     loaded = printed("import sys, impact_gym; print(*sorted({name.split('.')[0] for name in sys.modules}))").split()
@@ -170,7 +164,8 @@ def test_import_does_not_load_the_packages_for_learning_and_plotting():
     (["*.pyx", "*/*.pxi", "*/*.h"], ""),  # as in a wheel
     (["solver/dop853.pxi", "task/numbers.pxi"], ""),  # generated sources
 ])  # fmt: skip
-def test_import_refuses_a_missing_solver_but_no_missing_sources(copy, missing, message):
+def test_import_refuses_a_missing_solver_but_no_missing_sources(tmp_path, missing, message):
+    copy = shutil.copytree(PACKAGE, tmp_path / "impact_gym", ignore=shutil.ignore_patterns("__pycache__"))
     for file in [file for pattern in missing for file in copy.glob(pattern)]:
         file.unlink()
     answer = printed("import impact_gym", copy.parent)
@@ -182,7 +177,8 @@ def test_import_refuses_a_missing_solver_but_no_missing_sources(copy, missing, m
     ("solver/tableau.py", "fifth", "sixth"),
     ("quantities.py", '"m/s"', '"km/h"'),
 ])  # fmt: skip
-def test_import_refuses_a_solver_compiled_from_other_sources_or_generators(copy, source, before, after):
+def test_import_refuses_a_solver_compiled_from_other_sources_or_generators(tmp_path, source, before, after):
+    copy = shutil.copytree(PACKAGE, tmp_path / "impact_gym", ignore=shutil.ignore_patterns("__pycache__"))
     (copy / source).write_text((copy / source).read_text().replace(before, after, 1))
     message = "sources of the solver have changed since it was compiled; compile it with `make"
     assert message in printed("import impact_gym", copy.parent)
