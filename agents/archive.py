@@ -1,4 +1,4 @@
-"""Files of arrays and JSON with a checksum: how policies and checkpoints are kept. Reading one runs no code."""
+"""Archives of arrays and JSON with a checksum, the file format of policies and checkpoints. Reading runs no code."""
 
 import hashlib
 import io
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from impact_gym.files import reason, whole_file
@@ -22,11 +23,11 @@ DAMAGE = (
     *(ArithmeticError, AttributeError, EOFError, LookupError, MemoryError, OSError, RuntimeError, SyntaxError),
     *(TypeError, ValueError, tokenize.TokenError, zipfile.BadZipFile, zlib.error, struct.error),
 )
-"""Errors of reading a file that is no archive, or a damaged one."""
+"""Errors that reading another kind of file, or a damaged archive, may raise."""
 
 
 def write_archive(path: Path, kind: str, content: Mapping[str, Any], arrays: Arrays) -> None:
-    """Write JSON `content` and `arrays` to `path` atomically; `kind` says what they are, with a version."""
+    """Write JSON `content` and `arrays` to `path` atomically; `kind` names the format and its version."""
     with whole_file(path) as file:
         save(file, kind, content, arrays)
 
@@ -38,11 +39,7 @@ def save(file: IO[bytes], kind: str, content: Mapping[str, Any], arrays: Arrays)
 
 
 def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of an archive.
-
-    Raises:
-        ValueError: the file is no archive of this kind, or is damaged.
-    """
+    """Return content and arrays of an archive; ValueError: the file is no archive of this kind, or is damaged."""
     try:
         with path.open("rb") as file:
             return load(file, kind)
@@ -55,25 +52,19 @@ def load(file: IO[bytes], kind: str) -> tuple[dict[str, Any], dict[str, NDArray[
     """Return content and arrays of an archive in an open file.
 
     Raises:
-        DAMAGE: it is none of this kind, or is damaged.
+        DAMAGE: the file is no archive of this kind, or is damaged.
     """
     size = file.seek(0, io.SEEK_END)
-    with zipfile.ZipFile(file) as archive:
-        if (unpacked := sum(part.file_size for part in archive.infolist())) > size:
+    with NpzFile(file, allow_pickle=False) as archive:
+        parts = archive.zip.infolist()  # type: ignore[union-attr]  # it is None once closed
+        if (unpacked := sum(part.file_size for part in parts)) > size:
             raise ValueError(f"it would unpack from {size:,} to {unpacked:,} bytes")
-        if packed := [part.filename for part in archive.infolist() if part.compress_type != zipfile.ZIP_STORED]:
-            raise ValueError(f"{shown(packed[0])} is compressed, which none of ours is")  # a decoder may ask for memory
-
-        def read(name: str) -> NDArray[Any]:
-            with archive.open(name) as part:
-                array: NDArray[Any] = np.lib.format.read_array(part, allow_pickle=False)
-            return array
-
-        header = json.loads(str(read("header.npy")))
+        if packed := [part.filename for part in parts if part.compress_type != zipfile.ZIP_STORED]:
+            raise ValueError(f"{shown(packed[0])} is compressed; an archive is not")  # unpacking may ask for any memory
+        header = json.loads(str(archive["header"]))
         if header["format"] != kind:
             raise ValueError(f"its format is {header['format']!r}, this version reads {kind!r}")
-        names = [name for name in archive.namelist() if name != "header.npy"]
-        arrays = {name.removesuffix(".npy"): read(name) for name in names}
+        arrays = {name: array for name, array in archive.items() if name != "header"}
     checksum = _checksum(kind, header["content"], arrays)
     if checksum != header["sha256"]:
         raise ValueError(f"its checksum is {checksum}, not {header['sha256']}: it was altered")
@@ -81,7 +72,6 @@ def load(file: IO[bytes], kind: str) -> tuple[dict[str, Any], dict[str, NDArray[
 
 
 def _checksum(kind: str, content: Mapping[str, Any], arrays: Arrays) -> str:
-    """Return the SHA-256 of kind, content and arrays."""
     digest = hashlib.sha256(json.dumps([kind, content], sort_keys=True).encode())
     for name in sorted(arrays):
         array = np.asarray(arrays[name])

@@ -1,9 +1,8 @@
-"""Check a set-up and print its consequences: `impact-gym check my.toml`, or the name of a shipped one."""
+"""Check a set-up and print what follows from it: `impact-gym check my.toml`, or the name of a shipped set-up."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -18,37 +17,25 @@ from agents.setups.evaluation import variants
 from agents.setups.feasible import corners, warnings
 from agents.train.ppo import Run
 from impact_gym.files import whole_file
-from impact_gym.physics.impact import free_tool, rigid_tool
 from impact_gym.quantities import QUANTITIES
-from impact_gym.scene import Bistable, Rigid, SpringDamper
+from impact_gym.scene import Bistable, SpringDamper
 from impact_gym.task import ActionSpec, ObservationSpec, Task
 
-PAPERS_SPEED = 1.0  # m/s
 SAMPLE = 500  # scenarios that the paper's rule plays
 
 
 @dataclass(frozen=True)
 class Check:
-    """Check a set-up and print its consequences."""
+    """Check a set-up and print what follows from it."""
 
     setup: tyro.conf.Positional[str]
     """A name or a file."""
     picture: Path | None = None
-    """Where the picture of the chain goes, to scale, a PNG; default: reports/setups/NAME.png. Needs extra render."""
-
-
-def drawn(task: Task) -> Iterator[str]:
-    """Yield a line for each number that episodes draw, except the time weight."""
-    for name, (low, high) in task.ranges.items():
-        quantity = QUANTITIES[name]
-        how = "fixed" if low == high else "log-uniform" if quantity.by_ratio(low) else "uniform"
-        unit = "" if quantity.unit == "-" else f" {quantity.unit}"
-        if name != "time_weight":
-            yield f"  {name}: {_spread([low, high], 'g')}{unit}, {how}"
+    """File for the picture of the chain, a PNG to scale. Needs the extra `render`. Default: reports/setups/NAME.png."""
 
 
 def _spread(values: Sequence[float], form: str = ".3g") -> str:
-    """Return the range of `values` as text, one number if they are equal."""
+    """Return the range of `values` as text, or one number if they are equal."""
     low, high = min(values), max(values)
     return f"{low:{form}}" if low == high else f"{low:{form}} to {high:{form}}"
 
@@ -56,34 +43,16 @@ def _spread(values: Sequence[float], form: str = ".3g") -> str:
 def lag(task: Task) -> float:
     """Return the tool's lag behind the imposed motion at full acceleration, m, in equilibrium.
 
-    The sum over coupling and robot: the force on the masses that its spring accelerates, over its stiffness.
+    It is the sum for coupling and robot of the force on the masses that the spring accelerates, over its stiffness.
     """
     spring = task.tool_mass / task.coupling.stiffness if isinstance(task.coupling, SpringDamper) else 0.0
     arm = (task.robot.mass + task.tool_mass) / task.robot.stiffness if task.robot else 0.0
     return task.acceleration_range[1] * (spring + arm)
 
 
-def estimate(task: Task, object_mass: float, restitution: float) -> float:
-    """V_p of the paper's rule by an instantaneous impact (paper, eq. 1-4), m/s, without the push of the coupling.
-
-    Args:
-        task: whose tool meets the object.
-        object_mass: kg.
-        restitution: no unit.
-    """
-    speed = min(PAPERS_SPEED, task.velocity_range[1])
-    mass = task.tool_mass
-    if isinstance(task.coupling, Rigid):
-        if task.robot is None:
-            return float(rigid_tool(speed, 0.0, restitution))
-        mass += task.robot.mass
-    return float(free_tool(mass, object_mass, speed, 0.0, restitution)[1])
-
-
 def lines(setup: Setup) -> Iterator[str]:
     """Yield the lines to print about a set-up."""
     task = setup.task
-    most = task.acceleration_range[1]
     yield f"{setup.name}: {setup.title}"
     yield f"  {setup.about}"
     yield "\nobservation"
@@ -93,35 +62,13 @@ def lines(setup: Setup) -> Iterator[str]:
     for action in ActionSpec(task).entries:
         yield f"  {action.words}: {action.low:g} to {action.high:g} {action.unit}"
     yield "\neach episode"
-    yield from drawn(task)
+    for name, (low, high) in task.ranges.items():
+        quantity = QUANTITIES[name]
+        how = "fixed" if low == high else "log-uniform" if quantity.by_ratio(low) else "uniform"
+        if name != "time_weight":
+            yield f"  {name}: {_spread([low, high], 'g')}{'' if quantity.unit == '-' else f' {quantity.unit}'}, {how}"
     yield "\nwhat follows"
-    spread = _spread([1e3 * lag(corner) for corner in corners(task)])
-    yield f"  the tool lags {spread} mm behind at the full {most:g} m/s^2"
-    pairs = task.scenario.by_id()
-    impacts = [
-        estimate(corner, mass, restitution)
-        for corner in corners(task)
-        for mass, restitution in product(pairs["object_mass"], pairs["restitution"])
-    ]
-    yield (f"  the paper's rule, at {min(PAPERS_SPEED, task.velocity_range[1]):g} m/s, leaves the object "
-           f"{_spread(impacts)} m/s by an instantaneous impact (the coupling's push left out)")  # fmt: skip
-    played = ScenarioBatch.of("validation", SAMPLE, task).play(PaperTrapezoid().for_task(task))
-    yield (
-        f"  played through {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f}"
-        f" m/s (mean), {'is done' if task.operator else 'arrives'} after {played.approach_time.mean():.3f} s and misses"
-        f" {int(played.missed.sum())}"
-    )
-    if task.operator:
-        late = np.maximum(np.asarray(played.late), 1e-9)  # s
-        ahead = (np.asarray(played.touch_time) / late)[~played.missed]
-        least, soon, usual, last = np.quantile(ahead, [0.0, 0.05, 0.5, 0.95]) if ahead.size else [np.nan] * 4
-        yield (f"  the operator's own stop is {_spread((1e3 * late).tolist(), '.0f')} ms late; the touch comes after "
-               f"{soon:.1f} to {last:.1f} times that in nine of ten scenarios, {usual:.1f} in the middle, at the least "
-               f"{least:.1f}")  # fmt: skip
-    if isinstance(task.coupling, Bistable):
-        force = task.coupling.holding_force
-        yield f"  the front stop holds the tool with {force:.3g} N; below that force the coupling is rigid"
-    yield from (f"  warning: {sentence}" for sentence in warnings(task))
+    yield from (f"  {consequence}" for consequence in consequences(task))
     yield "\ntrained by"
     yield f"  {Run(setup, setup.training).command}"
     yield f"baselines: {', '.join(setup.against) or 'none'}; tuned here: {', '.join(setup.tuned)}"
@@ -132,11 +79,36 @@ def lines(setup: Setup) -> Iterator[str]:
     counts = dict.fromkeys((change.argument for change in changes), 0)
     counts |= Counter(change.argument for change in changes if not change.same)
     varied = ", ".join(f"{name} ({count})" for name, count in counts.items())
-    yield f"  changed one at a time, so many values each: {varied or 'nothing'}"
+    yield f"  changed one at a time, with the number of values: {varied or 'nothing'}"
+
+
+def consequences(task: Task) -> Iterator[str]:
+    """Yield sentences about lag, the paper's rule, the operator, the mechanism, and warnings."""
+    spread = _spread([1e3 * lag(corner) for corner in corners(task)])
+    yield f"the tool lags {spread} mm behind at the full {task.acceleration_range[1]:g} m/s^2"
+    played = ScenarioBatch.of("validation", SAMPLE, task).play(PaperTrapezoid().for_task(task))
+    yield (
+        f"in {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f} m/s (mean),"
+        f" {'is done' if task.operator else 'arrives'} after {played.approach_time.mean():.3f} s and misses"
+        f" {int(played.missed.sum())}"
+    )
+    if task.operator:
+        late = np.maximum(np.asarray(played.late), 1e-9)  # s
+        ahead = (np.asarray(played.touch_time) / late)[~played.missed]
+        least, soon, usual, last = np.quantile(ahead, [0.0, 0.05, 0.5, 0.95]) if ahead.size else [np.nan] * 4
+        yield (
+            f"the operator's own stop is {_spread((1e3 * late).tolist(), '.0f')} ms late; the touch comes after"
+            f" {soon:.1f} to {last:.1f} times this delay in nine of ten scenarios, {usual:.1f} times in the median and"
+            f" at least {least:.1f} times"
+        )
+    if isinstance(task.coupling, Bistable):
+        force = task.coupling.holding_force
+        yield f"the front stop holds the tool with {force:.3g} N; below that force the coupling is rigid"
+    yield from (f"warning: {sentence}" for sentence in warnings(task))
 
 
 def draw(setup: Setup, path: Path) -> None:
-    """Write a picture of the chain at rest, to scale. DependencyNotInstalled: pygame is not there."""
+    """Write a picture of the chain at rest, to scale; DependencyNotInstalled: pygame is missing."""
     env = setup.make(render_mode="rgb_array")
     env.reset(seed=VALIDATION_SEED)
     pixels = np.asarray(env.render())
@@ -147,7 +119,7 @@ def draw(setup: Setup, path: Path) -> None:
 
 
 def run(options: Check) -> None:
-    """Print the consequences of a set-up, and draw its chain."""
+    """Print what follows from a set-up, and draw its chain."""
     setup = load_setup(options.setup)
     for line in lines(setup):
         print(line)

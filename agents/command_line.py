@@ -1,4 +1,4 @@
-"""What the commands `impact-gym NAME` share: their arguments, one line for an error or how to continue, progress."""
+"""Shared parts of the commands `impact-gym NAME`: reading options, errors in one line, progress."""
 
 import io
 import multiprocessing
@@ -25,7 +25,7 @@ FORM = "{desc}: {n_fmt} of {total_fmt} after {elapsed}, {remaining} left"
 def run_command(
     name: str, options: type[Options], work: Callable[[Options], object], after: str = "the same command continues"
 ) -> None:
-    """Read the command line of `impact-gym NAME` into `options`, a dataclass, and do the work."""
+    """Read the command line of `impact-gym NAME` into the dataclass `options`, and call `work` with it."""
     with command_line(name, after):
         work(read_command(name, options))
 
@@ -33,45 +33,61 @@ def run_command(
 def read_command(
     name: str, options: type[Options], arguments: Sequence[str] | None = None, default: Options | None = None
 ) -> Options:
-    """Return the options on a command line: words after `impact-gym NAME`, those of this process unless given.
+    """Return the options that `arguments` give, the words after `impact-gym NAME`; default: those of this process.
 
     The help shows SETUP, NAME, NUMBER and PATH instead of types.
     """
     import tyro  # not needed to play
-    from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
+    from tyro import constructors
 
-    registry, asking = ConstructorRegistry(), list[PrimitiveTypeInfo]()
+    registry, inside = constructors.ConstructorRegistry(), list[object]()
+
+    def of_tyro(look_up: Callable[[Any], Any], info: object) -> Any:
+        """Return the specification that tyro would use; it asks the two rules below again, which then return None."""
+        if inside:
+            return None
+        inside.append(info)
+        spec = look_up(info)
+        inside.clear()
+        return spec
 
     @registry.primitive_rule
-    def readable(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
-        """Read as tyro does, with a plainer word for the value in the help; `asking` stops the recursion."""
-        if asking:
+    def plain_words(info: constructors.PrimitiveTypeInfo) -> constructors.PrimitiveConstructorSpec[Any] | None:
+        """Read a value as tyro does; in the help "PATH" stands for "{None}|PATH", "NAME ..." for "[STR [STR ...]]"."""
+        spec = of_tyro(registry.get_primitive_spec, info)
+        if not isinstance(spec, constructors.PrimitiveConstructorSpec):
             return None
-        asking.append(info)
-        spec = ConstructorRegistry.get_primitive_spec(info)
-        asking.clear()
-        if not isinstance(spec, PrimitiveConstructorSpec):
-            return None
+        word = re.sub(r"\[(\w+) \[\1 \.\.\.\]\]", r"\1 ...", spec.metavar.replace("{None}|", ""))
+        word = re.sub("INT|FLOAT", "NUMBER", word.replace("STR", "NAME"))
 
         def shown(value: Any) -> list[str]:
             return ["none"] if value in (None, ()) else spec.str_from_instance(value)
 
-        return replace(spec, metavar=_plain(spec.metavar), str_from_instance=shown)
+        return replace(spec, metavar=word, str_from_instance=shown)
+
+    @registry.struct_rule
+    def flowing_help(info: constructors.StructTypeInfo) -> constructors.StructConstructorSpec | None:
+        """Read a dataclass as tyro does; the help of a field is one paragraph, without the docstring's line breaks."""
+        spec = of_tyro(registry.get_struct_spec, info)
+        if not isinstance(spec, constructors.StructConstructorSpec):
+            return None
+        texts = (field.helptext() if callable(field.helptext) else field.helptext for field in spec.fields)
+        pairs = zip(spec.fields, texts, strict=True)
+        return replace(
+            spec, fields=tuple(replace(field, helptext=" ".join((text or "").split())) for field, text in pairs)
+        )
 
     config = (tyro.conf.PositionalMetavarFromFieldName,)
     given: dict[str, Any] = {} if default is None else {"default": default}
     return tyro.cli(options, prog=f"impact-gym {name}", args=arguments, registry=registry, config=config, **given)
 
 
-def _plain(metavar: str) -> str:
-    """Return a plain word for tyro's: "PATH" for "{None}|PATH", "NAME ..." for "[STR [STR ...]]"."""
-    metavar = re.sub(r"\[(\w+) \[\1 \.\.\.\]\]", r"\1 ...", metavar.replace("{None}|", ""))
-    return re.sub("INT|FLOAT", "NUMBER", metavar.replace("STR", "NAME"))
-
-
 @contextmanager
 def command_line(name: str, after: str = "the same command continues") -> Iterator[None]:
-    """Run `impact-gym NAME` with each error of a user, and each warning once, in one line; `after`: how to continue."""
+    """Print each error of `impact-gym NAME`, and each warning once, as one line.
+
+    `after` says how to continue after an interruption or a full disk.
+    """
     said = set[str]()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
@@ -93,17 +109,17 @@ def command_line(name: str, after: str = "the same command continues") -> Iterat
 
 
 def command_of(name: str, options: Any, default: Any = None, *first: str) -> str:
-    """Return the command line `impact-gym NAME ...` that is read into `options`, a dataclass for tyro.
+    """Return the command line `impact-gym NAME ...` from which `read_command` reads `options`.
 
-    Options equal to those of `default`, another such dataclass, or to their own defaults are left out. `first` are
-    further words before them.
+    Options that equal those of `default` are left out; without `default`, those that equal their own defaults. The
+    words in `first` come before the options.
     """
     positional, named = _words(options, default)
     return shlex.join(["impact-gym", name, *first, *positional, *named])
 
 
 def _words(options: Any, default: Any) -> tuple[list[str], list[str]]:
-    """Return the words of positional and of named options; those of a dataclass in another have no prefix."""
+    """Return the words of positional and of named options; options of a nested dataclass have no prefix."""
     from tyro.conf import Positional
 
     positional, named = [], []
@@ -115,7 +131,7 @@ def _words(options: Any, default: Any) -> tuple[list[str], list[str]]:
         option = field.name.replace("_", "-")
         if is_dataclass(value):
             named += _words(value, usual)[1]
-        elif Positional in getattr(field.type, "__metadata__", ()):  # tyro reads it without its name
+        elif Positional in getattr(field.type, "__metadata__", ()):  # given without a name
             positional += words
         elif isinstance(value, bool) and value != usual:
             named.append(f"--{option}" if value else f"--no-{option}")
@@ -125,7 +141,7 @@ def _words(options: Any, default: Any) -> tuple[list[str], list[str]]:
 
 
 class _Lines(io.TextIOBase):
-    """The file of a progress bar in a log: each of its states becomes a line on standard error."""
+    """A file for tqdm: it prints each state of the progress bar as a line on standard error."""
 
     def write(self, text: str) -> int:
         if line := text.strip():
@@ -134,13 +150,13 @@ class _Lines(io.TextIOBase):
 
 
 def progress(title: str, total: int, begun: int = 0) -> "tqdm[Any]":
-    """Return a progress bar, to be updated and closed, with `begun` of `total` steps done.
+    """Return a progress bar with `begun` of `total` steps done; the caller updates and closes it.
 
-    On a terminal the main process redraws it; elsewhere it prints a line every 30 s.
+    On a terminal the main process redraws the bar. In a log, or in another process, it prints a line every 30 s.
     """
     from tqdm import tqdm
 
-    tqdm.set_lock(threading.RLock())  # its own is a semaphore of all processes, which a worker that is ended leaks
+    tqdm.set_lock(threading.RLock())  # tqdm's own lock leaks a semaphore when a worker is killed
     if sys.stderr.isatty() and multiprocessing.parent_process() is None:
         return tqdm(total=total, initial=begun, desc=title, smoothing=0.02)
     lines: Any = {"file": _Lines(), "bar_format": FORM, "mininterval": LINE_EVERY, "delay": LINE_EVERY, "miniters": 1}

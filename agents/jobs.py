@@ -1,9 +1,9 @@
-"""Independent calls in parallel, on this machine or a Ray cluster; results are stored, with the same bits everywhere.
+"""Independent calls in parallel, on this machine or on a Ray cluster, with stored results; their bits never differ.
 
-`cached` calls a function for each of many arguments. The calling process stores each result as soon as it is there: a
-command that was stopped, even killed, continues when it is run again, and the nodes of a cluster need no common disk.
-joblib.Memory stores. pebble's pool of processes ends a late call, and reports a lost process for its call alone.
-Stored results are pickles: give `cached` no folder but one that it wrote itself, for the same user.
+`cached` calls a function once for each of many arguments. The calling process stores each result at once with
+joblib.Memory. So a command that was stopped, even killed, continues when it is run again, and the nodes of a cluster
+need no common disk. Stored results are pickles, and reading a pickle can run code: give `cached` only a folder that
+`cached` has written, for the same user.
 """
 
 import hashlib
@@ -25,11 +25,11 @@ from impact_gym.files import DiskFullError, writing
 from impact_gym.validation import WrongTypeError, number, whole
 
 Workers = Callable[[Sequence[Call]], Answers]
-SHOWN = 10  # failed calls that an error names one by one
+SHOWN = 10  # failed calls that an error names
 
 
 class JobsFailedError(RuntimeError):
-    """Calls have no result; the results of the others are stored."""
+    """Some calls failed; the results of all others are stored."""
 
     def __init__(self, failed: Mapping[Call, Failure], count: int) -> None:
         self.failed = failed
@@ -52,29 +52,30 @@ def cached(
     """Return `function(**each)` for each of `arguments`, in their order; results in `folder` are not computed again.
 
     Args:
-        function: at the top level of a module that can be imported; its result can be pickled.
-        arguments: mappings of keywords to what JSON holds.
-        folder: of the stored results, on this machine. Several processes may use it.
-        depends: what else determines the results, such as `digest_of` their sources.
-        title: of the progress.
-        processes: how many on this machine, started fresh; None: one for each core; 0: none but this process.
-        cluster: an existing Ray cluster instead: "ray" for the one of this machine (or of RAY_ADDRESS), or an address.
-        seconds: longest time of a call by the clock, beside the start of its process; a longer one fails, and its
-            process is ended. Not on a cluster; without effect with `processes` 0.
-        failed: returns what stands for the result of a failed call, from its arguments and the reason. The failure is
-            stored, and the call not repeated.
-        done: called in this process with the place and the result of each call, stored ones first.
+        function: a function at the top level of an importable module; its result can be pickled.
+        arguments: keyword arguments of each call, as JSON values.
+        folder: folder of the stored results, on this machine. Several processes may use it at once.
+        depends: everything else that determines the results, such as `digest_of` the sources.
+        title: title of the progress bar.
+        processes: number of new processes on this machine; None: one for each core; 0: compute in this process.
+        cluster: existing Ray cluster to use instead: "ray" for the one of this machine (or of RAY_ADDRESS), or an
+            address.
+        seconds: time limit of a call by the clock, without the start of its process. A call that exceeds it fails, and
+            its process is ended. Not allowed on a cluster; without effect if `processes` is 0.
+        failed: function from the arguments of a failed call and the reason to a replacement for its result. The
+            failure is stored, and the call is not repeated.
+        done: function that this process calls with index and result of each call, stored results first.
 
     Raises:
-        JobsFailedError: without `failed`, once all others are done: calls raised, took too long or lost their process.
-        DiskFullError: there is no room for a result, or a call found none for its files.
+        JobsFailedError: without `failed`, after all other calls: calls raised, took too long or lost their process.
+        DiskFullError: the disk has no room for a result, or for a file that a call writes.
         RuntimeError: there is no such cluster, or Ray is not installed.
-        TypeError, ValueError: a function that other processes cannot import, or arguments that it does not take.
+        TypeError, ValueError: other processes cannot import the function, or it does not take the arguments.
     """
     processes = None if processes is None else whole("processes", processes, at_least=0)
     seconds = None if seconds is None else number("seconds", seconds, "s", above=0.0)
     if cluster and seconds:
-        raise ValueError("seconds: only processes of this machine are ended: give seconds or cluster, not both")
+        raise ValueError("seconds limits calls on this machine only: give seconds or cluster, not both")
     if cluster:
         workers: Workers = partial(on_cluster, address=cluster)
     else:
@@ -88,7 +89,7 @@ def cached(
         for call, pickled in answers:
             bar.update(len(places[call]))
             for place in places[call]:
-                result = pickle.loads(pickled)  # a copy for each place
+                result = pickle.loads(pickled)  # equal calls each get a copy
                 if isinstance(result, Failure):
                     if failed is None:
                         failures[call] = result
@@ -103,7 +104,7 @@ def cached(
 
 
 def _answers(calls: Iterable[Call], store: "_Store", keep_failures: bool, workers: Workers) -> Answers:
-    """Yield each call with its pickled result, stored ones first; new results are stored as they come."""
+    """Yield each call with its pickled result, stored results first; store each new result before yielding it."""
     missing = []
     for call in calls:
         pickled = store.read(call)
@@ -121,9 +122,9 @@ def _answers(calls: Iterable[Call], store: "_Store", keep_failures: bool, worker
 
 
 def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: str) -> Call:
-    """Return the call of a function that any process can import, with arguments that it takes and JSON holds."""
+    """Return the `Call` of a function, which other processes must be able to import, with JSON arguments."""
     module, name = function.__module__, function.__qualname__
-    if module == "__main__":  # a command is a module that runs
+    if module == "__main__":  # a command runs a module as a script
         module = getattr(sys.modules["__main__"].__spec__, "name", "")
     if not module or not name.isidentifier():
         raise ValueError(f"function {name} is not importable elsewhere: put it into a module, at its top level")
@@ -131,30 +132,30 @@ def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: s
         inspect.signature(function).bind(**arguments)
         return Call(f"{module}:{name}", json.dumps(arguments, sort_keys=True), depends, json.dumps(arguments))
     except TypeError as error:
-        raise WrongTypeError(f"arguments of {name} must be keywords that it takes, as JSON has them: {error}") from None
+        raise WrongTypeError(f"arguments of {name} must be its keywords, with JSON values: {error}") from None
 
 
 class _Store:
-    """Pickled results in a folder, as joblib.Memory keeps them, each with its checksum."""
+    """Pickled results in a folder, stored by joblib.Memory, each with its checksum."""
 
     def __init__(self, folder: Path) -> None:
         import joblib
 
         self._folder, self._kept = folder, joblib.Memory(folder, verbose=0).cache(_kept, ignore=["answer"])
-        # where its source is not stored, joblib finds nothing at first
-        self._kept.check_call_in_cache("", "", "", None)
+        self._kept.check_call_in_cache("", "", "", None)  # stores the source of `_kept`: else joblib's first look fails
 
     def read(self, call: Call) -> bytes | None:
         """Return the stored result of a call; None if there is none, or it is damaged."""
         try:
-            found = self._kept.call_and_shelve(*call.key, None)
+            found = self._kept.call_and_shelve(call.function, call.arguments, call.depends, None)
         except LookupError:
             return None
-        with suppress(Exception):  # any error of reading a damaged file
+        with suppress(Exception):  # a damaged file may raise any error
             digest, pickled = found.get()
             if digest == hashlib.sha256(pickled).digest():
                 return pickled
-        print(f"computed anew: {call.function} {call.arguments[:400]} is damaged in {self._folder}", file=sys.stderr)
+        stored = f"the stored result of {call.function} {call.arguments[:400]}"
+        print(f"computed anew: {stored} in {self._folder} is damaged", file=sys.stderr)
         return None
 
     def write(self, call: Call, pickled: bytes) -> None:
@@ -162,15 +163,16 @@ class _Store:
         from joblib.memory import CacheWarning
 
         with writing(f"a result of {call.function} into {self._folder}"), warnings.catch_warnings():
-            warnings.simplefilter("error", CacheWarning)  # which is all that joblib makes of a full disk
+            warnings.simplefilter("error", CacheWarning)  # joblib only warns if the disk is full
             try:
-                self._kept.call(*call.key, (hashlib.sha256(pickled).digest(), pickled))
+                answer = hashlib.sha256(pickled).digest(), pickled
+                self._kept.call(call.function, call.arguments, call.depends, answer)
             except CacheWarning as warning:
                 raise warning.__context__ or warning from None
 
 
 def _kept(function: str, arguments: str, depends: str, answer: Any) -> Any:
-    """Return the answer to store; joblib.Memory calls this without one if none is stored."""
+    """Return the answer to store. When joblib.Memory finds no stored answer, it calls this with None."""
     if answer is None:
         raise LookupError(function, arguments, depends)
     return answer

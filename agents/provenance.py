@@ -1,4 +1,4 @@
-"""Provenance of results: sources, versions, machine, date."""
+"""Where a result comes from: sources, versions, machine, date."""
 
 import hashlib
 import importlib.util
@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 SOURCES = {".py", ".pyx", ".pxi", ".h", ".csv", ".json", ".toml", ".npz", ".jinja", ".css", ".js", ".typed"}
-"""Kinds of files that a package here reads or is made of."""
+"""Suffixes of the files in a package that can change its results."""
 
 
 def circumstances(*packages: str) -> dict[str, Any]:
-    """Return the circumstances of a result beside the code: machine, versions, date."""
+    """Return machine, date and versions of Python and of `packages`."""
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}",
@@ -25,22 +25,22 @@ def circumstances(*packages: str) -> dict[str, Any]:
 
 
 def revision() -> dict[str, str | None]:
-    """Return git's commit and the changes since; None without git, or where it does not track these sources."""
+    """Return git's commit and the changes since then; None without git, or if git does not track these sources."""
     if _git("ls-files", "--error-unmatch", __file__) is None:
         return {"commit": None, "changed since": None}
     return {"commit": _git("rev-parse", "HEAD"), "changed since": _git("status", "--porcelain", "--untracked-files=no")}
 
 
 def todays(command: str) -> str:
-    """Return a recorded command as it is called today; old files say how the modules were called then."""
+    """Return a recorded command in the form of this version; old files name modules instead of `impact-gym`."""
     return re.sub(r"^python -m agents\.(\w+)", r"impact-gym \1", command).replace(" --algo ppo", "")
 
 
 def digest_of(*modules: str) -> str:
-    """Return SHA-256 of the sources and data files of modules and whole packages, for `depends` of `cached`.
+    """Return the SHA-256 of the sources and data files of modules and whole packages, for `depends` of `cached`.
 
     Raises:
-        ValueError: no such module.
+        ValueError: there is no such module.
     """
     digest = hashlib.sha256()
     for name in sorted(modules):
@@ -53,7 +53,7 @@ def digest_of(*modules: str) -> str:
 
 
 def origin_of(name: str) -> Path:
-    """Return a package's folder or a module's file; ValueError: there is no such module."""
+    """Return the folder of a package or the file of a module; ValueError: there is no such module."""
     try:
         spec = importlib.util.find_spec(name)
     except (ImportError, ValueError):

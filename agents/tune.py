@@ -1,8 +1,8 @@
-"""Tune the baselines of set-ups: `impact-gym tune my.toml`, or `impact-gym tune` for those that are shipped.
+"""Tune the baselines of set-ups: `impact-gym tune my.toml`, or `impact-gym tune` for all shipped set-ups.
 
-Each baseline is tuned for each time weight of the set-up's evaluation, by CMA-ES on training scenarios. `--bound` also
-searches the best approach of a controller that knows the object. Finished searches are stored (`agents.jobs`), so the
-same command continues where it was stopped.
+Each baseline is tuned for each time weight of the set-up's evaluation, by CMA-ES on tuning scenarios. `--bound` also
+searches the best approach of a controller that knows the object. `agents.jobs` stores finished searches, so the same
+command continues where it was stopped.
 """
 
 import math
@@ -30,15 +30,15 @@ from impact_gym.validation import distinct, nearest, number, whole
 
 SETUPS = shipped()
 BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1
-BOUND_RTOL = 1e-5  # of the simulation while searching: V_p is within 1e-6 m/s
-NEAR = 0.005  # s, from the rule's mean approach time to those that enclose it
-MOST_TRIED = 8  # further weights for each baseline
-LEAST_WEIGHT, LARGEST_WEIGHT = 0.125, 32.0  # m/s per s, as observations are scaled
-LOCK = ".lock"  # a file in the folder of the tuned baselines
+BOUND_RTOL = 1e-5  # tolerance of the simulation during the search; the error of V_p is below 1e-6 m/s
+NEAR = 0.005  # s, largest difference between the rule's mean approach time and the two times that enclose it
+MOST_TRIED = 8  # largest number of further weights for each baseline
+LEAST_WEIGHT, LARGEST_WEIGHT = 0.125, 32.0  # m/s per s, limits of the observed time weight
+LOCK = ".lock"  # name of a file in the folder of the tuned baselines
 CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}
-"""Arguments of an environment whose alarm comes from a switch without errors."""
+"""Arguments of an environment whose alarm has no errors."""
 SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")
-"""Sources that the result of a search depends on."""
+"""Sources on which the result of a search depends."""
 
 
 @dataclass(frozen=True)
@@ -46,32 +46,33 @@ class Tune:
     """Tune the baselines of set-ups for time weights."""
 
     setups: tyro.conf.Positional[tuple[str, ...]] = SETUPS
-    """Names or files; all that are shipped unless some are named."""
+    """Names or files. Default: all shipped set-ups."""
     names: tuple[str, ...] = ()
-    """Of their baselines only these."""
+    """Names of the baselines to tune. Default: all baselines of the set-ups."""
     weights: tuple[float, ...] = ()
-    """Cost of a second of approach, m/s per s; the set-up's unless given."""
+    """Time weights: costs of a second of approach, m/s per s. Default: the set-up's."""
     scenarios: int | None = None
-    """Training scenarios that each candidate plays; the set-up's, or 300, unless given."""
+    """Number of scenarios that each candidate plays. Default: the set-up's, or 300."""
     budget: int | None = None
-    """Candidates for each weight; the set-up's unless given."""
+    """Number of candidates for each weight. Default: the set-up's."""
     population: int = 16
-    """Candidates per generation: they are played together."""
+    """Number of candidates in a generation, which play at the same time."""
     seed: int = 1
-    """Of the search."""
+    """Seed of the search."""
     bound: bool = False
-    """Also search the best approach of a controller that knows the object, unless the set-up names another's bound."""
+    """Also search the best approach of a controller that knows the object, unless the set-up uses the bound of another
+    one."""
     at_rule_time: bool = False
-    """Tune for further weights until the mean approach times at two of them enclose that of the paper's rule, each
-    within 5 ms, so that the front can be read at the rule's time."""
+    """Tune for further weights until two mean approach times enclose the time of the paper's rule, both within 5 ms, so
+    that the front can be read at the rule's time."""
     processes: int = 2
-    """Searches at a time on this machine, each on one core; 0: none but this process."""
+    """Number of parallel searches on this machine, each on one core; 0: search in this process."""
     cluster: str | None = None
-    """Search on this Ray cluster instead: "ray" for the one that runs here, or its address."""
+    """Search on this Ray cluster instead: "ray" for the cluster on this machine, or an address."""
     out: Path | None = None
-    """Folder of the files; that of the shipped ones unless given, for a set-up from a file runs/NAME/tuned."""
+    """Folder for the files. Default: the folder of the shipped ones; for a set-up from a file runs/NAME/tuned."""
     jobs: Path = Path("runs/tune")
-    """Folder of finished searches."""
+    """Folder in which finished searches are stored."""
 
     def __post_init__(self) -> None:
         for name, least in (("processes", 0), ("population", 4), ("seed", 0), ("scenarios", 1), ("budget", 1)):
@@ -87,36 +88,36 @@ class Tune:
             raise ValueError(nearest("baseline to tune", unknown[0], tuned))
 
     def baselines(self) -> dict[str, Setup]:
-        """Return the set-up of each baseline that is asked for."""
-        asked: dict[str, Setup] = {}
+        """Return the baselines to tune by name, each with its set-up."""
+        wanted: dict[str, Setup] = {}
         for setup in map(load_setup, self.setups):
             for name in setup.tuned:
-                if name in asked:
+                if name in wanted:
                     raise ValueError(f"two set-ups have a baseline {name!r}: tune them one after the other")
                 if name in self.names or not self.names:
-                    asked[name] = setup
-        return asked
+                    wanted[name] = setup
+        return wanted
 
     def search(self, name: str, setup: Setup) -> dict[str, Any]:
-        """Return the settings of the search for a baseline, on which its result depends."""
+        """Return the settings that determine the result of the search for a baseline."""
         budget = setup.budget if self.budget is None else self.budget
         scenarios = setup.tuned[name].scenarios if self.scenarios is None else self.scenarios
         return {"scenarios": scenarios, "budget": budget, "population": self.population, "seed": self.seed}
 
     def folder(self, setup: Setup) -> Path:
-        """Return where the files of a set-up are."""
+        """Return the folder of a set-up's files."""
         return setup.folder / "tuned" if self.out is None else self.out
 
     def search_all(
         self, search: Callable[..., Any], arguments: list[dict[str, Any]], title: str, done: Callable[[int, Any], None]
     ) -> None:
-        """Call a function of this module with each of the arguments, and `done` with each place and result."""
+        """Call a function of this module with each of the arguments, and `done` with each index and result."""
         where: dict[str, Any] = {"processes": self.processes, "cluster": self.cluster, "title": title}
         cached(search, arguments, self.jobs, depends=digest_of(*SEARCHED) if arguments else "", done=done, **where)
 
 
 def tune(options: Tune) -> list[Path]:
-    """Tune the missing weights, and return the paths of the files."""
+    """Tune the weights that are missing in the files, and return the paths of the files."""
     setups, missing, arguments = options.baselines(), [], []
     for name, setup in setups.items():
         rule, known = setup.tuned[name]._asdict(), _tuned_before(name, setup, options)
@@ -132,7 +133,7 @@ def tune(options: Tune) -> list[Path]:
         alone = Tune((setup.called,), (name,), (weight,), **options.search(name, setup))
         made = {"search": _searched(name, setup, options), "command": command_of("tune", alone)}
         made |= {"versions": circumstances("impact-gym", "cma", "numpy", "scipy")["versions"]}
-        with locked(options.folder(setup) / LOCK):  # another process may have tuned other weights meanwhile
+        with locked(options.folder(setup) / LOCK):  # meanwhile another process may have tuned other weights
             found = _tuned_before(name, setup, options, quiet=True)
             found |= {f"{weight:g}": result | {"parameters": dict(numbers)} | made}
             write_tuned(name, found, setup, options.folder(setup))
@@ -142,14 +143,14 @@ def tune(options: Tune) -> list[Path]:
 
 
 def next_weight(times: Mapping[float, float], target: float) -> float | None:
-    """Return the time weight (m/s per s) to tune for next, until two approach times enclose `target` within NEAR.
+    """Return the next time weight (m/s per s) to tune, until two approach times enclose `target` (s) within NEAR.
 
     Args:
-        times: mean approach time (s) at each weight; it falls as the weight rises.
+        times: mean approach time (s) at each weight; a larger weight has a shorter time.
         target: s.
 
     Returns:
-        None: enclosed, or there is no weight left to try.
+        None: two times enclose the target, or no further weight can be tried.
     """
     weights = sorted(times)
     gaps = [times[weight] - target for weight in weights]
@@ -161,19 +162,19 @@ def next_weight(times: Mapping[float, float], target: float) -> float | None:
         return None
     else:  # between neighbours where the front crosses the target
         place = next((k for k, gap in enumerate(gaps[:-1]) if gap > 0.0 >= gaps[k + 1]), None)
-        if place is None:  # it rises with the weight
+        if place is None:  # the time increases with the weight
             return None
         pair, ends = [gaps[place + 1], gaps[place]], [weights[place + 1], weights[place]]
-        aim = math.copysign(0.6 * NEAR, NEAR - sooner)  # a sooner one first
+        aim = math.copysign(0.6 * NEAR, NEAR - sooner)  # first a shorter time
         weight = math.exp(np.interp(aim, pair, np.log(ends)))
         if min(abs(math.log(weight / end)) for end in ends) < 0.1 * math.log(ends[0] / ends[1]):
-            weight = math.sqrt(ends[0] * ends[1])  # the front is steep there, or has a gap
+            weight = math.sqrt(ends[0] * ends[1])  # the front is steep or has a gap there
     weight = float(f"{weight:.3g}")
     return weight if LEAST_WEIGHT <= weight <= LARGEST_WEIGHT and weight not in times else None
 
 
 def tune_at_rule_time(options: Tune) -> None:
-    """Tune each baseline at further weights, see `Tune.at_rule_time`, and keep all of them."""
+    """Tune each baseline for further weights, see `Tune.at_rule_time`, and keep all of them."""
     for name, setup in options.baselines().items():
         batch = ScenarioBatch.of("validation", task=setup.task, threads=1)
         target = float(batch.play(PaperTrapezoid().for_task(setup.task)).approach_time.mean())
@@ -186,18 +187,18 @@ def tune_at_rule_time(options: Tune) -> None:
 
 
 def _tuned_before(name: str, setup: Setup, options: Tune, quiet: bool = False) -> dict[str, Any]:
-    """Return the file's entries by weight that were tuned with these settings for this environment."""
+    """Return the entries of the file, by weight, that were tuned with these settings for this environment."""
     if not (options.folder(setup) / f"{name}.json").is_file():
         return {}
     try:
         weights = read_tuned(name, options.folder(setup), setup)["weights"]
     except ValueError as reason:
         if not quiet:
-            print(f"{name} is tuned anew: {reason}")
+            print(f"{name} is tuned again: {reason}")
         return {}
     same = {weight: tuned for weight, tuned in weights.items() if tuned["search"] == _searched(name, setup, options)}
     if same != weights and not quiet:
-        print(f"{name} is tuned anew at {sorted(set(weights) - set(same))}: it was tuned with other settings")
+        print(f"{name} is tuned again at {sorted(set(weights) - set(same))}: it was tuned with other settings")
     return same
 
 
@@ -213,7 +214,7 @@ def tune_one(
 ) -> dict[str, Any]:  # fmt: skip
     """Return the best parameters (k) of a rule at one weight, its scores (m/s) and the number of generations.
 
-    With `jitter` every command is followed inexactly, so parameters that need exact commands lose.
+    `jitter` adds random errors to the commands of all candidates, see `Jittery`.
     """
     kind, task, rng = RULES[rule], Task(**environment), np.random.default_rng((seed, 1))
     options: Any = {"copies": population, "time_weight": [weight] * population, "threads": 1, "lenient": True}
@@ -231,14 +232,14 @@ def tune_one(
 
 
 def scores(rule: Rule, weight: float) -> dict[str, float]:
-    """Return the means over the validation set, and how many objects were missed."""
+    """Return the means over the validation set, and the number of missed objects."""
     played = ScenarioBatch.of("validation", task=rule.task, time_weight=[weight], threads=1).play(rule)
     means = {name: float(getattr(played, name).mean()) for name in ("object_velocity", "approach_time")}
     return {"loss": float(played.loss(weight).mean()), **means, "missed": int(played.missed.sum())}
 
 
 def search_bounds(options: Tune, scenarios: int = BOUND_SCENARIOS, generations: int = bound.GENERATIONS) -> list[Path]:
-    """Search missing bounds for the first test scenarios; return the paths of the files."""
+    """Search the bounds that are missing in the files, for the first test scenarios; return the paths of the files."""
     setups = [setup for setup in map(load_setup, options.setups) if setup.bound == setup.name]
     missing = list[tuple[Setup, float]]()
 
@@ -264,9 +265,9 @@ def search_bound(
     environment: Mapping[str, Any], time_weight: float, scenarios: int, generations: int,
     population: int = BOUND_POPULATION,
 ) -> Floats:  # fmt: skip
-    """Return parameters (scenarios, k), those of the best `Clairvoyant` for each of the first test scenarios.
+    """Return the parameters (scenarios, k) of the best `Clairvoyant` for each of the first test scenarios.
 
-    The time weight is in m/s per s; there are so many generations, and candidates in each, for each scenario.
+    The time weight is in m/s per s. Each scenario has `generations` of `population` candidates.
     """
     task, weights = Task(**{"rtol": BOUND_RTOL, **environment, "privileged": True}), [time_weight] * population
     batch = ScenarioBatch.of(bound.FROZEN, scenarios, task, copies=population, time_weight=weights, threads=1)
@@ -280,7 +281,7 @@ def search_bound(
 
 
 def run(options: Tune) -> None:
-    """Tune the missing weights, and print the scores of each baseline."""
+    """Tune, and print the scores of each baseline."""
     paths = tune(options)
     if options.at_rule_time:
         tune_at_rule_time(options)

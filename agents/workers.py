@@ -1,8 +1,8 @@
-"""Workers that do independent calls: processes of this machine or the nodes of a Ray cluster; see `agents.jobs`.
+"""Workers that run independent calls: processes of this machine or nodes of a Ray cluster; see `agents.jobs`.
 
-joblib's own ways to run calls were measured and not taken. Its pool, loky, starts in 2.6 s (pebble: 0.9 s), and one
-lost process ends all calls. Its Ray backend returns no result before all calls are done: a killed command would have
-stored none.
+Processes come from pebble, which can end a late call, and for which a lost process fails only its own call. joblib's
+pool, loky, starts in 2.6 s instead of 0.9 s, and one lost process ends all calls. joblib's Ray backend returns all
+results at the end: a killed command would lose them.
 """
 
 import json
@@ -26,40 +26,39 @@ from agents.provenance import origin_of
 from impact_gym.files import DiskFullError
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-"""Environment of every worker: each has one core, and no sum is split by how many cores there are."""
+"""Environment variables of workers. One thread each: the rounding of sums must not depend on the number of cores."""
 
 
 class Failure(NamedTuple):
     """Why a call has no result."""
 
     reason: str
-    trace: str = ""  # where the function raised
+    trace: str = ""  # traceback of the error that the function raised
 
 
 @dataclass(frozen=True)
 class Call:
-    """A call, which determines its result: function "module:name", arguments as JSON, and other dependencies."""
+    """A call: function "module:name", arguments as JSON, and everything else on which its result depends."""
 
     function: str
-    arguments: str  # their keys sorted
+    arguments: str  # with sorted keys
     depends: str
-    given: str = field(default="", compare=False)  # in the order in which the function gets them
-
-    @property
-    def key(self) -> tuple[str, str, str]:
-        """What a result is stored by."""
-        return self.function, self.arguments, self.depends
+    given: str = field(default="", compare=False)  # the arguments in their own order
 
 
-Answers = Generator[tuple[Call, bytes], None, None]  # as they come: result, `Failure` or `DiskFullError`, pickled
+Answers = Generator[tuple[Call, bytes], None, None]
+"""Each call, in the order of completion, with its pickled result, `Failure` or `DiskFullError`."""
 
 
 def perform(call: Call, versions: Mapping[str, str]) -> bytes:
-    """Do a call where these packages have these versions. A full disk is no failure of the call: it ends all."""
+    """Run a call, if the packages here have these `versions`; return its pickled result or error.
+
+    A full disk is no `Failure`: the DiskFullError ends all calls.
+    """
     try:
         if (here := {name: version(name) for name in versions}) != versions:
             raise RuntimeError(f"the node has {here}, the calling process {versions}: install the same on all")
-        with warnings.catch_warnings(action="ignore", category=UserWarning):  # the calling process warns of a set-up
+        with warnings.catch_warnings(action="ignore", category=UserWarning):  # the calling process has warned already
             result = pkgutil.resolve_name(call.function)(**json.loads(call.given or call.arguments))
         return pickle.dumps(result, protocol=5)
     except DiskFullError as error:
@@ -69,7 +68,7 @@ def perform(call: Call, versions: Mapping[str, str]) -> bytes:
 
 
 def on_this_machine(calls: Sequence[Call], processes: int | None, seconds: float | None) -> Answers:
-    """Do calls in new processes of this machine; forked ones would inherit threads and locks."""
+    """Run calls in new processes of this machine, which are spawned: forked ones would inherit threads and locks."""
     if processes == 0 or not calls:
         yield from ((call, perform(call, {})) for call in calls)
         return
@@ -91,7 +90,7 @@ def on_this_machine(calls: Sequence[Call], processes: int | None, seconds: float
                     reason = f"its process was lost, with exit code {error.exitcode} (out of memory?)"
                     pickled = pickle.dumps(Failure(reason))
                 except Exception as error:
-                    reason = f"no process began, as in a script without `if __name__ == '__main__'`: {error}"
+                    reason = f"no process started, as in a script without `if __name__ == '__main__'`: {error}"
                     pickled = pickle.dumps(Failure(reason))
                 yield under_way.pop(future), pickled
         finally:
@@ -100,7 +99,7 @@ def on_this_machine(calls: Sequence[Call], processes: int | None, seconds: float
 
 
 def _begin(function: str) -> None:
-    """Prepare a process: it ends when the calling one does, however that ends, and has the function imported."""
+    """Prepare a worker: it imports the function, and ends when the calling process ends, even by a kill."""
 
     def end_with_parent() -> None:
         if parent := multiprocessing.parent_process():
@@ -112,7 +111,7 @@ def _begin(function: str) -> None:
 
 
 def on_cluster(calls: Sequence[Call], address: str) -> Answers:
-    """Do calls on a Ray cluster, a core for each, with the sources here; Ray repeats calls whose node was lost."""
+    """Run calls on a Ray cluster, one core each, with the sources of this machine; Ray repeats calls of a lost node."""
     if not calls:
         return
     try:
@@ -122,10 +121,10 @@ def on_cluster(calls: Sequence[Call], address: str) -> Answers:
         raise RuntimeError("Ray is not installed: install the extra `cluster`, here and on all nodes") from error
     sources = {"agents", "impact_gym", calls[0].function.replace(":", ".").split(".")[0]}
     sent: dict[str, Any] = {"py_modules": [str(origin_of(name)) for name in sorted(sources)], "env_vars": ONE_THREAD}
-    sent["working_dir"] = str(origin_of("agents") / "tuned")  # has no modules; else nodes look where this process does
+    sent["working_dir"] = str(origin_of("agents") / "tuned")  # a folder without modules: nodes import only `py_modules`
     try:
         place = os.environ.get("RAY_ADDRESS", "") if address in ("ray", "auto") else address
-        if place and place not in ("ray", "auto"):  # Ray itself would ask for minutes where nobody listens
+        if place and place not in ("ray", "auto"):  # Ray itself would try for minutes to reach a dead address
             host, _, port = place.removeprefix("ray://").rpartition(":")
             socket.create_connection((host.strip("[]"), int(port)), timeout=10.0).close()
         name = "auto" if address == "ray" else address
@@ -134,9 +133,9 @@ def on_cluster(calls: Sequence[Call], address: str) -> Answers:
         begin = "`ray start --head`, and `ray start --address=HOST:PORT` on each further node"
         raise RuntimeError(f"no Ray cluster at {address!r} ({error}): start one with {begin}") from error
     task: Any = ray.remote(num_cpus=1, max_retries=3)(perform)
-    versions = {name: version(name) for name in ("numpy", "scipy")}  # which may show in the last bit of a result
+    versions = {name: version(name) for name in ("numpy", "scipy")}  # another version may change the last bit
     waiting, under_way = iter(calls), dict[Any, Call]()
-    ahead = 64 + 4 * int(ray.cluster_resources().get("CPU", 0))  # type: ignore[no-untyped-call]  # so that no node waits
+    ahead = 64 + 4 * int(ray.cluster_resources().get("CPU", 0))  # type: ignore[no-untyped-call]  # enough that no node waits
     try:
         while True:
             under_way |= {task.remote(call, versions): call for call in islice(waiting, ahead - len(under_way))}
@@ -146,7 +145,7 @@ def on_cluster(calls: Sequence[Call], address: str) -> Answers:
             try:
                 pickled = ray.get(ready)
             except ray.exceptions.RayError as error:
-                pickled = pickle.dumps(Failure(f"its process was lost, or could not begin: {error}"))
+                pickled = pickle.dumps(Failure(f"its process was lost, or could not start: {error}"))
             yield under_way.pop(ready), pickled
     finally:
-        ray.shutdown()  # which ends running calls
+        ray.shutdown()  # ends running calls, too

@@ -12,6 +12,7 @@ import inspect
 import io
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -152,10 +153,15 @@ def svg(figure: Figure) -> bytes:
     return file.getvalue()
 
 
-def contact_force() -> bytes:
+def drawn(draw: Callable[[Any], None], height: float) -> bytes:
+    """Return the picture that a function draws on axes, 6.4 by `height` inches."""
+    figure = Figure(figsize=(6.4, height))
+    draw(figure.subplots())
+    return svg(figure)
+
+
+def contact_force(axes: Any) -> None:
     """Draw the force over the penetration for three restitutions."""
-    figure = Figure(figsize=(6.4, 3.6))
-    axes = figure.subplots()
     for restitution, colour in ((1.0, BLUE), (0.5, ORANGE), (0.1, GREEN)):
         scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.1), ig.Contact(1e5, restitution))
         trace = ig.simulate(scene, ig.Trapezoid(1.0, 8.0), trace=True).trace
@@ -164,36 +170,31 @@ def contact_force() -> bytes:
         axes.plot(1e3 * depth[depth >= 0], trace.contact_force[depth >= 0], color=colour, label=f"e = {restitution:g}")
     axes.set(xlabel="penetration, mm", ylabel="contact force, N", xlim=(0, None), ylim=(0, None))
     axes.legend()
-    return svg(figure)
 
 
-def restitution() -> bytes:
+def restitution(axes: Any) -> None:
     """Draw the restitution that each law delivers over the nominal one."""
-    figure, nominal = Figure(figsize=(6.4, 4.2)), np.linspace(0.01, 1.0, 200)
-    axes = figure.subplots()
+    nominal = np.linspace(0.01, 1.0, 200)
     axes.plot(nominal, nominal, color=GREY, lw=1, ls="--", label="exact")
     for law in PUBLISHED:
         axes.plot(nominal, effective_restitution(law, nominal), lw=2.5 if law == "hu-guo" else 1.2, label=law)
     axes.set(xlabel="nominal restitution", ylabel="restitution of an isolated contact", xlim=(0, 1), ylim=(0, 1))
     axes.legend()
-    return svg(figure)
 
 
-def mechanism() -> bytes:
+def mechanism(axes: Any) -> None:
     """Draw the force of the paper's mechanism over the slider's position, and its stops."""
     law = ig.Bistable()
-    figure, position = Figure(figsize=(6.4, 3.4)), np.linspace(-1.05 * law.stroke, 1.05 * law.stroke, 400)
-    axes = figure.subplots()
+    position = np.linspace(-1.05 * law.stroke, 1.05 * law.stroke, 400)
     axes.axhline(0.0, color=GREY, lw=0.5)
     axes.plot(1e3 * position, law.force(position), color=BLUE)
     for stop, name in ((law.front_stop, "front stop"), (law.rear_stop, "rear stop")):
         axes.axvline(1e3 * stop, color=ORANGE, ls="--")
         axes.annotate(name, (1e3 * stop, -1.15), (4, 0), textcoords="offset points", color=ORANGE)
     axes.set(xlabel="position of the slider from the alignment, mm", ylabel="force on the tool, N")
-    return svg(figure)
 
 
-def convergence() -> bytes:
+def convergence(axes: Any) -> None:
     """Draw the error of one contact over the number of evaluations, in time and in the root of the penetration."""
     from scipy.integrate import solve_ivp
 
@@ -212,8 +213,6 @@ def convergence() -> bytes:
         return float(state[0])
 
     parts.terminal, parts.direction = True, -1.0  # type: ignore[attr-defined]
-    figure = Figure(figsize=(6.4, 3.6))
-    axes = figure.subplots()
     for law, colour, name in ((in_time, ORANGE, "penetration over time"), (in_the_root, BLUE, "root over s")):
         runs = [
             solve_ivp(law, (0, 20), [0.0, 1.0], "DOP853", events=parts, rtol=10.0**-n, atol=10.0**-n)
@@ -223,7 +222,6 @@ def convergence() -> bytes:
         axes.loglog([run.nfev for run in runs], errors, "o-", color=colour, label=name)
     axes.set(xlabel="evaluations of the force in one contact", ylabel="error of the restitution")
     axes.legend()
-    return svg(figure)
 
 
 def contact() -> bytes:
@@ -256,8 +254,9 @@ def identified() -> bytes:
 
 
 PICTURES: dict[str, Callable[[], bytes]] = {
-    "contact_force.svg": contact_force, "convergence.svg": convergence, "restitution.svg": restitution,
-    "mechanism.svg": mechanism, "identified.svg": identified, "contact.png": contact,
+    **{f"{draw.__name__}.svg": partial(drawn, draw, height)
+       for draw, height in ((contact_force, 3.6), (convergence, 3.6), (restitution, 4.2), (mechanism, 3.4))},
+    "identified.svg": identified, "contact.png": contact,
 }  # fmt: skip
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """The command `impact-gym`: each name runs a module, which reads its own arguments.
 
-What a command's extras ask for is looked for first: a command that needs more than is installed says so in one line,
-before it has worked for hours.
+Packages that a command needs are looked for first. If some are not installed, the command says so in one line.
 """
 
 import platform
@@ -16,7 +15,7 @@ from impact_gym.validation import nearest
 
 
 class Command(NamedTuple):
-    """A module that runs, with the extras that it needs."""
+    """A module to run, with the extras of the project that it needs."""
 
     module: str
     extras: tuple[str, ...]
@@ -25,15 +24,15 @@ class Command(NamedTuple):
 
 COMMANDS: Mapping[str, Mapping[str, Command]] = {
     "for your own arm and tool": {
-        "check": Command("agents.check", ("train",), "check a set-up (a TOML file) and say what follows from it"),
+        "check": Command("agents.check", ("train",), "check a set-up (a TOML file) and print what follows from it"),
         "tune": Command("agents.tune", ("train",), "tune the baselines of a set-up"),
         "train": Command("agents.train", ("train",), "train a policy for a set-up, or several seeds"),
         "controller": Command(
-            "experiments.controller", ("train", "report"), "all in one: tune, train, report, export the best"
+            "experiments.controller", ("train", "report"), "all in one: tune, train, report, export the best controller"
         ),
         "report": Command("experiments.report", ("report",), "compare policies and baselines, on a page"),
-        "export": Command("agents.export", ("train",), "write any controller in C, a policy as ONNX, too"),
-        "policies": Command("experiments.policies", (), "list the shipped policies and what they are for"),
+        "export": Command("agents.export", ("train",), "write a controller as C code, a policy also as ONNX"),
+        "policies": Command("experiments.policies", (), "list the shipped policies and their purposes"),
         "play": Command("experiments.play", ("play",), "steer the tool in the browser, alone or assisted"),
         "identify": Command("impact_gym.identify", (), "fit mass, stiffness and restitution to measured blows"),
         "design": Command(
@@ -41,7 +40,7 @@ COMMANDS: Mapping[str, Mapping[str, Command]] = {
         ),
     },
     "for data": {
-        "dataset": Command("experiments.dataset", ("data",), "record episodes of rule, profile, policy or persons"),
+        "dataset": Command("experiments.dataset", ("data",), "record episodes of rule, profile, policy or person"),
     },
     "for work on this project": {
         "study": Command("experiments.studies", ("report",), "run a study of this project again"),
@@ -59,21 +58,21 @@ def overview() -> str:
 
 
 def versions() -> str:
-    """Return the versions of this package, of Python and of what it builds on, as far as it is installed."""
+    """Return the versions of this package, of Python and of the main libraries that are installed."""
     named = ("impact-gym", "numpy", "scipy", "gymnasium", "torch", "stable-baselines3")
     there = [f"{name} {version(name)}" for name in named if any(Distribution.discover(name=name))]
     return "\n".join([*there, f"Python {platform.python_version()}, {platform.platform()}"])
 
 
 def missing(extras: tuple[str, ...]) -> list[str]:
-    """Return what these extras of the project ask for and is not installed."""
+    """Return the packages of these extras that are not installed."""
     wanted = [line for line in requires("impact-gym") or [] for extra in extras if f'extra == "{extra}"' in line]
     names = dict.fromkeys(re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in wanted)
     return [name for name in names if not any(Distribution.discover(name=name))]
 
 
 def main() -> None:
-    """Run the command that is asked for."""
+    """Run the command that the first word names."""
     name, *arguments = sys.argv[1:] or ["--help"]
     commands = {name: command for group in COMMANDS.values() for name, command in group.items()}
     if name in ("--help", "-h", "help"):
@@ -90,7 +89,7 @@ def main() -> None:
         remedy = f"pip install 'impact-gym[{','.join(command.extras)}]'"
         sys.exit(f"impact-gym {name} needs {', '.join(absent)}: {remedy}")
     sys.argv[1:] = arguments
-    sys.path.append("")  # where `module:object` of the report is looked for; last, as many have a folder `experiments`
+    sys.path.append("")  # for `module:object` of the report; last, as users often have a folder `experiments`
     runpy.run_module(command.module, run_name="__main__", alter_sys=True)
 
 

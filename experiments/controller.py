@@ -1,9 +1,8 @@
 """From a set-up to a controller: `impact-gym controller my.toml --out DIR`.
 
 Tunes the baselines, trains the seeds, writes the report and exports the controller that it recommends: the paper's
-rule, a tuned baseline or the policy of the median seed. Each stage is the command that is printed. Results of a stage
-are kept in DIR: the same command resumes where it was stopped. `--quick` does all of it with a fraction of the work, as
-the report states.
+rule, a tuned baseline or the policy of the median seed. Each stage is a command, which is printed. Results are kept in
+DIR: the same command resumes where it was stopped. `--quick` runs all stages with a fraction of the work.
 """
 
 from collections.abc import Callable
@@ -33,40 +32,43 @@ class ControllerOptions:
     """Make a controller for a set-up: baselines, policies, report and export."""
 
     setup: tyro.conf.Positional[str]
-    """A name or a file."""
+    """Set-up by name or file."""
     out: Path
-    """Folder for all results; an earlier run there for this set-up is resumed."""
+    """Folder for all results; an earlier run for this set-up is resumed there."""
     quick: bool = False
-    """A first look in a few minutes: less tuning, three seeds of a million steps, 200 scenarios. Use a folder
-    other than for the full run."""
+    """A first look in a few minutes: less tuning, three seeds of a million steps, 200 scenarios. Use another folder
+    than for the full run."""
     processes: int = 2
-    """Tunings and trainings at a time on this machine; each uses one core."""
+    """Tunings and trainings at the same time on this machine; each uses one core."""
     time_weight: float | None = None
-    """What a second of approach costs you, m/s of the object's velocity: the controller that costs least is
-    exported. Default: the set-up's typical one, 2 unless its file says otherwise."""
+    """What a second of approach costs, m/s of the object's velocity. The controller with the lowest cost is exported.
+    Default: the typical weight of the set-up, 2 unless its file has another."""
     all: bool = False
-    """Export all controllers instead of the best alone."""
+    """Export all controllers instead of the best one."""
     cluster: str | None = None
-    """Tune, train and play on this Ray cluster instead: "ray" for the one that runs here, or its address."""
+    """Tune, train and play on a Ray cluster instead of this machine: "ray" for the cluster that runs here, or an
+    address."""
 
 
 def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
     """Return the copy of the set-up's file in `out`, which all stages read.
 
-    Texts, rivals, the bound and the variations may change between runs; the settings in MADE_FOR may not.
+    The settings in MADE_FOR must not change between runs; texts, rivals, the bound and the variations may.
 
     Raises:
         ValueError: the folder holds other files or results of other settings.
     """
     copy, sign = out / f"{setup.path.stem}.toml", out / "quick"
     if out.exists() and not out.is_dir():
-        raise ValueError(f"{out} is no folder")
+        raise ValueError(f"out must be a folder, but {out} is a file")
     content = sorted(out.iterdir()) if out.is_dir() else []
     if content and copy not in content:
         raise ValueError(f"{out} holds something else ({content[0].name}): name another folder with --out")
     if copy.is_file():
         if MADE_FOR(load_setup(copy)) != MADE_FOR(setup):
-            raise ValueError(f"{out} holds results of {copy.name} as it was: it has changed since, name another folder")
+            raise ValueError(
+                f"{out} holds results of an earlier {copy.name}, which has changed since: name another folder"
+            )
         if sign.exists() != quick:
             kind = "a quick look" if sign.exists() else "a full run"
             raise ValueError(f"{out} holds {kind}: name another folder with --out")
@@ -77,7 +79,7 @@ def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
 
 
 def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[Any], object], Any]]:
-    """Return the function and the options of each stage, by the name of its command."""
+    """Return function and options of each stage, by the name of its command."""
     out, setup, copies = options.out, load_setup(copy), (str(copy),)
     where: dict[str, Any] = {"processes": options.processes, "cluster": options.cluster}
     tuning = tune.Tune(copies, bound=setup.bound == copy.stem, out=out / "tuned", jobs=out / "searches", **where)
@@ -95,11 +97,11 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[
                       imitation_steps=min(steps, setup.training.imitation_steps))  # fmt: skip
         training = replace(training, training=few, seeds=min(QUICK_SEEDS, setup.seeds))
         page = replace(page, count=QUICK_SCENARIOS)
-    return {"tune": (tune.run, tuning), "train": (train.run, training), "report": (report.run, page)}
+    return {"tune": (tune.run, tuning), "train": (train.run, training), "report": (report.write, page)}
 
 
 def exporting(copy: Path, options: ControllerOptions) -> export.Export:
-    """Return how to export the controller that the report recommends, or all of them."""
+    """Return the options that export the controller that the report recommends, or all controllers."""
     out = options.out
     best = report.results_of(out / "report")["choices"][copy.stem]["controller"]
     files = {name: out / "tuned" / f"{name}.json" for name in load_setup(copy).tuned}
@@ -112,7 +114,7 @@ def exporting(copy: Path, options: ControllerOptions) -> export.Export:
 
 
 def run(options: ControllerOptions) -> None:
-    """Make a controller, one stage after the other."""
+    """Make a controller, stage by stage."""
     setup = load_setup(options.setup)
     if options.time_weight is not None:
         low, high = setup.training.time_weight

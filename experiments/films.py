@@ -31,12 +31,21 @@ HAND = {
     "friction": 0.3, "uplink": {"delay": 0.1}, "downlink": {"delay": 0.1},
     "operator": {"type": "Trapezoid", "speed": 0.4},
 }  # fmt: skip
-"""A steady hand 200 ms away, there and back, which stops as soon as it can when it sees the touch."""
+"""A steady hand with 200 ms of delay (both ways), which stops as soon as it can once it sees the touch."""
 SHIPPED = Path("docs/films")
 SECONDS, HOLD, RATE = 6.0, 2.0, 20  # s of motion, s for which the result stays, pictures per s
 AFTER = 0.25  # s, shown after the last touch
-WIDTH, ROW, HEAD = 960, 226, 52  # pixels
-EFFORT = 80  # of 100, for which a film without losses is small
+WIDTH, ROW, HEAD = 960, 254, 80  # pixels
+ABOUT = {
+    "rule": "constant speed; brakes once it senses the touch",
+    "blind-profile": "velocity as a function of position, tuned on many objects",
+    "ranged-profile": "velocity as a function of the estimated distance, tuned",
+    "policy": "neural network, trained on many objects",
+    "alone": "lets go 0.2 s after the touch, plus its reaction time",
+    "brake": "the arm itself stops the tool at the touch",
+}
+"""What each controller does, in a line below its name."""
+EFFORT = 80  # of 100, to compress a film without losses
 
 
 class Row(NamedTuple):
@@ -45,7 +54,7 @@ class Row(NamedTuple):
     label: str
     colour: str  # its name in the palette
     setup: str
-    controller: str  # rule, profile, ranged-profile, policy, alone or brake
+    controller: str  # a key of ABOUT
 
     def run(self) -> Run:
         """Play the episode."""
@@ -65,13 +74,13 @@ class Row(NamedTuple):
 
 FILMS: Mapping[str, tuple[str, tuple[Row, ...]]] = {
     "rule-and-profile": (
-        "The paper's rule approaches at 1 m/s and brakes when it feels the object. A tuned profile takes as long, but "
-        "is slower where the object may stand.",
+        "The paper's rule approaches at 1 m/s and brakes once it senses the touch. A tuned profile, a velocity for"
+        " each position, touches at the same time but moves more slowly where the object can be.",
         (Row("paper's rule", "rule", "linear-blind", "rule"),
          Row("tuned profile", "profile", "linear-blind", "blind-profile")),
     ),
     "rule-profile-policy": (
-        "The learned policy approaches like the tuned profile, and the object leaves as slowly.",
+        "The learned policy approaches like the tuned profile, and the object leaves about as slowly.",
         (Row("paper's rule", "rule", "linear-blind", "rule"),
          Row("tuned profile", "profile", "linear-blind", "blind-profile"),
          Row("learned policy", "policy", "linear-blind", "policy")),
@@ -97,13 +106,13 @@ FILMS: Mapping[str, tuple[str, tuple[Row, ...]]] = {
          Row("bistable mechanism", "rule", "bistable-blind", "rule")),
     ),
     "distance-estimated": (
-        "An estimate of the distance, good to 10 mm, lets the profile brake before the touch.",
+        "With an estimate of the distance, good to 10 mm, the profile brakes before the touch.",
         (Row("paper's rule", "rule", "linear-ranged", "rule"),
          Row("profile, blind", "profile", "linear-blind", "blind-profile"),
          Row("profile, distance estimated", "profile", "linear-ranged", "ranged-profile")),
     ),
 }  # fmt: skip
-"""By name: a sentence, and the rows from above."""
+"""Sentence and rows of each film, by name; the first row is at the top."""
 
 
 @dataclass(frozen=True)
@@ -111,13 +120,13 @@ class Films:
     """Make short films of several controllers with the same object, one below the other, as WebP."""
 
     names: Annotated[Positional[tuple[str, ...]], arg(metavar="[NAME ...]")] = field(default=tuple(FILMS))
-    """Which films; all by default."""
+    """Names of the films; all by default."""
     out: Annotated[Path, arg(metavar="FOLDER")] = SHIPPED
     """Folder of the films."""
 
 
 def instants(runs: list[Run]) -> Iterator[tuple[float, float]]:
-    """Yield instant (s) and slow motion of each picture: the slowest of the runs' own films, SECONDS in all."""
+    """Yield instant (s) and slow-motion factor of each picture: the largest factor of all runs, SECONDS in all."""
     touches = [run.contacts[0][0] for run in runs if run.contacts]
     end = min(max(run.history.now for run in runs), max(touches, default=np.inf) + AFTER)
     if runs[0].history.task.operator:
@@ -152,7 +161,7 @@ def pictures(rows: tuple[Row, ...]) -> Iterator[Image.Image]:
 
 
 def _draw(canvas: Canvas, row: Row, run: Run, view: chain.Camera, time: float, slower: float, last: bool) -> None:
-    """Draw a row: its name, time and velocity, or at the end the result, and the chain."""
+    """Draw a row: name, caption, time and the object's velocity, at the end the result, and the chain."""
     state = run.history.at(min(time, run.history.now))
     coast = run.farthest(time) - run.history.at(run.history.now).object_position if time > run.history.now else 0.0
     state = state._replace(object_position=state.object_position + coast)
@@ -163,11 +172,14 @@ def _draw(canvas: Canvas, row: Row, run: Run, view: chain.Camera, time: float, s
     touched = f"touch after {run.contacts[0][0]:.2f} s" if run.contacts and run.contacts[0][0] <= time else ""
     pace = f"{time:.2f} s, {slower:.0f} x slower" if slower > 1.4 else f"{time:.2f} s"
     canvas.text(touched if last else pace, (0.5 * WIDTH, top + 30.0), 28, FAINT, "center")
-    words = f"object {state.object_velocity:.2f} m/s"
-    if last:
-        words = f"leaves at {run.info['object_velocity']:.2f} m/s"
-        words = f"slid {chain.length(run.info['slide'])}" if "slide" in run.info else words
+    canvas.text(ABOUT[row.controller], (26.0, top + 62.0), 26, FAINT)
+    words, note = f"object {state.object_velocity:.2f} m/s", ""
+    if last and "slide" in run.info:
+        words, note = f"slid {chain.length(run.info['slide'])}", "path of the object; shorter is gentler"
+    elif last:
+        words, note = f"{run.info['object_velocity']:.2f} m/s", "final speed of the object; slower is gentler"
     canvas.text(words, (WIDTH - 14.0, top + 28.0), 48, anchor="midright")
+    canvas.text(note, (WIDTH - 14.0, top + 62.0), 26, FAINT, "midright")
 
 
 def film(rows: tuple[Row, ...]) -> bytes:

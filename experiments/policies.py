@@ -13,7 +13,7 @@ from agents.setups import load_setup, shipped
 
 
 def card(name: str) -> Iterator[str]:
-    """Yield the lines of a card: purpose, failures, command, and the seeds' results on the validation set."""
+    """Yield the lines of a policy's card: purpose, failures, results of its seeds on the validation set, command."""
     setup = load_setup(name)
     path = setup.folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
@@ -45,13 +45,17 @@ def _mean(values: Sequence[float]) -> str:
 
 def main() -> None:
     """Print the cards."""
-    parser = argparse.ArgumentParser(prog="impact-gym policies", description="Cards of policies.")
-    parser.add_argument("names", nargs="*", metavar="NAME", help="of a set-up, or its file; all that are shipped")
+    parser = argparse.ArgumentParser(
+        prog="impact-gym policies", description="Show what policies are for, where they fail and how well they do."
+    )
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help="set-up of a policy, by name or file; default: all shipped policies"
+    )
     names = parser.parse_args().names or shipped()
     with command_line("policies"):
         for name in names:
             print(*card(name), sep="\n")
-    print('to play one: load_policy("NAME"), impact-gym report NAME; to use it: impact-gym export NAME --out DIR')
+    print('to play a policy: load_policy("NAME"), impact-gym report NAME; for an arm: impact-gym export NAME --out DIR')
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ class SI:
 class Parameters:
     """A frozen dataclass that checks its numbers when it is made, and stores them as floats.
 
-    The limits of a field are those of the row `path.field` in `quantities`, or of its annotation,
+    The row `path.field` in `quantities` gives the limits of a field, or else its annotation,
     `Annotated[float, SI("m", above=0)]`. A field with the default None may be None. Several numbers become a tuple.
     """
 

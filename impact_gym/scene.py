@@ -18,12 +18,13 @@ from scipy.interpolate import CubicSpline
 from impact_gym.kernels import bistable_energy, bistable_force, rest_of
 from impact_gym.parameters import Parameters
 from impact_gym.quantities import BY_PATH
-from impact_gym.validation import number, one_of
+from impact_gym.validation import choice, number, one_of
 
 Dissipation = Literal[
     "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores", "fixed"
 ]
 """Laws of the damping for a restitution; `physics.dissipation.effective_restitution` says which one each delivers."""
+LAWS = get_args(Dissipation)
 
 
 STOP_STIFFNESS, STOP_DAMPING_RATIO = 1e5, 1.0
@@ -82,13 +83,12 @@ class Contact(Parameters, path="contact"):
             )
         if 0 < self.damping_exponent < 1:
             raise ValueError(
-                f"Contact.damping_exponent must be 0 or at least 1 (no unit), got {self.damping_exponent!r} (no unit)"
+                f"Contact.damping_exponent must be 0 or at least 1, got {self.damping_exponent!r} (no unit)"
             )
         quantity, unit = BY_PATH["contact.stiffness"], f"N/m^{self.stiffness_exponent:g}"
         stiffness = number("Contact.stiffness", self.stiffness, unit, **quantity.limits._asdict())
         object.__setattr__(self, "stiffness", stiffness)
-        if self.dissipation not in get_args(Dissipation):
-            raise ValueError(f"Contact.dissipation must be one of {get_args(Dissipation)}, got {self.dissipation!r}")
+        choice("Contact.dissipation", self.dissipation, LAWS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,11 +112,11 @@ class SpringDamper(Parameters, path="coupling"):
 class Bistable(Parameters, path="coupling"):
     """Tool on a bistable mechanism with two stops (paper, eq. 23-24, Fig. 21-22).
 
-    Positions are those of the slider from the vertical alignment of the spring. Each stop is a one-sided linear spring
-    and damper that never pulls, c_s = 2 zeta_s sqrt(k_s m_t). At zeta_s = 1 its restitution is exp(-2) = 0.135; the
-    paper assumes completely inelastic stops. Places, stiffness and damping of the stops are identified or chosen here,
-    not the paper's (see docs/provenance.md). The slider starts at rest, pressed against the front stop by the force of
-    the mechanism; it leaves that stop if the flange accelerates too fast.
+    Positions of the slider are measured from the vertical alignment of the spring. Each stop is a one-sided linear
+    spring and damper that never pulls, c_s = 2 zeta_s sqrt(k_s m_t). At zeta_s = 1 its restitution is exp(-2) = 0.135;
+    the paper assumes completely inelastic stops. Places, stiffness and damping of the stops are identified or chosen
+    here, not the paper's (see docs/provenance.md). The slider starts at rest, pressed against the front stop by the
+    force of the mechanism; it leaves that stop if the flange accelerates too fast.
     """
 
     stiffness: float = 50.0  # N/m, k
@@ -194,7 +194,7 @@ class Robot(Parameters, path="robot"):
     """Lumped compliance of a robot along the approach (paper, eq. 8-9, Fig. 8), at rest and relaxed at t = 0.
 
     The imposed motion x_r drives the mass through spring and damper. With a `Rigid` coupling, robot and tool are one
-    mass. With any other coupling the flange is a mass of its own, and the coupling connects the tool to it.
+    mass. With any other coupling the flange is a separate mass, to which the coupling connects the tool.
     """
 
     mass: float  # kg, m_r

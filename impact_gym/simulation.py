@@ -22,7 +22,7 @@ from impact_gym.scene import Bistable, Rigid, RobotTable, Scene, SpringDamper, w
 from impact_gym.task.nested import flatten, parts, replaced
 from impact_gym.threads import CORES, over_rows
 from impact_gym.to_kernel import LOCAL_SHARE, STATUS_MESSAGES, approach_to_kernel, to_bytes
-from impact_gym.validation import WrongTypeError, array, number, one_of, shown, whole
+from impact_gym.validation import WrongTypeError, array, choice, number, one_of, shown, whole
 
 MAX_STEPS = 1_000_000
 """Integration steps after which the solver gives up a run; an ordinary approach takes about fifty."""
@@ -105,7 +105,7 @@ def sweep(
         scene: the common scene, types of coupling and robot included.
         motion: the common motion.
         varied: values by dotted path, such as "object.mass", "coupling.height" or "motion.brake.delay", broadcast
-            against each other: any number of scene and motion except those of a `RobotTable`.
+            against each other: any number of scene and motion, but not of a `RobotTable`.
         duration: length of the runs, s; also broadcast.
         rtol: see `simulate`.
         threads: their number, None for all cores; changes no result.
@@ -196,8 +196,7 @@ def advise(
     sample = [scenes] if isinstance(scenes, Scene) else list(scenes)
     if not sample:
         raise ValueError("scenes must be a Scene or a sequence of them, got none")
-    if quantity not in get_args(Advised):
-        raise ValueError(f"quantity must be one of {', '.join(get_args(Advised))}, got {quantity!r}")
+    choice("quantity", quantity, get_args(Advised))
     tolerance = number("tolerance", tolerance, "(no unit)", above=0)
     if arm is not None and [type(each) for each in (arm if isinstance(arm, tuple) else ())] != [Arm, Approach]:
         raise WrongTypeError(f"arm must be a pair, an Arm and its Approach, got {shown(arm)}")

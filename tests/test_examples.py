@@ -62,7 +62,9 @@ def test_examples_all_have_a_test():
     here = {"gymnasium_loop.py", "vector_loop.py", "stable_baselines3_ppo.py", "bistable-robust.toml", *DESIGNED}
     here |= {"sensed-drawn.toml"}
     elsewhere = {"minari_again.py"}  # tests/experiments/test_dataset.py
-    elsewhere |= {f"rl_zoo3-{algorithm}.yml" for algorithm in ("ppo", "sac", "td3")}  # tests/envs/test_ecosystem.py
+    elsewhere |= {
+        f"rl_zoo3-{algorithm}.yml" for algorithm in ("ppo", "sac", "td3", "tqc", "crossq")
+    }  # tests/envs/test_ecosystem.py
     on_a_page = {"mujoco_restitution.py", "morl_capql.py", "offline_d3rlpy.py"}  # physics/mujoco.md, libraries.md
     on_a_page |= {"first_steps.ipynb"}  # tests/test_documentation.py
     assert {file.name for file in EXAMPLES.iterdir() if file.is_file()} == here | elsewhere | on_a_page

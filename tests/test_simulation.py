@@ -125,6 +125,8 @@ def test_advise_simplifies_by_the_largest_error_between_two_runs_of_any_scene():
     assert len(ig.advise(replace(SCENE, coupling=ig.Rigid()), MOTION).tried) == 1  # nothing to simplify
     unreached = replace(hard, object=ig.Object(0.25, 100.0))
     assert ig.advise(unreached, MOTION, 1e-9, duration=0.2).model.bound == 0.0
+    late = replace(soft, object=ig.Object(0.25, 0.05), coupling=ig.Rigid())  # only the simpler scene has touched yet
+    assert ig.advise(late, MOTION, duration=0.113).tried[1].bound == math.inf
 
 
 @pytest.mark.parametrize("quantity", ["object_velocity", "peak_force", "impulse"])

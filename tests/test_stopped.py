@@ -1,4 +1,4 @@
-"""Commands whose disk is full, then killed: nothing is lost or done again, and the end has the same bits."""
+"""Commands that find the disk full, and then are killed: nothing is lost or repeated, and the bits are the same."""
 
 import json
 import os
@@ -39,7 +39,7 @@ COMMANDS = {
 
 
 def run(words, folder, ready=None, stop=None):
-    """Run a command; once `ready()`, `stop` it by its process number. Return its exit code and what it said."""
+    """Run a command; once `ready()` is true, `stop` its process. Return its exit code and standard error."""
     line = [sys.executable, "-m", "experiments.command", *words.split()]
     process = subprocess.Popen(line, cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, text=True,
                                stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)  # fmt: skip
@@ -53,7 +53,7 @@ def run(words, folder, ready=None, stop=None):
 
 
 def fill(pid):
-    """From now on no file that the process writes may grow."""
+    """Limit the size of files that the process writes, as if the disk were full."""
     resource.prlimit(pid, resource.RLIMIT_FSIZE, (1, resource.RLIM_INFINITY))
 
 
@@ -62,12 +62,12 @@ def kill(pid):
 
 
 def saved(folder):
-    """Return what is stored, and checkpoints of trainings, each with what changes when it is written again."""
+    """Return the stored results and the checkpoints of trainings, each with its time of writing."""
     return kept(folder) | {path: path.stat().st_mtime_ns for path in folder.glob("**/checkpoint.npz")}
 
 
 def left(folder):
-    """Return what a command left that says neither when nor how fast: files, tables, answers, trainings."""
+    """Return the results of a command without times: files, tables, answers, trainings."""
     out = folder / "out"
     files = [path for kind in ("*.json", "page/*.parquet") for path in out.glob(kind)]
     content = {path.name: path.read_bytes() for path in files}
@@ -83,7 +83,7 @@ def left(folder):
 @pytest.mark.parametrize(
     "name", ["tune", *(pytest.param(name, marks=pytest.mark.storm) for name in ("train", "report"))]
 )
-def test_command_goes_on_behind_a_full_disk_and_a_kill_and_ends_with_the_same_bits(name, tmp_path):
+def test_command_continues_after_a_full_disk_and_a_kill_and_reaches_the_same_bits(name, tmp_path):
     part, whole = tmp_path / "part", tmp_path / "whole"
     part.mkdir()
     whole.mkdir()
@@ -97,6 +97,6 @@ def test_command_goes_on_behind_a_full_disk_and_a_kill_and_ends_with_the_same_bi
     assert code == -signal.SIGKILL
     second = kept(part)
     assert run(COMMANDS[name], part)[0] == 0
-    assert second.items() <= kept(part).items()  # nothing is done again
+    assert second.items() <= kept(part).items()  # no stored result is computed again
     assert run(COMMANDS[name], whole)[0] == 0
     assert_identical(left(part), left(whole))

@@ -1,4 +1,4 @@
-"""Controllers without learning, called as a policy of stable-baselines3 is: `action, state = predict(observation)`."""
+"""Controllers without learning. They have the method of stable-baselines3: `action, state = predict(observation)`."""
 
 from agents.baselines.constant import ConstantGain, ConstantSpeed, LocalBrake, OperatorAlone, PaperTrapezoid
 from agents.baselines.detector import DetectorProfile, DetectorRanged

@@ -1,6 +1,6 @@
-"""The clairvoyant bound: for each scenario, the best cost of a controller that knows it.
+"""The clairvoyant bound: for each scenario, the lowest cost of a controller that knows the scenario.
 
-It is found by search among the rules of one kind: a controller with other parameters could do better.
+A search finds it among the rules of one kind, so a controller of another kind could do better.
 """
 
 from collections.abc import Mapping
@@ -18,45 +18,47 @@ FORMAT = "impact_gym clairvoyant 2"
 FROZEN = "test"
 
 
-def _search(generations: int) -> dict[str, Any]:
-    """Return the settings of the search, as in the file."""
-    return {"set": FROZEN, "parameters": Clairvoyant.names(), "generations": generations}
-
-
 def path_of(setup: Setup, folder: Path = TUNED) -> Path:
-    """Return where the bound of a set-up is kept."""
+    """Return the path of a set-up's bound."""
     return folder / f"clairvoyant-{setup.name}.npz"
+
+
+def _search_of(setup: Setup, generations: int) -> dict[str, Any]:
+    """Return the settings of a search, which its file keeps."""
+    settings = {"set": FROZEN, "parameters": Clairvoyant.names(), "generations": generations}
+    return {"environment": dict(setup.environment), **settings}
 
 
 def write_bound(
     setup: Setup, by_weight: Mapping[float, Floats], folder: Path = TUNED, generations: int = GENERATIONS
 ) -> Path:
     """Write the best parameters (scenarios, k) for each time weight, atomically, and return the path."""
-    path, content = path_of(setup, folder), {"environment": dict(setup.environment), **_search(generations)}
-    write_archive(path, FORMAT, content, {f"{weight:g}": by_weight[weight] for weight in sorted(by_weight)})
-    return path
+    arrays = {f"{weight:g}": by_weight[weight] for weight in sorted(by_weight)}
+    write_archive(path_of(setup, folder), FORMAT, _search_of(setup, generations), arrays)
+    return path_of(setup, folder)
 
 
 def read_bound(setup: Setup, folder: Path = TUNED, generations: int = GENERATIONS) -> dict[float, Floats]:
     """Return the parameters (scenarios, k) of a set-up's bound by time weight, m/s per s.
 
     Raises:
-        ValueError: there is none, it is damaged, or its search was for another environment, for other parameters or of
-            another length.
+        ValueError: the file is missing or damaged, or its search had another environment, other parameters or another
+            length.
     """
     path, remedy = path_of(setup, folder), f"impact-gym tune {setup.called} --bound"
     try:
         content, arrays = read_archive(path, FORMAT)
     except ValueError as error:
         raise ValueError(f"the bound of {setup.name} was not searched: {error}; {remedy}") from error
-    same = all(content[name] == value for name, value in _search(generations).items())
-    if not same or not setup.describes(Task(**content["environment"])):
-        raise ValueError(f"{path} is of a search for another environment or for other parameters: {remedy}")
+    environment = content.get("environment", {})
+    wanted = {**_search_of(setup, generations), "environment": environment}
+    if content != wanted or not setup.describes(Task(**environment)):
+        raise ValueError(f"{path} was searched for another environment or for other parameters: {remedy}")
     return {float(weight): parameters for weight, parameters in arrays.items()}
 
 
 def bound_of(setup: Setup, folder: Path = TUNED) -> dict[float, Floats]:
-    """Return the parameters (scenarios, k) at each weight of the set-up's evaluation; empty where one is missing."""
+    """Return the parameters (scenarios, k) at each weight of the set-up's evaluation; empty if any is missing."""
     if not path_of(setup, folder).is_file():
         return {}
     by_weight, weights = read_bound(setup, folder), setup.evaluation.weights

@@ -1,6 +1,6 @@
-"""Search for a rule's parameters with CMA-ES, many problems at once, so that one batch plays all candidates.
+"""Search for a rule's parameters with CMA-ES. Many problems run side by side, so that one batch plays all candidates.
 
-N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772; the package `cma` is his.
+N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772. He also wrote the package `cma`.
 """
 
 from collections.abc import Callable
@@ -11,10 +11,10 @@ import numpy as np
 from agents.baselines.rule import Floats, Parameter
 
 SIGMA = 0.2
-"""First standard deviation, as a share of each parameter's range."""
+"""Initial standard deviation over the range of each parameter."""
 
 Losses = Callable[[Floats], Floats]
-"""From candidates (population, problems, k) to their losses (population, problems)."""
+"""Function from candidates (population, problems, k) to their losses (population, problems)."""
 
 
 class Minimum(NamedTuple):
@@ -29,10 +29,10 @@ def minimise(
     losses: Losses, parameters: tuple[Parameter, ...], problems: int = 1, population: int = 20, generations: int = 150,
     seed: int = 0,
 ) -> Minimum:  # fmt: skip
-    """Search within the limits of `parameters`, from their starts, in each of the `problems` separately.
+    """Search within the limits of `parameters`, from their start values, in each of the `problems` separately.
 
-    `losses` is played once per generation with `population` candidates of each problem; a search that has converged
-    waits for the others. The result depends on the arguments alone.
+    Each generation calls `losses` once, with `population` candidates of each problem, until all searches have
+    converged. The result depends on the arguments alone.
     """
     import cma  # not needed to play
 
@@ -58,13 +58,13 @@ def minimise(
 
 
 def _options(population: int, seed: int, problem: int) -> dict[str, Any]:
-    """Options of one search; its random numbers are its own, not NumPy's global ones."""
+    """Return the options of a search that draws from a random generator of its own, not from NumPy's global one."""
     rng = np.random.default_rng((seed, problem))
     return {
         "bounds": [0.0, 1.0],
         "popsize": population,
         "randn": lambda *shape: rng.standard_normal(shape),
-        "seed": np.nan,  # the package then leaves the global generator alone
+        "seed": np.nan,  # so the package does not seed the global generator
         "tolfun": 1e-5,  # m/s
         "verbose": -9,
     }

@@ -1,4 +1,4 @@
-"""Constant speed until the alarm, as in the paper's rule, and a constant gain on an operator's command."""
+"""Rules without a profile: a constant speed until the alarm, and a constant gain on an operator's command."""
 
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -12,7 +12,7 @@ from impact_gym.validation import number
 
 
 class ConstantSpeed(Rule):
-    """Go at one speed until the alarm, then brake to rest."""
+    """Approach at one speed until the alarm, then brake to rest."""
 
     PARAMETERS = (
         Parameter("speed", "m/s", 1e-3, VELOCITY_RANGE[1], 1.0),
@@ -21,12 +21,12 @@ class ConstantSpeed(Rule):
     )
 
     def __init__(self, speed: ArrayLike, acceleration: ArrayLike = 8.0, deceleration: ArrayLike | None = None) -> None:
-        """Make a controller; each argument a number, or one for each row of the batch.
+        """Make a controller; each argument is a number, or an array with a number for each row of the batch.
 
         Args:
             speed: m/s, above 0, at most 1.5.
             acceleration: m/s^2, 1 ... 20.
-            deceleration: m/s^2, 1 ... 20; None: as the acceleration.
+            deceleration: m/s^2, 1 ... 20; None: the same as the acceleration.
         """
         braking = acceleration if deceleration is None else deceleration
         number("speed", np.min(speed), "m/s", above=0)
@@ -34,11 +34,11 @@ class ConstantSpeed(Rule):
 
     @classmethod
     def of(cls, parameters: ArrayLike) -> Rule:
-        """Return the controller with `parameters` in the order of PARAMETERS."""
+        """Return the controller with these parameters, in the order of PARAMETERS."""
         return ConstantSpeed(*np.moveaxis(np.asarray(parameters, np.float64), -1, 0))
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return the speed until the alarm, and rest from then on."""
+        """Return the speed until the alarm, and then 0."""
         change = np.where(view.alarm, self["deceleration"], self["acceleration"])
         return np.where(view.alarm, 0.0, self["speed"]), change
 
@@ -51,14 +51,14 @@ class PaperTrapezoid(ConstantSpeed):
 
 
 class LocalBrake(ConstantSpeed):
-    """The operator's command until the alarm, then the arm's full deceleration."""
+    """The operator's command until the alarm, then a brake at the arm's full deceleration."""
 
     def __init__(self) -> None:
         super().__init__(VELOCITY_RANGE[1], *ACCELERATION_RANGE[1:], ACCELERATION_RANGE[1])
 
 
 class ConstantGain(Rule):
-    """A constant share of the operator's command."""
+    """The operator's command times a constant gain."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {
         "operator": {"type": "Trapezoid"}, "velocity_range": (-0.3, 0.5), "horizon": 8.0, "friction": 0.3,
@@ -69,7 +69,7 @@ class ConstantGain(Rule):
     )
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return that share as a speed (m/s), and the acceleration (m/s^2)."""
+        """Return the reduced command as a speed (m/s), and the acceleration (m/s^2)."""
         return self["gain"] * np.maximum(np.abs(view["command"]), SLOWEST), self["acceleration"]
 
 

@@ -1,22 +1,19 @@
-"""Rules that do not trust the alarm: they detect the touch in the sensors' readings by themselves.
+"""Rules that do not trust the alarm: they detect the touch in the sensors' readings themselves.
 
-Where noisy readings raise the alarm (`alarm="reading"`) at a threshold within that noise, it is on most of the time.
-A detector learns the noise and adds up the readings beyond it, by the rule of cumulative sums
+If noisy readings raise the alarm (`alarm="reading"`) and the threshold is within their noise, the alarm is on most of
+the time. A detector learns the noise and sums up the readings beyond it: the rule of cumulative sums
 (E. S. Page, Continuous inspection schemes, Biometrika 41, 1954).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.baselines.profile import BlindProfile, RangedProfile, ReactingRule
-from agents.baselines.rule import Floats, Parameter, View
-from impact_gym.task.task import VELOCITY_RANGE
+from agents.baselines.profile import BlindProfile, ReactingRule, StretchedProfile
+from agents.baselines.rule import CLOCK, Floats, Parameter, View
 
-LEAST_NOISE, USUAL_NOISE = 1e-3, 1e-2  # m, of estimates of the distance
-CLOCK = 1e-6  # s, resolution of the observed time
 Flags = NDArray[np.bool_]
 DETECTOR = (
     Parameter("allowance", "N", 0.0, 20.0, 1.0),
@@ -29,37 +26,19 @@ DETECTOR = (
 """Parameters of the cumulative sum: allowance of each step, threshold of a touch, weights of the readings."""
 
 
-class OwnAlarmView(View):
-    """A view with the rule's own alarm, raised at the times `raised` (s), inf where it is off."""
-
-    def __init__(self, view: View, raised: Floats) -> None:
-        super().__init__(view.observation, view.spec)
-        self._raised = raised
-
-    @property
-    def alarm(self) -> Flags:
-        """Whether it is on."""
-        return np.isfinite(self._raised)
-
-    @property
-    def time_since_alarm(self) -> Floats:
-        """Time since it was raised, s; 0 where it is off."""
-        return np.where(self.alarm, self["time"] - np.where(self.alarm, self._raised, 0.0), 0.0)
-
-
 class DetectorRule(ReactingRule):
-    """A reacting rule whose alarm is Page's cumulative sum of force and deflection beyond their noise.
+    """A reacting rule with an alarm of its own: Page's cumulative sum of force and deflection beyond their noise.
 
-    Mean and spread of the readings are learnt while no alarm is on. A touch kicks the tool back: the kick is the change
-    of the deflection beyond that of a critically damped tool. The alarm clears as an environment's does, so a false one
-    costs no more than that time.
+    It learns mean and standard deviation of the force while no alarm is on. A touch kicks the tool back: the kick is
+    the change of the deflection beyond that of a critically damped tool. The alarm ends after the time `after_alarm` of
+    the environment, so a false alarm costs no more than that time.
     """
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"deflection_sensor": True, "past_readings": 2}
-    MEMORY = 4  # the sum; of readings while no alarm was on how many, their mean and their squared deviations
+    MEMORY = 4  # the sum; count, mean and sum of squared deviations of the force readings without an alarm
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return a view with the rule's own alarm, and the next state: when that was raised (s), and `memory`."""
+        """Return the view with the rule's own alarm, and the next state: time of the alarm (s) and `memory`."""
         time, start = view["time"], state is None or (episode_start is not None and episode_start)
         raised, *memory = np.zeros((1 + self.MEMORY, *np.shape(time))) if state is None else state
         cleared = start | (time > raised + self.task.after_alarm - CLOCK)
@@ -67,10 +46,13 @@ class DetectorRule(ReactingRule):
         memory = [np.where(start, 0.0, each) for each in memory]
         touched, memory = self.touched(view, memory, cleared | np.isinf(raised))
         raised = np.where(touched, np.minimum(raised, time), raised)
-        return OwnAlarmView(view, raised), (raised, *memory)
+        alarm = np.isfinite(raised)
+        since = np.where(alarm, time - np.where(alarm, raised, 0.0), 0.0)
+        own = View(view.observation, view.spec, alarm=alarm.astype(np.float64), time_since_alarm=since)
+        return own, (raised, *memory)
 
     def touched(self, view: View, memory: list[Floats], quiet: Flags) -> tuple[Flags, list[Floats]]:
-        """Return whether a touch is detected now, and the MEMORY; `quiet` where no alarm is on."""
+        """Return whether a touch is detected now, and the next memory; `quiet` says where no alarm is on."""
         total, count, mean, squares = memory
         force, noise = view["force"], np.sqrt(squares / np.maximum(count - 1.0, 1.0))
         now, before, earlier = view["deflection"], view["deflection_1"], view["deflection_2"]
@@ -92,23 +74,12 @@ class DetectorProfile(DetectorRule, BlindProfile):
     PARAMETERS = (*BlindProfile.PARAMETERS, *DETECTOR)
 
 
-class DetectorRanged(DetectorRule, RangedProfile):
-    """`RangedProfile` with the alarm of a detector, told how good the estimate is: the worse, the longer and slower."""
+class DetectorRanged(DetectorRule, StretchedProfile):
+    """`StretchedProfile` with the alarm of a detector; it observes the standard deviation of the estimate."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {
         **DetectorRule.NEEDS,
         "range_noise": (0.001, 0.01),
         "observe_range_noise": True,
     }
-    PARAMETERS = (
-        *RangedProfile.PARAMETERS,
-        Parameter("stretch", "-", -0.5, 1.5, 0.3),
-        Parameter("slowing", "-", -0.5, 1.5, 0.0),
-        *DETECTOR,
-    )
-
-    def profile(self, view: View) -> Callable[[Floats], Floats]:
-        """Return `RangedProfile`'s, with its places stretched and its speeds divided by powers of the noise."""
-        noise = np.maximum(view["range_noise"], LEAST_NOISE) / USUAL_NOISE
-        stretch, slowing = noise ** self["stretch"], noise ** self["slowing"]
-        return lambda place: np.clip(self.speed(place / stretch) / slowing, 0.01, VELOCITY_RANGE[1])
+    PARAMETERS = (*StretchedProfile.PARAMETERS, *DETECTOR)

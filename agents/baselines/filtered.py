@@ -1,56 +1,38 @@
-"""Rules for a range sensor: a filter makes an estimate of the object's place from all readings, a profile follows it.
+"""Rules for a range sensor: a filter estimates the object's place from all readings, and a profile uses the estimate.
 
-Each reading, with the flange's position and the tool's deflection at the time it was taken, says where the object
-stands. The filter weighs these by the inverse of their variance, beginning with the range of distances of the set-up.
-It knows the set-up's sensor and coupling; where episodes draw their numbers, the middle of the range.
+Each reading, with the flange's position and the tool's deflection at the time of the reading, is a measurement of the
+object's place. The filter weighs the measurements by the inverse of their variance; before the first one, the estimate
+is the set-up's range of distances. The filter uses the set-up's sensor and coupling. If episodes draw these numbers, it
+uses the middle of each range.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 from scipy.linalg import expm
 
-from agents.baselines.profile import RangedProfile
-from agents.baselines.rule import Floats, Parameter, View
+from agents.baselines.profile import LEAST_SPREAD, StretchedProfile
+from agents.baselines.rule import CLOCK, Floats, View
 from impact_gym.scene import SpringDamper
-from impact_gym.task.task import VELOCITY_RANGE
 
-USUAL_SPREAD, LEAST_SPREAD = 1e-2, 1e-3  # m, of an estimate
-KEPT = 32  # control steps whose positions are remembered: readings may be so old
-CLOCK = 1e-6  # s, resolution of the observed time
+KEPT = 32  # control steps whose tool position the filter remembers, for delayed readings
 
 
-class EstimateView(View):
-    """A view with the filter's estimate: the object's place minus the flange's position, and its standard deviation."""
-
-    def __init__(self, view: View, estimate: Floats, spread: Floats) -> None:
-        super().__init__(view.observation, view.spec)
-        self._own = {"distance_estimate": estimate, "spread": spread}
-
-    def __getitem__(self, name: str) -> Floats:
-        """The number with this id, in its unit."""
-        return self._own[name] if name in self._own else super().__getitem__(name)
-
-
-class FilteredProfile(RangedProfile):
-    """`RangedProfile` over the estimate of a filter; the less certain that is, the longer and slower the profile."""
+class FilteredProfile(StretchedProfile):
+    """`StretchedProfile` over the estimate of a filter of range readings."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_sensor": {"noise": 0.01}}
-    PARAMETERS = (
-        *RangedProfile.PARAMETERS,
-        Parameter("stretch", "-", -0.5, 1.5, 0.3),
-        Parameter("slowing", "-", -0.5, 1.5, 0.0),
-    )
     KNOWS = ("range_sensor", "tool_mass", "coupling")
-    READINGS = np.inf  # how many count
+    READINGS = np.inf  # number of readings that the filter uses
+    SPREAD = "spread"
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return a view with the estimate, and what is remembered.
+        """Return the view with the filter's estimate and its standard deviation, `spread` (m), and the next state.
 
-        That is the weight (1/m^2) and the place (m) of the estimate, how many readings are in it, when the newest was
-        taken (s), the tool's deflection (m) and its rate (m/s) as the coupling's equation has them, and for the last
-        KEPT control steps the time (s), the flange's velocity (m/s) and the tool's position (m).
+        The state holds the weight (1/m^2) and the place (m) of the estimate, the number of readings in it, the time of
+        the newest one (s), and the tool's deflection (m) and its rate (m/s) by the coupling's equation. For the last
+        KEPT control steps it also holds the time (s), the flange's velocity (m/s) and the tool's position (m).
         """
         time, position, velocity = view["time"], view["position"], view["velocity"]
         near, far = self.task.scenario.distance
@@ -66,22 +48,25 @@ class FilteredProfile(RangedProfile):
             np.concatenate([now[None], kept[:-1]])
             for now, kept in ((time, times), (velocity, velocities), (position + deflection, tools))
         )
-        taken = time - view["range_age"]
-        step = np.argmin(np.abs(times - taken), axis=0)
-        read, sensor = view["range"], self.task.range_sensor
-        counts = (taken > newest + CLOCK) & (np.abs(np.take_along_axis(times, step[None], 0)[0] - taken) < 1e-3)
-        counts &= (count < self.READINGS) & (read < self.spec.scale("range").high) & ~view.alarm
-        added = np.where(counts, 1.0 / np.maximum(sensor.noise + sensor.share * read, LEAST_SPREAD) ** 2, 0.0)
-        says = np.take_along_axis(tools, step[None], 0)[0] + read - sensor.bias
-        place = np.where(counts, (weight * place + added * says) / (weight + added), place)
-        weight, count, newest = weight + added, count + counts, np.where(counts, taken, newest)
+        read_at = time - view["range_age"]
+        step = np.argmin(np.abs(times - read_at), axis=0)
+        reading, sensor = view["range"], self.task.range_sensor
+        counts = (read_at > newest + CLOCK) & (np.abs(np.take_along_axis(times, step[None], 0)[0] - read_at) < 1e-3)
+        counts &= (count < self.READINGS) & (reading < self.spec.scale("range").high) & ~view.alarm
+        added = np.where(counts, 1.0 / np.maximum(sensor.noise + sensor.share * reading, LEAST_SPREAD) ** 2, 0.0)
+        measured = np.take_along_axis(tools, step[None], 0)[0] + reading - sensor.bias
+        place = np.where(counts, (weight * place + added * measured) / (weight + added), place)
+        weight, count, newest = weight + added, count + counts, np.where(counts, read_at, newest)
         state = np.concatenate([np.stack([weight, place, count, newest, deflection, rate]), times, velocities, tools])
-        return EstimateView(view, place - position, 1.0 / np.sqrt(weight)), state
+        return View(
+            view.observation, view.spec, distance_estimate=place - position, spread=1.0 / np.sqrt(weight)
+        ), state
 
     def swing(self, deflection: Floats, rate: Floats, gained: Floats) -> tuple[Floats, Floats]:
-        """Return deflection (m) and rate (m/s) a control step later, in which the flange gained so much velocity (m/s).
+        """Return deflection (m) and rate (m/s) a control step later; meanwhile the flange gains `gained` (m/s).
 
-        The equation of the coupling, with an even acceleration of the flange (paper, eq. 17); 0 without a spring.
+        It solves the equation of the coupling for a constant acceleration of the flange (paper, eq. 17). Without a
+        spring both stay 0.
         """
         coupling, period = self.task.coupling, self.task.control_period
         if not isinstance(coupling, SpringDamper):
@@ -91,14 +76,8 @@ class FilteredProfile(RangedProfile):
         (a, b, c), (d, e, f) = expm(period * np.array([[0, 1, 0], [-square, -damping, -1 / period], [0, 0, 0]]))[:2]
         return a * deflection + b * rate + c * gained, d * deflection + e * rate + f * gained
 
-    def profile(self, view: View) -> Callable[[Floats], Floats]:
-        """Return `RangedProfile`'s, with its places stretched and its speeds divided by powers of the uncertainty."""
-        spread = np.maximum(view["spread"], LEAST_SPREAD) / USUAL_SPREAD
-        stretch, slowing = spread ** self["stretch"], spread ** self["slowing"]
-        return lambda place: np.clip(self.speed(place / stretch) / slowing, 0.01, VELOCITY_RANGE[1])
-
 
 class FirstReadingProfile(FilteredProfile):
-    """The same with the first reading alone."""
+    """`FilteredProfile` with the first reading alone."""
 
     READINGS = 1

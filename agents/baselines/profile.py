@@ -1,9 +1,10 @@
-"""Rules that follow a speed profile until the alarm, and then a reaction: a velocity to go to, over the time since.
+"""Rules that follow a speed profile until the alarm, and then react with a velocity over the time since the alarm.
 
-Profiles go over position, over an estimated distance, or over the true one: a bound on what any could do.
+A profile is a speed over the flange's position, over an estimated distance, or over the true distance. The last one is
+a bound: no controller can know the true distance.
 
-Letting that velocity depend on the sensed force as well was tried and gained nothing: the best reaction is to retreat
-at full acceleration, whatever the force.
+A reaction that also depends on the sensed force was tried, without gain: the best reaction is to retreat at full
+acceleration, whatever the force.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,35 +23,35 @@ REACTION = (
     Parameter("acceleration after the alarm", "m/s^2", *ACCELERATION_RANGE, 15.0),
 )
 ACCELERATION = Parameter("acceleration", "m/s^2", *ACCELERATION_RANGE, 15.0)
-"""The most that following a profile may take, either way: too much throws a bistable mechanism off its stop."""
+"""Largest acceleration and deceleration while following a profile: more can push a bistable mechanism off its stop."""
+USUAL_SPREAD, LEAST_SPREAD = 1e-2, 1e-3  # m, standard deviation of an estimated distance
 
 
 class ReactingRule(Rule):
-    """A speed profile over position, followed until the alarm; then a reaction, whose parameters, REACTION, are last.
+    """A speed profile over position until the alarm; then a reaction. The reaction's parameters, REACTION, are last.
 
-    Without the parameter ACCELERATION a rule follows its profile with all that the environment has by default.
+    Without the parameter ACCELERATION a rule follows its profile with the environment's default limit.
     """
 
+    OVER = "position"  # observed number at which the profile is read; a distance ahead is a negative position
+
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return the command of `approach` until the alarm, and of the reaction from then on."""
+        """Return the command of `approach` until the alarm, and then the command of the reaction."""
         velocity, acceleration = self.approach(view)
-        after = interpolate(TIMES, self.columns(REACTION[0].name, len(TIMES)), view.time_since_alarm)
+        after = interpolate(TIMES, self.columns(REACTION[0].name, len(TIMES)), view["time_since_alarm"])
         return (
             np.where(view.alarm, after, velocity),
             np.where(view.alarm, self["acceleration after the alarm"], acceleration),
         )
 
     def approach(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return the profile's velocity (m/s) one control period ahead, and the acceleration (m/s^2) for it."""
+        """Return the profile's velocity (m/s) one control period ahead, and the acceleration (m/s^2) towards it."""
         most = self[ACCELERATION.name] if ACCELERATION in self.PARAMETERS else ACCELERATION_RANGE[1]
-        return follow(self.profile(view), self.position(view), view["velocity"], most, self.task.control_period)
-
-    def position(self, view: View) -> Floats:
-        """Return the position (m) on the profile: the flange's, unless a rule counts from somewhere else."""
-        return view["position"]
+        position = view[self.OVER] if self.OVER == "position" else -view[self.OVER]
+        return follow(self.profile(view), position, view["velocity"], most, self.task.control_period)
 
     def profile(self, view: View) -> Callable[[Floats], Floats]:
-        """Return the function from a position to the speed: `speed`, unless a rule uses further observations."""
+        """Return the function from position (m) to speed (m/s); a rule may let it depend on the observation."""
         return self.speed
 
     def speed(self, position: Floats) -> Floats:
@@ -62,10 +63,10 @@ def follow(
     speed: Callable[[Floats], Floats], position: Floats, velocity: Floats,
     acceleration: ArrayLike = ACCELERATION_RANGE[1], period: float = CONTROL_PERIOD,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """Return the command that has the flange on the profile `speed` one control `period` (s) from now.
+    """Return the command after which the flange has the profile's `speed` one control `period` (s) from now.
 
-    The position by then follows from the mean of the velocities now and then; one look ahead gives the latter. Where
-    the profile asks for more than `acceleration` (m/s^2), that much is used.
+    The position at that time follows from the mean of the velocities now and then, and the velocity then is read from
+    the profile ahead. `acceleration` (m/s^2) limits both.
     """
     ahead = speed(position + velocity * period)
     reach = np.asarray(acceleration) * period
@@ -75,11 +76,11 @@ def follow(
 
 
 KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315, 0.35])
-"""Positions (m) of the profile's corners, see `Rule.placed`; before the first the start from rest rules."""
+"""Positions (m) of the profile's corners, see `Rule.placed`. Before the first corner the arm is still accelerating."""
 AHEAD: Floats = np.array([-0.2, -0.12, -0.08, -0.05, -0.035, -0.02, -0.01, 0.0, 0.01, 0.025, 0.05])
-"""Positions (m) of the corners of a profile relative to the estimated place of the object."""
+"""Positions (m) of the corners of a profile, relative to the estimated place of the object."""
 GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
-"""Gaps (m) between the faces at which its profile has corners; below 0 the coupling gives way, or the object."""
+"""Gaps (m) between tool and object at the corners of `Clairvoyant`; below 0 coupling or object are compressed."""
 
 
 class BlindProfile(ReactingRule):
@@ -97,7 +98,10 @@ class BlindProfile(ReactingRule):
 
 
 class ConstantDeceleration(ReactingRule):
-    """Brake evenly towards a place where the object must have been met: best for a rigid tool and a uniform prior."""
+    """Brake with constant deceleration towards a place before which every object should have been met.
+
+    This is best for a rigid tool if all distances in a range are equally likely.
+    """
 
     PARAMETERS = (
         Parameter("top speed", "m/s", 0.1, VELOCITY_RANGE[1], 1.0),
@@ -116,7 +120,7 @@ class ConstantDeceleration(ReactingRule):
 
 
 class Ranged(ReactingRule):
-    """Brake at constant deceleration to the contact speed, reached a margin before the estimated distance; creep on."""
+    """Brake with constant deceleration to the contact speed a margin before the estimated distance; keep that speed."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_noise": 0.01}
     PARAMETERS = (
@@ -126,20 +130,17 @@ class Ranged(ReactingRule):
         Parameter("margin", "m", -0.05, 0.05, 0.0),
         *REACTION,
     )
-
-    def position(self, view: View) -> Floats:
-        """Return the flange's position (m), counted from the estimated distance."""
-        return -view["distance_estimate"]
+    OVER = "distance_estimate"
 
     def speed(self, position: Floats) -> Floats:
-        """Return the speed (m/s) at `position` (m), counted from the estimated distance."""
+        """Return the speed (m/s) at `position` (m) relative to the estimated place."""
         left = np.maximum(-position - self["margin"], 0.0)
         braking = np.sqrt(self["contact speed"] ** 2 + 2.0 * self["deceleration"] * left)
         return np.minimum(braking, np.maximum(self["top speed"], self["contact speed"]))
 
 
 class RangedProfile(ReactingRule):
-    """Follow a speed profile over the position that is counted from the estimated distance; then react."""
+    """Follow a speed profile over the position relative to the estimated place of the object; then react."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_noise": 0.01}
     PARAMETERS = (
@@ -150,17 +151,34 @@ class RangedProfile(ReactingRule):
         ACCELERATION,
         *REACTION,
     )
-    position = Ranged.position
+    OVER = "distance_estimate"
 
     def speed(self, position: Floats) -> Floats:
-        """Return the broken line's speed (m/s) at `position` (m), counted from the estimated distance."""
+        """Return the broken line's speed (m/s) at `position` (m) relative to the estimated place."""
         return interpolate(AHEAD, self.columns(self.PARAMETERS[0].name, len(AHEAD)), position)
 
 
-class Clairvoyant(ReactingRule):
-    """Follow a velocity profile over the gap that is left, made for this one scenario; then react.
+class StretchedProfile(RangedProfile):
+    """`RangedProfile`, longer and slower the larger the standard deviation of the estimate is."""
 
-    Needs the environment's option `privileged`, and parameters that were optimised for the scenario it meets.
+    PARAMETERS = (
+        *RangedProfile.PARAMETERS,
+        Parameter("stretch", "-", -0.5, 1.5, 0.3),
+        Parameter("slowing", "-", -0.5, 1.5, 0.0),
+    )
+    SPREAD = "range_noise"  # name of the standard deviation (m) in the view
+
+    def profile(self, view: View) -> Callable[[Floats], Floats]:
+        """Return the profile with positions multiplied and speeds divided by powers of the standard deviation."""
+        spread = np.maximum(view[self.SPREAD], LEAST_SPREAD) / USUAL_SPREAD
+        stretch, slowing = spread ** self["stretch"], spread ** self["slowing"]
+        return lambda place: np.clip(self.speed(place / stretch) / slowing, 0.01, VELOCITY_RANGE[1])
+
+
+class Clairvoyant(ReactingRule):
+    """Follow a velocity profile over the true gap, with parameters for this scenario; then react.
+
+    It needs the environment's option `privileged`, and parameters that were optimised for the scenario.
     """
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"privileged": True}
@@ -170,13 +188,10 @@ class Clairvoyant(ReactingRule):
         ACCELERATION,
         *REACTION,
     )
-
-    def position(self, view: View) -> Floats:
-        """Return the tool's position (m), counted from the object."""
-        return -view["distance"]
+    OVER = "distance"
 
     def speed(self, position: Floats) -> Floats:
-        """Return the speed (m/s, below 0 backwards) at `position` (m) from the object; far away it brakes evenly."""
+        """Return the velocity (m/s) at the tool's `position` (m) relative to the object; before all GAPS it brakes."""
         corners = self.columns(self.PARAMETERS[0].name, len(GAPS))
         far = np.maximum(-position - GAPS[-1], 0.0)
         near = interpolate(GAPS, corners, -position)

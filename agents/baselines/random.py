@@ -1,4 +1,4 @@
-"""Random actions, as a reference, and random errors added to a rule's actions."""
+"""Random actions, for comparison, and random errors added to a rule's actions."""
 
 from typing import Any
 
@@ -10,14 +10,14 @@ from impact_gym.task import ActionSpec, Task
 
 
 class RandomActions:
-    """Draw every action evenly from the action space of a task."""
+    """Draw every action uniformly from the action space of a task."""
 
     def __init__(self, seed: int = 0, task: Task | None = None) -> None:
-        """Make one; `seed` is that of the draws, and the task that of `ImpactApproach-v0` unless one is given."""
+        """Make a controller from the seed of its draws; default task: that of `ImpactApproach-v0`."""
         self._rng, self._size = np.random.default_rng(seed), len(ActionSpec(task or Task()))
 
     def for_task(self, task: Task) -> "RandomActions":
-        """Return one for another task, from the first draw on."""
+        """Return a new controller for another task, with seed 0."""
         return RandomActions(task=task)
 
     def predict(
@@ -28,13 +28,13 @@ class RandomActions:
 
 
 class Jittery:
-    """A rule with random errors on its actions, the same ones for all candidates in a scenario.
+    """A rule with random errors on its actions; all candidates in a scenario get the same errors.
 
-    Parameters that need exactly followed commands then lose.
+    So a search does not choose parameters that need exactly followed commands.
     """
 
     def __init__(self, rule: Controller, jitter: float, scenarios: int, rng: np.random.Generator) -> None:
-        """Make one; `jitter` is a standard deviation as a share of an action's range, which is 2 wide."""
+        """Wrap a rule; `jitter` is a standard deviation over an action's range, whose width is 2."""
         self._rule, self._scale, self._scenarios, self._rng = rule, 2.0 * jitter, scenarios, rng
 
     def predict(

@@ -1,6 +1,6 @@
-"""The base of all baselines: observations in SI units, and a rule with a few parameters that returns commands.
+"""The base of all baselines: a rule with a few parameters, from observations to commands, both in SI units.
 
-A rule has one set of parameters, or one for each row of a batch, so that one compiled batch plays many candidates.
+A rule has one set of parameters, or one set for each row of a batch. So one compiled batch plays many candidates.
 """
 
 import copy
@@ -18,9 +18,10 @@ Floats = NDArray[np.float64]
 
 CONTROL_PERIOD: float = Task.control_period  # s
 DISTANCES = ScenarioRanges().distance
-"""Default distances of objects, m, to which positions in rules refer."""
+"""Default distances of objects, m. The positions in the parameters of rules are for these, see `Rule.placed`."""
 LEAST_STRETCH = 0.01  # m
-SLOWEST = 1e-9  # m/s, least command that is divided by
+SLOWEST = 1e-9  # m/s, smallest divisor in place of an operator's command
+CLOCK = 1e-6  # s, resolution of the observed time
 
 
 class Parameter(NamedTuple):
@@ -34,50 +35,47 @@ class Parameter(NamedTuple):
 
 
 class View:
-    """Observations (..., n_obs) in SI units, an array (...) for each number, computed on demand."""
+    """Observations (..., n_obs) in SI units: `view[id]` is an array (...).
 
-    def __init__(self, observation: ArrayLike, spec: ObservationSpec) -> None:
-        self.observation, self.spec = np.asarray(observation, np.float64), spec
+    Numbers in `own`, which a rule has computed, replace or extend the observed ones.
+    """
+
+    def __init__(self, observation: ArrayLike, spec: ObservationSpec, **own: Floats) -> None:
+        self.observation, self.spec, self._own = np.asarray(observation, np.float64), spec, own
 
     def __getitem__(self, name: str) -> Floats:
-        """The number with this id, in its unit."""
-        return self.spec.decode(self.observation, name)
+        return self._own[name] if name in self._own else self.spec.decode(self.observation, name)
 
     @property
     def alarm(self) -> NDArray[np.bool_]:
-        """Whether the contact alarm has come."""
+        """Whether the alarm is on."""
         return self["alarm"] > 0.5
-
-    @property
-    def time_since_alarm(self) -> Floats:
-        """Time since then, s."""
-        return self["time_since_alarm"]
 
 
 @cache
 def least_task(rule: Any) -> tuple[Task, ObservationSpec]:
-    """Return the task with no more arguments than a rule needs, and its observation."""
+    """Return a task with the arguments that a rule needs and no others, and the task's observation."""
     task = Task(**rule.NEEDS)
     return task, ObservationSpec(task)
 
 
 class Rule:
-    """A controller of a few numbers, each within its limits."""
+    """A controller with a few parameters, each within its limits."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
-    NEEDS: ClassVar[Mapping[str, Any]] = {}  # arguments of the environment that add the observations it needs
-    KNOWS: ClassVar[
-        tuple[str, ...]
-    ] = ()  # arguments that it was tuned for and relies on, whatever they are where it plays
+    NEEDS: ClassVar[Mapping[str, Any]] = {}
+    """Arguments of the environment that add the observations which the rule needs."""
+    KNOWS: ClassVar[tuple[str, ...]] = ()
+    """Arguments of the environment whose values for tuning the rule keeps when it plays in another environment."""
 
     def __init__(self, parameters: ArrayLike) -> None:
         """Make a controller.
 
         Args:
-            parameters: (k,), in the order and units of PARAMETERS; or (rows, k), for batches of so many rows.
+            parameters: (k,), in the order and units of PARAMETERS; or (rows, k), for batches of that many rows.
 
         Raises:
-            ValueError: another number of them, or one out of its limits; names it.
+            ValueError: there are more or fewer parameters, or one is out of its limits; names it.
         """
         kind: Any = type(self)
         self.parameters = np.array(parameters, np.float64)
@@ -90,21 +88,21 @@ class Rule:
 
     @classmethod
     def names(cls) -> list[str]:
-        """Return the names of its parameters."""
+        """Return the names of the parameters."""
         return [parameter.name for parameter in cls.PARAMETERS]
 
     @classmethod
     def of(cls, parameters: ArrayLike) -> "Rule":
-        """Return the rule with `parameters`, also where its constructor takes others."""
+        """Return the rule with these parameters, even if its constructor has other arguments."""
         return cls(parameters)
 
     def for_environment(self, arguments: Mapping[str, Any]) -> Self:
         """Return the same rule for an environment of `gym.make` with these arguments, such as `env.spec.kwargs`."""
-        apart = ("render_mode", "record_trace")  # they change nothing of the task
+        apart = ("render_mode", "record_trace")  # these do not change the task
         return self.for_task(Task(**{name: value for name, value in arguments.items() if name not in apart}))
 
     def for_task(self, task: Task) -> Self:
-        """Return the same rule for a task; positions are `placed` where its objects stand.
+        """Return the same rule for a task; `placed` maps its positions to the distances of the task's objects.
 
         Raises:
             ValueError: the task's observation lacks a number that the rule needs.
@@ -115,12 +113,12 @@ class Rule:
         twin.spec = ObservationSpec(twin.task)
         if missing := [name for name in least_task(kind)[1].ids if name not in twin.spec]:
             arguments = ", ".join(f"{name} = {value}" for name, value in self.NEEDS.items())
-            what = f"{kind.__name__} looks at {', '.join(missing)}"
-            raise ValueError(f"{what}, which this environment does not show: it needs arguments like {arguments}")
+            what = f"{kind.__name__} needs {', '.join(missing)}"
+            raise ValueError(f"{what}, which this environment does not observe: give it arguments like {arguments}")
         return twin
 
     def placed(self, position: Floats) -> Floats:
-        """Return a position (m) of the rule for this task: DISTANCES are mapped to those of its objects."""
+        """Return a position (m) of the rule for this task: DISTANCES are mapped to the distances of its objects."""
         (near, far), (low, high) = DISTANCES, self.task.scenario.distance
         if (low, high) == DISTANCES:
             return position
@@ -129,44 +127,37 @@ class Rule:
         return np.where(position < near, position * low / near, low + (position - near) * within)
 
     def __getitem__(self, name: str) -> Floats:
-        """A parameter by its name."""
         return self.parameters[..., self.names().index(name)]
 
     def columns(self, first: str, count: int) -> Floats:
-        """Return `count` parameters (..., count) from the one named `first` on."""
+        """Return `count` parameters (..., count), beginning with the one named `first`."""
         place = self.names().index(first)
         return self.parameters[..., place : place + count]
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], Any]:
-        """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs), and a state."""
+        """Return the action for an observation (n_obs,), or the actions for a batch (n, n_obs), and the next state."""
         view, state = self.see(View(observation, self.spec), state, episode_start)
         velocity, acceleration = self.command(view)
         if self.task.operator is None:
             return ActionSpec(self.task).encode(velocity, acceleration), state
-        return self._assist(view["command"], np.asarray(velocity), acceleration), state
-
-    def _assist(self, command: Floats, velocity: Floats, acceleration: ArrayLike) -> NDArray[np.float32]:
-        """Return the action (..., 3) that lets an operator's `command` (m/s) be no faster than the rule's `velocity`.
-
-        So every rule is an assistance: its own velocity is the limit, and below 0 it becomes a withdrawal.
-        """
-        fast = np.maximum(np.abs(command), SLOWEST)
+        # an assistance: the rule's velocity limits the operator's command; below 0 it is a withdrawal
+        velocity, fast = np.asarray(velocity), np.maximum(np.abs(view["command"]), SLOWEST)
         wanted = np.clip(velocity / fast, 0.0, 1.0), acceleration, np.maximum(-velocity, 0.0)
-        return np.clip(ActionSpec(self.task).encode(*wanted), -1.0, 1.0)
+        return np.clip(ActionSpec(self.task).encode(*wanted), -1.0, 1.0), state
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return the view for `command`, and the next state; a rule without memory returns both unchanged."""
+        """Return the view that `command` gets, and the next state; a rule without memory returns both unchanged."""
         return view, state
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return the velocity (m/s) to go to and the acceleration (m/s^2) to use for it."""
+        """Return the commanded velocity (m/s) and the acceleration (m/s^2) towards it."""
         raise NotImplementedError
 
 
 def interpolate(knots: Floats, values: Floats, at: Floats) -> Floats:
-    """Return the broken line through `values` (k,) or (n, k) over `knots` (k,), at `at` (n,); level beyond its ends."""
+    """Return at `at` (n,) the broken line through `values` (k,) or (n, k) over `knots` (k,), level beyond its ends."""
     place = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
     share = np.clip((at - knots[place]) / (knots[place + 1] - knots[place]), 0.0, 1.0)
     table = np.broadcast_to(values, (*np.shape(at), len(knots)))

@@ -1,4 +1,4 @@
-"""The baselines by name; tuned ones are a JSON file each, with a checksum."""
+"""The baselines by name. Each tuned baseline is a JSON file with a checksum."""
 
 import hashlib
 import json
@@ -24,13 +24,13 @@ FIXED: dict[str, Any] = {name: resolve_name(f"agents.baselines:{kind}") for name
 
 
 def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> Controller:
-    """Return a baseline, as tuned for `time_weight` (m/s per s).
+    """Return a baseline for `time_weight` (m/s per s).
 
-    Between weights that were tuned for, parameters are interpolated over the logarithm of the weight; beyond, they are
-    those of the last.
+    A file holds parameters for several weights. Between them, parameters are interpolated over the logarithm of the
+    weight. Beyond them, they are those of the nearest weight.
 
     Raises:
-        ValueError: no such baseline; or its file is missing, or altered, or was made for other parameters or for
+        ValueError: there is no such baseline; or its file is missing or altered, or was made for other parameters or
             another environment than this version has.
     """
     number("time_weight", time_weight, "m/s per s", above=0)
@@ -40,36 +40,39 @@ def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> 
 
 
 def tuned_rule(content: Mapping[str, Any], time_weight: float) -> Rule:
-    """Return the rule of a tuned file at a weight (m/s per s), interpolated as in `load_baseline`."""
+    """Return the rule of a tuned file at a weight (m/s per s), with parameters interpolated as in `load_baseline`."""
     weights, rule = tuned_table(content)
     rule.parameters = interpolated(weights, rule.parameters, time_weight)
     return rule
 
 
 def tuned_table(content: Mapping[str, Any]) -> tuple[list[float], Rule]:
-    """Return the weights (m/s per s) of a tuned file, rising, and the rule with (weights, k) parameters.
+    """Return the weights (m/s per s) of a tuned file, ascending, and the rule with parameters (weights, k).
 
     Raises:
-        ValueError: it holds no weight, or a parameter out of its limits.
+        ValueError: the file holds no weight, or a parameter is out of its limits.
     """
     if not content["weights"]:
         raise ValueError(f"baseline {content['baseline']!r} holds no weight: tune it")
     tuned = {float(weight): found["parameters"] for weight, found in content["weights"].items()}
-    weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]  # JSON may be reordered
+    weights, names = (
+        sorted(tuned),
+        [parameter["name"] for parameter in content["parameters"]],
+    )  # the order in the JSON may differ
     table = [[tuned[weight][name] for name in names] for weight in weights]
     return weights, RULES[content["rule"]].of(table).for_task(Task(**content["environment"]))
 
 
 def interpolated(weights: Sequence[float], table: Floats, time_weight: ArrayLike) -> Floats:
-    """Return the parameters (..., k) for weights (...) between those of the rows of `table` (weights, k)."""
+    """Return the parameters (..., k) for the time weights (...), from the rows of `table` (weights, k)."""
     at, logarithms = np.log(time_weight), np.log(weights)
     return np.stack([np.interp(at, logarithms, column) for column in table.T], axis=-1)
 
 
 def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> dict[str, Any]:
-    """Return the file of a tuned baseline; "weights" has the result of each time weight.
+    """Return the content of a tuned baseline's file; "weights" has the result of each time weight.
 
-    It must fit `setup`, or else the shipped set-up that tunes this baseline, if there is one.
+    The file must fit `setup`; default: the shipped set-up that tunes this baseline, if there is one.
 
     Raises:
         ValueError: as in `load_baseline`.
@@ -90,7 +93,7 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
         if setup and not setup.describes(Task(**content["environment"])):
             other.append("environment")
     except (LookupError, TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f"{path} is no tuned baseline, or is damaged: {error}; {remedy}") from error
+        raise ValueError(f"{path} is no tuned baseline, or it is damaged: {error}; {remedy}") from error
     if other:
         what = "table of parameters" if other[0] == "parameters" else other[0]
         raise ValueError(f"{path} was tuned for another {what} than this version's: {remedy}")
@@ -107,13 +110,13 @@ def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Pat
 
 
 def _description(name: str, rule: str) -> dict[str, Any]:
-    """Return format, baseline, rule and parameters of a tuned file."""
+    """Return what a tuned file says of itself: format, baseline, rule and parameters."""
     fields = ("name", "unit", "low", "high")
     limits = [{field: getattr(parameter, field) for field in fields} for parameter in RULES[rule].PARAMETERS]
     return {"format": FORMAT, "baseline": name, "rule": rule, "parameters": limits}
 
 
 def _checksum(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of the content without its checksum."""
+    """Return the SHA-256 of a file's content without its entry "sha256"."""
     rest = {field: value for field, value in content.items() if field != "sha256"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""Evaluation: controllers played through the same numbered scenarios, here or as jobs."""
+"""Evaluation: controllers play the same numbered scenarios, in this process or as jobs."""
 
 from agents.evaluate.scenario_batch import (
     MEASURED,

@@ -1,13 +1,14 @@
-"""Controllers from plain data, so that a job can name one on another machine.
+"""Controllers from plain data, which a job can send to another machine.
 
-`{"policy": ...}` holds a policy's file in base 64; `{"baseline": ...}` names one that is shipped, `{"tuned": ...}`
-holds what the file of a tuned one says; `{"rule": [name, parameters]}` is a rule of `agents.baselines` with its
-numbers; `{"clairvoyant": ...}` holds by time weight what was found for each scenario of a set-up; `{"object":
-"module:name"}` anything with `predict`, or a function or class that returns it.
+Each is a mapping with one key. `{"policy": text}`: a policy's file in base 64. `{"baseline": name}`: a shipped
+baseline. `{"tuned": content}`: the content of a tuned baseline's file. `{"rule": [name, parameters]}`: a rule of
+`agents.baselines`. `{"clairvoyant": {weight: parameters}}`: a `Clairvoyant` for the scenarios of a set-up. `{"object":
+"module:name"}`: an object with `predict`, or a function or class that returns one.
 """
 
 import base64
 import importlib
+import io
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any
@@ -15,24 +16,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import baselines
+from agents import archive, baselines
 from agents.baselines import Clairvoyant
 from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule
 from agents.baselines.tuned import load_baseline, tuned_rule
-from agents.policies import Controller
-from agents.policies.policy import Policy, policy_from_bytes
+from agents.policies import Controller, Ensemble, Policy
+from agents.policies.policy import FORMAT
 from impact_gym.task import Task
 
 
 def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None = None) -> Controller:
     """Return the controller that `spec` describes, for a time weight (m/s per s) and a task.
 
-    The positions of a tuned baseline stay those that it was tuned for where no scenario was given to the task, and so
-    does what its rule KNOWS of the set-up.
+    A tuned baseline keeps the arguments in KNOWS of the environment for which it was tuned. If the task has the default
+    scenario, it also keeps the positions for which it was tuned.
 
     Raises:
-        ValueError: there is none, or it cannot `predict`; says why.
+        ValueError: there is no such controller, or it cannot `predict`; says why.
     """
     ((kind, value),) = spec.items()
     if kind not in KINDS:
@@ -49,7 +50,8 @@ def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None
 
 @lru_cache(maxsize=64)
 def _policy(content: str) -> Policy:
-    return policy_from_bytes(base64.b64decode(content))
+    file = io.BytesIO(base64.b64decode(content))
+    return Ensemble.unpacked(*archive.load(file, FORMAT))[None]
 
 
 def _object(name: str) -> Controller:
@@ -78,10 +80,10 @@ KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
 
 
 def try_out(name: str, controller: Controller, observations: NDArray[np.float32], action_size: int) -> None:
-    """Call a controller once with a batch of observations (n, n_obs), as evaluation does.
+    """Call a controller once with a batch of observations (n, n_obs), as the evaluation does.
 
     Raises:
-        ValueError: it fails, or does not return n finite actions of `action_size` numbers; names it.
+        ValueError: the call fails, or does not return n finite actions of `action_size` numbers; names the controller.
     """
     start = np.ones(len(observations), np.bool_)
     try:

@@ -1,8 +1,8 @@
-"""Jobs that play a controller through scenarios; the pieces of an evaluation grid or of a robustness sweep.
+"""Jobs that play a controller through scenarios, each a piece of an evaluation grid.
 
-Scenarios are plain data: `{"set": name, "count": n}` the first of a frozen set that is shipped, `{"table": {field:
-values}, "seed": s, "count": n}` any others, `{"ranges": {field: pair}, "seed": s, "count": n}` what environments seeded
-s, s + 1, ... draw first from ranges, or from a named set of these.
+Scenarios are plain data. `{"set": name, "count": n}`: the first n of a shipped frozen set. `{"table": {field: values},
+"seed": s, "count": n}`: given numbers. `{"ranges": {field: pair}, "seed": s, "count": n}`: the first draws of
+environments seeded s, s + 1, ...; instead of ranges, the name of shipped ranges will do.
 """
 
 import warnings
@@ -30,10 +30,10 @@ def play(
 ) -> dict[str, NDArray[Any]]:
     """Return the results (weights, scenarios) at each time weight (m/s per s), and the scenarios' fields (scenarios,).
 
-    `agents.evaluate.controllers` says how to describe a controller; `environment` is without scenario and time weight;
-    `lenient` is that of `ScenarioBatch`.
+    `controller` is described as in `agents.evaluate.controllers`. `environment` has no scenario and no time weight. For
+    `lenient` see `ScenarioBatch`.
     """
-    with warnings.catch_warnings(action="ignore", category=UserWarning):  # hard scenarios are meant to be hard
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # of scenarios that are hard on purpose
         task = Task(**(environment or {}))
         played = [
             scenario_batch_of(scenarios, weight, task, lenient).play(controller_of(controller, weight, task))
@@ -46,10 +46,10 @@ def play(
 def environment_and_scenarios(
     environment: Mapping[str, Any], scenarios: Mapping[str, Any]
 ) -> tuple[dict[str, Any], Mapping[str, Any]]:
-    """Return the arguments of an environment without its scenario, and the scenarios that are played in it.
+    """Return the arguments of an environment without its scenario, and the scenarios to play in it.
 
-    An environment with ranges of its own plays as many scenarios drawn from these, with the seeds of the requested
-    frozen set, unless that is `hard`.
+    If the environment has ranges of its own, the scenarios are drawn from these, with the seeds and the number of the
+    requested frozen set. The set `hard` is played as it is.
     """
     arguments = {name: value for name, value in environment.items() if name != "scenario"}
     if "scenario" not in environment or scenarios.get("set", "hard") == "hard":
@@ -59,12 +59,12 @@ def environment_and_scenarios(
 
 
 def pairs(ranges: Any) -> dict[str, list[float]]:
-    """Return ranges of scenarios, or those of a name, as plain data."""
+    """Return ranges of scenarios, given as such or by name, as plain data."""
     return {name: list(pair) for name, pair in asdict(ScenarioRanges.of(ranges)).items()}
 
 
 def scenario_batch_of(scenarios: Mapping[str, Any], weight: float, task: Task, lenient: bool = False) -> ScenarioBatch:
-    """Return the batch of `scenarios` at a time weight (m/s per s)."""
+    """Return a batch that plays `scenarios` at a time weight (m/s per s)."""
     frozen = frozen_of(scenarios)
     if frozen is None:
         task = task.changed({"scenario": scenarios["ranges"]})
@@ -74,7 +74,7 @@ def scenario_batch_of(scenarios: Mapping[str, Any], weight: float, task: Task, l
 
 
 def frozen_of(scenarios: Mapping[str, Any]) -> EvaluationSet | None:
-    """Return scenarios as a frozen set; None where they are drawn from ranges."""
+    """Return scenarios as a frozen set; None if they are drawn from ranges."""
     if "table" in scenarios:
         table = {name: np.asarray(scenarios["table"][name], np.float64) for name in FIELDS}
         return EvaluationSet(scenarios["seed"], table)
@@ -83,4 +83,4 @@ def frozen_of(scenarios: Mapping[str, Any]) -> EvaluationSet | None:
     return _shipped(scenarios["set"])
 
 
-_shipped = lru_cache(maxsize=4)(evaluation_sets.load)  # the sets do not change while a process lives
+_shipped = lru_cache(maxsize=4)(evaluation_sets.load)  # a process reads each set once

@@ -1,4 +1,4 @@
-"""Numbered scenarios, the same for every controller, and the results of playing one through them."""
+"""Numbered scenarios, the same for every controller, and the results of a controller that plays them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,50 +19,46 @@ from impact_gym.task.task import MISSED_COST
 VALIDATION_SEED = 1_000_000
 TEST_SEED = 2_000_000
 TUNING_SEED = 4_000_000
-"""Scenario k of a set is the first one of an environment seeded with the set's seed + k. Baselines are tuned on the
-third set; agents are trained with seeds above all of these, from `agents.train.ppo.FIRST_SEED` on."""
+"""Scenario k of a set is the first draw of an environment seeded with the set's seed + k. The third set is for tuning
+baselines. Trainings have larger seeds, from `agents.train.ppo.FIRST_SEED` on."""
 
 
 RESULTS = tuple(row.id for row in quantities.RESULTS)
 MEASURED = (*RESULTS, *SLIDE, *LINKED)
-"""Measured quantities of an episode, see `Episodes`; the last ones need friction or an operator."""
+"""Names of the results of an episode, see `Episodes`; the last ones need friction or an operator."""
 
 
 @dataclass(frozen=True)
 class Episodes:
-    """Results of one controller, an array entry per scenario."""
+    """Results of one controller; each array has an entry per scenario."""
 
     object_velocity: NDArray[np.float64]  # m/s, V_p
-    approach_time: NDArray[np.float64]  # s, the time that is charged: with an operator until it is done
+    approach_time: NDArray[np.float64]  # s, the time in the cost; with an operator, the `done_time`
     peak_force: NDArray[np.float64]  # N
     contact_count: NDArray[np.int64]
     missed: NDArray[np.bool_]
     scenario: dict[str, NDArray[np.float64]]
     missed_cost: float = MISSED_COST  # m/s
-    slide: NDArray[np.float64] | None = None  # m, where there is friction
-    rest_time: NDArray[np.float64] | None = None  # s, likewise
-    done_time: NDArray[np.float64] | None = None  # s, where an operator commands; also the approach time then
-    taken: NDArray[np.float64] | None = None  # -, likewise
-    touch_time: NDArray[np.float64] | None = None  # s, likewise
-    late: NDArray[np.float64] | None = None  # s, likewise, from a touch until the operator's stop reaches the arm
+    slide: NDArray[np.float64] | None = None  # m, with friction
+    rest_time: NDArray[np.float64] | None = None  # s, with friction
+    done_time: NDArray[np.float64] | None = None  # s, with an operator
+    taken: NDArray[np.float64] | None = None  # -, with an operator
+    touch_time: NDArray[np.float64] | None = None  # s, with an operator
+    late: NDArray[np.float64] | None = (
+        None  # s, with an operator: from a touch until the operator's stop reaches the arm
+    )
 
     def cost(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        """V_p + time_weight * approach time, m/s, per scenario."""
+        """Return V_p + time_weight * approach time, m/s, per scenario."""
         return self.object_velocity + time_weight * self.approach_time
 
     def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        """Cost and the environment's charge for a miss, m/s: minus the return."""
+        """Return the cost plus the environment's charge for a miss, m/s: minus the return."""
         return self.cost(time_weight) + self.missed_cost * self.missed
-
-    def first(self, count: int) -> "Episodes":
-        """Return the first `count` of them."""
-        scenario = {name: values[:count] for name, values in self.scenario.items()}
-        cut = {name: values[:count] for name in MEASURED if (values := getattr(self, name)) is not None}
-        return Episodes(**cut, scenario=scenario, missed_cost=self.missed_cost)
 
 
 class ScenarioBatch:
-    """Numbered scenarios that controllers play, all at once."""
+    """Numbered scenarios, which a controller plays all at once."""
 
     def __init__(
         self, seed: int, count: int, task: Task | None = None, *, copies: int = 1,
@@ -72,16 +68,17 @@ class ScenarioBatch:
         """Make a batch of `copies * count` rows: row k holds scenario `k % count` of its copy.
 
         Args:
-            seed: of the first scenario; scenario k is what an environment seeded `seed + k` draws first.
-            count: how many scenarios.
-            task: of all rows; None: that of the environment without arguments.
-            copies: how often each is there.
-            time_weight: one for each copy, m/s per s; None: what the task says.
-            frozen: the set that the scenarios are taken from, not drawn; its seed must be `seed`.
-            threads: of the simulation; they change no result.
-            quiet: do not warn of policies that were trained for another environment.
-            lenient: a scenario whose status is not ok is missed, and no error: for a search that tries anything.
-            max_steps: integration steps after which the solver gives up a scenario.
+            seed: seed of the first scenario; scenario k is the first draw of an environment seeded `seed + k`.
+            count: number of scenarios.
+            task: task of all rows; None: the default task.
+            copies: number of copies of each scenario.
+            time_weight: time weight of each copy, m/s per s; None: the task's.
+            frozen: set from which the scenarios are taken instead of drawn; its seed must be `seed`.
+            threads: number of threads of the simulation; it changes no result.
+            quiet: do not warn if a policy was trained for another environment.
+            lenient: count a scenario whose status is not ok as missed, without an error; for searches and half-trained
+                policies.
+            max_steps: number of integration steps after which the solver gives up a scenario.
         """
         self.seed, self.count, self.quiet, self.lenient = seed, count, quiet, lenient
         self._task, self._copies, self._fixed = task or Task(), copies, {}
@@ -95,9 +92,9 @@ class ScenarioBatch:
 
     @classmethod
     def of(cls, name: str, count: int | None = None, task: Task | None = None, **options: Any) -> "ScenarioBatch":
-        """Return a batch of the frozen set `name`, or of its first `count` scenarios; `options` as above.
+        """Return a batch of the frozen set `name`, or of its first `count` scenarios; `options` as for the class.
 
-        A task with a `scenario` of its own draws its own ones instead, from the seeds of the set.
+        If the task has a `scenario` of its own, the scenarios are drawn from it instead, with the seeds of the set.
         """
         frozen = evaluation_sets.load(name)
         own = task is not None and "scenario" in task.arguments()
@@ -113,18 +110,19 @@ class ScenarioBatch:
     ) -> Episodes:
         """Play every row to its end.
 
-        The result of a row depends on its scenario and the controller alone, as long as the controller's action for an
-        observation does not depend on the other rows (that of a `Policy` does not; a matrix product of BLAS rounds
-        differently in batches of different size). A policy that was trained for another environment warns once.
+        The result of a row depends only on its scenario and the controller, if the controller's action for a row does
+        not depend on the other rows. For a `Policy` it does not; a matrix product of BLAS would round differently in
+        batches of different size. A policy that was trained for another environment warns once.
 
         Args:
-            controller: what is played.
-            record: numbers (copies * count,) that rows have instead of drawing them, by the name in an episode's
-                record, such as `coupling.stiffness`; of the set-up only those that are drawn from a range.
-            watch: called with the motion of the bodies before each control step.
+            controller: controller that plays.
+            record: numbers (copies * count,) that replace drawn ones, by the name in an episode's record, such as
+                `coupling.stiffness`. A number of the set-up must be drawn from a range.
+            watch: function that gets the motion of the bodies before each control step.
 
         Raises:
-            RuntimeError: the solver failed in a scenario, or it did not settle, unless the batch is `lenient`.
+            RuntimeError: the solver failed in a scenario, or the scenario did not settle, and the batch is not
+                `lenient`.
         """
         batch = self._batch
         if isinstance(controller, Policy) and not self.quiet:
@@ -135,7 +133,7 @@ class ScenarioBatch:
         while not (ended := batch.ended).all():
             if watch is not None:
                 watch(batch.bodies())
-            if isinstance(controller, Policy):  # it remembers nothing: rows that have ended need no action
+            if isinstance(controller, Policy):  # without memory: rows that have ended need no action
                 actions[~ended], _ = controller.predict(batch.observations[~ended])
             else:
                 seen = batch.observations.copy()
@@ -154,27 +152,23 @@ class ScenarioBatch:
         return Episodes(**results, scenario=scenario, missed_cost=self._task.missed_cost)
 
 
-class Validation(ScenarioBatch):
-    """The frozen validation set at several time weights: its score judges trainings and selects the best policy.
+class Validation:
+    """The frozen validation set at several time weights. Its score selects the best policy and judges trainings.
 
-    It is never the test set of the report. The score is the cost of the environment, V_p + w T, and the missed cost.
-    Episodes that do not settle, as with half-trained policies, count as missed and end no training.
+    The test set of the report is another one. The score is the mean loss: V_p + w T, plus the charge for a miss.
+    Episodes that do not settle, as with half-trained policies, count as missed.
     """
 
     def __init__(self, task: Task, weights: Sequence[float], scenarios: int, **options: Any) -> None:
-        """Make one of the first `scenarios`, each played at each of the time `weights` (m/s per s).
-
-        A `task` with a scenario of its own draws its own ones from the seeds of the set; `options` as above.
-        """
-        frozen, own = evaluation_sets.load("validation"), "scenario" in task.arguments()
-        self.weights, count = tuple(weights), min(scenarios, frozen.count)
-        options |= {"frozen": None if own else frozen, "copies": len(self.weights), "time_weight": self.weights}
-        super().__init__(frozen.seed, count, task, lenient=True, **options)
+        """Take the first `scenarios` of the set, each at all `weights` (m/s per s). `options`: of `ScenarioBatch`."""
+        self.weights, count = tuple(weights), min(scenarios, evaluation_sets.load("validation").count)
+        options |= {"copies": len(self.weights), "time_weight": self.weights, "lenient": True}
+        self.batch = ScenarioBatch.of("validation", count, task, **options)
 
     def score(self, controller: Controller) -> dict[str, Any]:
-        """Return the means over the scenarios at each time weight, and their mean cost, the `score` (m/s)."""
-        played = self.play(controller)
-        columns = {"cost": played.loss(np.repeat(self.weights, self.count))}
+        """Return the means over the scenarios at each time weight, and the mean loss, the `score` (m/s)."""
+        played = self.batch.play(controller)
+        columns = {"cost": played.loss(np.repeat(self.weights, self.batch.count))}
         columns |= {name: getattr(played, name) for name in ("object_velocity", "approach_time", "missed")}
         means = {name: values.reshape(len(self.weights), -1).mean(axis=1) for name, values in columns.items()}
         table = {name: values.tolist() for name, values in means.items()}
@@ -182,11 +176,11 @@ class Validation(ScenarioBatch):
 
 
 WITHIN_STEP = (0.25, 0.5, 0.75, 1.0)
-"""Shares of a control step at which `Travel` evaluates the tool's deflection, on the cubic through both ends."""
+"""Fractions of a control step at which `Travel` evaluates the tool's deflection, on the cubic through both ends."""
 
 
 class Travel:
-    """Largest deflection of the tool of each row, m: before the first touch, and in all, `stroke`."""
+    """Largest deflection of the tool in each row, m: `deflection` until the first touch, `stroke` over the episode."""
 
     def __init__(self, rows: int) -> None:
         self.deflection, self.stroke = np.zeros(rows), np.zeros(rows)
@@ -194,7 +188,7 @@ class Travel:
         self._before: Bodies | None = None
 
     def __call__(self, now: Bodies) -> None:
-        """Take the present motion of the tools into account; see `watch` of `ScenarioBatch.play`."""
+        """Update with the present motion; this is a `watch` for `ScenarioBatch.play`."""
         before, self._before = self._before, now
         if before is None:
             self._rest = now.deflection

@@ -1,1 +1,1 @@
-"""Export of a policy: a C header with the whole controller, and an ONNX graph of its network, both checked."""
+"""Export of controllers, both forms checked: a C header with the whole controller, and ONNX of a policy's network."""

@@ -1,7 +1,7 @@
-"""A controller as a C header: C99 or C++, no allocation, only math.h and string.h. Made for a controller's cycle.
+"""A controller as a C header for a control loop: C99 or C++, no memory allocation, only math.h and string.h.
 
-The header holds a network, `NAME_act`, or a rule, and around it the whole controller, `NAME_reset` and `NAME_step`:
-from what the sensors say, in SI units, to the command. Its text is in controller.h.jinja and rule.h.jinja.
+The header holds a network, `NAME_act`, or a rule. Around it is the whole controller, `NAME_reset` and `NAME_step`: from
+the readings of the sensors to the command, both in SI units. Its text is in controller.h.jinja and rule.h.jinja.
 """
 
 import re
@@ -13,7 +13,7 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from numpy.typing import NDArray
 
-from agents.baselines import FilteredProfile, Rule, detector, filtered, profile
+from agents.baselines import FilteredProfile, Rule, filtered, profile
 from agents.baselines import rule as rules
 from agents.export.contract import Subject
 from agents.policies.policy import Policy
@@ -25,29 +25,30 @@ from impact_gym.task.observation import CURVES, Entry
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 from impact_gym.teleop.link import FADE
 
-CLOCK = 1e-9  # s, within which times are the same
+CLOCK = 1e-9  # s; times that differ by less are equal
 C_ACTIVATIONS = {"tanh": "tanhf((float)sum)", "relu": "sum > 0.0 ? (float)sum : 0.0f", "none": "(float)sum"}
 
 
 def identifier(name: str) -> str:
-    """Return `name` as C can call something."""
+    """Return `name` as an identifier of C."""
     return re.sub(r"\W", "_", re.sub(r"^(?=\d)", "policy_", name), flags=re.ASCII)
 
 
 def write_header(controller: Policy | Rule | Subject, path: Path) -> Path:
-    """Write the header to `path`; its stem names what is in it."""
+    """Write the header to `path`; the names in it begin with the stem of `path`."""
     return write_file(path, header(controller, identifier(path.stem)).encode("ascii"))
 
 
 def header(controller: Policy | Rule | Subject, name: str) -> str:
-    """Return the text of the header, every name in which begins with `name`.
+    """Return the text of the header; every name in it begins with `name`.
 
     Raises:
-        ValueError: it is neither a policy nor a rule, or the rule looks at what no sensor tells.
+        ValueError: the controller is neither a policy nor a rule, or the rule uses a value that no sensor measures.
     """
     subject = controller if isinstance(controller, Subject) else Subject(controller)
     task, spec, value_of = subject.task, subject.spec, values(subject.spec)
-    lines = [line for item in subject.contract.items() for line in _wrapped(*item)]
+    wrap = textwrap.TextWrapper(118, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False).wrap
+    lines = [line for entry, value in subject.contract.items() for line in wrap(f"{entry}: {value}")]
     content = _network(subject.policy) if subject.policy else _rule(subject, name)
     return c_text(
         "controller.h.jinja",
@@ -68,7 +69,7 @@ def header(controller: Policy | Rule | Subject, name: str) -> str:
 
 
 def _network(policy: Policy) -> dict[str, Any]:
-    """Return what the template shows of a network."""
+    """Return the template's values for a network."""
     network = policy.network
     layers = [layer for layer in network.layers() if layer.name != "log_std"]
     used = sorted({"none", *([network.activation] if network.hidden else [])})
@@ -82,10 +83,10 @@ def _network(policy: Policy) -> dict[str, Any]:
 
 
 def _rule(subject: Subject, name: str) -> dict[str, Any]:
-    """Return what the template shows of a rule: its parameters, what it reads, and where its numbers are."""
+    """Return the template's values for a rule: its parameters and the observations that it uses."""
     rule: Any = subject.controller
     if not has_controller(subject):
-        raise ValueError(f"{type(rule).__name__} looks at what no sensor tells: it cannot be exported")
+        raise ValueError(f"{type(rule).__name__} uses values that no sensor measures, so it cannot be exported")
     value_of, spring = values(subject.spec), isinstance(subject.task.coupling, SpringDamper)
     return {
         "rule": rule,
@@ -96,7 +97,6 @@ def _rule(subject: Subject, name: str) -> dict[str, Any]:
         "seen": {entry.id: _seen(entry, value_of[entry.id], name) for entry in subject.spec.entries},
         "swing": np.stack(rule.swing(*np.eye(3))).tolist() if isinstance(rule, FilteredProfile) and spring else None,
         "profile": profile,
-        "detector": detector,
         "filtered": filtered,
         "rules": rules,
         "fastest": VELOCITY_RANGE[1],
@@ -105,7 +105,7 @@ def _rule(subject: Subject, name: str) -> dict[str, Any]:
 
 
 def c_text(template: str, folder: Path = Path(__file__).parent, **content: Any) -> str:
-    """Return C code from a template of a folder, this one unless given."""
+    """Return C code from a template in a folder; default: this folder."""
     templates = Environment(
         loader=FileSystemLoader(folder), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         keep_trailing_newline=True,
@@ -115,12 +115,12 @@ def c_text(template: str, folder: Path = Path(__file__).parent, **content: Any) 
 
 
 def has_controller(subject: Subject) -> bool:
-    """Whether the header holds a controller, not a network alone: sensors tell all that is observed."""
+    """Whether sensors measure all observed values: the header then holds a controller, else a network alone."""
     return set(subject.spec.ids) <= set(values(subject.spec))
 
 
 def values(spec: ObservationSpec) -> dict[str, str]:
-    """Return as expressions in C what the controller has of the numbers it observes."""
+    """Return C expressions, in SI units, of the observed numbers that the controller has, by id."""
     now = {name: f"now->{name}" for name in spec.sensors}
     before = {name: name.rpartition("_") for name, entry in zip(spec.ids, spec.entries, strict=True)
               if entry.argument == "past_readings"}  # fmt: skip
@@ -129,14 +129,14 @@ def values(spec: ObservationSpec) -> dict[str, str]:
 
 
 def _scale(entry: Entry, value: str) -> tuple[str, float, float, float]:
-    """Return an entry's value as an expression in C, and its low end, gain and scaled low end."""
+    """Return the C expression of an entry's value on its curve, and the entry's low end, gain and scaled low end."""
     low, gain = entry.affine
     bent = value if entry.scale.curve == "linear" else f"{entry.scale.curve}({value})"
     return bent, low, gain, entry.scale.scaled_low
 
 
 def _seen(entry: Entry, value: str, name: str) -> str:
-    """Return as an expression in C what an observation says of a value, as `ObservationSpec.decode` computes it."""
+    """Return the C expression of a value that was scaled to an observation and back, as by `ObservationSpec.decode`."""
     bent, low, gain, scaled_low = _scale(entry, value)
     curve = CURVES[entry.scale.curve]
     begin, end = (float(curve.of(each)) for each in (entry.scale.low, entry.scale.high))
@@ -144,14 +144,7 @@ def _seen(entry: Entry, value: str, name: str) -> str:
     return {"linear": read, "log": f"exp({read})", "log1p": f"expm1({read})"}[entry.scale.curve]
 
 
-def _wrapped(name: str, value: str) -> list[str]:
-    """Return the lines of an entry of the contract; those after the first begin with spaces."""
-    return textwrap.wrap(
-        f"{name}: {value}", 118, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
-    )
-
-
 def _rows(values: NDArray[np.float32]) -> str:
-    """Return numbers for C, six in a row; nine digits give a float32 back exactly."""
+    """Return numbers for C, six in a row; nine digits represent a float32 exactly."""
     numbers = [f"{float(value):.8e}f" for value in values.ravel()]
     return ",\n".join("    " + ", ".join(numbers[first : first + 6]) for first in range(0, len(numbers), 6))

@@ -1,4 +1,4 @@
-"""What is exported, and its contract: what a user has to know, which every exported file says in the same words."""
+"""Controllers to export, and their contract: facts for the user, in the same words in every exported file."""
 
 import copy
 import hashlib
@@ -26,24 +26,26 @@ from impact_gym.validation import nearest
 
 FORMAT = "impact_gym controller 1"
 CALLS = (
-    "{} once in each control period, and once more at the moment of the alarm; the command holds until the next call"
+    "call NAME_step once in each control period, and once more at the moment of the alarm; the command holds until the "
+    "next call"
 )
 RESETS = (
-    "before each approach, with its time weight, cut to the range given, the least where it is missing (NaN or "
-    "infinite); sets back the time, all readings, the alarm and all that is remembered, and commands to stay at rest"
+    "call NAME_reset before each approach, with the time weight; it is clipped to the range given, and a missing one "
+    "(NaN or infinite) is the smallest; the call resets time, readings, alarm and memory, and commands to stay at rest"
 )
 MISSING = (
-    "a reading that is not later than the last one, or has no time, changes nothing: the last command stands; a number "
-    "that is missing (NaN or infinite) keeps its last value, at first 0, and a range at first none; {}"
+    "a reading that is not later than the last one, or has no time, changes nothing: the last command holds; a missing "
+    "number (NaN or infinite) keeps its last value; before its first value a number is 0, and a range is not used; {}"
 )
 ALARMS = {
-    "reading": "an alarm is on as long as it is told to be, and its clock goes on by the time",
-    "force": "an alarm once heard stays, and its clock goes on by the time",
+    "reading": "the alarm follows its reading; while it is on, the time since the alarm advances with the time",
+    "force": "an alarm stays on once it has come, and the time since the alarm advances with the time",
 }
 OPERATOR = (
-    "with u the operator's command the flange goes to gain u - withdrawal; the withdrawal counts for {:g} s from an "
-    "alarm on and then fades over {:g} s; where u is 0 or missing, or none has come for {:g} s, the flange stops at "
-    "the arm's limit; a command between two calls counts at once by NAME_obey, and so does its absence, as 0"
+    "the flange's velocity is gain * u - withdrawal, where u is the operator's command; the withdrawal is complete for "
+    "{:g} s after an alarm, and then fades over {:g} s; if u is 0 or missing, or no command has come for {:g} s, the "
+    "flange stops at the arm's limit; a command that arrives between two calls takes effect at once by NAME_obey, and "
+    "a missing one counts as 0"
 )
 
 
@@ -56,33 +58,30 @@ class Subject:
         """Describe a controller.
 
         Args:
-            controller: a policy; or a rule for its environment, with parameters (k,), or (weights, k) for several.
-            weights: of a rule, m/s per s, rising: what its parameters were tuned for.
-            validation: results on validation scenarios, anything that JSON holds; of a policy its file says them.
-            command: how it was made; of a policy its file says it.
+            controller: a policy; or a rule for its environment, with parameters (k,), or (weights, k) for several
+                time weights.
+            weights: time weights for which a rule was tuned, m/s per s, ascending.
+            validation: results on validation scenarios, as JSON; default: those in the policy's file.
+            command: command that made the controller; default: the one in the policy's file.
 
         Raises:
-            ValueError: it is another kind of controller.
+            ValueError: the controller is neither a policy nor a rule.
         """
         if not isinstance(controller, Policy | Rule):
             raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
         self.controller, self.weights = controller, [*weights]
         self.task = controller.task
         self.spec, self.actions = ObservationSpec(self.task), ActionSpec(self.task).entries
-        provenance = controller.provenance if isinstance(controller, Policy) else {}
+        self.policy = controller if isinstance(controller, Policy) else None
+        provenance = self.policy.provenance if self.policy else {}
         self.command = command or todays(str(provenance.get("command", "by hand")))
         self.validation = validation or provenance.get("validation")
         settings = provenance.get("settings", {})
         name = settings.get("setup", settings.get("preset"))
         self.fails = load_setup(name).fails if name in shipped() else UNSAID
 
-    @property
-    def policy(self) -> Policy | None:
-        """The policy, if it is one."""
-        return self.controller if isinstance(self.controller, Policy) else None
-
     def at(self, time_weight: ArrayLike) -> Policy | Rule:
-        """Return the controller for a time weight (m/s per s), or for one of each row of a batch."""
+        """Return the controller for a time weight (m/s per s), or for the time weight of each row of a batch."""
         twin = copy.copy(self.controller)
         if isinstance(twin, Rule) and len(self.weights) > 1:
             twin.parameters = interpolated(self.weights, twin.parameters, time_weight)
@@ -90,7 +89,7 @@ class Subject:
 
     @cached_property
     def contract(self) -> dict[str, str]:
-        """What a user has to know, by name: JSON, in which no comment in C ends or begins."""
+        """The entries of the contract by name, as JSON that can stand in a comment in C; see `_plain`."""
         content = {name: _plain(value) for name, value in self._entries()}
         digest = hashlib.sha256(json.dumps(content).encode())
         arrays = [self.controller.parameters] if isinstance(self.controller, Rule) else []
@@ -99,7 +98,7 @@ class Subject:
         return content | {"checksum": _plain(f"SHA-256 {digest.hexdigest()} of all of the above and the parameters")}
 
     def _entries(self) -> Iterator[tuple[str, Any]]:
-        """Yield names and values of the contract but for its checksum."""
+        """Yield names and values of the contract, except its checksum."""
         task = self.task
         yield "format", FORMAT
         yield "kind", "network" if self.policy else type(self.controller).__name__
@@ -113,7 +112,7 @@ class Subject:
         yield "control_period", {"value": task.control_period, "unit": "s"}
         weight = task.ranges["time_weight"] if self.policy else (self.weights[0], self.weights[-1])
         if len(self.weights) == 1 and not self.policy:
-            yield "time_weight_use", "none: one set of parameters for all time weights"
+            yield "time_weight_use", "ignored: one set of parameters serves all time weights"
         for name, (low, high), unit in (
             ("time_weight", weight, "m/s per s"), ("reaction_delay", task.ranges["reaction_delay"], "s"),
             ("velocity_limits", task.velocity_range, "m/s"), ("acceleration_limits", task.acceleration_range, "m/s^2"),
@@ -123,7 +122,7 @@ class Subject:
                           for name, (low, high) in task.scenario.by_id().items()}  # fmt: skip
         yield "environment", task.arguments()
         yield "fails", self.fails
-        yield "validation", self.validation or "not said"
+        yield "validation", self.validation or "unknown"
         yield "sensors", self.spec.sensors
         for place, entry in enumerate(self.spec.entries):
             scale = dict(zip(("low", "high", "scaled_low", "curve"), entry.scale[:4], strict=True))
@@ -133,16 +132,16 @@ class Subject:
 
 
 def _plain(value: Any) -> str:
-    """Return JSON in ASCII that neither ends nor begins a comment in C, and has no trigraph."""
+    """Return JSON in ASCII that neither begins nor ends a comment in C, and has no trigraph."""
     text = json.dumps(value, default=lambda record: {"type": type(record).__name__, **asdict(record)})
     return text.replace("*/", "*\\u002f").replace("/*", "/\\u002a").replace("??", "?\\u003f")
 
 
 def of_baseline(name: str, setup: Setup | None = None, folder: Path = TUNED) -> Subject:
-    """Return a baseline: a fixed one for the environment of `setup`, or a tuned one from its file in `folder`.
+    """Return a baseline: one without parameters for the environment of `setup`, or a tuned one from `folder`.
 
     Raises:
-        ValueError: as `load_baseline`, or it is no rule.
+        ValueError: as `load_baseline`, or the baseline is no rule.
     """
     if name in FIXED:
         rule: Any = load_baseline(name)
@@ -156,10 +155,10 @@ def of_baseline(name: str, setup: Setup | None = None, folder: Path = TUNED) -> 
 
 
 def of_name(name: str, setup: Setup | None = None) -> Subject:
-    """Return what a command line calls `name`: a baseline, fixed or tuned, its file, or a policy as `load_policy` does.
+    """Return the controller with this name: a baseline, the file of a tuned one, or a policy as for `load_policy`.
 
     Raises:
-        ValueError: there is none, or it cannot be exported; says why.
+        ValueError: there is no such controller, or it cannot be exported; says why.
     """
     if name in FIXED or name in shipped_baselines():
         return of_baseline(name, setup if name in FIXED else None)
@@ -175,9 +174,9 @@ def of_name(name: str, setup: Setup | None = None) -> Subject:
 
 
 def of_setup(setup: Setup, folder: Path | None = None) -> dict[str, Subject]:
-    """Return all controllers of a set-up by name: its policy and tuned baselines in `folder`, and the fixed rules.
+    """Return all controllers of a set-up by name: its policy and tuned baselines in `folder`, and the other rules.
 
-    What is not there yet, or cannot be played there, is left out, and a line says so.
+    A controller that does not exist yet, or cannot play the set-up, is left out, and a line says so.
     """
     folder, found = folder or setup.folder, {}
     for name in ("paper-trapezoid", "local-brake", *(["operator-alone"] if setup.environment.get("operator") else [])):

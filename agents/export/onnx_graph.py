@@ -1,4 +1,4 @@
-"""A policy as an ONNX graph, written node by node: no torch, no tracing."""
+"""A policy as an ONNX graph, written node by node, without torch and tracing."""
 
 from pathlib import Path
 from typing import Any
@@ -9,14 +9,14 @@ from agents.export.contract import Subject
 from impact_gym.files import write_file
 
 OPSET = 17
-IR_VERSION = 8  # what runtimes of 2022 and later read
+IR_VERSION = 8  # runtimes since 2022 read this version
 
 
 def write_onnx(subject: Subject, path: Path) -> Path:
-    """Write a policy's graph to `path`: `observation` (n, n_obs) to `action` (n, 2), for any n; with its contract.
+    """Write a policy's graph with its contract: from `observation` (n, n_obs) to `action` (n, k), for any n.
 
     Raises:
-        ValueError: it is no policy, or the package onnx is missing.
+        ValueError: the controller is no policy, or the package onnx is missing.
     """
     if subject.policy is None:
         raise ValueError(f"only a policy has a network for ONNX, got {type(subject.controller).__name__}")

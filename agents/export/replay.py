@@ -1,4 +1,4 @@
-"""A header compiled, and its controller played: episodes of the environment, call by call."""
+"""Checks of a header: it is compiled, and its controller replays episodes of the environment, call by call."""
 
 import ctypes
 import shutil
@@ -21,27 +21,27 @@ LANGUAGES = {"C99": ["-x", "c", "-std=c99"], "C++17": ["-x", "c++", "-std=c++17"
 
 
 class Log(NamedTuple):
-    """Sensors and commands of episodes, step by step."""
+    """Sensors and commands of episodes, step by step; a row is an episode."""
 
     sensors: Floats  # (steps, rows, fields), SI units
-    commands: Floats  # (steps, rows, 2), m/s and m/s^2: with an operator what the flange was sent to last in a step
-    late: Floats  # (steps, rows), m/s, the operator's command by which it was: nan where a step has one alone
-    steps: NDArray[np.int64]  # (rows,), of each episode
+    commands: Floats  # (steps, rows, 2), m/s and m/s^2; with an operator the last command of the step
+    late: Floats  # (steps, rows), m/s, an operator's command that arrived within the step; nan: there was none
+    steps: NDArray[np.int64]  # (rows,), number of steps of each episode
     time_weight: Floats  # (rows,)
 
 
 class Replay(NamedTuple):
-    """The compiled controller beside a log."""
+    """Comparison of the compiled controller with a log."""
 
     episodes: int
     calls: int
-    difference: float  # largest, of commands over their range
-    usual: float  # s, what 99.9 % of the calls take at the most
-    worst: float  # s
+    difference: float  # largest difference of a command over its range
+    usual: float  # s, time that 99.9 % of the calls do not exceed
+    worst: float  # s, time of the slowest call
 
 
 def logged(subject: Subject, episodes: int) -> Log:
-    """Play episodes of the controller's own environment, a rule at weights from below to above those it has."""
+    """Play episodes of the controller's environment; a rule also gets time weights below and above its tuned ones."""
     task = subject.task
     if subject.policy is None:
         task = task.changed({"time_weight": (0.8 * subject.weights[0], 1.25 * subject.weights[-1])})
@@ -70,10 +70,10 @@ def logged(subject: Subject, episodes: int) -> Log:
 
 
 def compiled(subject: Subject, header: Path, folder: Path, *how: str, language: str = "C99") -> ctypes.CDLL | None:
-    """Compile program.c.jinja around the header without a warning, with flags that say `how`; None: no compiler.
+    """Compile program.c.jinja with the header, with the compiler flags `how`; None: there is no compiler.
 
     Raises:
-        CalledProcessError: the compiler warned, or worse.
+        CalledProcessError: the compiler printed a warning or an error.
     """
     compiler = shutil.which("g++" if language == "C++17" else "gcc") or shutil.which("cc")
     if compiler is None:
@@ -90,23 +90,25 @@ def compiled(subject: Subject, header: Path, folder: Path, *how: str, language: 
     included = ["-D_POSIX_C_SOURCE=199309L", "-include", str(header.resolve())]
     made = ["-c", "-o", str(library.with_suffix(".o"))]
     subprocess.run([compiler, *flags, *included, *made], input=source, text=True, check=True)
-    # linked apart: with -Ofast the linker would add code that makes this process take subnormal numbers for 0
+    # a separate link without flags: with -Ofast the linker would add code by which this process rounds subnormals to 0
     subprocess.run([compiler, "-shared", str(library.with_suffix(".o")), "-o", str(library), "-lm"], check=True)
     return ctypes.CDLL(str(library))
 
 
-def address(array: NDArray[Any]) -> ctypes.c_void_p:
-    """Where the numbers of a contiguous array lie, for C."""
-    return array.ctypes.data_as(ctypes.c_void_p)
+def network_in_c(program: ctypes.CDLL, observed: NDArray[np.float32], size: int) -> NDArray[np.float32]:
+    """Return the actions (n, `size`) of a compiled header's network for observations (n, n_obs)."""
+    actions = np.empty((len(observed), size), np.float32)
+    program.act(len(observed), observed.ctypes, actions.ctypes)
+    return actions
 
 
 def replay(subject: Subject, program: ctypes.CDLL, log: Log, calls: int) -> Replay:
-    """Play a log through the controller of a compiled program, and time so many calls of it."""
+    """Play a log through the controller of a compiled program, and time this number of calls."""
     steps = log.steps.astype(np.int32)
     commands, seconds = np.zeros_like(log.commands), np.zeros(calls)
-    arrays = [address(array) for array in (log.sensors, steps, log.time_weight)]
-    program.play(len(steps), *arrays, address(log.late), address(commands))
-    program.clocked(len(steps), *arrays, calls, address(seconds))
+    arrays = log.sensors.ctypes, steps.ctypes, log.time_weight.ctypes
+    program.play(len(steps), *arrays, log.late.ctypes, commands.ctypes)
+    program.clocked(len(steps), *arrays, calls, seconds.ctypes)
     task = subject.task
     span = np.ptp([task.velocity_range, task.acceleration_range], axis=1)
     played = np.arange(len(commands))[:, None] < steps

@@ -1,4 +1,4 @@
-"""Policies: networks as plain arrays that run without torch, and those that are shipped, a file for each set-up."""
+"""Policies: small networks as plain arrays, which run without torch; and the shipped ones, a file for each set-up."""
 
 from agents.policies.policy import SHIPPED, Controller, Ensemble, Policy, load_ensemble, load_policy
 

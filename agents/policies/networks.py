@@ -1,8 +1,8 @@
-"""The small networks of policies, on NumPy, as torch computes them.
+"""The small networks of policies, computed on NumPy.
 
-A row's result has the same bits whatever the other rows are: rows are multiplied in blocks of one size, the last one
-filled up with zeros. A product of the whole batch would be summed in an order that depends on its size, as would a
-block larger than the processor's kernel, whose size depends on the machine.
+The result of a row has the same bits whatever the other rows are. For this, rows are multiplied in blocks of one size;
+the last block is filled with zeros. In a product of the whole batch, the order of summation would depend on the size of
+the batch. It would also vary in a block that is larger than the machine's BLAS kernel.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
-BLOCKS = (16, 8, 4, 2, 1)  # rows of a product, see `Network.block`
-CHUNK = 512  # rows that pass through all layers together: they stay in the processor's cache
+BLOCKS = (16, 8, 4, 2, 1)  # candidate numbers of rows of a product, see `Network.block`
+CHUNK = 512  # rows that pass through all layers together: few enough for the processor's cache
 ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
     "tanh": np.tanh,
     "relu": lambda values: np.maximum(values, np.float32(0.0)),
@@ -27,7 +27,7 @@ class Affine:
     """inputs @ weight.T + bias."""
 
     def __init__(self, name: str, weight: Floats, bias: Floats) -> None:
-        """Make a layer of `weight` (outputs, inputs), as torch has it, and `bias` (outputs,)."""
+        """Make a layer from `weight` (outputs, inputs), in torch's order, and `bias` (outputs,)."""
         if weight.ndim != 2 or bias.shape != weight.shape[:1]:
             raise ValueError(f"{name}: weight {weight.shape} and bias {bias.shape} do not fit")
         if weight.dtype != np.float32 or bias.dtype != np.float32:
@@ -39,11 +39,11 @@ class Affine:
         self._columns = np.ascontiguousarray(weight.T)
 
     def __call__(self, inputs: Floats) -> Floats:
-        """Return the layer's outputs for blocks of rows, `inputs` (blocks, block, n)."""
+        """Return the layer's outputs for `inputs` (blocks, rows, n)."""
         return np.matmul(inputs, self._columns) + self.bias
 
     def rounds_alike(self, block: int) -> bool:
-        """Whether a row's product has the same bits in every place of a block."""
+        """Whether a row's result has the same bits at every position in a block of this many rows."""
         row = np.random.default_rng(0).standard_normal((1, 1, self.inputs), np.float32)
         outputs = self(np.repeat(row, block, axis=1))[0]
         return bool((outputs == outputs[0]).all())
@@ -51,12 +51,12 @@ class Affine:
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Hidden layers, then mean and noise of an action in [-1, 1]."""
+    """Hidden layers, then mean and noise of an action in [-1, 1]; all hidden layers have the same activation."""
 
     hidden: tuple[Affine, ...]
     mean: Affine
-    log_std: Affine  # logarithm of the noise's standard deviation; weight 0 if it is constant
-    activation: str = "tanh"  # of the hidden layers
+    log_std: Affine  # logarithm of the noise's standard deviation; its weight is 0 if the noise is constant
+    activation: str = "tanh"
 
     def __post_init__(self) -> None:
         if self.activation not in ACTIVATIONS:
@@ -70,7 +70,7 @@ class Network:
 
     @cached_property
     def block(self) -> int:
-        """How many rows a product has: the most that this machine rounds alike in every layer."""
+        """Number of rows of a product: the largest for which this machine rounds alike in every layer."""
         return next(rows for rows in BLOCKS if all(layer.rounds_alike(rows) for layer in self.layers()))
 
     @property
@@ -94,17 +94,18 @@ class Network:
         return flat.reshape(*np.shape(inputs)[:-1], head.outputs)
 
     def layers(self) -> tuple[Affine, ...]:
-        """Return every layer that has weights."""
+        """Return all layers."""
         return (*self.hidden, self.mean, self.log_std)
 
     def description(self) -> dict[str, Any]:
-        """Return activation and order of the layers, for JSON."""
+        """Return the activation and the names of the layers in their order, for JSON."""
         return {"activation": self.activation, "layers": [layer.name for layer in self.layers()]}
 
 
 def from_arrays(description: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Network:
-    """Return the network of a `description` and of arrays named as in `to_arrays`."""
-    places = {name: f"hidden_{place}" for place, name in enumerate(description["layers"])}  # no text of a file
+    """Return the network with this `description` and with arrays named as in `to_arrays`."""
+    # no name from the file: exported C code contains these names
+    places = {name: f"hidden_{place}" for place, name in enumerate(description["layers"])}
     places |= {name: name for name in ("mean", "log_std")}
     made = {name: Affine(place, arrays[f"{name}.weight"], arrays[f"{name}.bias"]) for name, place in places.items()}
     mean, log_std = made.pop("mean"), made.pop("log_std")
@@ -112,5 +113,5 @@ def from_arrays(description: Mapping[str, Any], arrays: Mapping[str, Floats]) ->
 
 
 def to_arrays(network: Network) -> dict[str, Floats]:
-    """Return the weights by name."""
+    """Return the weights and biases by name."""
     return {f"{layer.name}.{part}": getattr(layer, part) for part in ("weight", "bias") for layer in network.layers()}

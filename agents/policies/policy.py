@@ -1,7 +1,7 @@
-"""Policies as plain arrays, the results of trainings, which run without torch.
+"""Policies, the results of trainings, as plain arrays, which run without torch.
 
-A policy file is an archive of arrays and JSON: the weights of a small network, or of one for each seed of a training,
-the scales of observation and action, and their provenance. Reading one runs no code.
+A policy file is an archive of arrays and JSON. It holds the weights of a small network for each seed of a training, the
+scales of observation and action, and the provenance. Reading one runs no code.
 """
 
 import io
@@ -24,60 +24,52 @@ from impact_gym.validation import array, shown, whole
 SHIPPED = Path(__file__).parent
 FORMAT = "impact_gym policies 3"
 MAY_DIFFER = ("scenario", "time_weight", "privileged", "rtol", "max_episode_steps")
-"""Arguments of an environment that may differ from those of the training."""
+"""Arguments of an environment that may differ from those of the training without a warning."""
 
 
 class Controller(Protocol):
-    """Anything that acts as a policy of stable-baselines3 does."""
+    """Anything with the method `predict` of stable-baselines3."""
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, Any]:
-        """Return actions and the controller's next state."""
+        """Return the actions and the controller's next state."""
 
 
 class Policy:
-    """A network with the environment it was trained for, called as a policy of stable-baselines3 is."""
+    """A network and the environment for which it was trained; it has the method `predict` of stable-baselines3."""
 
     def __init__(self, network: Network, task: Task, provenance: Mapping[str, Any]) -> None:
         """Make a policy.
 
         Args:
-            network: from the scaled observation to the action in [-1, 1].
-            task: of the environment; it says what the observation holds.
-            provenance: origin of the policy: command, seed, versions, anything that JSON holds.
+            network: network from the scaled observation to the action in [-1, 1].
+            task: task of the environment; it determines the numbers of the observation.
+            provenance: origin of the policy, as JSON: command, settings with the seed of the training, versions.
 
         Raises:
             ValueError: the network does not fit the environment.
         """
         self.network, self.task, self.provenance = network, task, dict(provenance)
+        self.environment = task.arguments()
+        self.seed = int(self.provenance.get("settings", {}).get("seed", 0))
         self.spec, self.inputs, self.actions = ObservationSpec(task), network.inputs, len(ActionSpec(task))
         if self.inputs != len(self.spec):
-            raise ValueError(f"the network takes {self.inputs} numbers, the environment shows {len(self.spec)}")
+            raise ValueError(f"the network takes {self.inputs} numbers, the observation has {len(self.spec)}")
         if network.mean.outputs != self.actions:
             raise ValueError(f"the network gives {network.mean.outputs} numbers, an action has {self.actions}")
         self._noise = np.random.default_rng()
         self._warned = False
 
-    @property
-    def environment(self) -> dict[str, Any]:
-        """Arguments of the environment that it was trained for."""
-        return self.task.arguments()
-
-    @property
-    def seed(self) -> int:
-        """Seed of its training; 0 where nothing says so."""
-        return int(self.provenance.get("settings", {}).get("seed", 0))
-
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], Any]:
-        """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs), and `state`.
+        """Return the action for an observation (n_obs,), or the actions for a batch (n, n_obs), and `state`.
 
-        A policy has no memory: `state` and `episode_start` have no effect. Unlike in stable-baselines3, deterministic
-        is the default, as in its evaluation.
+        A policy has no memory: `state` and `episode_start` have no effect. Actions are deterministic by default, as in
+        the evaluation of stable-baselines3 but not in its `predict`.
         """
-        with np.errstate(over="ignore"):  # beyond float32 is not finite
+        with np.errstate(over="ignore"):  # a number too large for float32 becomes infinite
             seen = array("observation", observation).astype(np.float32, copy=False)
         if seen.ndim == 0 or seen.shape[-1] != self.inputs:
             raise ValueError(f"the policy takes {self.inputs} numbers, the observation has the shape {seen.shape}")
@@ -91,11 +83,11 @@ class Policy:
         return np.clip(action, np.float32(-1.0), np.float32(1.0)), state
 
     def differs_in(self, task: Task) -> list[str]:
-        """Return the arguments in which a task differs from the one that the policy was trained for."""
+        """Return the names of the arguments in which a task differs from the training's task; see MAY_DIFFER."""
         return [name for name in self.task.differs_in(task) if name not in MAY_DIFFER]
 
     def warn_if_elsewhere(self, task: Task) -> None:
-        """Warn, once, if a task differs from the one that the policy was trained for."""
+        """Warn, once, if a task differs from the training's task."""
         other = [] if self._warned else self.differs_in(task)
         if other:
             self._warned = True
@@ -107,7 +99,7 @@ class Policy:
         return Ensemble([self], self.seed).save(path)
 
     def to_bytes(self) -> bytes:
-        """Return the file that `save` writes."""
+        """Return the content of the file that `save` writes."""
         file = io.BytesIO()
         archive.save(file, FORMAT, *Ensemble([self], self.seed).packed())
         return file.getvalue()
@@ -115,10 +107,10 @@ class Policy:
 
 @dataclass(frozen=True)
 class Ensemble:
-    """The policies of a set-up's seeds, all for the same environment; one of them represents the set-up."""
+    """The policies of a set-up's seeds, all for the same environment; one of them is chosen to represent the set-up."""
 
     policies: Sequence[Policy]
-    chosen: int  # seed of the policy that represents them
+    chosen: int  # seed of the chosen policy
 
     def __post_init__(self) -> None:
         seeds = [policy.seed for policy in self.policies]
@@ -129,7 +121,7 @@ class Ensemble:
             raise ValueError("policies of an ensemble must have one environment and one kind of network")
 
     def __getitem__(self, seed: int | None) -> Policy:
-        """The policy of a seed, or the chosen one."""
+        """Return the policy of a seed; None: the chosen policy."""
         by_seed = {policy.seed: policy for policy in self.policies}
         if (wanted := self.chosen if seed is None else whole("seed", seed, at_least=0)) not in by_seed:
             raise ValueError(f"seed must be one of {[*by_seed]}, got {seed!r}")
@@ -141,13 +133,12 @@ class Ensemble:
         return Path(path)
 
     def packed(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Return content and arrays of an archive."""
+        """Return content and arrays of the archive."""
         chosen = self[None]
         content = {
             "network": chosen.network.description(),
             "environment": chosen.environment,
-            "observation": observation_table(chosen.task),
-            "action": action_table(chosen.task),
+            **scales(chosen.task),
             "provenance": {str(policy.seed): policy.provenance for policy in self.policies},
             "chosen": self.chosen,
         }
@@ -156,14 +147,13 @@ class Ensemble:
 
     @classmethod
     def unpacked(cls, content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> "Ensemble":
-        """Return the ensemble that was packed.
+        """Return the ensemble from `packed` content and arrays.
 
         Raises:
-            ValueError, LookupError, TypeError: it is no ensemble, or was made for other scales than this version has.
+            ValueError, LookupError, TypeError: this is no ensemble, or was made for other scales than this version's.
         """
         task = Task(**without_files(content["environment"]))
-        tables = observation_table(task), action_table(task)
-        if (content["observation"], content["action"]) != tables:
+        if any(content[name] != table for name, table in scales(task).items()):
             raise ValueError("it was made for other scales of observation or action than this version's environment")
         weights: dict[str, dict[str, NDArray[Any]]] = {seed: {} for seed in content["provenance"]}
         for name, weight in arrays.items():
@@ -174,27 +164,24 @@ class Ensemble:
         return cls(policies, content["chosen"])
 
 
-def observation_table(task: Task) -> list[dict[str, Any]]:
-    """Return id, unit and scale of each number of the observation."""
-    scale = ("low", "high", "scaled_low", "curve")
-    return [
-        {"id": entry.id, "unit": entry.unit, **{name: getattr(entry.scale, name) for name in scale}}
-        for entry in ObservationSpec(task).entries
-    ]
-
-
-def action_table(task: Task) -> list[dict[str, Any]]:
-    """Return id, unit and range of each number of the action."""
-    fields = ("id", "unit", "low", "high")
-    return [{name: getattr(entry, name) for name in fields} for entry in ActionSpec(task).entries]
+def scales(task: Task) -> dict[str, list[dict[str, Any]]]:
+    """Return id, unit and scale of each number of `observation` and of `action`."""
+    scale, action = ("low", "high", "scaled_low", "curve"), ("id", "unit", "low", "high")
+    return {
+        "observation": [
+            {"id": entry.id, "unit": entry.unit, **{name: getattr(entry.scale, name) for name in scale}}
+            for entry in ObservationSpec(task).entries
+        ],
+        "action": [{name: getattr(entry, name) for name in action} for entry in ActionSpec(task).entries],
+    }
 
 
 def load_ensemble(name: str | Path) -> Ensemble:
-    """Return the policies of all seeds of a set-up that is shipped, by name, or those in a file or a run folder.
+    """Return the policies of all seeds of a shipped set-up, by name, or the policies in a file or a run folder.
 
     Raises:
-        TypeError, ValueError: neither a shipped policy, which it lists, nor a file; or the file is no policy, or is
-            damaged, or was made for other scales than the environment has.
+        TypeError, ValueError: the name is neither a shipped policy nor a file, and the error lists the shipped ones; or
+            the file is no policy, or is damaged, or was made for other scales than the environment's.
     """
     path = named_file("policy", name, SHIPPED, ".npz", "best.npz")
     content, arrays = archive.read_archive(path, FORMAT)
@@ -205,18 +192,13 @@ def load_ensemble(name: str | Path) -> Ensemble:
 
 
 def load_policy(name: str | Path, seed: int | None = None) -> Policy:
-    """Return a policy shipped with the project, by name, or from a file, or the best one of a run folder.
+    """Return a shipped policy, by name, or a policy from a file, or the best policy of a run folder.
 
     Args:
-        name: of what is shipped, or a path.
-        seed: of its training, if there are several; None: the chosen one.
+        name: name of a shipped policy, or a path.
+        seed: seed of the training, if the file holds several; None: the chosen one.
 
     Raises:
-        ValueError: as `load_ensemble`, or there is no such seed.
+        ValueError: as `load_ensemble`, or there is no policy with this seed.
     """
     return load_ensemble(name)[seed]
-
-
-def policy_from_bytes(content: bytes) -> Policy:
-    """Return the policy in the bytes of `Policy.to_bytes`."""
-    return Ensemble.unpacked(*archive.load(io.BytesIO(content), FORMAT))[None]

@@ -1,9 +1,9 @@
-"""Set-ups: an arm, its training, baselines and evaluation in one file.
+"""Set-ups: an arm, its training, baselines and evaluation in one TOML file.
 
-A set-up is a TOML file. `[environment]` are the arguments of the environment, in which every physical number may be a
-pair (low, high), drawn per episode; `[training]` what differs from the defaults of `agents.setups.training`;
-`[baselines]` the rules that are tuned for it and those it is compared with; `[evaluation]` at which time weights, on
-which scenarios, and what is varied to see whether policies hold. Those in this folder are known by name.
+`[environment]` holds the arguments of the environment; a physical number may be a pair (low, high), from which each
+episode draws. `[training]` holds settings that differ from the defaults in `agents.setups.training`. `[baselines]`
+names the rules to tune, and the baselines with which policies are compared. `[evaluation]` holds the time weights, the
+scenarios, and the arguments that are varied to test robustness. The set-ups in this folder have names.
 """
 
 from agents.setups.setup import (

@@ -1,4 +1,4 @@
-"""How a set-up is evaluated, the table `[evaluation]` of its file: at which weights, on which scenarios."""
+"""How a set-up is evaluated: the table `[evaluation]` of its file."""
 
 import math
 import warnings
@@ -14,9 +14,9 @@ from impact_gym.validation import distinct, number, numbers, whole
 
 WEIGHTS = (0.7, 1.0, 2.0, 4.0)  # m/s per s
 RESERVED = ("time_weight", "privileged", "max_episode_steps")
-"""Arguments of the environment that training and evaluation see to."""
+"""Arguments of the environment that training and evaluation choose, not the set-up."""
 SET_UP_ARGUMENTS = tuple(name for name in ARGUMENTS if name not in RESERVED)
-"""Those that say what an environment is, not what it is used for."""
+"""Arguments of the environment that a set-up may have."""
 AS_TRAINED = "as trained"
 
 COMPLIANT = {"type": "Robot", "mass": 5.225, "stiffness": 1.9e5, "damping": 50.4}  # docs/provenance.md
@@ -35,9 +35,9 @@ VARIED: Mapping[str, Any] = {
     "robot": ["rigid"],
     "robot.stiffness": {"times": [0.5, 1.0, 2.0]},
 }
-"""What is varied unless a file says otherwise, see `usual`; what a set-up does not have is left out."""
+"""Default of `Evaluation.varied`, see `usual`. Arguments that a set-up does not have are left out."""
 MAY_BE_NONE = ("robot", "coupling.stroke")
-"""Of that: what an environment may have though its set-up says nothing of it."""
+"""Arguments that can be varied even if the set-up does not have them."""
 
 
 @dataclass(frozen=True)
@@ -45,34 +45,37 @@ class Evaluation:
     """How a set-up is evaluated."""
 
     weights: tuple[float, ...] = WEIGHTS
-    """Time weights, m/s per s: baselines are tuned for each, policies are validated and compared at each."""
+    """Time weights, m/s per s, for which baselines are tuned, and at which policies are validated and compared."""
     curve: tuple[float, ...] = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
-    """Those at which a policy is played for its trade-off, as far as it was trained for them."""
+    """Time weights, m/s per s, at which a policy plays for the trade-off curve; weights beyond its training are left
+    out."""
     typical: float = 2.0
-    """Where one weight must do."""
+    """Time weight, m/s per s, for results at a single weight."""
     set: str = "test"
-    """Frozen set of the report; an environment with a scenario of its own meets as many from its own ranges."""
+    """Frozen set of the report. For an environment with a scenario of its own, the same number is drawn from its own
+    ranges."""
     scenarios: int = 2000
-    """How many of it."""
+    """Number of scenarios of the set."""
     varied: Mapping[str, Any] = field(default_factory=lambda: usual({}, COMPLIANT))
-    """What is changed, one at a time, to see whether policies hold: arguments of the environment by dotted names, each
-    with a list of values or a table {times = [...]} of multiples; `scenario` with names of frozen sets."""
+    """Arguments that are changed one at a time, to test robustness. Each dotted name has a list of values, or a table
+    {times = [...]} of multiples; `scenario` has names of frozen sets."""
     nominal: Mapping[str, Any] = field(default_factory=dict)
-    """Arguments that the environment has before these changes, instead of what its episodes draw: in a file, a robot
-    "rigid" is none."""
+    """Fixed arguments from which these changes start, in place of ranges. In a file, robot = "rigid" means no robot
+    compliance."""
 
     @classmethod
     def of_table(
         cls, content: Mapping[str, Any], environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None
     ) -> "Evaluation":
-        """Return what a file's table says for an environment; `robot` is that of `usual`.
+        """Return the evaluation in a file's table for an environment; for `robot` see `usual`.
 
         Raises:
-            TypeError, ValueError: a key is unknown, a value out of range, or a change makes no environment; names it.
+            TypeError, ValueError: a key is unknown, a value is out of range, or the environment refuses a change; names
+                the key.
         """
         known("evaluation.", content, [item.name for item in fields(cls)])
         known("evaluation.nominal.", table(content, "nominal", "evaluation."), SET_UP_ARGUMENTS)
-        nominal = {name: _argument(value) for name, value in content.get("nominal", {}).items()}
+        nominal = {name: None if value == "rigid" else value for name, value in content.get("nominal", {}).items()}
         environment, given = {**environment, **nominal}, dict(content) | {"nominal": nominal}
         with within("evaluation.nominal"):
             Task(**environment)
@@ -95,10 +98,11 @@ class Evaluation:
 
 
 def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return what is varied of an environment unless its file says otherwise: VARIED, and its own numbers.
+    """Return the default variations of an environment: VARIED, with the environment's own numbers.
 
-    A `robot` is tried where the environment has none, a stroke too short for the spring where it has no stops, and
-    the frozen set `hard` where objects come from the usual ranges, outside of which it lies.
+    If the environment has no robot compliance, it is varied with `robot`; if its spring has no stops, with a stroke
+    that is too short; if its objects come from the default ranges, with the frozen set `hard`, which lies outside of
+    these.
     """
     with warnings.catch_warnings(action="ignore", category=UserWarning):
         task = Task(**environment)
@@ -122,25 +126,25 @@ class Change:
 
     argument: str  # dotted
     label: str
-    value: float  # in the argument's unit, or a multiple; nan where it is no number
-    multiple: bool  # of what the environment has
-    environment: Mapping[str, Any]  # as changed
-    scenarios: str = ""  # the frozen set it is played on, if that is the change
-    same: bool = False  # it is no change
+    value: float  # in the argument's unit, or a multiple; nan: not a number
+    multiple: bool  # whether `value` is a multiple of the environment's own value
+    environment: Mapping[str, Any]  # the changed arguments
+    scenarios: str = ""  # frozen set, if the change is another set
+    same: bool = False  # whether the value equals the environment's own
 
 
 def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Change]:
-    """Return all changes that `evaluation` asks for and `environment` knows, argument by argument."""
+    """Return all changes of `evaluation`, argument by argument; those that `environment` does not have are left out."""
     begun = {**environment, **evaluation.nominal}
     return [change for name, values in evaluation.varied.items() for change in changes(name, values, begun)]
 
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
-    """Yield the changes of one argument; what the environment does not have, or refuses, is left out.
+    """Yield the changes of one argument; values that the environment refuses are left out, unless `strict`.
 
     Raises:
-        TypeError, ValueError: no list of values; or, where `strict`, an argument that there is not or a value that the
-            environment refuses. Names it.
+        TypeError, ValueError: there is no list of values; or, if `strict`, the argument is unknown or the environment
+            refuses a value. Names the argument.
     """
     where = f"evaluation.varied.{name}"
     multiples = isinstance(values, Mapping)
@@ -154,7 +158,7 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
         for scenarios in listed:
             same = scenarios == AS_TRAINED
             with within(where):
-                _ = same or evaluation_sets.load(scenarios)  # raises where there is none
+                _ = same or evaluation_sets.load(scenarios)  # raises if there is no such set
             yield Change(name, scenarios, math.nan, False, environment, "" if same else scenarios, same)
         return
     task = Task(**environment)
@@ -165,8 +169,11 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
         return
     for value in listed:
         try:
-            with within(where), warnings.catch_warnings(action="ignore", category=UserWarning):  # meant to be hard
-                other = _multiple(given[name], value) if multiples else _argument(value)
+            with within(where), warnings.catch_warnings(action="ignore", category=UserWarning):  # of hard values
+                other = None if value == "rigid" else value
+                if multiples:
+                    factor, own = number("times", value, "-", above=0), given[name]
+                    other = [factor * end for end in own] if isinstance(own, (list, tuple)) else factor * own
                 varied = task.changed({name: other})
         except ValueError:
             if strict:
@@ -174,17 +181,6 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
             continue
         size = float(value) if isinstance(value, (int, float)) else math.nan
         yield Change(name, _label(value), size, multiples, varied.arguments(), same=varied == task)
-
-
-def _argument(value: Any) -> Any:
-    """Return a value in a file as an argument of the environment; a robot that is rigid is none."""
-    return None if value == "rigid" else value
-
-
-def _multiple(own: Any, value: Any) -> Any:
-    """Return a multiple of a number or of a range."""
-    factor = number("times", value, "-", above=0)
-    return [factor * end for end in own] if isinstance(own, (list, tuple)) else factor * own
 
 
 def _label(value: Any) -> str:

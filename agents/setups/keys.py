@@ -1,4 +1,4 @@
-"""Reading the tables of a file; an error is one line with key, value and allowed values."""
+"""Functions that read the tables of a file. An error is one line with key, value and allowed values."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -11,7 +11,7 @@ from impact_gym.validation import distinct, shown
 
 @contextmanager
 def within(place: str) -> Iterator[None]:
-    """Turn an error raised inside into a ValueError that begins with `place`."""
+    """Replace an error that is raised inside by a ValueError whose message begins with `place`."""
     try:
         yield
     except (TypeError, ValueError) as error:
@@ -19,7 +19,7 @@ def within(place: str) -> Iterator[None]:
 
 
 def known(prefix: str, given: Iterable[str], allowed: Iterable[str]) -> None:
-    """Raise ValueError for the first key that is not allowed; names the nearest allowed one."""
+    """Raise ValueError for the first key that is not allowed; the message names the nearest allowed key."""
     names = sorted(allowed) if isinstance(allowed, (set, frozenset)) else list(allowed)
     for key in given:
         if key not in names:
@@ -29,7 +29,7 @@ def known(prefix: str, given: Iterable[str], allowed: Iterable[str]) -> None:
 
 
 def table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, Any]:
-    """Return a table of a file, empty where there is none."""
+    """Return a table of a file; an empty one if the file does not have it."""
     value = content.get(name, {})
     if not isinstance(value, dict):
         raise ValueError(f"{prefix}{name} must be a table, [{prefix}{name}], got {value!r}")
@@ -37,7 +37,7 @@ def table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, 
 
 
 def text(content: Mapping[str, Any], name: str, otherwise: str, prefix: str = "") -> str:
-    """Return the text of a key, in one line."""
+    """Return the text of a key, which must be one line."""
     value = content.get(name, otherwise)
     if not isinstance(value, str) or not re.fullmatch(r"[^\x00-\x1f\x7f]+", value):
         raise ValueError(f"{prefix}{name} must be a text in one line, got {value!r:.80}")
@@ -45,7 +45,7 @@ def text(content: Mapping[str, Any], name: str, otherwise: str, prefix: str = ""
 
 
 def names(field_name: str, given: Any) -> tuple[str, ...]:
-    """Return a list of names, none twice."""
+    """Return a list of names, which must be different."""
     if not isinstance(given, list) or not all(isinstance(name, str) for name in given):
         raise ValueError(f"{field_name} must be a list of names, got {given!r}")
     distinct(field_name, given)

@@ -1,4 +1,4 @@
-"""Set-ups as records, and how their files are read."""
+"""Set-ups as records, and functions that read their files."""
 
 import tomllib
 from collections.abc import Mapping
@@ -24,16 +24,16 @@ TUNED = SHIPPED.parent / "tuned"
 VERSION = 1
 TABLES = ("environment", "training", "baselines", "evaluation")
 INHERITED = ("environment", "training", "evaluation")
-"""Tables whose keys a set-up inherits from the one that it extends."""
-BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
-SEEDS, MOST_SEEDS = 10, 10_000  # trainings of a set-up, unless the file says otherwise, and at most
+"""Tables whose keys a set-up inherits from the set-up that it extends."""
+BUDGET = 4800  # default number of candidates for each time weight
+SEEDS, MOST_SEEDS = 10, 10_000  # default and largest number of trainings of a set-up
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
-"""Set-ups of the README, and of `impact-gym report` by default."""
+"""Set-ups in the README, and the default of `impact-gym report`."""
 RULES = (
     "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile", "DetectorRanged", "FilteredProfile",
     "FirstReadingProfile", "Ranged", "RangedProfile",
 )  # fmt: skip
-"""Rules of `agents.baselines` that a set-up may tune, by name: set-ups are read without importing them."""
+"""Names of the rules in `agents.baselines` that a set-up may tune. Reading a set-up does not import them."""
 FIXED = {
     "paper-trapezoid": "PaperTrapezoid", "random": "RandomActions", "local-brake": "LocalBrake",
     "operator-alone": "OperatorAlone",
@@ -45,18 +45,18 @@ class Tuned(NamedTuple):
     """A baseline that is tuned for a set-up."""
 
     rule: str  # one of RULES
-    rtol: float = Task.rtol  # of the simulation while searching; scores are played at the environment's
-    clean_alarm: bool = False  # whether a switch without errors raises the alarm, as for a teacher
-    jitter: float = 0.0  # of each command while searching, a standard deviation as a share of an action's range
-    scenarios: int = 300  # that each candidate is played through
+    rtol: float = Task.rtol  # tolerance of the simulation during the search; scores use the environment's
+    clean_alarm: bool = False  # whether the alarm has no errors, as for a teacher
+    jitter: float = 0.0  # standard deviation of an error on each command during the search, over the action's range
+    scenarios: int = 300  # number of scenarios that each candidate plays
 
 
-UNSAID = "not said; impact-gym report changes one thing at a time"
+UNSAID = "unknown; impact-gym report changes one argument at a time"
 
 
 @dataclass(frozen=True)
 class Setup:
-    """An arm, its training, and the baselines that its policy is compared with."""
+    """An arm, its training, and the baselines for comparison."""
 
     name: str
     title: str
@@ -64,50 +64,50 @@ class Setup:
     environment: Mapping[str, Any]  # arguments of `gym.make("ImpactApproach-v0", ...)`
     training: Training = field(default_factory=Training)
     tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines by name
-    against: tuple[str, ...] = ()  # baselines beside the paper's rule; the first is the one to beat
+    against: tuple[str, ...] = ()  # baselines for comparison, besides the paper's rule; the first is the main rival
     bound: str = ""  # set-up whose clairvoyant bound also applies here
-    budget: int = BUDGET  # of tuning
+    budget: int = BUDGET  # candidates for each time weight in tuning
     evaluation: Evaluation = field(default_factory=Evaluation)
     fails: str = UNSAID  # where its policy fails, in words
     path: Path = Path()
-    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # shares of the training, and their changed arguments
-    seeds: int = SEEDS  # trained for it, from 0 on
+    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # shares of the training, each with changed arguments
+    seeds: int = SEEDS  # number of trainings, with seeds from 0 on
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:
         """Return the environment of Gymnasium, with `more` arguments."""
         return gym.make("impact_gym:ImpactApproach-v0", **{**self.environment, **more})
 
     def make_vec(self, num_envs: int, **more: Any) -> gym.vector.VectorEnv[Any, Any, Any]:
-        """Return `num_envs` of them as a native batch."""
+        """Return `num_envs` environments as a native batch."""
         return gym.make_vec("impact_gym:ImpactApproach-v0", num_envs=num_envs, **{**self.environment, **more})
 
     @cached_property
     def task(self) -> Task:
-        """The environment's arguments, checked."""
+        """The task of the environment."""
         return Task(**self.environment)
 
     @property
     def shipped(self) -> bool:
-        """Whether it is one of this folder's."""
+        """Whether its file is in this folder."""
         return self.path.parent == SHIPPED
 
     @property
     def called(self) -> str:
-        """What a command line calls it."""
+        """The word for it on a command line: its name if it is shipped, else its path."""
         return self.name if self.shipped else str(self.path)
 
     @property
     def folder(self) -> Path:
-        """Default folder of its results, which are in `policies` and `tuned`."""
+        """Default folder of its results, with the subfolders `policies` and `tuned`."""
         return SHIPPED.parent if self.shipped else Path("runs") / self.name
 
     def describes(self, task: Task) -> bool:
-        """Whether a task is this set-up's, except for arguments that training and evaluation set."""
+        """Whether a task equals this set-up's, except for arguments that training and evaluation choose."""
         return same_environment(self.task, task)
 
 
 def same_environment(here: Task, there: Task) -> bool:
-    """Whether two tasks are the same environment, except for arguments that training and evaluation set."""
+    """Whether two tasks are the same environment, except for arguments that training and evaluation choose."""
     return not {*here.differs_in(there)} & {*SET_UP_ARGUMENTS}
 
 
@@ -127,10 +127,10 @@ def owner(baseline: str) -> Setup | None:
 
 
 def load_setup(name_or_path: str | Path) -> Setup:
-    """Return a set-up that is shipped, by name, or one from a file.
+    """Return a shipped set-up, by name, or a set-up from a file.
 
     Raises:
-        ValueError: there is none, or something in the file is wrong: names file, key, value and what is allowed.
+        ValueError: there is no such set-up, or the file has a mistake: names file, key, value and the allowed values.
     """
     path = named_file("set-up", name_or_path, SHIPPED, ".toml")
     return deepcopy(_loaded(path.resolve(), path.stat().st_mtime_ns))
@@ -145,7 +145,7 @@ def _loaded(path: Path, _: int) -> Setup:
 
 
 def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Return a file's tables; keys that INHERITED tables lack are those of the set-up that it extends."""
+    """Return a file's tables; the INHERITED tables also have the keys of the set-up that the file extends."""
     content: dict[str, Any] = parsed(path, "TOML", tomllib.loads)
     with within(str(path)):
         _read_delays(table(content, "environment"), path.parent)
@@ -221,7 +221,7 @@ def _read_delays(environment: dict[str, Any], folder: Path) -> None:
 
 
 def _mixed(given: Any, task: Task) -> tuple[tuple[float, Mapping[str, Any]], ...]:
-    """Return the shares of a training with other arguments, and these arguments."""
+    """Return the shares of a training that have changed arguments, each with these arguments."""
     parts = []
     for place, part in enumerate(given):
         name = f"training.mixed[{place}]"
@@ -235,15 +235,15 @@ def _mixed(given: Any, task: Task) -> tuple[tuple[float, Mapping[str, Any]], ...
 
 
 def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
-    """Refuse unknown baselines, and weights that no policy is trained for, before hours of training."""
+    """Refuse unknown baselines, and weights outside the training's range, before hours of training."""
     low, high = setup.training.time_weight
     for name in ("weights", "typical", "curve"):
         for weight in np.atleast_1d(getattr(setup.evaluation, name)).tolist():
             if name in given:
                 number(f"evaluation.{name}", weight, "m/s per s", at_least=low, at_most=high)
-            elif name != "curve" and not low <= weight <= high:  # of the default curve some are left out
-                raise ValueError(f"training.time_weight must hold {weight:g} m/s per s, which evaluation.{name} has "
-                                 f"unless the file says otherwise, got {low:g} to {high:g} m/s per s")  # fmt: skip
+            elif name != "curve" and not low <= weight <= high:  # `curve` leaves out such weights by default
+                what = f"{weight:g} m/s per s, a default of evaluation.{name}"
+                raise ValueError(f"training.time_weight must include {what}, got {low:g} to {high:g} m/s per s")
     baselines = {*setup.tuned, *shipped_baselines()}
     known("baselines.against.", setup.against, {*baselines, *FIXED})  # a file may not name code to import
     known("training.teacher.", [setup.training.teacher], {"", *baselines, *FIXED})
@@ -251,7 +251,7 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
 
 
 def _tuned(name: str, given: Any, task: Task) -> Tuned:
-    """Return a baseline of a file, which is a rule or a table with one."""
+    """Return a baseline to tune, which a file gives as the name of a rule or as a table."""
     entry = {"rule": given} if isinstance(given, str) else given
     if not isinstance(entry, dict) or entry.get("rule") not in RULES:
         raise ValueError(f"{name} must be a rule, one of {', '.join(RULES)}, or a table with one, got {given!r}")
@@ -260,7 +260,7 @@ def _tuned(name: str, given: Any, task: Task) -> Tuned:
     flag(f"{name}.clean_alarm", clean_alarm := entry.get("clean_alarm", False))
     for kind, argument in {"Ranged": "range_noise", "Detector": "deflection_sensor"}.items():
         if kind in entry["rule"] and getattr(task, argument) in (None, False):
-            raise ValueError(f"{name}: {entry['rule']} looks at what environment.{argument} adds")
+            raise ValueError(f"{name}: {entry['rule']} needs environment.{argument}")
     jitter = number(f"{name}.jitter", entry.get("jitter", 0.0), "(no unit)", at_least=0.0, at_most=1.0)
     scenarios = whole(f"{name}.scenarios", entry.get("scenarios", Tuned._field_defaults["scenarios"]), at_least=1)
     return Tuned(entry["rule"], rtol, clean_alarm, jitter, scenarios)

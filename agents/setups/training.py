@@ -1,4 +1,4 @@
-"""Settings of a training, the table `[training]` of a set-up's file, with a sentence under each."""
+"""Settings of a training: the table `[training]` of a set-up's file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -11,7 +11,7 @@ from impact_gym.validation import Range, fits_memory, flag, number, whole
 
 Activation = Literal["tanh", "relu"]
 SLOTS = 100_000
-"""Most environments of a training: no two trainings share a seed of their scenarios, see `agents.train.ppo`."""
+"""Largest number of environments of a training: each environment has its own seed, see `agents.train.ppo`."""
 WHOLE: dict[str, tuple[int, float]] = {
     **dict.fromkeys(("steps", "epochs", "imitation_steps", "width", "depth"), (1, inf)),
     **dict.fromkeys(("validate_every", "validation_scenarios", "checkpoint_every"), (1, inf)),
@@ -19,23 +19,23 @@ WHOLE: dict[str, tuple[int, float]] = {
     **dict.fromkeys(("threads", "simulation_threads"), (1, 4096)),
     "envs": (1, SLOTS),
 }
-"""Whole numbers, with the least and the most of each."""
-FEWEST = 8  # numbers of an observation
+"""Limits of the settings that are whole numbers."""
+FEWEST = 8  # smallest number of entries of an observation
 
 
 @dataclass(frozen=True)
 class Training:
-    """Settings of PPO, of the environments it plays in, and of its validation."""
+    """Settings of PPO, of its environments, and of the validation."""
 
     steps: int = 12_000_000
-    """Environment steps in all; rounded up to whole rollouts of all environments."""
+    """Total number of environment steps, rounded up to whole rollouts of all environments."""
     time_weight: Range = (0.3, 8.0)
-    """What a second of approach costs, in m/s of object velocity: log-uniform per episode, and seen by the policy, so
-    that one policy is the whole trade-off. A ranged policy is as late as the paper's rule at 0.45."""
+    """Cost of a second of approach, in m/s of object velocity. Each episode draws it log-uniformly, and the policy
+    observes it, so that one policy covers the whole trade-off."""
     weight_power: float = 0.5
-    """Rewards are divided by (1 + time weight) to this power, so that those of a large weight do not dominate."""
+    """Rewards are divided by (1 + time weight) to this power, so that episodes with a large weight do not dominate."""
     envs: int = 512
-    """Environments side by side."""
+    """Number of parallel environments."""
     batch: int = 2048
     """Samples of a gradient step."""
     rollout: int = 64
@@ -43,41 +43,41 @@ class Training:
     epochs: int = 3
     """Passes over a rollout."""
     gae_lambda: float = 1.0
-    """Trade-off of bias and variance in the advantage. The discount is 1, as an episode ends and its sum counts."""
+    """Trade-off between bias and variance of the advantage. The discount is always 1."""
     entropy: float = 0.0
-    """Bonus on exploration."""
+    """Weight of the entropy bonus, which rewards exploration."""
     clip: float = 0.2
-    """How far a probability may move in an update."""
+    """Largest relative change of an action's probability in an update."""
     log_std: float = -0.8
-    """Initial exploration, logarithm of the standard deviation of the actions."""
+    """Logarithm of the initial standard deviation of the actions."""
     informed_critic: bool = True
-    """The critic, which is not shipped, also sees the true scenario and all other drawn numbers."""
+    """Whether the critic also sees the true scenario and all other drawn numbers. The policy never does."""
     teacher: str = ""
     """Tuned baseline, the set-up's own or a shipped one, to imitate before learning from rewards; "": none."""
     imitation_steps: int = 1_000_000
     """Environment steps of imitation."""
     learning_rate: float = 7e-4
-    """At the start; falls linearly."""
+    """Initial learning rate; it falls linearly."""
     final_rate: float = 0.1
     """Final learning rate over the initial one."""
     width: int = 64
     """Neurons in each hidden layer."""
     depth: int = 2
-    """Hidden layers."""
+    """Number of hidden layers."""
     activation: Activation = "tanh"
     """Activation function of the hidden layers."""
     nominal: float = 0.0
-    """Share of the environments that play the set-up's [evaluation.nominal], where hardly anything is drawn."""
+    """Share of the environments that play the set-up's [evaluation.nominal], in which few numbers are drawn."""
     rtol: float | None = None
-    """Relative error allowed in a contact while training, see `simulate`; None: the environment's, as in validation."""
+    """Relative tolerance of the simulation during training. Default: the environment's; validation always uses that."""
     threads: int = 1
-    """Threads of torch. A second one pays only where no other process wants the core."""
+    """Threads of torch. A second one helps only if a core is free."""
     simulation_threads: int | None = None
-    """Threads of the environments; None: all cores. They change no result."""
+    """Threads of the environments. They do not change the result. Default: one for each core."""
     validate_every: int = 1_000_000
-    """Steps between two plays of the validation set; the policy that does best there is kept."""
+    """Steps between two validations; the policy with the best score is kept."""
     validation_scenarios: int = 1000
-    """Scenarios of it, at most 1,000."""
+    """Scenarios of a validation, at most 1,000."""
     checkpoint_every: int = 2_000_000
     """Steps between two checkpoints."""
 
@@ -105,10 +105,10 @@ class Training:
             QUANTITIES["rtol"].check(self.rtol)
 
     def _fits_memory(self) -> None:
-        """Refuse networks or rollouts that this machine cannot hold, by a lower bound of their memory.
+        """Refuse networks or rollouts that need more memory than this machine has, by a lower bound of their memory.
 
-        A weight of actor and critic is there four times: itself, its gradient and Adam's two moments. Of a step at
-        least the numbers in FEWEST are kept.
+        Actor and critic need four numbers for each weight: the weight, its gradient and Adam's two moments. A rollout
+        keeps at least FEWEST numbers for each step.
         """
         weights = self.width * (FEWEST + (self.depth - 1) * self.width)
         largest = "width" if self.width >= self.depth else "depth"
@@ -117,21 +117,21 @@ class Training:
             fits_memory(name, value, 4 * numbers // value)
 
     def changed(self, changes: Mapping[str, Any]) -> Self:
-        """Return the settings with others by name, as JSON or TOML has them; ValueError: no such setting or value."""
+        """Return the settings with `changes` from JSON or TOML; ValueError: an unknown setting or a wrong value."""
         known("training.", changes, [item.name for item in fields(self)])
         settings: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in changes.items()}
         return replace(self, **settings)  # `__post_init__` checks them
 
     @property
     def round(self) -> int:
-        """Environment steps of a rollout of all environments, after which a checkpoint can be taken."""
+        """Environment steps of a rollout of all environments."""
         return self.envs * self.rollout
 
     @property
     def whole_steps(self) -> int:
-        """Environment steps in all, in whole rollouts."""
+        """Total number of environment steps, in whole rollouts."""
         return -(-self.steps // self.round) * self.round
 
     def rate(self, remaining: float) -> float:
-        """Return the learning rate where this share of the training remains."""
+        """Return the learning rate; `remaining` is the share of the training that remains."""
         return self.learning_rate * (self.final_rate + (1.0 - self.final_rate) * remaining)

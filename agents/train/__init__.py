@@ -1,1 +1,1 @@
-"""Training with stable-baselines3: `ppo` is all of it, from top to bottom."""
+"""Training with stable-baselines3; read `ppo` from top to bottom."""

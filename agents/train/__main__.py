@@ -1,4 +1,4 @@
-"""Train a policy: `impact-gym train [SETUP]`, or with `--seeds` several, of which the median is shipped."""
+"""Train a policy: `impact-gym train [SETUP]`, or with `--seeds` several policies, the median of which is shipped."""
 
 import sys
 from collections.abc import Sequence
@@ -17,30 +17,31 @@ from impact_gym.validation import whole
 
 @dataclass(frozen=True)
 class TrainOptions:
-    """Train a policy on ImpactApproach-v0: a single one, or with --seeds several, of which the median is shipped."""
+    """Train a policy on ImpactApproach-v0, or with --seeds several policies, the median of which is shipped."""
 
     setup: tyro.conf.Positional[str] = "linear-blind"
-    """Set-up by name or file, which has the default settings."""
+    """Set-up, by name or file. It determines the defaults of the settings."""
     training: Annotated[Training, tyro.conf.arg(name="")] = field(default_factory=Training)
     """Settings."""
     seed: int = 0
-    """Seed of the scenarios, the network and the exploration; scenarios are others than in evaluation."""
+    """Seed of scenarios, network and exploration. No seed draws the scenarios of the evaluation."""
     seeds: int | None = None
-    """Train this many seeds, from 0 on, and ship the median by its score on the validation set, with all others in the
-    same file. Finished seeds are kept: the same command continues."""
+    """Number of seeds to train, from 0 on. The policies of all seeds are written into one file; the median by the
+    validation score represents them. Finished seeds are kept; run the same command again to train the remaining
+    ones."""
     out: Path | None = None
-    """Run folder, which must not exist; a new one below runs/ unless given. With --seeds the folder of the run folders,
-    runs/all/SETUP unless given."""
+    """Folder for this training's files. It must not exist yet. Default: a new folder below runs/. With --seeds: folder
+    for the folders of all trainings. Default: runs/all/SETUP."""
     policies: Path | None = None
-    """With --seeds: folder of the file with the policies; that of the shipped ones unless given, for a set-up from a
-    file runs/NAME/policies."""
+    """With --seeds: folder for the file of the policies. Default: the folder of the shipped policies; for a set-up from
+    a file runs/NAME/policies."""
     processes: int = 2
-    """With --seeds: trainings at a time on this machine, each on one core; 0: none but this process."""
+    """With --seeds: number of parallel trainings on this machine, each on one core; 0: train in this process."""
     cluster: str | None = None
-    """With --seeds: train on this Ray cluster instead, one core each: "ray" for the one that runs here, or its address.
-    Its nodes must see the files of set-ups that are not shipped."""
+    """With --seeds: train on this Ray cluster instead, one core each: "ray" for the cluster on this machine, or an
+    address. Its nodes must be able to read the file of a set-up that is not shipped."""
     resume: Path | None = None
-    """Resume the run in this folder, from its last checkpoint and with its settings; allows no other option."""
+    """Resume the run in this folder from its last checkpoint, with its settings. No other option is allowed."""
 
     def __post_init__(self) -> None:
         whole("processes", self.processes, at_least=0)
@@ -51,20 +52,20 @@ class TrainOptions:
 
 
 def read_options(arguments: Sequence[str]) -> TrainOptions:
-    """Return the options on a command line; settings that are not given are the set-up's.
+    """Return the options on a command line; the set-up determines the defaults of the settings.
 
     Raises:
-        ValueError: there is no such set-up, or options beside --resume.
+        ValueError: there is no such set-up, or --resume has other options beside it.
     """
     default = default_options(read_command("train", TrainOptions, arguments).setup)
     options = read_command("train", TrainOptions, arguments, default)
     if options.resume and options != replace(default, resume=options.resume):
-        raise ValueError("--resume takes its settings from the run: give nothing else")
+        raise ValueError("--resume takes all settings from the run: give no other option")
     return options
 
 
 def default_options(setup: str) -> TrainOptions:
-    """Return the options of `impact-gym train SETUP` without any others."""
+    """Return the options of `impact-gym train SETUP` without further options."""
     return TrainOptions(setup, load_setup(setup).training)
 
 
@@ -79,11 +80,6 @@ def run(options: TrainOptions) -> Path:
     return train_seeds(setup, options.training, options.seeds, out, policies, options.processes, options.cluster)
 
 
-def main() -> None:
-    """Train as the command line asks, and print the path of the result."""
-    with command_line("train", "the same command continues with --seeds, --resume with the run folder without"):
-        print(run(read_options(sys.argv[1:])))
-
-
 if __name__ == "__main__":
-    main()
+    with command_line("train", "the same command continues with --seeds; else use --resume with the run folder"):
+        print(run(read_options(sys.argv[1:])))

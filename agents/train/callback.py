@@ -1,4 +1,4 @@
-"""Work between two rollouts: validation, the best policy, checkpoints, learning curves as CSV and for TensorBoard."""
+"""Work between two rollouts: validation, best policy, checkpoints, and learning curves as CSV and for TensorBoard."""
 
 import csv
 import math
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import CSVOutputFormat, KVWriter, TensorBoardOutputFormat
+from stable_baselines3.common.logger import CSVOutputFormat, TensorBoardOutputFormat
 from torch.utils.tensorboard.writer import SummaryWriter
 
 from agents.evaluate import Validation
@@ -24,11 +24,11 @@ from impact_gym.files import write_file
 STEPS = "time/total_timesteps"
 OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
 OnValidation = Callable[[int, dict[str, Any]], None]
-"""Called after each validation with the steps made so far and the result."""
-ROWS = 200  # of a learning curve, at most
-NEARLY_ALL = 0.99  # share of the objects missed: such a policy touches one by accident only
-COLLAPSED = 3  # validations in a row that miss nearly all
-BEGINNING = 0.1  # share of a training in which a policy may miss all objects
+"""Function that gets the number of steps so far and the result, after each validation."""
+ROWS = 200  # largest number of rows of a learning curve
+NEARLY_ALL = 0.99  # share of objects missed; a policy above it touches an object only by accident
+COLLAPSED = 3  # validations in a row with nearly all objects missed: the training has collapsed
+BEGINNING = 0.1  # first share of a training, in which a policy may miss all objects
 
 
 class CollapsedError(RuntimeError):
@@ -36,13 +36,13 @@ class CollapsedError(RuntimeError):
 
 
 class TrainingCallback(BaseCallback):
-    """Validates, logs and saves between two rollouts, after the update."""
+    """Validates, logs and saves between two rollouts."""
 
     def __init__(
         self, folder: Path, setup: Setup, training: Training, environments: ScaledRewards, policy: Callable[[], Policy],
         on_validation: OnValidation | None = None,
     ) -> None:  # fmt: skip
-        """Make one that writes into `folder`; `policy` returns a copy of the model's."""
+        """Make a callback that writes into `folder`; `policy` returns a copy of the model's policy."""
         super().__init__()
         self._folder, self._setup, self._training, self._environments = folder, setup, training, environments
         self._policy, self._on_validation = policy, on_validation
@@ -51,14 +51,14 @@ class TrainingCallback(BaseCallback):
         )
         self.bar: Any = None  # see `agents.command_line.progress`
         self._start_clock()
-        self.kept: dict[str, Any] = {  # all that must survive an interruption
+        self.kept: dict[str, Any] = {  # state that a checkpoint keeps
             "sums": dict.fromkeys(OBJECTIVES, 0.0),
             "episodes": 0,
             "last": {"row": 0, "validation": 0, "checkpoint": 0},
             "best": math.inf,
             "curve": [],  # [steps, score] of each validation
-            "clock": [],  # processor seconds at each
-            "collapsed": 0,  # validations in a row with nearly all objects missed
+            "clock": [],  # processor seconds until each validation
+            "collapsed": 0,  # validations in a row so far with nearly all objects missed
             "seconds": 0.0,
             "processor": 0.0,
         }
@@ -87,7 +87,7 @@ class TrainingCallback(BaseCallback):
             self._write_row()
         if self._due("checkpoint", training.checkpoint_every):
             self._count_time()
-            checkpoint.write(self._folder / "checkpoint.npz", self.model, self._environments, self.kept)
+            checkpoint.write(self._folder / "checkpoint.npz", self.model, self._environments, self.kept, training)
 
     def _on_training_end(self) -> None:
         self._check_weights()
@@ -96,7 +96,7 @@ class TrainingCallback(BaseCallback):
         self._count_time()
 
     def _count_time(self) -> None:
-        """Add the time since it was last counted, by the clock and of the processor."""
+        """Add the time since the last call: seconds by the clock, and of the processor."""
         self.kept["seconds"] += time.perf_counter() - self._begun
         self.kept["processor"] += time.process_time() - self._processor
         self._start_clock()
@@ -108,10 +108,10 @@ class TrainingCallback(BaseCallback):
         return True
 
     def validate(self) -> Policy:
-        """Play the validation set, keep the policy if it is the best so far, and return it.
+        """Play the validation set, save the policy if it is the best so far, and return the policy.
 
         Raises:
-            CollapsedError: it missed nearly all objects, as in the validations before.
+            CollapsedError: the policy misses nearly all objects, as in the validations before.
         """
         steps = self.num_timesteps
         policy = self._policy()
@@ -136,15 +136,15 @@ class TrainingCallback(BaseCallback):
             raise self._collapse("the weights are no longer finite")
 
     def _check_misses(self, missed: float) -> None:
-        """Count the validations in a row with such a share of objects missed; raise when there are too many."""
+        """Count the validations in a row that miss nearly all objects; raise CollapsedError if they are too many."""
         again = missed >= NEARLY_ALL and self.num_timesteps > BEGINNING * self._training.whole_steps
         self.kept["collapsed"] = self.kept["collapsed"] + 1 if again else 0
         if self.kept["collapsed"] >= COLLAPSED:
-            reason = f"{missed:.1%} of the objects missed, nearly all of them {COLLAPSED} validations in a row"
+            reason = f"{missed:.1%} of the objects missed, and nearly all of them in {COLLAPSED} validations in a row"
             raise self._collapse(reason)
 
     def _collapse(self, reason: str) -> CollapsedError:
-        """Return the error: reason, step, and what to try."""
+        """Return the error, with the reason, the step and a remedy."""
         training = self._training
         return CollapsedError(
             f"the training collapsed after {self.num_timesteps:,} of {training.whole_steps:,} steps: {reason}. Try a"
@@ -153,7 +153,7 @@ class TrainingCallback(BaseCallback):
         )
 
     def _write_row(self) -> None:
-        if self.kept["episodes"]:  # else it would be nan
+        if self.kept["episodes"]:  # without an episode the mean would be nan
             for name in OBJECTIVES:
                 self.logger.record(f"objectives/{name}", self.kept["sums"][name] / self.kept["episodes"])
         self.kept |= {"sums": dict.fromkeys(OBJECTIVES, 0.0), "episodes": 0}
@@ -163,34 +163,25 @@ class TrainingCallback(BaseCallback):
         self.logger.dump(step=self.num_timesteps)
 
 
-class _Csv(CSVOutputFormat):
-    """Continues a file after its rows up to `steps`; a resumed training logs the later ones again."""
+class CsvLog(CSVOutputFormat):
+    """Continues a file after its row for `steps`, and drops later rows: a resumed training logs these again."""
 
     def __init__(self, path: Path, steps: int) -> None:
         lines = path.read_text().splitlines(keepends=True) if path.is_file() else []
-        columns = next(csv.reader(lines[:1]), [])
-        kept = [line for line in lines[1:] if line.endswith("\n") and _steps(line, columns) <= steps]
+        columns, *rows = [next(csv.reader([line]), []) for line in lines] or [[]]
+        # a broken line has no number of steps: it counts as later
+        logged = [float(dict(zip(columns, row, strict=False)).get(STEPS) or "inf") for row in rows]
+        kept = [line for line, at in zip(lines[1:], logged, strict=True) if line.endswith("\n") and at <= steps]
         write_file(path, "".join(lines[:1] + kept))
-        super().__init__(os.devnull)  # which would empty the file
+        super().__init__(os.devnull)  # with `path` it would empty the file
         self.file.close()
         self.file, self.keys = path.open("r+"), columns
         self.file.seek(0, os.SEEK_END)
 
 
-def _steps(line: str, columns: list[str]) -> float:
-    """Return the steps at which a line was logged; inf for a broken one."""
-    row = dict(zip(columns, next(csv.reader([line])), strict=False))
-    return float(row.get(STEPS) or "inf")
-
-
-class _TensorBoard(TensorBoardOutputFormat):
-    """Makes TensorBoard drop what an interrupted run logged after its checkpoint."""
+class TensorBoardLog(TensorBoardOutputFormat):
+    """Makes TensorBoard drop the values that an interrupted run logged after its checkpoint."""
 
     def __init__(self, folder: Path, steps: int) -> None:
         self.writer = SummaryWriter(log_dir=str(folder), purge_step=steps + 1 if steps else None)
         self._is_closed = False
-
-
-def outputs(folder: Path, steps: int) -> list[KVWriter]:
-    """Return writers into `folder` for a run that has made `steps` steps."""
-    return [_Csv(folder / "progress.csv", steps), _TensorBoard(folder, steps)]

@@ -1,12 +1,15 @@
-"""Checkpoints: all state that a training needs to resume and to end as if it had not been interrupted.
+"""Checkpoints: the state with which a training resumes, and ends as if it had not been interrupted.
 
-Taken between two rollouts, when the rollout buffer is empty: networks, optimisers, counters, the random states of
-torch, NumPy and Python, the environments with their generators, and the log's unwritten values.
-`torch.load(weights_only=True)` was measured and not taken: it would need NumPy's private names, and notices no damage.
+A checkpoint is taken between two rollouts, when the rollout buffer is empty. It holds the networks, optimisers and
+counters, the random states of torch, NumPy and Python, the environments with their generators, and the values that the
+log has not written yet. The file is an archive instead of torch's format: `torch.load(weights_only=True)` would need
+private names of NumPy, and does not detect a damaged file.
 """
 
+import json
 import random
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +18,17 @@ import torch
 from numpy.typing import NDArray
 
 from agents.archive import read_archive, write_archive
+from agents.setups import Training
 from agents.train.scaling import ScaledRewards
 
 FORMAT = "impact_gym checkpoint 2"
-# stable-baselines3 2.9 has no public way to these; a test trains on from them to the bit.
+# stable-baselines3 2.9 has no public access to these; a test resumes from them to the bit
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
 
 
-def write(path: Path, model: Any, environment: ScaledRewards, callback_state: Mapping[str, Any]) -> None:
+def write(
+    path: Path, model: Any, environment: ScaledRewards, callback_state: Mapping[str, Any], training: Training
+) -> None:
     """Write a checkpoint of a model of stable-baselines3, its `environment` and the callback's state atomically."""
     arrays: dict[str, NDArray[Any]] = {}
     state = {
@@ -34,17 +40,17 @@ def write(path: Path, model: Any, environment: ScaledRewards, callback_state: Ma
         },
         "environment": environment.get_state(),
         "random": {"torch": torch.get_rng_state(), "numpy": np.random.get_state(), "python": random.getstate()},  # noqa: NPY002 - stable-baselines3 draws from it
-        "log": [dict(values) for values in _pending(model)],
+        "log": [dict(values) for values in _unwritten(model)],
         "callback_state": dict(callback_state),
     }
-    write_archive(path, FORMAT, {"state": _pack(state, arrays)}, arrays)
+    write_archive(path, FORMAT, {"settings": asdict(training), "state": _pack(state, arrays)}, arrays)
 
 
-def restore(path: Path, model: Any, environment: ScaledRewards) -> dict[str, Any]:
-    """Restore `model` and `environment`, made from the same settings; return the state of the callback.
+def restore(path: Path, model: Any, environment: ScaledRewards, training: Training) -> dict[str, Any]:
+    """Restore `model` and `environment`, which were made from the same settings; return the state of the callback.
 
     Raises:
-        ValueError: the file is no checkpoint, is damaged, or is one of another model.
+        ValueError: the file is no checkpoint, is damaged, or is a checkpoint of another model.
     """
     content, arrays = read_archive(path, FORMAT)
     state = _unpack(content["state"], arrays)
@@ -62,20 +68,23 @@ def restore(path: Path, model: Any, environment: ScaledRewards) -> dict[str, Any
         np.random.set_state(state["random"]["numpy"])  # noqa: NPY002 - stable-baselines3 draws from it
         random.setstate(state["random"]["python"])
     except (LookupError, TypeError, ValueError, RuntimeError) as error:
-        raise ValueError(f"{path} is a checkpoint of another training: {error}") from error
-    for values, kept in zip(_pending(model), state["log"], strict=True):
+        before, now = content.get("settings", {}), json.loads(json.dumps(asdict(training)))
+        changed = [name for name in now if name in before and before[name] != now[name]]
+        differs = ", ".join(f"{name} is {before[name]!r} in the checkpoint, got {now[name]!r}" for name in changed)
+        reason = differs or " ".join(str(error).split())  # torch's messages have several lines
+        raise ValueError(f"{path} is a checkpoint of another training: {reason}") from error
+    for values, kept in zip(_unwritten(model), state["log"], strict=True):
         values.clear()
         values.update(kept)
     return state["callback_state"]
 
 
-def _pending(model: Any) -> tuple[dict[str, Any], ...]:
-    """Return the values that the log has not written yet."""
+def _unwritten(model: Any) -> tuple[dict[str, Any], ...]:
     return model.logger.name_to_value, model.logger.name_to_count, model.logger.name_to_excluded
 
 
 def _pack(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
-    """Return `value` for JSON, with tensors and arrays moved into `arrays` and replaced by their names there."""
+    """Return `value` as JSON; its tensors and arrays are put into `arrays`, and their names stand in their place."""
     match value:
         case torch.Tensor():
             name = f"tensor_{len(arrays)}"

@@ -1,8 +1,8 @@
-"""PPO that first imitates a baseline, in the states that it visits itself.
+"""PPO that first imitates a baseline, in states that the policy itself visits.
 
 S. Ross, G. Gordon, D. Bagnell, A Reduction of Imitation Learning and Structured Prediction to No-Regret Online
-Learning, AISTATS 2011. PPO does not find behaviour far from its own, such as an approach in pulses, but
-it improves it once it was imitated.
+Learning, AISTATS 2011. PPO alone does not find behaviour far from its own, such as an approach in pulses. After
+imitation of such behaviour, PPO improves it.
 """
 
 from typing import Any
@@ -19,13 +19,13 @@ from impact_gym.task import ActionSpec, ObservationSpec
 
 
 class Teacher:
-    """A baseline to imitate; a tuned one with the parameters that score best at the time weight of an episode."""
+    """A baseline to imitate; a tuned one uses the parameters with the best score at an episode's time weight."""
 
     def __init__(self, setup: Setup, name: str) -> None:
-        """Read a tuned baseline, the set-up's own or a shipped one, or take a fixed one.
+        """Make a teacher from a baseline without parameters, or from a tuned one of the set-up or a shipped one.
 
         Raises:
-            ValueError: there is no such baseline, or it does not fit what the set-up shows.
+            ValueError: there is no such baseline, or the set-up does not observe a number that it needs.
         """
         rules, means, self.checksum = [FIXED[name]()] if name in FIXED else [], [(0.0, 0.0)], name
         if not rules:
@@ -41,10 +41,10 @@ class Teacher:
         self.spec, self.action_size = ObservationSpec.of_rows(tasks), len(ActionSpec(tasks[0]))
 
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
-        """Return its actions (steps, envs, n) at privileged `observations` (steps, envs, n_obs), step by step.
+        """Return the actions (steps, envs, n) at privileged `observations` (steps, envs, n_obs), step by step.
 
-        Where readings raise the alarm, the teacher sees that of a switch instead, which the policy does not see. Its
-        memory is empty at the first step.
+        If noisy readings raise the alarm, the teacher gets the true touch as its alarm, which the policy does not
+        observe. The teacher's memory is empty at the first step.
         """
         spec, time_weight = self.spec, self.spec.decode(observations, "time_weight")
         if "time_since_touch" in spec:
@@ -64,10 +64,10 @@ class Teacher:
 
 
 class PPOWithImitation(PPO):
-    """PPO that imitates a teacher for its first steps; its critic learns from the beginning."""
+    """PPO that imitates a teacher for the first steps; the critic learns from the first step on."""
 
     def __init__(self, *arguments: Any, teacher: Teacher, imitation_steps: int, **options: Any) -> None:
-        """Make one; the other arguments are those of PPO."""
+        """Make a model; `arguments` and `options` are those of PPO."""
         self.teacher, self.imitation_steps = teacher, imitation_steps
         super().__init__(*arguments, **options)
 
@@ -78,7 +78,7 @@ class PPOWithImitation(PPO):
             return
         policy, buffer = self.policy, self.rollout_buffer
         policy.set_training_mode(True)
-        self._update_learning_rate(policy.optimizer)  # stable-baselines3 2.9: as `PPO.train` begins
+        self._update_learning_rate(policy.optimizer)  # stable-baselines3 2.9: `PPO.train` begins like this
         actions = self.teacher.actions(buffer.observations, buffer.episode_starts)
         arrays = (buffer.observations, actions, buffer.returns[..., None])
         columns = [torch.from_numpy(array.reshape(-1, array.shape[-1])) for array in arrays]
@@ -94,5 +94,5 @@ class PPOWithImitation(PPO):
                 torch.autograd.backward(loss + self.vf_coef * value_loss)
                 torch.nn.utils.clip_grad_norm_(policy.parameters(), self.max_grad_norm)
                 policy.optimizer.step()
-            self._n_updates += 1  # likewise: it is part of a checkpoint and of the log
+            self._n_updates += 1  # `PPO.train` counts too; checkpoint and log hold the number
         self.logger.record("train/imitation_loss", float(np.mean(losses)))

@@ -1,7 +1,7 @@
 """Networks of a training: an actor with the controller's observation, and a critic that also sees the true scenario.
 
-The advantage of an action has the same mean with any critic that does not see the action, and less variance with one
-that knows the mass and the distance of the object (Pinto et al. 2018, asymmetric actor critic).
+Any critic that does not see the action leaves the mean of the advantage unchanged. A critic that knows mass and
+distance of the object reduces its variance (Pinto et al. 2018, asymmetric actor critic).
 """
 
 import re
@@ -35,19 +35,21 @@ CENTRE_AND_SPREAD = {
     "restitution": (0.55, 0.25),
     "distance": (0.1, 0.3),
 }
-"""Rough centre and spread of numbers of the observation during a training. The networks take standardised numbers, as
-small differences would be learned late; an exported policy has this in its weights."""
+"""Approximate centre and spread of the observed numbers during a training. The networks get standardised numbers,
+because they would learn small differences late. The weights of an exported policy include the standardisation."""
 
 
 def standardisation(tasks: Sequence[Task]) -> NDArray[np.float64]:
     """Return centres and spreads (2, n_obs) of the common observation of tasks.
 
-    Of a number that is drawn from a range, and is not in the table, they are those of the range; of others 0 and 1.
+    For a number that is not in the table they are mean and standard deviation of its range; without a range, 0 and 1.
     """
     spec, pairs = ObservationSpec.of_rows(tasks), []
     drawn = {name: pair for task in reversed(tasks) for name, pair in task.ranges.items() if pair[0] < pair[1]}
     for name in spec.ids:
-        if (known := CENTRE_AND_SPREAD.get(re.sub(r"_\d$", "", name))) is not None:  # a past reading as the last one
+        if (
+            known := CENTRE_AND_SPREAD.get(re.sub(r"_\d$", "", name))
+        ) is not None:  # a past reading has the entry of the newest one
             pairs.append(known)
         elif name in drawn:
             low, high = spec.encode(name, drawn[name])
@@ -64,7 +66,7 @@ class Standardised(BaseFeaturesExtractor):
     spread: torch.Tensor  # (n_obs,)
 
     def __init__(self, observation_space: spaces.Space[Any], tasks: Sequence[Task]) -> None:
-        """Make one for the observation of tasks."""
+        """Make a layer for the common observation of tasks."""
         centre, spread = torch.tensor(standardisation(tasks), dtype=torch.float32)
         super().__init__(observation_space, len(centre))
         self.register_buffer("centre", centre)
@@ -79,7 +81,7 @@ class AsymmetricPolicy(ActorCriticPolicy):
     """A policy of stable-baselines3 whose critic may see more than its actor."""
 
     def __init__(self, *arguments: Any, actor_inputs: int, **options: Any) -> None:
-        """Make one whose actor sees the first `actor_inputs` numbers, and whose critic sees all."""
+        """Make a policy; the actor sees the first `actor_inputs` numbers, the critic sees all."""
         self.actor_inputs = actor_inputs
         super().__init__(*arguments, **options)
 
@@ -103,7 +105,7 @@ class _TwoViews(MlpExtractor):
 
 
 class FastTanh(torch.nn.Module):
-    """As torch.nn.Tanh, to rounding. NumPy's is eight times as fast where torch uses a slow path of MKL."""
+    """Equal to torch.nn.Tanh within rounding, but by NumPy: eight times faster if torch uses a slow path of MKL."""
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
         """Return tanh of `values`."""
@@ -127,7 +129,7 @@ ACTIVATIONS: dict[str, type[torch.nn.Module]] = {"tanh": FastTanh, "relu": torch
 
 
 def acting_network(policy: ActorCriticPolicy, task: Task, activation: str) -> Network:
-    """Return a copy of a policy's actor on NumPy, which takes observations of `task`, not standardised."""
+    """Return a copy of a policy's actor on NumPy; its input is an observation of `task`, not standardised."""
     linear = [layer for layer in policy.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)]
     layers = [_affine(f"hidden_{place}", layer) for place, layer in enumerate(linear)]
     centre, spread = standardisation([task])

@@ -1,9 +1,9 @@
 """PPO from top to bottom: settings, environments, model, learning, policy. Each training has a run folder.
 
 The folder holds `config.json` (settings, versions, command), `progress.csv` and events for TensorBoard, `best.npz` (the
-policy that did best on the validation set) and `final.npz`, `metrics.json` (with the training rate), and until the end
-`checkpoint.npz`, from which `resume` continues to the same result to the bit. If a training collapsed, `collapsed.txt`
-says why.
+policy with the best validation score), `final.npz`, and `metrics.json` (with the speed of the training). Until the end
+it also holds `checkpoint.npz`, from which `resume` reaches the same result to the bit. If a training has collapsed,
+`collapsed.txt` gives the reason.
 """
 
 import json
@@ -26,8 +26,9 @@ from agents.provenance import circumstances, revision
 from agents.setups import Setup, Training, load_setup
 from agents.setups.feasible import warnings
 from agents.setups.keys import within
+from agents.setups.training import SLOTS
 from agents.train import checkpoint
-from agents.train.callback import CollapsedError, OnValidation, TrainingCallback, outputs
+from agents.train.callback import CollapsedError, CsvLog, OnValidation, TensorBoardLog, TrainingCallback
 from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
 from agents.train.scaling import ScaledRewards
@@ -36,42 +37,42 @@ from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import ObservationSpec, Task
 from impact_gym.validation import whole
 
-FIRST_SEED, SLOTS = 10_000_000, 100_000
-"""Environment i of training seed s is seeded FIRST_SEED + s * SLOTS + i: above all that evaluation uses, and no two
-trainings share any."""
+FIRST_SEED = 10_000_000
+"""Environment i of training seed s has the seed FIRST_SEED + s * SLOTS + i. All seeds of the evaluation are smaller,
+and no two trainings share a seed."""
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "stable-baselines3", "torch")
 
 
 @dataclass(frozen=True)
 class Run:
-    """One training: a set-up, settings (the set-up's own, unless others are tried) and a seed."""
+    """One training: a set-up, settings and a seed."""
 
     setup: Setup
     training: Training
-    seed: int = 0  # of the scenarios, the network and the exploration; scenarios are others than in evaluation
+    seed: int = 0  # seed of scenarios, network and exploration
 
     def __post_init__(self) -> None:
         whole("seed", self.seed, at_least=0)
 
     @cached_property
     def task(self) -> Task:
-        """The task that the policy is for."""
+        """The task of the policy, with the time weights of the training."""
         return self.setup.task.changed({"time_weight": list(self.training.time_weight)})
 
     @property
     def training_task(self) -> Task:
-        """The same with what training adds: another tolerance, and the true scenario for an informed critic."""
+        """The task with the training's tolerance, and with the true scenario for an informed critic."""
         faster = {} if self.training.rtol is None else {"rtol": self.training.rtol}
         return self.task.changed({**faster, "privileged": self.training.informed_critic})
 
     @cached_property
     def teacher(self) -> Teacher | None:
-        """The baseline to imitate first, if there is one."""
+        """The baseline to imitate first; None: there is none."""
         return Teacher(self.setup, self.training.teacher) if self.training.teacher else None
 
     @property
     def slots(self) -> list[dict[str, Any]]:
-        """Changed arguments of each environment: those of `nominal` and of the set-up's `mixed` come last."""
+        """Changed arguments of each environment: first none, then those of the set-up's `mixed`, then `nominal`."""
         shares = (*self.setup.mixed, (self.training.nominal, self.setup.evaluation.nominal))
         others = [dict(changes) for share, changes in shares for _ in range(round(share * self.training.envs))]
         return [{} for _ in range(self.training.envs - len(others))] + others
@@ -83,7 +84,7 @@ class Run:
         return command_of("train", self.training, self.setup.training, self.setup.called, *seed)
 
     def made_for(self) -> dict[str, Any]:
-        """Return everything that the result depends on, as JSON would return it."""
+        """Return everything that determines the result, as values that JSON returns."""
         evaluation, training = self.setup.evaluation, self.training
         settings = {"setup": self.setup.called, "seed": self.seed, **asdict(training)}
         made = {"settings": settings, "environment": self.task.arguments(), "weights": evaluation.weights}
@@ -92,19 +93,15 @@ class Run:
         made |= {"mixed": self.setup.mixed} if self.setup.mixed else {}
         return json.loads(json.dumps(made))
 
-    def record(self) -> dict[str, Any]:
-        """Return the data needed to repeat the run."""
-        return {"command": self.command, **self.made_for(), **revision(), **circumstances(*PACKAGES)}
-
     @classmethod
     def of_record(cls, settings: Mapping[str, Any]) -> "Run":
-        """Return the run whose `made_for` has these settings; ValueError: one is unknown, as of another version."""
+        """Return the run with the settings of `made_for`; ValueError: this version does not have one of them."""
         own = {name: value for name, value in settings.items() if name not in ("setup", "seed")}
         return cls(load_setup(settings["setup"]), Training().changed(own), settings["seed"])
 
 
 def make_environments(run: Run) -> ScaledRewards:
-    """Return the environments a training plays in, see `Run.slots`."""
+    """Return the environments of a training, see `Run.slots`."""
     training, slots = run.training, run.slots if any(run.slots) else None
     threads = training.simulation_threads
     envs = ImpactVecEnv(training.envs, threads=threads, per_slot=slots, **run.training_task.arguments())
@@ -112,7 +109,7 @@ def make_environments(run: Run) -> ScaledRewards:
 
 
 def make_model(run: Run, environments: ScaledRewards) -> PPO:
-    """Return an untrained model; the discount is 1, as an episode ends and its sum counts."""
+    """Return an untrained model. The discount is 1: episodes end, and the aim is the sum of their rewards."""
     training = run.training
     network = {
         "actor_inputs": len(ObservationSpec(run.task)),
@@ -135,17 +132,17 @@ def make_model(run: Run, environments: ScaledRewards) -> PPO:
 
 
 def policy_from(model: PPO, run: Run, provenance: Mapping[str, Any]) -> Policy:
-    """Return a copy of a model's actor, on NumPy."""
+    """Return a copy of a model's actor as a policy on NumPy."""
     network = acting_network(model.policy, run.task, run.training.activation)
     return Policy(network, run.task, provenance)
 
 
 def train(run: Run, out: Path | None = None, on_validation: OnValidation | None = None) -> Path:
-    """Train, write the run folder, and return its path; `on_validation` is called after each validation.
+    """Train, write the run folder, and return its path; each validation calls `on_validation`.
 
     Raises:
-        FileExistsError: the run folder is there already.
-        CollapsedError: the training collapsed; the folder keeps the reason.
+        FileExistsError: the run folder exists already.
+        CollapsedError: the training collapsed; `collapsed.txt` keeps the reason.
     """
     with within(run.setup.called):
         for sentence in warnings(run.task):
@@ -153,30 +150,30 @@ def train(run: Run, out: Path | None = None, on_validation: OnValidation | None 
     stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
     folder = out or Path("runs") / f"{stamp}-{run.setup.name}-seed{run.seed}"
     folder.mkdir(parents=True)
-    record = run.record()
+    record = {"command": run.command, **run.made_for(), **revision(), **circumstances(*PACKAGES)}
     write_file(folder / "config.json", json.dumps(record, indent=2) + "\n")
     return _to_its_end(folder, run, record, on_validation)
 
 
 def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
-    """Resume the run in `folder` from its last checkpoint, or from its beginning, and return the folder.
+    """Resume the run in `folder` from its last checkpoint, or else from the beginning, and return the folder.
 
     Raises:
-        ValueError: there is no run, or it is damaged, of another version, or trained by another process.
-        CollapsedError: the training collapsed; the folder keeps the reason.
+        ValueError: there is no run; or it is damaged, or of another version; or another process is training it.
+        CollapsedError: the training collapsed; `collapsed.txt` keeps the reason.
     """
     try:
         record = json.loads((folder / "config.json").read_text())
         run = Run.of_record(record["settings"])
         if any(record[name] != value for name, value in run.made_for().items()):
-            raise ValueError(f"the set-up {run.setup.called} has changed since")
+            raise ValueError(f"the set-up {run.setup.called} has changed since the run began")
     except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{folder} holds no run that this version can resume: {error}") from error
     return _to_its_end(folder, run, record, on_validation)
 
 
 def _to_its_end(folder: Path, run: Run, record: dict[str, Any], on_validation: OnValidation | None) -> Path:
-    """Finish the training, with the folder locked, and return the folder."""
+    """Finish the training, while the folder is locked, and return the folder."""
     collapsed = folder / "collapsed.txt"
     with writing(f"the run in {folder}"), locked(folder / "lock", wait=False):
         if collapsed.is_file():
@@ -191,10 +188,10 @@ def _to_its_end(folder: Path, run: Run, record: dict[str, Any], on_validation: O
 
 
 def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnValidation | None) -> None:
-    """Make environments and model, learn to the end, write the results."""
+    """Make environments and model, learn to the end, and write the results."""
     training = run.training
     torch.set_num_threads(training.threads)
-    torch.distributions.Distribution.set_default_validate_args(False)  # slow; the environment checks actions
+    torch.distributions.Distribution.set_default_validate_args(False)  # these checks are slow
     environments = make_environments(run)
     model = make_model(run, environments)
     environments.seed(FIRST_SEED + run.seed * SLOTS)
@@ -204,17 +201,18 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
     model.set_logger(log)
     saved = folder / "checkpoint.npz"
     if saved.is_file():
-        callback.kept |= checkpoint.restore(saved, model, environments)
+        callback.kept |= checkpoint.restore(saved, model, environments, training)
         print(f"resuming at step {model.num_timesteps:,} of {training.whole_steps:,} steps")
     else:
         print(f"training for {training.whole_steps:,} steps; torch uses {training.threads} thread(s)")
-    log.output_formats = outputs(folder, model.num_timesteps)
+    done = model.num_timesteps
+    log.output_formats = [CsvLog(folder / "progress.csv", done), TensorBoardLog(folder, done)]
     title = f"{run.setup.name}, seed {run.seed}"
-    with closing(log), closing(progress(title, training.whole_steps, model.num_timesteps)) as callback.bar:
+    with closing(log), closing(progress(title, training.whole_steps, done)) as callback.bar:
         model.learn(
-            training.whole_steps - model.num_timesteps,
+            training.whole_steps - done,
             callback=callback,
-            log_interval=None,  # type: ignore[arg-type]  # none: the callback writes the log (stable-baselines3 2.9)
+            log_interval=None,  # type: ignore[arg-type]  # None: the callback writes the log (stable-baselines3 2.9)
             reset_num_timesteps=not saved.is_file(),
         )
     rule = callback.validation.score(PaperTrapezoid().for_task(run.task))

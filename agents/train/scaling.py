@@ -1,4 +1,4 @@
-"""The rewards of a training, scaled so that episodes with a large time weight do not dominate."""
+"""Scaled rewards of a training, so that episodes with a large time weight do not dominate."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,13 +21,13 @@ class ScaledRewards(VecEnvWrapper):
         self._scale: NDArray[np.float32] = np.ones(envs.num_envs, np.float32)
 
     def reset(self) -> VecEnvObs:
-        """Begin an episode everywhere."""
+        """Begin an episode in each environment."""
         observations = self.venv.reset()
         self._see(observations)
         return observations
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Play a step; the scale is that of the episode the reward belongs to."""
+        """Play a step; the time weight of the episode that made a reward scales it."""
         observations, rewards, ended, infos = self.venv.step_wait()
         rewards = rewards * self._scale
         self._see(observations)
@@ -38,12 +38,12 @@ class ScaledRewards(VecEnvWrapper):
         return {"scale": self._scale, "envs": self._envs.get_state()}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Take over a state that `get_state` returned; ValueError: it is not one of these environments."""
+        """Restore a state from `get_state`; ValueError: it does not fit these environments."""
         scale = taken(state, "scale", self._scale)
         self._envs.set_state(state.get("envs", {}))
         self._scale = scale
 
     def _see(self, observations: VecEnvObs) -> None:
-        """Take the scale from the time weights that `observations` (num_envs, n_obs) show."""
+        """Set the scales from the time weights in `observations` (num_envs, n_obs)."""
         time_weight = self._spec.decode(np.asarray(observations), "time_weight")
         self._scale = np.asarray((1.0 + time_weight) ** -self._power, np.float32)

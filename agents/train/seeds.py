@@ -1,7 +1,7 @@
-"""Trainings of a set-up with several seeds: all policies are kept, the median is shipped.
+"""Trainings of a set-up with several seeds: all policies are kept, and the median one is shipped.
 
-Finished trainings are stored (`agents.jobs`), and one that was killed continues from its checkpoint. On a cluster the
-nodes must see the run folders under the same path for that; otherwise a training whose node is lost starts over.
+Finished trainings are stored by `agents.jobs`, and a killed training resumes from its checkpoint. On a cluster this
+needs run folders under the same path on all nodes; otherwise a training on a lost node starts again.
 """
 
 import json
@@ -19,20 +19,20 @@ from agents.train.ppo import Run, resume, train
 from impact_gym.files import write_file
 
 KEPT = ("config.json", "best.npz", "final.npz", "metrics.json")
-"""Files of a run folder that its job returns; the last one exists once the run is finished."""
+"""Files of a run folder that a job returns; the last one exists only if the run is finished."""
 
 
 def train_seeds(
     setup: Setup, training: Training, seeds: int, out: Path, policies: Path, processes: int | None = None,
     cluster: str | None = None,
 ) -> Path:  # fmt: skip
-    """Train the seeds from 0 on that are missing in `out`, and return the file of all policies, in folder `policies`.
+    """Train the seeds from 0 on, except finished ones in `out`; return the file of all policies in folder `policies`.
 
     Raises:
-        ValueError: a run that is there has other settings.
-        JobsFailedError: trainings failed; the others are done.
+        ValueError: a run in `out` has other settings.
+        JobsFailedError: trainings failed; the others are finished.
     """
-    training = replace(training, simulation_threads=1)  # which changes no result
+    training = replace(training, simulation_threads=1)  # does not change the result
     runs = [Run(setup, training, seed) for seed in range(seeds)]
     folders = [out.resolve() / f"seed-{seed}" for seed in range(seeds)]
     arguments: list[dict[str, Any]] = [
@@ -42,11 +42,12 @@ def train_seeds(
         _refuse_another(**each)
 
     def fill(seed: int, files: Mapping[str, bytes]) -> None:
-        """Write the files of a run made on another machine, or whose folder is gone; print its score."""
+        """Write the files of a run, if its folder is on another machine or was removed; print its score."""
         if not (folders[seed] / KEPT[-1]).is_file():
             for name, content in files.items():
                 write_file(folders[seed] / name, content)
-        print(f"{setup.name}: seed {seed} scored {score(load_policy(folders[seed])):.4f} m/s", flush=True)
+        score = load_policy(folders[seed]).provenance["validation"]["score"]
+        print(f"{setup.name}: seed {seed} scored {score:.4f} m/s", flush=True)
 
     where: dict[str, Any] = {"processes": processes, "cluster": cluster, "title": setup.name}
     cached(train_one, arguments, out / "results", done=fill, **where)
@@ -54,20 +55,16 @@ def train_seeds(
     return Ensemble(trained, median(trained).seed).save(policies / f"{setup.name}.npz")
 
 
-def score(policy: Policy) -> float:
-    """Return a policy's mean cost on the validation set, m/s."""
-    return float(policy.provenance["validation"]["score"])
-
-
 def median(policies: list[Policy]) -> Policy:
-    """Return the policy in the middle by score; of two in the middle, the worse one."""
-    return sorted(policies, key=lambda policy: (score(policy), policy.seed))[len(policies) // 2]
+    """Return the policy with the median score; of the two middle ones, the worse one."""
+    ordered = sorted(policies, key=lambda policy: (policy.provenance["validation"]["score"], policy.seed))
+    return ordered[len(policies) // 2]
 
 
 def train_one(folder: str, made_for: Mapping[str, Any]) -> dict[str, bytes]:
-    """Train, resume or reuse in a folder the run that is `made_for` this; return its files KEPT by name.
+    """Train, resume or reuse the run with the settings `made_for` in a folder; return its files KEPT by name.
 
-    Where the folder cannot be made, as on a node of a cluster without a common one, a temporary one takes its place.
+    If the folder cannot be created, as on a node of a cluster without a common disk, a temporary folder replaces it.
     """
     run = Path(folder)
     with tempfile.TemporaryDirectory(prefix="impact-gym-run-") as elsewhere:
@@ -76,16 +73,16 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> dict[str, bytes]:
         except OSError:
             run = Path(elsewhere) / run.name
         if (run / "config.json").is_file():
-            _refuse_another(str(run), made_for)  # a folder that only this node of a cluster may have
+            _refuse_another(str(run), made_for)  # only this node of a cluster may see the folder
             resume(run)
         else:
-            shutil.rmtree(run, ignore_errors=True)  # killed before it had begun
+            shutil.rmtree(run, ignore_errors=True)  # of a training that was killed before it began
             train(Run.of_record(made_for["settings"]), run)
         return {name: (run / name).read_bytes() for name in KEPT}
 
 
 def _refuse_another(folder: str, made_for: Mapping[str, Any]) -> None:
-    """Raise ValueError if the folder holds a run with other settings."""
+    """Raise ValueError if the folder has a run with other settings."""
     path = Path(folder) / "config.json"
     config = json.loads(path.read_text()) if path.is_file() else made_for
     if any(config.get(name) != value for name, value in made_for.items()):

@@ -1,7 +1,6 @@
 """`impact-gym design SETUP --free NAME=LOW:HIGH ... --out DIR`."""
 
 from agents.command_line import command_of, run_command
-from experiments.design.findings import sentence, summary
 from experiments.design.options import DesignOptions, write_setup
 from experiments.design.study import Search, study_of
 from experiments.lab.study import Run, StudyOptions
@@ -12,7 +11,6 @@ def design(options: DesignOptions) -> None:
     checked, command = options.checked(), command_of("design", options)
     run = Run(study_of(checked), StudyOptions(checked.out, processes=checked.processes), command)
     page = run.write()
-    print(*map(sentence, summary(run.frames["designs"])), sep="\n")
     chosen = Search(checked).chosen(run.frames)
     print(f"set-up: {write_setup(checked.file, checked.arm, chosen.candidate, command)}")
     print(f"results: {page.resolve().as_uri()}")

@@ -47,19 +47,6 @@ def summary(frame: pl.DataFrame) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: (lines.index(row["line"]), row["approach_time"]))
 
 
-def sentence(row: dict[str, Any]) -> str:
-    """Return a row in words."""
-    parts = [
-        f"{row['line']} at {row['allowed']:g}: V_p {row['object_velocity']:.4f} m/s, {row['lower']:.1%} less, at "
-        f"{row['approach_time']:.4f} s",
-        f"deflection {1e3 * row['deflection']:.1f} mm, stroke {1e3 * row['stroke']:.1f} mm, a second blow in "
-        f"{row['second_blow']:.1%}, missed {row['missed']}",
-        f"BEYOND ITS LIMITS by {row['excess']:.2g}" if row["excess"] else "",
-        row["design"],
-    ]
-    return "; ".join(filter(None, parts))
-
-
 def with_unit(name: str, value: float) -> str:
     """Return a number of a design with its unit."""
     return f"{value:.4g} {QUANTITIES[name].unit.removeprefix('-')}".strip()
@@ -142,6 +129,7 @@ def analyse(options: DesignOptions, frames: Frames, _: bool) -> Findings:
             "coupling": "{line}", "time allowed (paper's = 1)": "{allowed:.2f}", "approach (s)": "{approach_time:.4f}",
             "V_p (m/s)": "{object_velocity:.4f}", "lower": "{lower:.1%}", "deflection (mm)": "{deflection:.1f}",
             "stroke (mm)": "{stroke:.1f}", "peak force, 95 % (N)": "{peak_force:.0f}",
-            "second blow": "{second_blow:.1%}", "missed": "{missed}", "design": "{design}",
+            "second blow": "{second_blow:.1%}", "missed": "{missed}", "beyond its limits": "{excess:.2g}",
+            "design": "{design}",
         })]),
     ], {"summary": pl.DataFrame(rows, infer_schema_length=None)})  # fmt: skip

@@ -159,9 +159,7 @@ def search(
     return [{**found, "loss": float(best.loss[0])}]
 
 
-def play(
-    candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any], count: int | None = None
-) -> pl.DataFrame:
+def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any]) -> pl.DataFrame:
     """Return a row for each scenario of a frozen set: scenario, results, deflection and stroke of the tool (m).
 
     The `excess` over the limits concerns all scenarios together and is the same in each row.
@@ -171,11 +169,10 @@ def play(
         tolerance: largest share by which each number of the design differs, drawn anew in each scenario.
         name: of the set.
         limits: fields of `Limits`.
-        count: number of scenarios; all by default.
     """
     player = Candidate(**candidate)
     task = player.task.changed(as_built(player.design, tolerance))
-    stage = ScenarioBatch.of(name, count, task, threads=1)
+    stage = ScenarioBatch.of(name, None, task, threads=1)
     travel = Travel(stage.count)
     played = stage.play(player.controller(), player.contact(stage), travel)
     released = player.released({name: np.array([value]) for name, value in player.design.items()}, 1)

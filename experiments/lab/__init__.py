@@ -1,1 +1,1 @@
-"""What every experiment uses, once: folders of results, tables, pages, charts, statistics, the slow-motion player."""
+"""Shared parts of all experiments: folders of results, tables, pages, charts, statistics, the slow-motion player."""

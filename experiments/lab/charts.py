@@ -38,13 +38,13 @@ mpl.rcParams.update(
 RULE, POLICY, PROFILE, PERSON = palette.RULE, palette.POLICY, palette.PROFILE, palette.PERSON
 FLANGE, TOOL, OBJECT, FORCE = palette.FLANGE, palette.TOOL, palette.OBJECT, palette.FORCE
 SERIES = (RULE, POLICY, PROFILE, PERSON, palette.WARNING, FORCE)
-OTHERS = FLANGE  # when no colour is left
+OTHERS = FLANGE  # if no colour of SERIES is left
 
 
 def save(figure: Figure, path: Path) -> Path:
     """Write `figure` as SVG, with subscripts and without a date, so that equal data give equal files.
 
-    It has no background, and is light or dark as the page around it.
+    The SVG has no background, and is light or dark like the page around it.
     """
     for text in figure.findobj(Text):
         text.set_text(mathtext(text.get_text()))

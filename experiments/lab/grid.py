@@ -1,4 +1,4 @@
-"""The grid of most studies: set-ups x changes x contestants, every contestant in the same scenarios.
+"""The grid of most studies: set-ups x changes x contestants, where all contestants play the same scenarios.
 
 `cells` combines places and contestants, `play` returns a row for each episode, `sample` returns arrays for statistics.
 """
@@ -21,7 +21,7 @@ from impact_gym.task.task import MISSED_COST
 
 PLAYED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.policies.networks", "agents.policies.policy",
           "agents.setups.evaluation")  # fmt: skip
-"""Modules that the result of an episode depends on; set-ups, policies and what was tuned are arguments."""
+"""Modules that the result of an episode depends on; set-ups, policies and tuned baselines are arguments."""
 
 
 class Contestant(NamedTuple):
@@ -38,8 +38,8 @@ class Place(NamedTuple):
     setup: str
     change: str  # in words
     environment: Mapping[str, Any]  # arguments of the environment, without time weight
-    labels: Mapping[str, Any] = {}  # more columns of its rows
-    scenarios: Mapping[str, Any] | None = None  # instead of those of the grid
+    labels: Mapping[str, Any] = {}  # further columns of its rows
+    scenarios: Mapping[str, Any] | None = None  # instead of the grid's scenarios
 
 
 def seeds_of(setup: str, name: str) -> list[Contestant]:
@@ -55,7 +55,7 @@ def cells(
 ) -> Iterator[Cell]:  # fmt: skip
     """Yield a cell for each contestant in each place.
 
-    Scenarios are plain data, see `agents.evaluate.play`; weights are in m/s per s; `more` goes to `play`.
+    Scenarios are plain data, see `agents.evaluate.play`. Weights are in m/s per s. `more` are arguments of `play`.
     """
     for place, contestant in product(places, contestants):
         labels = {"setup": place.setup, "change": place.change, **place.labels}
@@ -79,12 +79,12 @@ def play(
 
 
 def groups(frame: pl.DataFrame, *by: str) -> Iterator[tuple[tuple[Any, ...], pl.DataFrame]]:
-    """Yield each combination of values of some columns with its rows, in the order of first rows."""
+    """Yield each combination of values of some columns with its rows, in the order of their first rows."""
     yield from frame.group_by(by, maintain_order=True)
 
 
 def sample(frame: pl.DataFrame, name: str) -> Floats:
-    """Return a column (seeds, episodes) of the rows of one contestant in one place at one weight."""
+    """Return a column as an array (seeds, episodes), for rows of one contestant in one place at one weight."""
     ordered = frame.sort("seed", "episode")
     return ordered[name].to_numpy().astype(np.float64).reshape(ordered["seed"].n_unique(), -1)
 

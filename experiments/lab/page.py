@@ -1,4 +1,4 @@
-"""Pages: one file with embedded figures, from the template of all studies or one that extends it."""
+"""Pages: one file with embedded figures, from the template of all pages or a template that extends it."""
 
 import base64
 import re
@@ -15,6 +15,8 @@ from impact_gym.files import write_file
 
 EXPERIMENTS = Path(__file__).parents[1]
 INTERVAL = re.compile(r"\[[^][]*\]")
+SYMBOL = re.compile(r"\b([A-Za-z])_([a-z]{1,2}|[A-Z])\b")
+POWER = re.compile(r"\^(?:\(([^()]+)\)|(-?\d+(?:\.\d+)?))")
 
 
 def factor(value: float) -> str:
@@ -25,7 +27,7 @@ def factor(value: float) -> str:
 def typeset(text: str) -> Markup:
     """Return a text with subscripts and powers (V_p, N/m^1.5) as elements and its intervals unbroken."""
     unbroken = INTERVAL.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), str(escape(text)))
-    return Markup(html(unbroken))
+    return Markup(POWER.sub(r"<sup>\1\2</sup>", SYMBOL.sub(r"\1<sub>\2</sub>", unbroken)))
 
 
 MACROS: Mapping[type, str] = {
@@ -37,8 +39,8 @@ MACROS: Mapping[type, str] = {
 def write(folder: Path, template: str, macros: Mapping[type, str] | None = None, **content: Any) -> Path:
     """Write `folder`/index.html from a template below experiments/; return its path.
 
-    The template has the filter `typeset`; `image(name)`, the content of `folder`/NAME.svg as a URI; and
-    `macro_name(part)`, the macro that shows a part of a section. In `content`, `runs` are records as of
+    The template can use the filter `typeset`, `image(name)` (the content of `folder`/NAME.svg as a URI) and
+    `macro_name(part)` (the macro that shows a part of a section). In `content`, `runs` are records of
     `experiments.lab.results.recorded_run`.
     """
     macro_names = {**MACROS, **(macros or {})}
@@ -53,17 +55,8 @@ def write(folder: Path, template: str, macros: Mapping[type, str] | None = None,
     return write_file(folder / "index.html", text.encode(errors="replace"))
 
 
-SYMBOL = re.compile(r"\b([A-Za-z])_([a-z]{1,2}|[A-Z])\b")
-POWER = re.compile(r"\^(?:\(([^()]+)\)|(-?\d+(?:\.\d+)?))")
-
-
-def html(text: str) -> str:
-    """Return escaped text with subscripts and superscripts as elements."""
-    return POWER.sub(r"<sup>\1\2</sup>", SYMBOL.sub(r"\1<sub>\2</sub>", text))
-
-
 def mathtext(text: str) -> str:
-    """Return text with subscripts and superscripts between dollars; text between dollars is unchanged."""
+    """Return text with subscripts and superscripts between dollar signs; text between dollar signs is unchanged."""
     pieces = text.split("$")
     pieces[::2] = [POWER.sub(r"$^{\1\2}$", SYMBOL.sub(r"$\1_{\2}$", piece)) for piece in pieces[::2]]
     return "$".join(pieces)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from experiments.lab.statistics import Estimate
 
-LONG = 80  # characters of a cell that holds a sentence
+LONG = 80  # characters; a cell with more holds a sentence, whose column stays wide on a small screen
 
 
 @dataclass(frozen=True)
@@ -29,16 +29,14 @@ class Table:
         return cls(caption, tuple(columns), body)
 
     @property
-    def words(self) -> list[bool]:
-        """Whether each column holds words: most of its cells are neither a number nor an interval."""
-        columns = zip(*self.rows, strict=False)
-        return [2 * sum(bool(re.match(r"([-+\d]|at (least|most) \d).{,40}$", cell)) for cell in column) < len(self.rows)
-                for column in columns]  # fmt: skip
-
-    @property
-    def long(self) -> list[bool]:
-        """Whether each column has sentences, which stay wide on a small screen."""
-        return [max(map(len, column)) > LONG for column in zip(*self.rows, strict=False)]
+    def classes(self) -> list[str]:
+        """CSS class of each column: "" if half its cells are numbers or intervals, "left", or "left words" if long."""
+        found = []
+        for column in zip(*self.rows, strict=False):
+            numbers = sum(bool(re.match(r"([-+\d]|at (least|most) \d).{,40}$", cell)) for cell in column)
+            long = max(map(len, column)) > LONG
+            found.append("" if 2 * numbers >= len(self.rows) else "left words" if long else "left")
+        return found
 
 
 class Heat(NamedTuple):
@@ -67,7 +65,7 @@ class Picture:
     alternative: str  # text alternative
     caption: str = ""
     heading: str = ""
-    wide: bool = True  # alone in its row
+    wide: bool = True  # whether it is alone in its row
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Folders of results, and the record of the runs that produced them."""
+"""Folders of results, and records of the runs that wrote them."""
 
 import json
 import os
@@ -19,19 +19,19 @@ KEPT = "kept"
 
 
 def csv_of(frame: pl.DataFrame) -> str:
-    """Return a table as CSV in which no text is a formula to a spreadsheet: an apostrophe is put before it.
+    """Return a table as CSV in which a spreadsheet finds no formula: such a text gets an apostrophe before it.
 
-    OWASP, CSV Injection: so does a cell that begins with =, +, -, @, a tab or the end of a line.
+    A text that begins with =, +, -, @, a tab or a line break is read as a formula (OWASP, CSV Injection).
     """
     return frame.with_columns(pl.selectors.string().str.replace(r"^([=+\-@\t\r\n])", "'$1")).write_csv()
 
 
 @contextmanager
 def recorded_run(folder: Path, command: str, packages: Iterable[str]) -> Iterator[list[dict[str, Any]]]:
-    """Record a run of a study in `folder`/results.json; yield the records of all runs, this one complete at the end.
+    """Record a run of a study in `folder`/results.json; yield the records of all runs, this run last.
 
-    A record has the command, the circumstances, the load before and the seconds it took, None if it was stopped.
-    Records start afresh if no results are kept.
+    A record has the command, the circumstances, the load before the run, and its duration in seconds, None if the run
+    was stopped. If the folder keeps no results, earlier records are dropped.
     """
     log = folder / "results.json"
     runs: list[dict[str, Any]] = (

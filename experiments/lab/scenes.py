@@ -1,4 +1,4 @@
-"""The scenes of the paper's sections 2 to 5; what the paper does not print is in docs/provenance.md."""
+"""The scenes of the paper's sections 2 to 5; docs/provenance.md lists numbers that the paper does not print."""
 
 import impact_gym as ig
 from impact_gym.scene import Coupling

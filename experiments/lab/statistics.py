@@ -1,8 +1,8 @@
 """Intervals over training seeds and scenarios by bootstrap, and comparisons of two contestants.
 
-All contestants play the same scenarios, which are therefore resampled once for all (common random numbers); the unit of
-replication of a training is its seed. R. Agarwal et al., Deep Reinforcement Learning at the Edge of the
-Statistical Precipice, NeurIPS 2021, for the probability of improvement.
+All contestants play the same scenarios, so all have the same resamples (common random numbers). A training is
+replicated by its seeds. For the probability of improvement see R. Agarwal et al., Deep Reinforcement Learning at the
+Edge of the Statistical Precipice, NeurIPS 2021.
 """
 
 from dataclasses import dataclass
@@ -29,12 +29,15 @@ class Estimate:
     low: float
     high: float
 
+    def __neg__(self) -> "Estimate":
+        return Estimate(-self.value, -self.high, -self.low)
+
     def __format__(self, spec: str) -> str:
         return f"{self.value:{spec}} [{self.low:{spec}}, {self.high:{spec}}]"
 
 
 class Resamples:
-    """Share of each scenario in each resample; row 0 is the sample itself."""
+    """Share of each scenario in each resample; resample 0 is the sample itself."""
 
     def __init__(self, scenarios: int, resamples: int = RESAMPLES, seed: int = 0) -> None:
         self._seed, self.scenarios, self.count = seed, scenarios, resamples
@@ -43,7 +46,7 @@ class Resamples:
     def means(self, values: Floats) -> Floats:
         """Return the mean of `values` (seeds, ..., scenarios) over seeds and scenarios in each resample: (1 + n, ...).
 
-        Values (scenarios,) are of one seed. Seeds are resampled independently of scenarios, and identically in all
+        Values (scenarios,) belong to one seed. Seeds are resampled independently of scenarios, and identically in all
         calls with the same number of seeds.
         """
         values = np.atleast_2d(values).astype(np.float64)
@@ -59,8 +62,8 @@ class Resamples:
 def _shares(seed: tuple[int, int], units: int, resamples: int) -> Floats:
     """Return the share of each unit in the sample and in each resample (1 + n, units).
 
-    units - 1 are drawn, which makes the variance of a mean unbiased; with ten seeds, drawing ten makes it a tenth too
-    small (J. N. K. Rao, C. F. J. Wu, J. Am. Stat. Assoc. 83 (1988) 231-241).
+    A resample draws units - 1 units, which makes the variance of a mean unbiased. With ten seeds, drawing ten makes the
+    variance a tenth too small (J. N. K. Rao, C. F. J. Wu, J. Am. Stat. Assoc. 83 (1988) 231-241).
     """
     drawn = max(units - 1, 1)
     even = np.full(units, 1.0 / units)
@@ -69,7 +72,7 @@ def _shares(seed: tuple[int, int], units: int, resamples: int) -> Floats:
 
 
 def estimate(resampled: Floats) -> Estimate:
-    """Return the value in row 0 with the percentile interval of the others; non-finite ones are left out."""
+    """Return the value of resample 0 with the percentile interval of the others; non-finite values are left out."""
     finite = resampled[1:][np.isfinite(resampled[1:])]
     tail = 50.0 * (1.0 - CONFIDENCE)
     low, high = np.percentile(finite, [tail, 100.0 - tail]) if finite.size else (np.nan, np.nan)
@@ -77,11 +80,11 @@ def estimate(resampled: Floats) -> Estimate:
 
 
 def tolerated(scores: Floats) -> float:
-    """Return the score that CONTENT of all trainings reach, with CONFIDENCE, from `scores` (n,); more is better.
+    """Return the score that CONTENT of all trainings reach, with CONFIDENCE, from `scores` (n,); higher is better.
 
-    The one-sided tolerance bound of normal scores, mean - k s with k from the noncentral t distribution (G. J. Hahn,
-    W. Q. Meeker, Statistical Intervals, section 4.4); an interval of the mean does not bound a single training. One
-    score gives nan.
+    It is the one-sided tolerance bound of normal scores, mean - k s, with k from the noncentral t distribution (G. J.
+    Hahn, W. Q. Meeker, Statistical Intervals, section 4.4): an interval of the mean does not bound a single training.
+    One score gives nan.
     """
     n = len(scores)
     if n < 2:
@@ -103,7 +106,7 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
 def quantile_groups(values: Floats, count: int) -> list[tuple[NDArray[np.bool_], float, float]]:
     """Return the mask (n,), lower and upper edge of `count` equally large groups of `values` (n,), in order.
 
-    If edges coincide because values repeat, there are fewer groups.
+    If values repeat, edges can coincide; then there are fewer groups.
     """
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
     last = max(len(edges) - 2, 0)
@@ -115,7 +118,7 @@ def quantile_groups(values: Floats, count: int) -> list[tuple[NDArray[np.bool_],
 class Comparison:
     """Bootstrap values (1 + n,) of one measure for two contestants; lower is better; entry 0 is the full sample.
 
-    Both use the same resamples, so common variation cancels.
+    Both have the same resamples, so common variation cancels.
     """
 
     ours: Floats
@@ -129,7 +132,7 @@ class Comparison:
 
     @classmethod
     def of_fronts(cls, ours: Front, theirs: Front) -> Self:
-        """Compare V_p (m/s) of our front with theirs, a single point, at the mean approach time of that point."""
+        """Compare V_p (m/s) of our front with their front, a single point, at the mean approach time of that point."""
         (time,), (velocity,) = theirs[0].T, theirs[1].T
         return cls(along(*ours, time), velocity)
 

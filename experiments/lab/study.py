@@ -1,14 +1,11 @@
-"""A study: a question, the measurement of each of its cells, and the analysis. One runner for all studies.
+"""A study: a question, the measurement of each of its cells, and the analysis. All studies have the same runner.
 
-    cells -> measure -> rows, kept on disk -> a frame for each measurement -> analysis -> page
-
-A study adds cells, a measure and an analysis; storage, progress, options and the page are the same for all.
+cells -> measure -> rows, kept on disk -> a frame for each measurement -> analysis -> page
 """
 
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,11 +25,11 @@ from impact_gym.validation import whole
 Row = Mapping[str, Any]
 Rows = Sequence[Row] | pl.DataFrame
 Frames = Mapping[str, pl.DataFrame]
-LARGE = 50_000  # rows
+LARGE = 50_000  # rows; a table with more is written as Parquet
 SOLVER = tuple(
     f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "to_kernel", "outcome", "simulation")
 )
-"""Modules that every simulated row depends on, beside the compiled solver."""
+"""Modules that each simulated row depends on, besides the compiled solver."""
 
 
 class Cell(NamedTuple):
@@ -44,20 +41,22 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class Measurement:
-    """A table of a study: its cells, and the function that measures one."""
+    """A table of a study: its cells, and the function that measures a cell."""
 
     name: str  # of the table
     cells: Callable[[bool, Frames], Iterable[Cell]]  # arguments: whether the run is quick, and the earlier tables
     measure: Callable[..., Rows]  # a function of a module, which other processes can import
-    depends: tuple[str, ...] = SOLVER  # modules besides that of `measure` whose change makes rows outdated
+    depends: tuple[str, ...] = SOLVER  # modules whose change makes rows outdated, besides the module of `measure`
     failed: Callable[[Row], Row] | None = None  # row of a failed cell, from its labels; None: a failure is an error
-    seconds: float | None = None  # after which a cell has failed
-    processes: int | None = None  # 1: its cells are timed, so they run one after the other; 0: in this process
+    seconds: float | None = None  # time limit of a cell, after which it has failed
+    processes: int | None = None  # 1: cells are timed, so they run one after the other; 0: in this process
 
     @property
     def digest(self) -> str:
         """Digest of the sources that kept rows depend on."""
-        return _digest(tuple(sorted({self.measure.__module__, *self.depends})))
+        modules = {self.measure.__module__, *self.depends}
+        solver = compiled_from() if any(name.startswith("impact_gym") for name in modules) else ""
+        return f"{solver} {digest_of(*modules)}"
 
 
 @dataclass(frozen=True)
@@ -66,18 +65,18 @@ class Findings:
 
     answer: str  # in a sentence or two
     sections: Sequence[Section]
-    tables: Frames = field(default_factory=dict)  # computed from the measured ones, and also written
+    tables: Frames = field(default_factory=dict)  # computed from the measured tables, and written with them
 
 
 @dataclass(frozen=True)
 class Study:
-    """A question, its tables in the order in which they are measured, and their analysis."""
+    """A question, its measurements in their order, and their analysis."""
 
     name: str
     question: str
     measurements: Sequence[Measurement]
     analyse: Callable[[Frames, bool], Findings]  # arguments: the measured frames, and whether the run is quick
-    packages: tuple[str, ...] = ()  # whose versions the page lists besides ours, NumPy's and SciPy's
+    packages: tuple[str, ...] = ()  # further packages whose versions the page lists
 
 
 @dataclass(frozen=True)
@@ -91,37 +90,27 @@ class StudyOptions:
     force: bool = False
     """Measure everything again, not only what is missing or outdated."""
     only: tuple[str, ...] = ()
-    """Only these tables of the study, and the tables that these or the page need."""
+    """Measure only these tables of the study, and the tables that they or the page need."""
     processes: int | None = None
-    """Cells at the same time on this machine. Default: one a core; 0: none but this process."""
+    """Cells at the same time on this machine. Default: one cell per core; 0: all cells in this process."""
     cluster: str | None = None
-    """A Ray cluster instead: "ray" for the one that runs here, or its address."""
+    """Measure on a Ray cluster instead of this machine: "ray" for the cluster that runs here, or an address."""
 
     def __post_init__(self) -> None:
         if self.processes is not None:
             whole("processes", self.processes, at_least=0)
 
 
-@dataclass
 class Run:
-    """A run of a study."""
+    """A run of a study; `command` is the command line that repeats it."""
 
-    study: Study
-    options: StudyOptions
-    command: str = ""  # that repeats it
-    frames: dict[str, pl.DataFrame] = field(init=False)  # measured so far
-
-    def __post_init__(self) -> None:
-        self.frames = _Frames(self)
-
-    @property
-    def folder(self) -> Path:
-        """Folder of tables, figures and the page."""
-        quick = "-quick" if self.options.quick else ""
-        return self.options.out or REPORTS / f"{self.study.name}{quick}"
+    def __init__(self, study: Study, options: StudyOptions, command: str = "") -> None:
+        self.study, self.options, self.command = study, options, command
+        self.folder = options.out or REPORTS / f"{study.name}{'-quick' if options.quick else ''}"
+        self.frames: dict[str, pl.DataFrame] = _Frames(self)  # measured so far
 
     def frame(self, measurement: Measurement) -> pl.DataFrame:
-        """Return the rows of all cells; kept rows are not measured again."""
+        """Return the rows of all cells; cells whose rows are kept are not measured again."""
         cells, row_of = list(measurement.cells(self.options.quick, self.frames)), measurement.failed
 
         def failed(arguments: Mapping[str, Any], reason: str) -> Rows:
@@ -152,7 +141,7 @@ class Run:
                 _ = self.frames[measurement.name]
 
     def write(self) -> Path:
-        """Measure what is missing, write tables, figures and the page, and return the path of the page."""
+        """Measure missing cells, write tables, figures and the page, and return the path of the page."""
         if self.options.force:
             shutil.rmtree(self.folder / KEPT, ignore_errors=True)
         with recorded_run(self.folder, self.command, self.study.packages) as runs:
@@ -167,7 +156,7 @@ class Run:
 
 
 class _Frames(dict[str, pl.DataFrame]):
-    """Tables by name; a table that is not in `only` is measured when another one or the analysis reads it."""
+    """Tables by name; a table that is not in `only` is measured when another table or the analysis reads it."""
 
     def __init__(self, run: Run) -> None:
         super().__init__()
@@ -180,7 +169,7 @@ class _Frames(dict[str, pl.DataFrame]):
 
 
 def _write_table(path: Path, frame: pl.DataFrame) -> str:
-    """Write a table as CSV, or as Parquet if it is large; delete the other kind; return the file's name."""
+    """Write a table as CSV, or as Parquet if it is large; delete a file of the other kind; return the file's name."""
     large = frame.height > LARGE
     file, other = (path.with_suffix(suffix) for suffix in ((".parquet", ".csv") if large else (".csv", ".parquet")))
     with whole_file(file) as stream:
@@ -190,7 +179,7 @@ def _write_table(path: Path, frame: pl.DataFrame) -> str:
 
 
 def frame_of(measured: Iterable[tuple[Row, Rows]]) -> pl.DataFrame:
-    """Return one frame of the rows of all cells, with their labels as first columns; missing values are null."""
+    """Return one frame of the rows of all cells, with the cells' labels as first columns; missing values are null."""
     frames, rows = list[pl.DataFrame](), list[Row]()
     for labels, found in measured:
         if isinstance(found, pl.DataFrame):
@@ -202,12 +191,6 @@ def frame_of(measured: Iterable[tuple[Row, Rows]]) -> pl.DataFrame:
 
 
 def run(study: Study, options: StudyOptions) -> None:
-    """Run a study and print where its page is."""
+    """Run a study and print the address of its page."""
     path = Run(study, options, command_of("study", options, None, study.name)).write()
     print(f"results: {path.resolve().as_uri()}")
-
-
-@cache
-def _digest(modules: tuple[str, ...]) -> str:
-    solver = compiled_from() if any(name.startswith("impact_gym") for name in modules) else ""
-    return f"{solver} {digest_of(*modules)}"

@@ -1,1 +1,1 @@
-"""An exported controller in C at 1 kHz beside a simulated arm in another process, over UDP."""
+"""A controller exported to C runs at 1 kHz and steers a simulated arm in another process, over UDP."""

@@ -1,4 +1,4 @@
-"""`python -m experiments.loop NAME --out DIR`: export a controller, compile its loop in C, and play it at 1 kHz."""
+"""`python -m experiments.loop NAME --out DIR`: export a controller, compile a loop in C, and run it at 1 kHz."""
 
 import json
 import multiprocessing
@@ -25,14 +25,14 @@ SEED = 8_000_000  # of the first approach
 
 @dataclass(frozen=True)
 class Loop:
-    """Play an exported controller at 1 kHz beside a simulated arm in another process, over UDP."""
+    """Export a controller to C, and let it steer a simulated arm in another process at 1 kHz, over UDP."""
 
     controller: tyro.conf.Positional[str]
     """Name of a policy or baseline, or its file, as for export."""
     out: Path
-    """Folder for the header, the loop in C, its program, and what was measured."""
+    """Folder for the header, the loop in C, its program, and the measurements."""
     seconds: float = 60.0
-    """How long approaches are begun."""
+    """Time during which approaches begin, s."""
     time_weight: float = 2.0
     """What a second of approach costs, m/s per s."""
 
@@ -45,38 +45,38 @@ def compiled(subject: Subject, name: str, out: Path) -> Path:
     """Write header and loop.c to `out`, compile them, and return the program.
 
     Raises:
-        ValueError: the arm of this loop lacks what the controller needs, or there is no C compiler.
+        ValueError: the simulated arm lacks a sensor that the controller needs, or there is no C compiler.
     """
     task, name = subject.task, identifier(name)
     if task.operator or task.range_sensor or task.past_readings or task.alarm != "force":
         raise ValueError(f"{name} needs an operator, a range sensor, past readings or an alarm by readings: "
-                         "the arm of this loop has none")  # fmt: skip
+                         "the arm of this loop has no such sensor")  # fmt: skip
     if (compiler := shutil.which("cc") or shutil.which("gcc")) is None:
         raise ValueError("the loop needs a C compiler: there is no cc and no gcc")
     write_header(subject, out / f"{name}.h")
-    told = {"magic": MAGIC.decode(), "silence": SILENCE, "cycle": task.control_period}
-    told |= {"name": name, "top": task.acceleration_range[1]}
-    source = write_file(out / "loop.c", c_text("loop.c.jinja", Path(__file__).parent, **told))
+    names = {"name": name, "magic": MAGIC.decode(), "silence": SILENCE, "cycle": task.control_period}
+    text = c_text("loop.c.jinja", Path(__file__).parent, **names, top=task.acceleration_range[1])
+    source = write_file(out / "loop.c", text)
     flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror"]
     subprocess.run([compiler, *flags, str(source), "-lm", "-o", str(out / "loop")], check=True)
     return out / "loop"
 
 
 def start(subject: Subject, weight: float, seconds: float, out: Path) -> tuple[Any, int]:
-    """Start the arm, and return its process and port; what it has played it writes to `out`, JSON, in the end."""
-    told, port = multiprocessing.Pipe(duplex=False)
-    given = subject.task.arguments(), weight, SEED, seconds, out, port
+    """Start the arm, and return its process and port; at the end it writes its approaches to `out`, JSON."""
+    ours, theirs = multiprocessing.Pipe(duplex=False)
+    arguments = subject.task.arguments(), weight, SEED, seconds, out, theirs
     out.unlink(missing_ok=True)
-    arm = multiprocessing.get_context("spawn").Process(target=serve, args=given)
+    arm = multiprocessing.get_context("spawn").Process(target=serve, args=arguments)
     arm.start()
-    port.close()
-    return arm, told.recv()
+    theirs.close()
+    return arm, ours.recv()
 
 
 def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -> dict[str, float]:
-    """Return ages of the arm's commands (s), and V_p (m/s) beside the environment's in the same scenarios.
+    """Return the age of the arm's commands (s), and V_p (m/s) of the arm and of the environment in the same scenarios.
 
-    There it is played as well with a reaction delay that is longer by the median age.
+    The environment is also played with a reaction delay that is longer by the median age.
     """
     ages, velocity = (np.hstack([each[name] for each in played]) for name in ("ages", "object_velocity"))
     age, delay = float(np.median(ages)), subject.task.ranges["reaction_delay"]
@@ -91,11 +91,7 @@ def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -
 
 
 def run(options: Loop) -> None:
-    """Play, print and keep what was measured.
-
-    Raises:
-        RuntimeError: the watchdog of one side stopped it.
-    """
+    """Play, print the measurements and write them; RuntimeError: the watchdog of one side stopped the loop."""
     subject = of_name(options.controller)
     program = compiled(subject, Path(options.controller).stem, options.out)
     written = options.out / "arm.json"
@@ -104,7 +100,7 @@ def run(options: Loop) -> None:
     arm.join()
     played = json.loads(written.read_text()) if written.is_file() else []
     if controller.returncode or not played or played[-1]["stop"]:
-        raise RuntimeError(controller.stderr.strip() or "the arm was stopped, or has played nothing")
+        raise RuntimeError(controller.stderr.strip() or "the arm was stopped, or played no approach")
     found = json.loads(controller.stdout) | measured(subject, options.time_weight, played)
     write_file(options.out / "loop.json", json.dumps(found, indent=2) + "\n")
     print(

@@ -1,4 +1,4 @@
-"""The simulated arm: the environment in steps of 1 ms of the wall clock, stopped after SILENCE without good packets."""
+"""The simulated arm: the environment in steps of 1 ms by the wall clock; stops after SILENCE without good packets."""
 
 import json
 import math
@@ -22,11 +22,11 @@ MAGIC = b"IGLOOP01"
 PERIOD, SILENCE = 1e-3, 0.1  # s
 COMMAND = struct.Struct("8s4d")  # MAGIC, sequence, stamp (s), velocity (m/s), acceleration (m/s^2)
 EARLY = 1e-3  # s, by which a stamp may be ahead of the arm's clock
-WAIT = 10.0  # s, for a controller's first packet
+WAIT = 10.0  # s, for which the arm waits for a controller's first packet
 
 
 class Line:
-    """The arm's end of the line: sends readings, takes the newest good command, and counts why others are refused."""
+    """The arm's end of the line: sends readings, returns the newest good command, and counts why others are refused."""
 
     def __init__(self, task: Task) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -55,10 +55,10 @@ class Line:
                 continue
             _, self.last, *command = COMMAND.unpack(packet)
             self.peer = peer
-            found = (command[0], command[1], command[2]) if self.last > 0.0 else found  # 0 says hello
+            found = (command[0], command[1], command[2]) if self.last > 0.0 else found  # 0 is a greeting
 
     def refusal(self, packet: bytes, peer: Any, now: float) -> str:
-        """Return why a packet is no good command at `now` (s), "" if it is one."""
+        """Return why a packet is no good command at `now` (s), "" if it is a good one."""
         if self.peer not in (None, peer):
             return "from another address"
         if len(packet) != COMMAND.size or packet[:8] != MAGIC:
@@ -78,9 +78,9 @@ class Line:
 
 
 def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) -> dict[str, Any]:
-    """Play an approach by the wall clock; return its results, ages of commands (s), and how the watchdog stopped it.
+    """Play an approach by the wall clock; return V_p (m/s), ages of commands (s), and the stop of the watchdog.
 
-    Then the flange brakes as fast as it can, and later commands move it no more.
+    After a stop the flange brakes as fast as it can, and later commands have no effect.
     """
     batch.begin_seeded(seed + number, {"time_weight": weight})
     begun = good_at = stamp = line.begun = time.monotonic()
@@ -110,12 +110,12 @@ def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) ->
 def serve(environment: Mapping[str, Any], weight: float, seed: int, seconds: float, out: Path, port: Any) -> None:
     """Send the arm's port to the connection `port`, play approaches for some seconds, and write them to `out`, JSON.
 
-    The scenario of each approach has the next seed, all the time `weight` (m/s per s). After a stop none begins.
+    Each approach draws its scenario from the next seed; all have the time `weight` (m/s per s). A stop is the last.
     """
     task = Task(**{**environment, "control_period": PERIOD, "time_weight": weight})
     line, batch, played = Line(task), Batch(1, task, threads=1), list[dict[str, Any]]()
     port.send(line.socket.getsockname()[1])
-    with suppress(OSError):  # not everybody may
+    with suppress(OSError):  # real-time priority needs a permission
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(50))
     begun = time.monotonic()
     while line.peer is None and time.monotonic() < begun + WAIT:

@@ -1,1 +1,1 @@
-"""A page in the browser on which a person steers the tool, and the files that hold what was played."""
+"""A page in the browser on which a person steers the tool, and the files of tries."""

@@ -16,15 +16,15 @@ from agents.command_line import run_command
 class Play:
     """Steer the tool in the browser, on this machine only, with a chosen delay and assistance.
 
-    It prints the page's address and serves until it is stopped. Every try is saved as a file.
+    The command prints the page's address and serves the page until you stop it. Every try is saved as a file.
     """
 
     setup: Annotated[Positional[str], arg(metavar="[SETUP]")] = "teleop-rigid"
-    """Set-up with an operator, whom the player replaces: a name or a file."""
+    """Set-up with an operator, whose place the player takes: a name or a file."""
     assist: Annotated[str, arg(metavar="NAME")] = "none"
     """Assistance at the arm: none, brake, limit, policy or rule."""
     port: Annotated[int, arg(metavar="PORT")] = 8765
-    """Port of the server; 0 takes a free one."""
+    """Port of the server; 0: any free port."""
     open: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = True
     """Do not open the page in a browser."""
     out: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: runs/play/SETUP)")] = None

@@ -24,16 +24,12 @@ COUPLINGS = {"rigid": "tool fixed", "spring": "on a spring", "bistable": "bistab
 PERSON = {"type": "Person"}
 PERIOD: float = Task.control_period  # s
 RANGES = {"delay": ("s", 0.0, 1.0), "jitter": ("s", 0.0, 0.05), "stiffness": ("N/m", 20.0, 2000.0)}
-"""Units and ranges of the settings: delay of the round trip, jitter of each way, stiffness of a spring."""
+"""Units and ranges of the settings: delay of the round trip, jitter of each channel, stiffness of a spring."""
 RTOL = 1e-12  # so that `simulate` and the environment agree to 1e-9
 
 
 def playable(name: str) -> Setup:
-    """Return a set-up that has an operator.
-
-    Raises:
-        ValueError: unknown name, or the set-up has no operator.
-    """
+    """Return a set-up that has an operator; ValueError: unknown name, or the set-up has no operator."""
     setup = load_setup(name)
     if "operator" not in setup.environment:
         operator, others = '{ type = "Reach", place_error = 0.0, creep = 0.1 }', map(load_setup, shipped())
@@ -47,7 +43,7 @@ def playable(name: str) -> Setup:
 
 
 def related(setup: Setup) -> dict[str, str]:
-    """Return the set-ups of the same family by their coupling: of a shipped one all three, else itself."""
+    """Return set-ups by their coupling: of a shipped set-up the three that differ only in it, else only itself."""
     family, _, kind = setup.called.rpartition("-")
     if setup.shipped and kind in COUPLINGS:
         return {each: f"{family}-{each}" for each in COUPLINGS}
@@ -55,10 +51,9 @@ def related(setup: Setup) -> dict[str, str]:
 
 
 def environment_of(setup: Setup) -> dict[str, Any]:
-    """Return a set-up's arguments without the operator, with the settings' ranges.
+    """Return a set-up's arguments without the operator, with the ranges of the page's settings.
 
-    The values of the settings are numbers of the episode's record, so that tries with one kind of coupling share an
-    environment.
+    The record of an episode holds the values of the settings, so tries with one kind of coupling share an environment.
     """
     environment = {name: value for name, value in setup.environment.items() if name != "operator"} | {"rtol": RTOL}
     for way in WAYS:
@@ -70,15 +65,19 @@ def environment_of(setup: Setup) -> dict[str, Any]:
 
 
 def usual(setup: Setup) -> dict[str, float]:
-    """Return the initial settings: delay of the round trip (s), jitter (s), stiffness of a spring (N/m)."""
+    """Return the initial settings: delay of the round trip (s), jitter (s), stiffness of a spring (N/m).
 
-    def middle(part: str, name: str, share: float = 1.0) -> float:
-        _, low, high = RANGES[name]
-        return float(np.clip(np.mean(setup.environment.get(part, {}).get(name, 0.0)), share * low, share * high))
-
-    settings = {"delay": sum(middle(way, "delay", 0.5) for way in WAYS), "jitter": middle("uplink", "jitter")}
-    spring = setup.environment.get("coupling", {}).get("type") == "SpringDamper"
-    return settings | ({"stiffness": middle("coupling", "stiffness")} if spring else {})
+    They are the middles of the set-up's values, within RANGES.
+    """
+    parts = {"delay": WAYS, "jitter": ("uplink",), "stiffness": ("coupling",)}
+    if setup.environment.get("coupling", {}).get("type") != "SpringDamper":
+        del parts["stiffness"]
+    settings = {}
+    for name, (_, low, high) in RANGES.items():
+        if name in parts:
+            middles = [np.mean(setup.environment.get(part, {}).get(name, 0.0)) for part in parts[name]]
+            settings[name] = float(sum(np.clip(middles, low / len(middles), high / len(middles))))
+    return settings
 
 
 def about(setup: Setup) -> dict[str, Any]:
@@ -96,11 +95,7 @@ def record_of(settings: Mapping[str, float]) -> dict[str, float]:
 
 
 def assistance(name: str, setup: Setup) -> Controller:
-    """Return an assistance for a set-up.
-
-    Raises:
-        ValueError: unknown assistance, or it was not tuned or trained for this set-up.
-    """
+    """Return an assistance for a set-up; ValueError: it is unknown, or was not tuned or trained for this set-up."""
     if name not in NAMES:
         raise ValueError(f"assist must be one of {', '.join(NAMES)}, got {name!r:.80}")
     if name == "policy":

@@ -1,4 +1,4 @@
-// How far objects slide over the time until all is done: the player's tries, coloured by who assisted.
+// The player's tries: how far the object slides over the time until all is done, coloured by the assistance.
 const CHART = {width: 380, height: 270, left: 40, right: 14, top: 22, bottom: 38};
 const HELP = {none: "person", brake: "warning", limit: "profile", policy: "policy", rule: "rule"};
 

@@ -1,7 +1,7 @@
-"""The clock of tries, a process of its own, so that each step is played on time however busy the server is.
+"""The clock of tries runs in its own process, so that each step is played on time however busy the server is.
 
-The server sends the player's input and receives frames with their downlink delay, and the result of each try. If the
-server is killed, the arm stops and the try is saved; a journal saves it if the clock is killed as well.
+The server sends the player's input; it receives frames with their downlink delay, and the result of each try. If the
+server is killed, the clock stops the arm and saves the try. If the clock is killed as well, a journal keeps the try.
 """
 
 import os
@@ -33,11 +33,11 @@ HOLD = 1e-5  # m/s, sent instead of 0 before the touch; 0 would end the try
 
 @dataclass
 class Stick:
-    """The player's velocities with their times of arrival."""
+    """Velocities that the player sends, with their times of arrival."""
 
     inputs: deque[tuple[float, float]] = field(default_factory=lambda: deque([(-1e9, 0.0)], 256))
-    touched: bool = False  # the player has seen the touch
-    let_go: bool = False
+    touched: bool = False  # whether the player has seen the touch
+    let_go: bool = False  # whether the stick is released for the rest of the try
     marks: list[str] = field(default_factory=list)  # why the try is invalid or incomplete
 
     def put(self, velocity: float, came: float) -> None:
@@ -61,15 +61,15 @@ class Stick:
 
 @dataclass
 class Clock:
-    """Plays tries one after another, on request of the server."""
+    """Plays tries one after another, as the server requests them."""
 
     server: Connection
     now: Callable[[], float] = time.perf_counter  # s
     sleep: Callable[[float], None] = time.sleep  # s
     stick: Stick = field(default_factory=Stick)
-    gone: bool = False  # the server has ended
+    gone: bool = False  # whether the server has ended
     wanted: queue.SimpleQueue[tuple[Try, Path, bool] | None] = field(default_factory=queue.SimpleQueue)
-    unsaved: list[tuple[Path, Try]] = field(default_factory=list)  # the disk was full
+    unsaved: list[tuple[Path, Try]] = field(default_factory=list)  # tries for which the disk was full
 
     def listen(self) -> None:
         """Handle messages of the server until it ends."""
@@ -95,7 +95,7 @@ class Clock:
             self.server.send(message)
 
     def play(self, wanted: Try, path: Path, seen: bool) -> None:
-        """Play a try in real time, save it, send its result; `seen`: the object is shown before the touch."""
+        """Play a try in real time, save it and send its result; `seen`: the page shows the object before the touch."""
         try:
             live = Live(wanted)
             self.send(kind="began", setup=wanted.setup, radius=object_radius(live.kept.record["object_mass"]))
@@ -104,7 +104,7 @@ class Clock:
                 self._run(live, seen, journal)
             live.kept.marks.extend(self.stick.marks)
             self.unsaved.append((path, live.finished()))
-            while self.unsaved:  # those for which the disk was full as well
+            while self.unsaved:
                 try_files.write(*self.unsaved[0]).with_suffix(".journal").unlink()
                 self.unsaved.pop(0)
             self.send(kind="ended", entry=entry_of(path.stem, live.kept))
@@ -112,7 +112,7 @@ class Clock:
             self.send(kind="failed", text=str(problem))
 
     def _run(self, live: Live, seen: bool, journal: IO[bytes]) -> None:
-        """Play each step on time until the try or the server ends, and write it to the journal at once."""
+        """Play each step on time until the try or the server ends, and write each step to the journal at once."""
         slow, start, behind, rng = live.kept.slow, self.now(), 0.0, random.Random(live.kept.seed)
         self._record(journal, try_files.to_text(replace(live.kept, operator=PERSON)))
         self._send_frame(live, seen, rng)
@@ -137,7 +137,7 @@ class Clock:
             self.stick.stop("no room for the journal")
 
     def _send_frame(self, live: Live, seen: bool, rng: random.Random) -> None:
-        """Send the state now and one step ahead, with the delay (s) of the downlink."""
+        """Send the present state and the state one step ahead, with the delay (s) of the downlink."""
         now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
         then = now if live.ended else live.ahead()
         late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)
@@ -152,13 +152,13 @@ class Clock:
 
 
 def entry_of(name: str, this: Try) -> dict[str, Any]:
-    """Return the data of a try in the page's chart and table."""
+    """Return the data of a try for the page's chart and table."""
     return {"name": name, "setup": this.setup, "assist": this.assist, "delay": 2.0 * this.record["uplink.delay"],
             "marks": this.marks, **this.result}  # fmt: skip
 
 
 def run(server: Connection, theirs: Connection) -> None:
-    """Run the clock in a process of its own; `theirs` is the server's end of the connection, inherited by the fork."""
+    """Run the clock in its own process; `theirs` is the server's end of the connection, which the fork inherits."""
     theirs.close()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server stops the clock
     clock = Clock(server)

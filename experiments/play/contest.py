@@ -1,12 +1,11 @@
-"""A try played again: the same hand with other help, other couplings and no delay.
+"""Films of a try: the same hand with other help, other couplings and no delay.
 
-Beside it, in a fold of the page, rule and policy in the same scenario.
+Beside them, in a fold of the page, the paper's rule and the learned policy in the same scenario.
 """
 
 import math
 from collections.abc import Mapping
 from contextlib import suppress
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,17 +14,17 @@ from agents.evaluate.scenario_batch import TEST_SEED
 from agents.setups import load_setup
 from experiments.lab import player
 from experiments.lab.player.films import COLUMNS, Run, scene_of
-from experiments.play.assistance import COUPLINGS, PERIOD, assistance, record_of, related, usual
+from experiments.play.assistance import COUPLINGS, PERIOD, record_of, related, usual
 from experiments.play.tries import Live, Try, replayed
 from impact_gym.render.film import History
 
-SECONDS, FIRST_SECONDS = 7.0, 10.0  # length of a film, of the one before anything is played
-COARSE = 5.0  # times the errors of other films, so that it is there at once
+SECONDS, FIRST_SECONDS = 7.0, 10.0  # length of a film, and of the film before anything is played
+COARSE = 5.0  # factor on the allowed errors of other films, so that the film is ready at once
 BEFORE = 0.4  # s, shown before the first touch
 FIRST_FILM_SEED = TEST_SEED + 11
 SENTENCES = {
-    "brake": "The brake at the arm feels the touch at once; it does not wait for you.",
-    "none": "Nobody corrects you: the arm goes on until your command to stop arrives.",
+    "brake": "The brake at the arm senses the touch at once; it does not wait for you.",
+    "none": "Nobody corrects you: the arm moves on until your command to stop arrives.",
     "rigid": "Fixed to the arm, the tool strikes with all of the arm behind it.",
     "spring": "On a spring the light tool strikes first, and the arm pushes only through the spring.",
     "bistable": "The mechanism snaps back at the touch and takes the tool away from the object.",
@@ -34,7 +33,7 @@ SENTENCES = {
 
 
 class Variant(NamedTuple):
-    """A try in a film: what is different, and why that matters."""
+    """A try in a film, with a sentence on what is different and why it matters."""
 
     played: Try
     sentence: str = ""
@@ -47,13 +46,10 @@ def scripted(setup: str, kind: str, seed: int, record: Mapping[str, float]) -> T
 
 
 def again(this: Try, who: str = "You") -> dict[str, Variant]:
-    """Return a try and, by name, what the same commands do with other help, other couplings and without delay."""
+    """Return a try and its variants by name: the same commands with other help, other couplings and without delay."""
     hand = "Your hand" if who == "You" else "Same hand"
-    help_name = "brake" if this.assist == "none" else "none"
-    found = {who: Variant(this)}
-    found[f"{hand}, {'brake on' if help_name == 'brake' else 'no help'}"] = Variant(
-        _changed(this, assist=help_name), SENTENCES[help_name]
-    )
+    other, label = ("brake", "brake on") if this.assist == "none" else ("none", "no help")
+    found = {who: Variant(this), f"{hand}, {label}": Variant(_changed(this, assist=other), SENTENCES[other])}
     for kind, setup in related(load_setup(this.setup)).items():
         if setup != this.setup:
             found[f"{hand}, {COUPLINGS[kind]}"] = Variant(_changed(this, setup=setup), SENTENCES[kind])
@@ -68,21 +64,20 @@ def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Tr
     known = Live(Try(setup, "none", this.seed, {})).kept.record
     record = {name: value for name, value in record.items() if name in known}
     if setup != this.setup:
-        record = record_of(usual(load_setup(setup))) | {
-            name: value for name, value in record.items() if not name.startswith("coupling.")
-        }
+        same = {name: value for name, value in record.items() if not name.startswith("coupling.")}
+        record = record_of(usual(load_setup(setup))) | same
     operator = changes.get("operator", this.operator)
     return Live(Try(setup, assist or this.assist, this.seed, record, operator)).to_end()
 
 
 def _without_delay(this: Try) -> Try:
-    """Return the try of the same hand without a channel: what was commanded while a touch was not yet seen is cut out.
+    """Return the try of the same hand without delay: its commands between the touch and seeing it are left out.
 
-    The arm then touches earlier by the uplink's delay, and the player sees it earlier by that of the downlink.
+    The arm then touches earlier by the uplink's delay, and the player sees the touch earlier by the downlink's delay.
     """
     record, touch, operator = this.record, this.result["touch_time"], this.operator
     silent = {f"{way}.{name}": 0.0 for way in ("uplink", "downlink") for name in ("delay", "jitter")}
-    if velocity := operator.get("velocity"):  # else it is scripted, and sees by itself
+    if velocity := operator.get("velocity"):  # a scripted operator has none, and sees the touch earlier by itself
         sent = math.floor((touch - record["uplink.delay"]) / PERIOD)
         seen = math.ceil((touch + record["downlink.delay"]) / PERIOD)
         kept = [*velocity[: sent + 1], *(velocity[seen:] or velocity[-1:])]
@@ -90,20 +85,13 @@ def _without_delay(this: Try) -> Try:
     return _changed(this, record=record | silent, operator=operator)
 
 
-@cache
-def rivals(setup: str) -> Mapping[str, str]:
-    """Return the assistances with which a scripted operator is compared with a person, where a set-up has them."""
-    found = {"paper's rule": "rule"}
-    with suppress(ValueError):  # no policy was trained for it
-        assistance("policy", load_setup(setup))
-        found["learned policy"] = "policy"
-    return found
-
-
 def beside(this: Try) -> dict[str, Variant]:
-    """Return rule and policy with a scripted operator in the scenario of a try, and the try, by name."""
-    scripts = {name: scripted(this.setup, kind, this.seed, this.record) for name, kind in rivals(this.setup).items()}
-    return {name: Variant(each) for name, each in {**scripts, "you": this}.items()}
+    """Return a try, and the same scenario with a scripted operator and the paper's rule or the learned policy."""
+    found = {}
+    for name, kind in {"paper's rule": "rule", "learned policy": "policy"}.items():
+        with suppress(ValueError):  # no policy was trained for this set-up
+            found[name] = Variant(scripted(this.setup, kind, this.seed, this.record))
+    return found | {"you": Variant(this)}
 
 
 def film(variants: Mapping[str, Variant], seconds: float = SECONDS, compact: bool = True) -> dict[str, Any]:
@@ -113,12 +101,8 @@ def film(variants: Mapping[str, Variant], seconds: float = SECONDS, compact: boo
     """
     replays = {name: replayed(each.played) for name, each in variants.items()}
     runs = {name: Run(History(*each, ended=True), each[1]) for name, each in replays.items()}
-    scene = {
-        "label": "one scenario for all",
-        "number": 0,
-        "compact": compact,
-        **scene_of(runs, COARSE if compact else 1.0),
-    }
+    scene: dict[str, Any] = {"label": "one scenario for all", "number": 0, "compact": compact}
+    scene |= scene_of(runs, COARSE if compact else 1.0)
     for run, variant in zip(scene["runs"], variants.values(), strict=True):
         run["sentence"] = variant.sentence
     scene["clock"] = _fitted(scene, seconds)
@@ -128,7 +112,7 @@ def film(variants: Mapping[str, Variant], seconds: float = SECONDS, compact: boo
 
 
 def _fitted(scene: Mapping[str, Any], seconds: float) -> list[list[float]]:
-    """Return the clock of a scene in a film of `seconds`: a tenth of it for all until BEFORE the first touch."""
+    """Return the clock of a scene, stretched to a film of `seconds`; a tenth of it passes until BEFORE a touch."""
     touches = [run["contacts"][0][0] for run in scene["runs"] if run["contacts"]]
     cut = max(min(touches, default=0.0) - BEFORE, 0.0)
     starts, slower = np.array(scene["clock"]).T
@@ -140,6 +124,6 @@ def _fitted(scene: Mapping[str, Any], seconds: float) -> list[list[float]]:
 
 
 def first_film(setup: str, latest: Try | None) -> dict[str, Any]:
-    """Return the film shown before any input: the latest try, or one of the set-up's operator, played again."""
+    """Return the film that the page shows before any input, of the latest try or else of the set-up's operator."""
     this = latest or scripted(setup, "none", FIRST_FILM_SEED, record_of(usual(load_setup(setup))))
     return film(again(this, "You" if latest else "A scripted hand"), FIRST_SECONDS)

@@ -1,16 +1,16 @@
 // The page: one connection, one stick, one try at a time.
 const part = (id) => document.getElementById(id);
 const GENTLE = 0.01;  // m, below which a slide is gentle
-const IDLE = 10000;  // ms without a key or a touch, until a film is shown
-const PAUSE = 500;  // ms after a try, in which arrows begin no other one
+const IDLE = 10000;  // ms without input, after which a film is shown
+const PAUSE = 500;  // ms after a try in which arrows do not begin the next one
 const MOST_TRIES = 200;  // on the chart
-const BEAT = 60, LEAST = 6;  // ms, between two messages at the most and at the least
-const AHEAD_OF_EYES = 12;  // ms, until what is drawn now is seen
+const BEAT = 60, LEAST = 6;  // ms, longest and shortest time between two messages
+const AHEAD_OF_EYES = 12;  // ms from drawing a picture until the screen shows it
 const page = {
   hello: null, socket: null, stage: null, frame: null, came: 0, running: false, asked: false, player: false,
   tries: [], sent: NaN, sentAt: 0, overAt: 0, round: 0, played: null, playedRound: 0, looked: false, film: 0,
 };
-const set_up = {};  // what the buttons below Settings say
+const set_up = {};  // values of the buttons below Settings
 
 function send(message) {
   if (page.socket && page.socket.readyState === WebSocket.OPEN) page.socket.send(JSON.stringify(message));
@@ -35,7 +35,7 @@ function banner(text, label, action) {
   if (label) html("button", {type: "button"}, box, label).addEventListener("click", action);
 }
 
-// The stick's deflection goes out at once, but not more often than the server listens; unchanged it goes as a beat.
+// Send a changed deflection at once, but not more often than the server allows; repeat an unchanged one every BEAT.
 function steer(now) {
   if (!page.player || !(page.running || page.asked)) return;
   const value = stick.value, gap = now - page.sentAt;
@@ -60,7 +60,7 @@ function end() {
   if (page.running) send({done: 1});
 }
 
-// The last try again, with the brake if nobody helped, and else without help; the settings stay as they are.
+// Repeat the last try with the brake if it had no help, else without help; the settings do not change.
 function otherHelp() {
   return page.tries.length && page.tries[page.tries.length - 1].assist === "none" ? "brake" : "none";
 }
@@ -147,7 +147,7 @@ async function fetched(where) {
   return answer.json();
 }
 
-// Show a try played again, or without a name the film that is shown before any input.
+// Show the film of a try, or without a name the first film.
 async function film(name, box = part("film"), where = "film") {
   const number = box === part("film") ? ++page.film : page.film, found = box.closest("details");
   try {
@@ -183,7 +183,7 @@ function result(entry) {
   const headline = entry.missed ? "You did not touch it." : `It slid ${centimetres(entry.slide)}, done after ${entry.done_time.toFixed(1)} s.`;
   html("p", {class: "big"}, box, headline);
   const score = [];
-  if (entry.missed) score.push("Push farther: it stands in the shaded range.");
+  if (entry.missed) score.push("Push farther: the object is in the shaded range.");
   else score.push(entry.slide < GENTLE ? "Gentle!" : "Under 1 cm is gentle.");
   if (Number.isFinite(best)) score.push(`Best so far: ${centimetres(best)}.`);
   html("p", {}, box, score.join(" "));
@@ -245,7 +245,7 @@ const HEARD = {
     if (page.hello.setups[message.setup] && set_up.setup !== message.setup) choose({setup: message.setup});
     layout();
     page.stage.begin(message.radius);
-    write("state", `${page.played && page.played.assist === "brake" ? "brake on: " : ""}go on until you touch`);
+    write("state", `${page.played && page.played.assist === "brake" ? "brake on: " : ""}push until you touch`);
     part("film").replaceChildren();
     part("beside").hidden = true;
     ready();
@@ -306,7 +306,7 @@ function connect() {
     part("go").disabled = part("help").disabled = true;
     const retry = event.code !== 1012 && event.code !== 1006;
     banner(retry ? `The server closed the connection: ${event.reason || "no reason given"}.`
-      : "The server has stopped; the tries that ended are kept. Start it again and open the address that it prints.",
+      : "The server has stopped; the tries that ended are kept. Start it again, then open the address that it prints.",
       retry ? "Connect again" : "", connect);
   });
 }
@@ -324,7 +324,7 @@ part("theme").addEventListener("click", () => {
   if (next === "system") delete root.dataset.theme; else root.dataset.theme = next;
   part("theme").textContent = `theme: ${next}`;
 });
-document.addEventListener("click", (event) => {  // by mouse or finger; after a key the focus stays, as in the film
+document.addEventListener("click", (event) => {  // by mouse or finger; after a key the focus stays
   if (event.detail && event.target.closest("button, summary, input, select")) toStick();
 });
 for (const name of ["keydown", "pointerdown"]) addEventListener(name, () => { page.looked = true; }, {once: true});

@@ -1,24 +1,22 @@
-"""The server of the page: local only, open to anyone with the address, with limits on requests and messages."""
+"""The server of the page: on this machine only, open to anyone with the address, with limits on what it receives."""
 
 import asyncio
+import json
+import logging
 import secrets
 import socket
 import time
-from collections import deque
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
-from functools import partial
+from collections.abc import Callable
+from contextlib import suppress
+from http import HTTPStatus
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
+from urllib.parse import unquote
 
-import uvicorn
-from starlette.applications import Starlette
-from starlette.datastructures import Headers
-from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
-from starlette.routing import Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
-from uvicorn.protocols.http.h11_impl import H11Protocol
+from websockets.asyncio import server
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
 
 from experiments.lab import player
 from experiments.play.clock import STOPPED
@@ -29,38 +27,29 @@ HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
 SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "settings.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
 MAX_CLIENTS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # pages, bytes, messages a second
-TIME_LIMIT = 5.0  # s, for a page that does not read and a connection without a request
+TIME_LIMIT, FILM_LIMIT = 5.0, 60.0  # s, for a connection without a request and a page that does not read; for a film
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff", "Cache-Control": "no-store",
-    "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Resource-Policy": "same-origin", "Connection": "close",
 }  # fmt: skip
+RESTART = 1012  # code with which a server that stops closes its connections
 
 
-class Connection(H11Protocol):
-    """A connection that is closed after TIME_LIMIT without a request, or as the oldest of more than 256 without one."""
-
-    waiting: ClassVar = deque["Connection"](maxlen=256)
+class Connection(server.ServerConnection):
+    """A connection that is closed after TIME_LIMIT without a request."""
 
     def connection_made(self, transport: Any) -> None:
         """Start the time limit."""
         super().connection_made(transport)
-        self.loop.call_later(TIME_LIMIT, self.leave)
-        if len(self.waiting) == self.waiting.maxlen:
-            self.waiting[0].leave()
-        self.waiting.append(self)
-
-    def leave(self) -> None:
-        """Close, unless a request has arrived."""
-        if self.cycle is None and self in self.connections:
-            self.transport.abort()
+        self.loop.call_later(TIME_LIMIT, lambda: self.request or transport.abort())
 
 
 class Client:
-    """A connected page: it receives messages in order, as fast as it reads them; of waiting frames only the newest."""
+    """A connected page. It receives messages in order, as fast as it reads them; a new frame replaces a waiting one."""
 
-    def __init__(self, socket: WebSocket) -> None:
+    def __init__(self, socket: server.ServerConnection) -> None:
         self.socket, self._queue, self._has_messages = socket, list[dict[str, Any]](), asyncio.Event()
         self._allowance, self._last_message = RATE, time.monotonic()
 
@@ -73,22 +62,22 @@ class Client:
 
     async def send(self) -> None:
         """Send queued messages until the page disconnects or does not read."""
-        with suppress(TimeoutError, RuntimeError, WebSocketDisconnect):
+        with suppress(TimeoutError, ConnectionClosed):
             while await self._has_messages.wait():
                 self._has_messages.clear()
                 while self._queue:
-                    await asyncio.wait_for(self.socket.send_json(self._queue.pop(0)), TIME_LIMIT)
+                    await asyncio.wait_for(self.socket.send(json.dumps(self._queue.pop(0))), TIME_LIMIT)
 
     async def receive(self) -> Any:
         """Return the next message of the page.
 
         Raises:
-            ValueError: too many messages, or no JSON.
-            WebSocketDisconnect: the page has disconnected.
+            ValueError: too many messages, or a message is not JSON.
+            ConnectionClosed: the page has disconnected.
         """
         try:
-            message = await self.socket.receive_json()
-        except (KeyError, ValueError, RecursionError):  # KeyError: bytes
+            message = json.loads(await self.socket.recv())
+        except (ValueError, RecursionError):
             raise ValueError("a message must be JSON") from None
         before, self._last_message = self._last_message, time.monotonic()
         self._allowance = min(self._allowance + RATE * (self._last_message - before), RATE) - 1.0
@@ -97,101 +86,108 @@ class Client:
         return message
 
 
-def foreign(scope: Any, token: str, port: int) -> str | None:
+def foreign(request: Request, token: str, port: int) -> str | None:
     """Return why a request is not from our page: another host (DNS rebinding), origin or token; None if it is."""
-    hosts = {f"{name}:{port}" for name in (HOST, "localhost")}
-    host, origin = map(Headers(scope=scope).get, ("host", "origin"))
-    if host not in hosts:
+    hosts = [f"{name}:{port}" for name in (HOST, "localhost")]
+    host, origin = map(request.headers.get_all, ("Host", "Origin"))
+    if len(host) != 1 or host[0] not in hosts:
         return "another host"
-    if origin not in {f"http://{host}" for host in hosts} and (origin is not None or scope["type"] == "websocket"):
+    if origin not in [[f"http://{each}"] for each in hosts] and (origin or "Upgrade" in request.headers):
         return "another origin"
-    given = f"{scope['path']}/".split("/")[1].encode("utf-8", "replace")  # `OPTIONS *` has no path
-    return None if secrets.compare_digest(given, token.encode()) else "another token"
+    given = f"{request.path.partition('?')[0]}/".split("/")[1]  # `OPTIONS *` has no path
+    return None if secrets.compare_digest(given, token) else "another token"
 
 
-def application(session: Session, token: str, port: int, ready: Callable[[str], None]) -> Callable[..., Any]:
-    """Return the ASGI application below /token/, which answers our own page only."""
-    styles = "\n".join([(LAB / "page.css").read_text(), player.style(), (HERE / "play.css").read_text()])
-    program, page = player.script(*SCRIPTS), (HERE / "page.html.jinja").read_text()
+def reply(status: int, text: str, kind: str = "text/plain") -> Response:
+    """Return an answer with our headers."""
+    body = text.encode(errors="replace")
+    about = {"Content-Type": f"{kind}; charset=utf-8", "Content-Length": str(len(body))}
+    return Response(status, HTTPStatus(status).phrase, Headers(HEADERS | about), body)
 
-    def fixed(content: str, kind: str) -> Callable[[Request], Response]:
-        return lambda _: Response(content, 200, HEADERS, kind)
 
-    def film(request: Request) -> Response:
-        name, beside = request.path_params.get("name", ""), "/beside/" in request.url.path
+class Site:
+    """The page, its style sheet and script, its films and its messages, below /token/; it answers our own page only."""
+
+    def __init__(self, session: Session, token: str, port: int) -> None:
+        self.session, self.token, self.port = session, token, port
+        styles = [(LAB / "page.css").read_text(), player.style(), (HERE / "play.css").read_text()]
+        self.files = {
+            "": ((HERE / "page.html.jinja").read_text(), "text/html"),
+            "play.css": ("\n".join(styles), "text/css"),
+            "play.js": (player.script(*SCRIPTS), "text/javascript"),
+        }
+
+    async def answer(self, _connection: server.ServerConnection, request: Request) -> Response | None:
+        """Return the answer to a request; None: the request opens a connection for messages."""
+        session = self.session
+        if wrong := foreign(request, self.token, self.port):
+            session.refused[wrong] += 1
+            return reply(403, f"{wrong}\n")
+        if request.method != "GET":
+            return reply(405, "only GET\n")
+        kind, _, name = request.path.partition("?")[0].removeprefix(f"/{self.token}/").partition("/")
+        if kind == "ws":
+            if len(session.clients) < MAX_CLIENTS:
+                return None
+            session.refused["too many pages"] += 1
+            return reply(503, f"at most {MAX_CLIENTS} pages\n")
+        if kind in self.files and not name:
+            return reply(200, *self.files[kind])
+        if kind not in ("film", "beside"):
+            return reply(404, "not found\n")
         try:
-            return JSONResponse(session.film(name, beside), 200, HEADERS)
+            film = await asyncio.to_thread(session.film, unquote(name), kind == "beside")
         except (OSError, RuntimeError, ValueError, TypeError, LookupError) as problem:
-            return Response(str(problem), 404, HEADERS, "text/plain")
+            return reply(404, str(problem))
+        return reply(200, json.dumps(film), "application/json")
 
-    @asynccontextmanager
-    async def life(_: Starlette) -> AsyncIterator[None]:
+    async def serve_page(self, page: server.ServerConnection) -> None:
+        """Serve a connected page until it disconnects or breaks a limit."""
+        session, client, why = self.session, Client(page), "the page was closed"
+        session.join(client)
+        sender = asyncio.create_task(client.send())
+        try:
+            while not sender.done():
+                session.handle(client, await client.receive())
+            why = "the page did not read"
+        except ValueError as problem:
+            session.refused[why := str(problem).partition(", got ")[0][:120]] += 1  # without the page's own text
+        except ConnectionClosed as gone:
+            why = STOPPED if gone.sent and gone.sent.code == RESTART else why
+        finally:
+            session.leave(client, why)
+            sender.cancel()
+        await page.close(1008, why)
+
+
+async def _run(session: Session, listening: socket.socket, ready: Callable[[str], None]) -> None:
+    """Serve until cancelled."""
+    token, port = secrets.token_urlsafe(16), listening.getsockname()[1]
+    site = Site(session, token, port)
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # refusals are counted instead
+    running = await server.serve(
+        site.serve_page, sock=listening, process_request=site.answer, create_connection=Connection, server_header=None,
+        compression=None, max_size=MESSAGE_BYTES, open_timeout=FILM_LIMIT, close_timeout=1.0,
+        ping_interval=5.0, ping_timeout=10.0,
+    )  # fmt: skip
+    try:
         asyncio.get_running_loop().add_reader(session.pipe.fileno(), session.listen)
         ready(f"http://{HOST}:{port}/{token}/")
-        yield
-        session.close()
-
-    routes = [
-        Route("/{token}/", fixed(page, "text/html")),
-        Route("/{token}/play.css", fixed(styles, "text/css")),
-        Route("/{token}/play.js", fixed(program, "text/javascript")),
-        Route("/{token}/film", film), Route("/{token}/film/{name}", film), Route("/{token}/beside/{name}", film),
-        WebSocketRoute("/{token}/ws", partial(_serve_page, session)),
-    ]  # fmt: skip
-    app = Starlette(routes=routes, lifespan=life)
-
-    async def guarded(scope: Any, receive: Any, send: Any) -> None:
-        why = None if scope["type"] == "lifespan" else foreign(scope, token, port)
-        if why is None:
-            return await app(scope, receive, send)
-        session.refused[why] += 1
-        await Response(f"{why}\n", 403, HEADERS, "text/plain")(scope, receive, send)
-
-    return guarded
-
-
-async def _serve_page(session: Session, page: WebSocket) -> None:
-    """Serve a connected page until it disconnects or breaks a limit."""
-    if len(session.clients) >= MAX_CLIENTS:
-        session.refused["too many pages"] += 1
-        await page.send_denial_response(Response(f"at most {MAX_CLIENTS} pages\n", 503, HEADERS, "text/plain"))
-        return
-    await page.accept()
-    client, why = Client(page), "the page was closed"
-    session.join(client)
-    sender = asyncio.create_task(client.send())
-    try:
-        while not sender.done():
-            session.handle(client, await client.receive())
-        why = "the page did not read"
-    except ValueError as problem:
-        session.refused[why := str(problem).partition(", got ")[0][:120]] += 1  # without the page's own text
-    except WebSocketDisconnect as gone:
-        why = STOPPED if gone.code == 1012 else why  # code of a server that shuts down
+        await running.wait_closed()
     finally:
-        session.leave(client, why)
-        sender.cancel()
-    with suppress(RuntimeError, TimeoutError, WebSocketDisconnect):  # already disconnected
-        await asyncio.wait_for(page.close(1008, why), TIME_LIMIT)
+        running.close(code=RESTART)
+        await running.wait_closed()
 
 
 def serve(session: Session, port: int, ready: Callable[[str], None]) -> None:
-    """Serve until stopped; `ready` is called with the address once it answers.
+    """Serve until stopped; `ready` is called with the address once the server answers.
 
     Raises:
         ValueError: the port is in use or out of range.
     """
     number("port", port, "-", at_least=0, at_most=65535)
     try:
-        sock = socket.create_server((HOST, port))
+        listening = socket.create_server((HOST, port))
     except OSError as problem:
         raise ValueError(f"port must be a free one, or 0 for any, got {port}: {problem}") from None
-    token, port = secrets.token_urlsafe(16), sock.getsockname()[1]
-    config = uvicorn.Config(
-        application(session, token, port, ready), log_config=None, log_level="critical", access_log=False,
-        server_header=False, date_header=False, http=Connection, h11_max_incomplete_event_size=8192,
-        ws_max_size=MESSAGE_BYTES, ws_per_message_deflate=False, ws_ping_interval=5.0, ws_ping_timeout=10.0,
-        timeout_graceful_shutdown=3,
-    )  # fmt: skip
-    with sock:
-        uvicorn.Server(config).run(sockets=[sock])
+    asyncio.run(_run(session, listening, ready))

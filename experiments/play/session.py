@@ -1,4 +1,4 @@
-"""Between pages and clock: which page steers, which requests are valid, which messages go to the pages."""
+"""Between pages and clock: decides which page steers, checks requests, and forwards messages of the clock."""
 
 import asyncio
 import multiprocessing
@@ -20,7 +20,7 @@ MAX_ON_CHART = 200  # tries
 
 
 class Session:
-    """One player at a time and watchers; one try at a time."""
+    """One page steers and the others watch; one try at a time."""
 
     def __init__(self, setup: Setup, assist: str, folder: Path) -> None:
         """Read the tries in a folder and start the clock.
@@ -29,14 +29,17 @@ class Session:
             ValueError: unknown assistance, or another server uses the folder.
         """
         assistance(assist, setup)
-        self._lock = ExitStack()  # held by the clock as well, which is forked from this process
+        self._lock = ExitStack()  # the clock holds it too, as it is forked from this process
         self._lock.enter_context(locked(folder / ".lock", wait=False))
         self.setup, self.assist, self.folder = setup.called, assist, folder
         self.clients: list[Any] = []  # the player is the first
         self.refused: Counter[str] = Counter()
         self.setups = {name: about(playable(name)) for name in related(setup).values()}
-        self.busy, self._speeds = False, (-1.0, 1.0)  # a try is in progress; least and largest velocity of its arm, m/s
-        self._seen_at, self._newest = 0.0, -1  # time at which its last frame is shown, s; number of the newest shown
+        self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is in progress; its arm's velocity range, m/s
+        self._seen_at, self._newest = (
+            0.0,
+            -1,
+        )  # time at which its last frame is shown, s; number of the newest frame shown
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
         self.left_out = try_files.recover(folder)  # why files in the folder are not shown
         for path in sorted(folder.glob("*.json")):
@@ -52,11 +55,7 @@ class Session:
         theirs.close()
 
     def handle(self, client: Any, message: Any) -> None:
-        """Handle a message of a page.
-
-        Raises:
-            ValueError: the message is invalid.
-        """
+        """Handle a message of a page; ValueError: the message is invalid."""
         one_of("message", message, dict)
         if len(message) != 1:
             raise ValueError("a message must have one key")
@@ -96,7 +95,7 @@ class Session:
         self._send("play", (wanted, self.folder / f"{datetime.now():%Y%m%d-%H%M%S-%f}.json", options["seen"]))
 
     def join(self, client: Any) -> None:
-        """Add a page and send it set-ups, assistances, limits of its controls and earlier tries."""
+        """Add a page; send set-ups, assistances, limits of the page's controls and earlier tries to it."""
         self.clients.append(client)
         client.enqueue({
             "kind": "hello", "setups": self.setups, "setup": self.setup, "assists": NAMES, "assist": self.assist,
@@ -121,7 +120,7 @@ class Session:
             self.pipe.send((word, value))
 
     def listen(self) -> None:
-        """Forward messages of the clock after the downlink's delay, the result of a try after its last frame."""
+        """Forward the clock's messages after the downlink's delay; the result of a try follows its last frame."""
         loop = asyncio.get_running_loop()
         try:
             while self.pipe.poll():
@@ -137,7 +136,7 @@ class Session:
             self._forward({"kind": "failed", "text": "the clock has stopped: start impact-gym play again"})
 
     def _forward(self, message: dict[str, Any]) -> None:
-        """Send a message to all pages, unless it is a frame older than the newest shown."""
+        """Send a message to all pages, unless it is a frame older than the newest frame shown."""
         if message["kind"] == "frame":
             if message["n"] <= self._newest:
                 return
@@ -158,13 +157,12 @@ class Session:
         self._lock.close()
 
     def film(self, name: str, beside: bool = False) -> dict[str, Any]:
-        """Return the film of a try played again, or `beside` rule and policy; without a name the first film.
+        """Return the film of a try and its variants, or of rule, policy and try (`beside`); ValueError: no such try.
 
-        Raises:
-            ValueError: no such try.
+        Without a name, return the first film.
         """
         if not name:
-            counts = [self.folder / f"{entry['name']}.json" for entry in tuple(self.history) if not entry["marks"]]
-            return contest.first_film(self.setup, try_files.read(counts[-1]) if counts else None)
+            unmarked = [self.folder / f"{entry['name']}.json" for entry in tuple(self.history) if not entry["marks"]]
+            return contest.first_film(self.setup, try_files.read(unmarked[-1]) if unmarked else None)
         this = try_files.read(self.folder / f"{name}.json")
         return contest.film(contest.beside(this), compact=False) if beside else contest.film(contest.again(this))

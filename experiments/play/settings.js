@@ -1,14 +1,14 @@
-// Settings are buttons, so that arrows always belong to the stick; three levels set some of them.
+// Settings are buttons, so that arrows always move the stick; three levels choose some settings.
 const HOLDS = {rigid: "fixed to the arm", spring: "a spring and a damper", bistable: "a bistable mechanism"};
 const SLOW = {1: "real time", 2: "half", 4: "a quarter", 8: "an eighth"};
 const ROUNDS = [
-  {name: "near", task: "The object is near. Push, touch it, let go.", place: 0.15, sets: {delay: 0, jitter: 0, seen: true}},
-  {name: "far", task: "Now it is far, and you act from afar.", place: 0.85, sets: {delay: 0.2, jitter: 0, seen: true}},
-  {name: "blind and late", task: "Now you do not see it until you touch it.", sets: {delay: 0.2, jitter: 0, seen: false}},
-  {name: "free play", task: "Change what you like below.", sets: {}},
+  {name: "near", task: "The object is near. Push until you touch it, then let go.", place: 0.15, sets: {delay: 0, jitter: 0, seen: true}},
+  {name: "far", task: "Now the object is far, and your commands arrive late.", place: 0.85, sets: {delay: 0.2, jitter: 0, seen: true}},
+  {name: "blind and late", task: "Now you do not see the object until you touch it.", sets: {delay: 0.2, jitter: 0, seen: false}},
+  {name: "free play", task: "Choose the settings below.", sets: {}},
 ];
 
-// What the server is asked for.
+// The values with which the server begins a try.
 function options(hello, chosen, number) {
   const {place} = ROUNDS[number], [near, far] = hello.setups[chosen.setup].distance;
   return place === undefined ? {...chosen} : {...chosen, distance: near + place * (far - near)};
@@ -27,7 +27,7 @@ function drawRounds(chosen, number, pick) {
   write("task", ROUNDS[number].task + late);
 }
 
-// Draw a row of buttons for each setting; `pick(changes, free)` says also whether a level is left by it.
+// Draw a row of buttons for each setting; `pick(changes, free)`: `free` says whether the change leaves the level.
 function drawSettings(hello, chosen, pick) {
   const milliseconds = (value) => `${Math.round(1000 * value)} ms`;
   const within = (values, [low, high], own) => [...new Set([...values, own])].filter((value) => value >= low && value <= high)

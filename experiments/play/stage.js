@@ -1,4 +1,4 @@
-// The arm to scale, as the player sees it: what the server shows, and nothing that it does not.
+// The arm to scale, as the player sees it: only what the server sends.
 const STAGE = {height: 186, axis: 84, ground: 138};
 
 function drawStage(svg, about, width) {
@@ -13,7 +13,7 @@ function drawStage(svg, about, width) {
     node("path", {class: "somewhere-edge", d: path([[view.x(edge), 26], [view.x(edge), y]])}, band);
   }
   node("text", {class: "hint", x: view.x(0.5 * (near + far)), y: 18, "text-anchor": "middle"}, band,
-       "it stands somewhere here");
+       "the object is somewhere here");
   node("path", {class: "igw-rule", d: path([[0, y], [width, y]])}, svg);
   const step = Math.max(round(90 / scale), 0.05);
   for (let k = 0; k * step < right; k++) {
@@ -55,9 +55,9 @@ function drawStage(svg, about, width) {
     if (home === null) home = atObject;
     set(ball, {cx: view.x(atObject) + radius, r: radius});
     set(ghost, {cx: view.x(home) + radius, r: radius});
-    measure(atObject, atObject - home > 5e-4 ? `pushed ${centimetres(atObject - home)}` : "");
+    measure(atObject, atObject - home > 5e-4 ? `object moved ${centimetres(atObject - home)}` : "");
   };
-  // What the result says, of which the last frame knows only what was seen.
+  // Show the slide of the result; the last frame shows only what the player saw in time.
   const result = (slide) => {
     if (home !== null && slide > 0) measure(home + slide, `slid ${centimetres(slide)}`);
   };

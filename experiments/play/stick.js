@@ -1,4 +1,4 @@
-// What the player's hand does, from whichever device: one number from -1 (back) to 1 (forward).
+// The player's command, from any device: one number from -1 (back) to 1 (forward).
 const ZERO = 1 / 3, DEAD = 0.12, LEVELS = [0.1, 0.2, 0.4, 0.6, 0.8, 1];
 
 function stickOf(element, on) {

@@ -1,4 +1,4 @@
-"""A try, a person's or an operator's play of one episode: step by step, its results, and replays equal to the bit."""
+"""A try is one episode steered by a person or an operator: its steps, its results, and replays equal to the bit."""
 
 import math
 from dataclasses import dataclass, field
@@ -18,35 +18,34 @@ from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 from impact_gym.task.episodes import EpisodeState
 
-LATE, MOST_LATE = 4e-3, 0.02  # s, from which on a step is late; share of late steps from which on a try is invalid
+LATE, MOST_LATE = 4e-3, 0.02  # s, delay above which a step is late; share of late steps above which a try is invalid
 TRACE_POINTS = 1 << 18
 BEND = 1e-13  # m/s, by which a line may miss a velocity
 ROUNDING = 1e-6  # of a control period
-_ALL = np.zeros(1, np.bool_)
 
 
 @dataclass(frozen=True)
 class Try:
-    """A play of one episode: the first six fields say what is to be played, the others what was and its results."""
+    """One steered episode: the first six fields say how to play it, the others record how it was played."""
 
     setup: str
     assist: str
     seed: int
-    record: dict[str, float]  # numbers of the episode's record that are not drawn by the seed; once begun, all numbers
+    record: dict[str, float]  # numbers of the episode's record that the seed does not draw; once begun, all numbers
     operator: dict[str, Any] = field(default_factory=PERSON.copy)  # a person's, once begun: a Replay of the commands
     slow: float = 1.0  # times slower than real time
     environment: dict[str, Any] = field(default_factory=dict)  # its arguments except the operator
     actions: list[list[float]] = field(default_factory=list)  # of the assistance, one for each step
     late: list[float] = field(default_factory=list)  # s, delay of each step against its plan after the step before
-    marks: list[str] = field(default_factory=list)  # why it does not count: interrupted, late
+    marks: list[str] = field(default_factory=list)  # why the try does not count: interrupted, late
     motion: dict[str, list[float]] = field(default_factory=dict)  # executed by the flange: fields of `ig.Motion`
     result: dict[str, float] = field(default_factory=dict)  # of `simulate` with `motion`; times of the episode
     made: dict[str, Any] = field(default_factory=dict)  # versions of the code; no time, no machine
 
 
 def advance(batch: Batch, action: ArrayLike) -> None:
-    """Play a control step of the one episode in a batch."""
-    batch.step(action, _ALL, (len(batch.action_spec),))
+    """Play a control step in a batch of one episode."""
+    batch.step(action, np.zeros(1, np.bool_), (len(batch.action_spec),))
 
 
 def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
@@ -102,14 +101,10 @@ def _made() -> dict[str, Any]:
 
 
 class Live:
-    """A try in progress: call `step` until it has `ended`, then `finished`."""
+    """A try in progress: call `step` until the try has `ended`, then `finished`."""
 
     def __init__(self, wanted: Try) -> None:
-        """Begin the try that is `wanted`.
-
-        Raises:
-            ValueError: unknown set-up or assistance.
-        """
+        """Begin a try; ValueError: unknown set-up or assistance."""
         setup, self.person = playable(wanted.setup), wanted.operator == PERSON
         environment = environment_of(setup)
         self.batch = Batch(1, Task(**environment, operator=wanted.operator), threads=1)
@@ -122,7 +117,7 @@ class Live:
         self._decide()
 
     def _decide(self) -> None:
-        """Have the assistance choose its next action."""
+        """Get the next action of the assistance."""
         action, self._state = self.assistant.predict(self.batch.observations.copy(), state=self._state)
         self._action = np.asarray(action, np.float32)[0]
 
@@ -142,12 +137,7 @@ class Live:
         return (math.floor(self.time / PERIOD + ROUNDING) + 1) * PERIOD
 
     def step(self, velocity: float = 0.0, late: float = 0.0) -> None:
-        """Play a control step, in which a person's `velocity` is sent if a tick lies in it.
-
-        Args:
-            velocity: m/s.
-            late: delay of the step, s.
-        """
+        """Play a control step, `late` (s) after its time; a person's `velocity` (m/s) is sent at a tick within it."""
         tick = self.next_tick
         if self.person:
             self.batch.set_operator_velocity(velocity)
@@ -162,7 +152,7 @@ class Live:
             self._decide()
 
     def ahead(self) -> Bodies:
-        """Return the bodies one step ahead, without any command that is sent meanwhile."""
+        """Return the bodies one step ahead, if no further command is sent."""
         state = self.batch.get_state()
         advance(self.batch, self._action)
         bodies = self.batch.bodies()
@@ -170,13 +160,13 @@ class Live:
         return bodies
 
     def to_end(self) -> Try:
-        """Play to the end, a person's velocity being 0, and return the try without its results."""
+        """Play to the end with a person's velocity of 0, and return the try without its results."""
         while not self.ended:
             self.step()
         return self.kept
 
     def finished(self) -> Try:
-        """Play to the end, a person's velocity being 0, and return the try with its results."""
+        """Play to the end with a person's velocity of 0, and return the try with its results."""
         done = self.to_end()
         trace, info, *_ = replayed(done)
         motion = corners(trace)

@@ -1,4 +1,4 @@
-"""Files of tries: one JSON file each, the journal of a try in progress, and the operator that replays a folder."""
+"""Files of tries: a JSON file for each, the journal of a try in progress, and the operator that replays a folder."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -20,10 +20,10 @@ SPARE = 3  # ticks between the horizon and the next recording of an operator
 
 
 def from_text(text: str, ended: bool = True) -> Try:
-    """Return the try in a line that `to_text` wrote; before it has `ended` it has no results.
+    """Return the try in a line that `to_text` wrote; a try that has not `ended` has no results.
 
     Raises:
-        ValueError, TypeError, LookupError: no try of this version, or a value is out of range.
+        ValueError, TypeError, LookupError: the line is no try of this version, or a value is out of range.
     """
     content = json.loads(text, parse_float=_finite, parse_constant=_finite, parse_int=lambda text: int(_finite(text)))
     if content.pop("format", None) != FORMAT:
@@ -68,7 +68,7 @@ def recovered(journal: Path) -> Try:
     The first line is the try as it began; each further line is the velocity (m/s) of a step.
 
     Raises:
-        ValueError: it cannot be replayed; names the file.
+        ValueError: the journal cannot be replayed; the message names the file.
     """
 
     def parse(text: str) -> Try:
@@ -88,11 +88,11 @@ def recovered(journal: Path) -> Try:
 
 
 def recover(folder: Path) -> list[str]:
-    """Turn the journals in a folder into tries; return an error for each journal that cannot be, which is kept."""
+    """Turn the journals in a folder into tries; keep a journal that cannot be replayed, and return its error."""
     problems = []
     for journal in sorted(folder.glob("*.journal")):
         try:
-            if not journal.with_suffix(".json").exists():  # killed before the journal was removed
+            if not journal.with_suffix(".json").exists():  # else the clock was killed before it removed the journal
                 write(journal.with_suffix(".json"), recovered(journal))
             journal.unlink()
         except (OSError, RuntimeError, ValueError) as problem:
@@ -101,27 +101,27 @@ def recover(folder: Path) -> list[str]:
 
 
 def read(path: Path) -> Try:
-    """Return the try in a file; ValueError: it is no try of this version."""
+    """Return the try in a file; ValueError: the file is no try of this version."""
     return parsed(_checked_size(path), "a try", from_text)
 
 
 def _checked_size(path: Path) -> Path:
-    """Return a path; ValueError: it is no regular file, or too large."""
+    """Return a path; ValueError: the file is no regular file, or too large."""
     if path.exists() and not (path.is_file() and path.stat().st_size <= MAX_BYTES):
         raise ValueError(f"{path} is not read as a try: it must be a file of at most {MAX_BYTES} bytes")
     return path
 
 
 def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
-    """Return paths and tries of a folder, oldest first, each read when it is reached."""
+    """Return paths and tries of a folder, the oldest first; each try is read when the iterator reaches it."""
     return ((path, read(path)) for path in sorted(folder.glob("*.json")))
 
 
 def of_persons(folder: Path, marked: bool = False) -> list[Try]:
-    """Return the unmarked tries of persons in a folder, or with `marked` all of them.
+    """Return the unmarked tries of persons in a folder, with `marked` also the marked tries.
 
     Raises:
-        ValueError: there is none, or their environments differ.
+        ValueError: there are none, or their environments differ.
     """
     every = [this for _, this in folder_of(folder) if this.operator["type"] == "Replay"]
     found = [this for this in every if marked or not this.marks]
@@ -139,7 +139,7 @@ def operator_of(found: Sequence[Try]) -> dict[str, Any]:
     for place, this in enumerate(found):
         given = this.operator["velocity"][: ticks - 1]
         begin = place * (ticks * PERIOD)
-        times += [begin + k * PERIOD for k in (*range(len(given)), ticks - 1)]  # the last is held
+        times += [begin + k * PERIOD for k in (*range(len(given)), ticks - 1)]  # the last velocity is held
         velocities += [*given, given[-1]]
     drawn = {"length": ticks * PERIOD, "recording": [0, len(found)]}
     return {"type": "Replay", "time": times, "velocity": velocities} | drawn

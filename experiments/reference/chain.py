@@ -31,11 +31,6 @@ class Scales:
     force: float  # F0
 
     @property
-    def impulse(self) -> float:
-        """N s."""
-        return self.force * self.time
-
-    @property
     def state(self) -> Vector:
         """Units of penetration and deflections, each with its rate (m, m/s)."""
         return np.tile([self.length, self.length / self.time], 3)

@@ -38,11 +38,6 @@ class Command:
             cut = min(cut, t + _time_to(float(ahead[0]) - x, v, a)) if ahead.size else cut
         return x, v, a, cut
 
-    def rests(self, t: float) -> bool:
-        """Return whether the flange is at rest from t (s) on, unless it is steered again."""
-        _, v, a, cut = self.at(t)
-        return v == 0 and a == 0 and cut == inf
-
     def steer(self, t: float, velocity: float, acceleration: float) -> None:
         """Change to `velocity` (m/s) at `acceleration` (m/s^2) from t (s) on, then hold it."""
         x, v, _, _ = self.at(t)

@@ -8,7 +8,6 @@ integrator is searched.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from math import ceil
 from typing import Any
@@ -95,14 +94,9 @@ def _first_turn(
         g = [switch.margin(s, y) for s, y in zip(times, points, strict=True)]
         if min(g[1:]) < 0 or any(_turns(*g[j - 1 : j + 2]) for j in range(1, len(g) - 1)):
             dense = dense or solver.dense_output()
-            tau = _root(partial(_margin_along, switch, dense), times, g)
+            tau = _root(switch, dense, times, g)
             turns += [] if tau is None else [(tau, switch)]
     return min(turns, key=lambda turn: turn[0], default=None)
-
-
-def _margin_along(switch: Switch, dense: Any, s: float) -> float:
-    """Return the margin of a switch on the integrator's interpolant."""
-    return switch.margin(s, dense(s).tolist())
 
 
 def _turns(left: float, middle: float, right: float) -> bool:
@@ -110,8 +104,12 @@ def _turns(left: float, middle: float, right: float) -> bool:
     return middle < left and middle <= right and middle < 2 * (max(left, right) - middle)
 
 
-def _root(gauge: Callable[[float], float], times: list[float], g: list[float]) -> float | None:
-    """Return the first time at which `gauge` falls through zero; g are approximate values at `times`."""
+def _root(switch: Switch, dense: Any, times: list[float], g: list[float]) -> float | None:
+    """Return the first time at which a switch changes on the interpolant; g are approximate margins at `times`."""
+
+    def gauge(s: float) -> float:
+        return switch.margin(s, dense(s).tolist())
+
     for j in range(1, len(times)):
         low = times[j]
         if not g[j] < 0:

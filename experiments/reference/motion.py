@@ -81,21 +81,23 @@ class Motion:
         if self.chain.friction:
             _, rate, _, u_dot, _, w_dot = self.state.tolist()
             return float(self.command.at(self.t)[1] - w_dot - u_dot - rate) if self.chain.on["sliding"] else 0.0
-        return float((self.past_impulse + self._system.scales.impulse * self._y[6]) / self.chain.m_p)
+        scales = self._system.scales
+        return float((self.past_impulse + scales.force * scales.time * self._y[6]) / self.chain.m_p)
 
     def over(self) -> bool:
         """Return whether no contact is left or possible: the chain's energy cannot take the tool to the object's speed.
 
-        The energy only falls if the flange is at rest.
+        While the flange is at rest, this energy only falls.
         """
-        if self.touching or not self.command.rests(self.t):
+        x_r, v_r, a, cut = self.command.at(self.t)
+        if self.touching or v_r or a or cut < inf:  # the flange is not at rest for good
             return False
         chain, law = self.chain, self.chain.bistable
         delta, _, u, u_dot, w, w_dot = self.state.tolist()
         if chain.friction:  # the object slows down but does not return: only the distance counts
             swing = 0.0 if chain.rigid else sqrt(u**2 + u_dot**2 * chain.m_t / chain.k_t)
             return not chain.on["sliding"] and swing + u < -delta
-        m_r, k_r, _ = (0.0, 0.0, 0.0) if chain.robot is None else chain.robot(self.command.at(self.t)[0])
+        m_r, k_r, _ = (0.0, 0.0, 0.0) if chain.robot is None else chain.robot(x_r)
         m_t = chain.m_t + m_r if chain.rigid else chain.m_t
         energy = chain.m_t * (u_dot + w_dot) ** 2 / 2 + m_r * w_dot**2 / 2 + k_r * w**2 / 2 + chain.k_t * u**2 / 2
         if law is not None:
@@ -120,7 +122,8 @@ class Motion:
     def note_contact(self, end: float | None) -> None:
         """Record the contact that ends now, or is unfinished."""
         v_out = None if end is None else -float(self.state[1])
-        impulse, coupling_impulse = (self._system.scales.impulse * self._y[6:]).tolist()
+        scales = self._system.scales
+        impulse, coupling_impulse = (scales.force * scales.time * self._y[6:]).tolist()
         self.past_impulse += impulse
         self.coupling_impulse += coupling_impulse
         start, v_in = self._onset

@@ -16,7 +16,7 @@ import tyro
 from agents.command_line import command_of, run_command
 from agents.evaluate.play import pairs
 from agents.provenance import circumstances, digest_of, revision
-from agents.setups import README, Setup, load_setup
+from agents.setups import README, load_setup
 from agents.setups.evaluation import RESERVED
 from agents.setups.keys import within
 from experiments.lab.results import REPORTS
@@ -31,7 +31,7 @@ RESULTS = "results.json"
 MARK = ".impact_gym"
 """Lock file that marks a folder of a report, which another report may overwrite."""
 DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")
-"""Packages that the page depends on."""
+"""Packages whose change makes the page outdated."""
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-python", "polars", "jinja2")
 
 
@@ -46,12 +46,14 @@ class ReportOptions:
     """Set-ups by name or file, with the policies and baselines that `impact-gym train` and `tune` wrote."""
 
     folder: Path | None = None
-    """Folder with `policies` and `tuned` of the set-ups. Default: where these commands write them."""
+    """Folder that contains the subfolders `policies` and `tuned` of the set-ups. Default: where `train` and `tune`
+    write them."""
     policy: tuple[str, ...] = ()
-    """Policies instead of set-ups: files, run folders or names of shipped ones, each against its baselines."""
+    """Policies instead of set-ups: files, run folders or names of shipped policies. The page compares each policy
+    with the paper's rule and the baselines."""
     baseline: tuple[str, ...] = ()
-    """Further baselines: tuned names, or module:object with `predict`, or a function or class that returns one.
-    Default: those of the policy's set-up."""
+    """Further baselines beside --policy: names of tuned baselines, or module:object. The object has `predict`, or is a
+    function or class that returns such an object. Default: the baselines of the policy's set-up."""
     scenarios: str | None = None
     """Scenarios instead of those of the set-ups: a frozen set by name or file (CSV), or a JSON file
     {"ranges": {...}, "seed": s, "count": n, "environment": {...}} with some of these keys; the environment holds
@@ -59,16 +61,17 @@ class ReportOptions:
     count: int | None = None
     """Number of scenarios. Default: as in the set-up, or all of `scenarios`."""
     time_weight: float | None = None
-    """What a second of approach costs, m/s per s, where one controller is to be recommended. Default: the set-up's
-    typical one."""
+    """What a second of approach costs, m/s per s. The page recommends the controller with the lowest cost. Default:
+    the typical weight of the set-up."""
     out: Path = REPORTS / "latest"
-    """Folder for the page; results are kept in a hidden folder beside it, from which the same command resumes."""
+    """Folder for the page. Results are kept in a hidden folder beside it: the same command resumes there."""
     force: bool = False
     """Play and write everything again, even if kept results are up to date."""
     processes: int | None = None
-    """Jobs at the same time on this machine. Default: one a core; 0: none but this process."""
+    """Jobs at the same time on this machine. Default: one job per core; 0: all jobs in this process."""
     cluster: str | None = None
-    """A Ray cluster instead: "ray", or its address. A module:object must be installed on its nodes."""
+    """Run the jobs on a Ray cluster instead of this machine: "ray" for the cluster that runs here, or an address. A
+    module:object must be installed on its nodes."""
 
     def __post_init__(self) -> None:
         if self.count is not None:
@@ -80,13 +83,11 @@ class ReportOptions:
         if self.setups and self.policy:
             raise ValueError("name set-ups or policies, not both")
         if self.baseline and not self.policy:
-            raise ValueError("baseline needs --policy: the shipped recipes have theirs")
+            raise ValueError("baseline needs --policy: a set-up has its own baselines")
 
 
 def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return scenarios as JSON and changes of the environment: from a frozen set's name or file, or from a JSON file.
-
-    `ReportOptions.scenarios` describes the file.
+    """Return scenarios as JSON, and changes of the environment, from `ReportOptions.scenarios`.
 
     Raises:
         ValueError: no such set or file, or a key or value in it is unknown or out of range.
@@ -104,9 +105,8 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
         seed = whole("seed", content.get("seed", 2_000_000), at_least=0)
         with within(str(path)):
             Task.of("environment", environment)
-        taken = sorted(set(environment) & {"scenario", *RESERVED})
-        if taken:
-            raise ValueError(f"{path}: environment must leave out {taken}: ranges and the report see to that")
+        if reserved := sorted(set(environment) & {"scenario", *RESERVED}):
+            raise ValueError(f"{path}: environment must leave out {reserved}: ranges and the report set these")
         return {"ranges": ranges, "seed": seed, "count": count}, environment
     frozen = evaluation_sets.load(source)
     count = whole("scenarios", count or frozen.count, at_least=2)
@@ -126,9 +126,14 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
     if options.policy:
         scenarios, changes = scenarios_from(options.scenarios or "test", options.count)
         return of_policies(options.policy, options.baseline, scenarios, changes, options.time_weight)
-    setups = [load_setup(name) for name in options.setups or README]
-    if not options.setups:
-        setups = [setup for setup in setups if _trained(setup, options.folder or setup.folder)]
+    setups = []
+    for setup in map(load_setup, options.setups or README):
+        policies = (options.folder or setup.folder) / "policies" / f"{setup.name}.npz"
+        if options.setups or policies.is_file():
+            setups.append(setup)
+        else:
+            train = f"impact-gym train {setup.called} --seeds {setup.seeds}"
+            print(f"{setup.name} is left out, it has no policies yet: {train}")
     if not setups:
         raise ValueError("no set-up has policies yet: impact-gym train SETUP --seeds 10")
     if len({setup.name for setup in setups}) < len(setups):
@@ -138,22 +143,13 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
         count = options.count or (setup.evaluation.scenarios if options.scenarios is None else None)
         scenarios, changes = scenarios_from(options.scenarios or setup.evaluation.set, count)
         if changes:
-            raise ValueError("scenarios with an environment of their own need --policy: set-ups have theirs")
+            raise ValueError("scenarios with an environment need --policy: a set-up has its own environment")
         matchups.append(of_setup(setup, scenarios, options.folder, options.time_weight))
     return matchups
 
 
-def _trained(setup: Setup, folder: Path) -> bool:
-    """Return whether a set-up of the README has policies; print a line where it has none."""
-    trained = (folder / "policies" / f"{setup.name}.npz").is_file()
-    if not trained:
-        train = f"impact-gym train {setup.called} --seeds {setup.seeds}"
-        print(f"{setup.name} is left out, it has no policies yet: {train}")
-    return trained
-
-
 def write(options: ReportOptions) -> Path:
-    """Play what is missing, write the folder unless it is up to date, and return the path of its page.
+    """Play the missing jobs, write the folder unless it is up to date, print the answers, return the page's path.
 
     Raises:
         ValueError: an option is invalid, or `out` is a file, below a file, or a folder with other content.
@@ -162,25 +158,33 @@ def write(options: ReportOptions) -> Path:
     if not there.is_dir():
         raise ValueError(f"out must be a folder, but {there} is a file")
     if there == options.out and not (there / MARK).is_file() and any(there.iterdir()):
-        raise ValueError(f"out must be a new or empty folder or one that a report wrote, got {there}")
+        raise ValueError(f"out must be a new or empty folder, or the folder of an earlier report, got {there}")
     return publish(matchups_of(options), options)
 
 
 def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
-    """Play what is missing of matchups, write the folder unless it is up to date, and return the path of its page."""
+    """Write the folder of these matchups, as `write` does."""
     begun = time.perf_counter()
-    modules = {module for matchup in matchups for module in matchup.modules}
-    inputs = (*map(repr, matchups), bool(options.policy), compiled_from(), digest_of(*DEPENDS, *modules))
+    own = {each.controller["object"].partition(":")[0]
+           for matchup in matchups for each in matchup.baselines if "object" in each.controller}  # fmt: skip
+    inputs = (*map(repr, matchups), bool(options.policy), compiled_from(), digest_of(*DEPENDS, *own))
     made_from = hashlib.sha256(repr(inputs).encode()).hexdigest()
     page = options.out / "index.html"
     if options.force or not page.is_file() or results_of(options.out).get("made from") != made_from:
-        from experiments.report.jobs import play_matchups  # takes seconds to import
+        from experiments.report.jobs import PLAYING, play_matchups  # takes seconds to import
 
-        played = play_matchups(matchups, _kept(options), options.processes, options.cluster)
+        playing = f"{compiled_from()} {digest_of(*PLAYING)}"
+        kept = options.out.with_name(f".{options.out.name}.episodes")
+        current = kept / hashlib.sha256(playing.encode()).hexdigest()[:16]
+        for folder in kept.glob("*"):  # results of other sources
+            if options.force or folder != current:
+                shutil.rmtree(folder, ignore_errors=True)
+        depends = f"{playing} {digest_of(*own)}"
+        played = play_matchups(matchups, current, depends, options.processes, options.cluster)
         print("writing the page", flush=True)
         with locked(options.out / MARK):
             write_folder(played, options, made_from, begun)
-    print(*results_of(options.out)["sentences"], sep="\n")
+    print(*results_of(options.out)["sentences"], f"report: {page.resolve().as_uri()}", sep="\n")
     return page
 
 
@@ -191,21 +195,10 @@ def results_of(folder: Path) -> dict[str, Any]:
     return {}
 
 
-def _kept(options: ReportOptions) -> Path:
-    """Return the hidden folder of results beside a page; delete results of other sources, or all if `force`."""
-    from experiments.report.jobs import sources
-
-    parent, current = options.out.with_name(f".{options.out.name}.episodes"), sources()[:16]
-    for folder in parent.glob("*"):
-        if options.force or folder.name != current:
-            shutil.rmtree(folder, ignore_errors=True)
-    return parent / current
-
-
 def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, begun: float) -> None:
-    """Write the folder of `Played` results; last results.json, with the digest of its inputs.
+    """Write the folder of `Played` results. The last file is results.json, with the digest of its inputs.
 
-    A user's own files stay; figures of an earlier report that are not in this one are deleted.
+    Figures that only an earlier report had are deleted; a user's own files stay.
     """
     from experiments.report import page
     from experiments.report.played import episodes
@@ -242,7 +235,7 @@ def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, 
         **results,
         "limits": _limits(matchups),
         "own": bool(options.policy) or not all(load_setup(name).shipped for name in options.setups),
-        "trained_with": ", ".join(dict.fromkeys(map(" ".join, versions))) or "what their files do not say",
+        "trained_with": ", ".join(dict.fromkeys(map(" ".join, versions))) or "versions that their files do not name",
         "resamples": f"{RESAMPLES:,}",
     }
     results["figures"] = page.write(folder, about, tabs, played)
@@ -252,7 +245,7 @@ def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, 
 
 
 def _limits(matchups: Sequence[Matchup]) -> str:
-    """Return a sentence with the limits of the arms."""
+    """Return a sentence with the largest acceleration and velocity of each arm."""
     names = defaultdict(list)
     for matchup in matchups:
         task = Task(**matchup.environment)
@@ -262,17 +255,12 @@ def _limits(matchups: Sequence[Matchup]) -> str:
 
 
 def _scenarios(scenarios: Mapping[str, Any]) -> str:
+    """Return the scenarios in words."""
     if "set" in scenarios:
-        return f"the frozen set {scenarios['set']}, its first {scenarios['count']:,}"
-    if "table" in scenarios:
-        return f"{scenarios['count']:,} from a file, seeded from {scenarios['seed']:,} on"
-    return f"{scenarios['count']:,} drawn from {json.dumps(scenarios['ranges'])}, seeded from {scenarios['seed']:,} on"
-
-
-def run(options: ReportOptions) -> None:
-    """Write the report, and print where it is."""
-    print(f"report: {write(options).resolve().as_uri()}")
+        return f"the first {scenarios['count']:,} of the frozen set {scenarios['set']}"
+    source = "from a file" if "table" in scenarios else f"drawn from {json.dumps(scenarios['ranges'])}"
+    return f"{scenarios['count']:,} {source}, with seeds from {scenarios['seed']:,} on"
 
 
 if __name__ == "__main__":
-    run_command("report", ReportOptions, run)
+    run_command("report", ReportOptions, write)

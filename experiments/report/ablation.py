@@ -1,9 +1,9 @@
 """Ablation: gain from the arm's limits, the range of distances, the profile's shape, the estimate, and learning.
 
-Each step adds one thing to the step before, so the gains add up to the whole; in another order each gain could be
+Each step adds one thing to the step before, so the gains add up to the whole. In another order each gain could be
 larger or smaller. Even braking uses only the known range of distances; a profile also chooses its velocity over that
-range. The paper's rule with the arm's limits is a constant speed, tuned for each weight, that brakes at the best
-deceleration: on a spring the full 20 m/s^2.
+range. The step of the arm's limits is the paper's rule with a constant speed and a deceleration that are tuned for each
+weight; on a spring the best deceleration is the full 20 m/s^2.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,25 +21,25 @@ from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
-"""Kind of bound, by whether the contestant before the step, and that of the step, are sooner than the paper's rule."""
+"""Kind of bound on a gain: whether the contestant before the step, and the step's own, need less time than the rule."""
 
 
 @dataclass(frozen=True)
 class Link:
-    """A contestant, and what it adds to the one before."""
+    """A contestant, and what it adds to the contestant before it."""
 
     added: str
     contestant: str
-    runs: Sequence[Run]  # one for each seed
+    runs: Sequence[Run]  # a run for each seed
 
 
 @dataclass(frozen=True)
 class Gain:
-    """A measure of a contestant (lower is better), and its gain over the contestant before."""
+    """A measure of a contestant (lower is better), and its gain over the contestant before it."""
 
     value: Estimate  # m/s
     less: Estimate | None  # m/s; None for the first, or if nothing can be claimed
-    share: Estimate | None  # of the difference between paper's rule and policy; None if that may be zero
+    share: Estimate | None  # of the difference between paper's rule and policy; None if that difference may be zero
 
 
 @dataclass(frozen=True)
@@ -49,17 +49,17 @@ class Step:
     added: str
     contestant: str
     scenarios: int
-    later: float  # than the paper's mean approach time at the nearest end of its front, s; 0 if reached
-    limit: str  # of its gain there: "at least" if it is sooner itself, "at most" if the one before is
-    velocity: Gain  # V_p at that time
-    weight: float  # w, m/s per s: the typical one
+    later: float  # time at the nearest end of its front minus the paper's mean approach time, s; 0 if reached
+    limit: str  # bound on the gain of `velocity`, from LIMITS
+    velocity: Gain  # V_p at the paper's mean approach time, or at the nearest end of its front
+    weight: float  # typical time weight w, m/s per s
     loss: Gain  # V_p + w T + cost of misses
 
 
 def links(played: Played) -> list[Link]:
     """Return the sequence up to the policy; an addition without a baseline is merged into the next step."""
     tuned = [baseline for baseline in played.matchup.baselines if "tuned" in baseline.controller]
-    by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}  # of two the first
+    by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}  # the first wins
     task = Task(**played.matchup.environment)
     stronger = task.acceleration_range[1] > PaperTrapezoid()["deceleration"]
     sources = {"ConstantSpeed": "the arm's limits" if stronger else "the choice of speed"}
@@ -76,7 +76,7 @@ def links(played: Played) -> list[Link]:
 
 
 def steps_of(played: Played) -> list[Step]:
-    """Return the steps; the last is the clairvoyant search, on the scenarios that were searched."""
+    """Return the steps; the last step is the clairvoyant search, if there is one, on the scenarios that it searched."""
     sequence, weight = links(played), played.matchup.typical
     steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
     if played.bound is None or weight not in played.bound.weights:
@@ -87,7 +87,7 @@ def steps_of(played: Played) -> list[Step]:
 
 
 def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy: int) -> list[Step]:
-    """Return the steps on the first scenarios, as many as `resamples` has; `policy` is the policy's index."""
+    """Return the steps on the first `resamples.scenarios` scenarios; `policy` is the policy's index."""
     fronts: list[Front] = [front(resamples, link.runs) for link in sequence]
     time = fronts[0][0][0, 0]  # of the paper's rule
     later = [float(np.clip(time, times[0].min(), times[0].max()) - time) for times, _ in fronts]
@@ -107,7 +107,7 @@ def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy
 def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[Gain]:
     """Return the gain of each step from its resampled values (1 + n,), m/s.
 
-    Unless `claimed` there are no differences: the contestants are compared at different times.
+    Unless `claimed` there are no gains: the contestants are compared at different times.
     """
     total = Comparison(values[policy], values[0])
     shared = claimed and total.less.low > 0.0
@@ -130,9 +130,9 @@ def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
         body.append((added, labels.get(step.contestant, step.contestant) + subset, *cells))
     head = ("what is added", "contestant", "V_p at the paper's approach time (m/s)", "less by (m/s)", "share",
             f"V_p + {steps[0].weight:g} T (m/s)", "less by (m/s)", "share")  # fmt: skip
-    caption = ("Each row adds one thing to the row above. Share: of the difference between the paper's rule and the "
-               "policy, 95 % intervals. The clairvoyant search is compared with policy and rule on the scenarios that "
-               "were searched.")  # fmt: skip
+    caption = ("Each row adds one thing to the row above. Share: part of the difference between the paper's rule and "
+               "the policy; 95 % intervals. The clairvoyant search is compared with policy and rule on the scenarios "
+               "that it searched.")  # fmt: skip
     return Table(caption, head, body)
 
 
@@ -142,11 +142,16 @@ def _cells(gain: Gain, limit: str = "") -> list[str]:
 
 
 def sentence(steps: Sequence[Step]) -> str:
-    """Return the share of each step: of the reduction, or of V_p + w T if one is later; "" unless all have one."""
+    """Return the share of each step, or "" unless all steps have one.
+
+    Shares are of the reduction of V_p; if a step needs more time than the paper's rule, of the reduction of V_p + w T.
+    """
     first, *gained = (step for step in steps if step.contestant != BOUND)
     if any(step.later > 0.0 for step in gained):
         before, after = first.loss.value.value, gained[-1].loss.value.value
-        subject = f"the {before - after:.3f} m/s that it saves of V_p + {first.weight:g} T, {before:.3f} m/s,"
+        subject = (
+            f"the {before - after:.3f} m/s by which the policy lowers V_p + {first.weight:g} T (from {before:.3f} m/s)"
+        )
         shares = [("", step.loss.share) for step in gained]
     else:
         subject, shares = "that reduction", [(step.limit, step.velocity.share) for step in gained]

@@ -1,6 +1,6 @@
-"""The answer in one sentence, and the trade-off of time and velocity.
+"""The answer in a sentence or two, and the trade-off of approach time and V_p.
 
-The primary measure was fixed before the test set was played: V_p at the mean approach time of the paper's rule.
+The primary measure is V_p at the mean approach time of the paper's rule. It was fixed before the test set was played.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ import polars as pl
 
 from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Comparison, Estimate, Floats, Front, Resamples, along, estimate, tolerated
-from experiments.report.figures import Figure, chart_of, looks_of, zoomable
+from experiments.report.figures import ZOOM, Figure, chart_of, looks_of
 from experiments.report.matchups import BOUND, POLICY, Matchup
 from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 
@@ -25,22 +25,24 @@ class Answer:
 
     matchup: str
     reduction: Estimate  # of V_p at the paper's mean approach time, a share
-    each: tuple[float, ...]  # the same for each seed; empty if one does not reach that time
-    reached: bool  # whether the front reaches that time; if not, `reduction` is at its nearest end
-    later: float  # difference of that end from that time, a share of it; below 0 sooner
-    needed: float  # time weight at which the front would reach it, on the line through its last two, m/s per s
-    sooner: Estimate  # of the approach time at the paper's mean V_p, a share
-    beyond: str  # "": the front reaches that V_p; "slower", "faster": the object is so at every weight
-    velocity: Estimate  # m/s, V_p of the policy at that time
-    rival: str  # the best tuned baseline, if there is one
-    rival_reduction: Estimate | None  # its reduction of V_p; None if it is later at every weight
+    each: tuple[float, ...]  # the same for each seed; empty if one seed's front does not reach that time
+    reached: (
+        bool  # whether the policy's front reaches that time; if not, `reduction` is at the nearest end of the front
+    )
+    later: float  # time at that end minus the paper's, a share of the paper's; below 0: less time
+    needed: float  # time weight at which the front would reach that time, extrapolated from its last two, m/s per s
+    sooner: Estimate  # reduction of the approach time at the paper's mean V_p, a share
+    beyond: str  # "": the front reaches that V_p; "slower", "faster": the object's V_p is so at every weight
+    velocity: Estimate  # m/s, V_p of the policy at the paper's mean approach time
+    rival: str  # name of the best tuned baseline, or ""
+    rival_reduction: Estimate | None  # the rival's reduction of V_p; None if it takes more time at every weight
     improvement: Estimate  # share of scenarios in which the policy touches the object and V_p is lower
-    missed: int  # of all episodes of all seeds at all weights
+    missed: int  # objects, of all episodes of all seeds at all weights
     episodes: int
 
 
 def answer(played: Played) -> Answer:
-    """Return the gain of a set-up's policies, with seeds and scenarios resampled."""
+    """Return the gain of a set-up's policies; its intervals come from resampled seeds and scenarios."""
     resamples = played.resamples
     contestants = [played.paper], list(played.seeds.values()), [played.rival]
     paper, policy, rival = (front(resamples, runs) for runs in contestants)
@@ -74,7 +76,10 @@ def answer(played: Played) -> Answer:
 
 
 def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
-    """Return the weight at which approach times (k,) would reach `time` (s): linear in its logarithm; nan if far."""
+    """Return the weight at which approach times (k,) would reach `time` (s), nan if it is far from all.
+
+    The time is extrapolated linearly in the logarithm of the weight.
+    """
     order = np.argsort(weights)[-2:] if times.min() > time else np.argsort(weights)[:2]
     (first, last), ends = np.log(np.asarray(weights)[order]), times[order]
     slope = (ends[1] - ends[0]) / (last - first)
@@ -83,7 +88,7 @@ def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
 
 
 def front(resamples: Resamples, runs: Sequence[Run]) -> Front:
-    """Return mean approach time (s) and V_p (m/s) of runs, one for each seed, on the first scenarios."""
+    """Return mean approach time (s) and V_p (m/s) of runs, a run for each seed, in the first scenarios."""
     times, velocities = (np.array([run[name][:, : resamples.scenarios] for run in runs]) for name in FRONT)
     return resamples.means(times), resamples.means(velocities)
 
@@ -91,7 +96,7 @@ def front(resamples: Resamples, runs: Sequence[Run]) -> Front:
 def reductions(played: Played) -> Floats:
     """Return the reduction of V_p by each seed at the paper's mean approach time, a share (seeds,).
 
-    It is empty if the front of one seed does not reach that time: they would be compared at different times.
+    It is empty if the front of one seed does not reach that time: the seeds would be compared at different times.
     """
     ((time, velocity),) = played.paper.front
     times, velocities = np.moveaxis(np.array([run.front for run in played.seeds.values()]), 2, 0)
@@ -109,23 +114,26 @@ def table(answer: Answer, played: Played) -> Table:
         ("V_p lower at the paper's approach time", reduction),
         ("95 % of trainings: at least", _at_least(answer)),
         (f"V_p lower there, {played.matchup.rival.plain}", rival),
-        ("sooner at the paper's V_p", sooner),
+        ("less approach time at the paper's V_p", sooner),
         ("V_p at the paper's approach time (m/s)", f"{answer.velocity:.3f}"),
         ("share of scenarios with a lower V_p", percent(answer.improvement)),
         ("objects missed, at all weights", f"{answer.missed} of {answer.episodes:,}"),
     ]
-    policies = f"{len(played.seeds)} trainings" if len(played.seeds) > 1 else "one policy"
-    caption = f"{policies} against the paper's rule on {played.count:,} scenarios, 95 % intervals; a miss is not lower"
-    return Table(caption[0].upper() + caption[1:], ("what", POLICY), body)
+    policies = f"{len(played.seeds)} trainings" if len(played.seeds) > 1 else "One policy"
+    caption = f"{policies} against the paper's rule in {played.count:,} scenarios, 95 % intervals; a miss is not lower"
+    return Table(caption, ("what", POLICY), body)
 
 
 def at_one_time(played: Played) -> Table:
-    """Return mean and 95th percentile of T, V_p and peak force of each, at the weight nearest to the rule's mean time.
+    """Return mean and 95th percentile of T, V_p and peak force of each contestant.
 
-    With friction also the time at which object and tool rest. The mean alone hides the worst approaches.
+    Each plays at the weight whose mean approach time is nearest to the rule's. With friction the table also has the
+    time at which object and tool rest.
     """
     goal, labels = played.paper.front[0][0], played.matchup.labels
-    contestants = {labels[name]: run for name, run in played.baselines.items()} | {POLICY: played.policy_as_late}
+    contestants = {labels[name]: run for name, run in played.baselines.items()} | {
+        POLICY: played.as_late[played.matchup.chosen]
+    }
     columns = {"T (s)": "approach_time", "V_p (m/s)": "object_velocity", "peak force (N)": "peak_force"}
     columns |= {} if played.paper.at(played.paper.weights[0]).rest_time is None else {"at rest (s)": "rest_time"}
     body = []
@@ -134,11 +142,12 @@ def at_one_time(played: Played) -> Table:
         values = [getattr(run.at(weight), field) for field in columns.values()]
         numbers = [f"{each.mean():.3g}, {np.percentile(each, 95.0):.3g}" for each in values]
         body.append((label, f"{weight:.3g}", *numbers, str(int(run.at(weight).missed.sum()))))
-    caption = f"Mean, 95th percentile, of {played.count:,} scenarios; a missed object counts with V_p = 0"
+    caption = f"Mean, 95th percentile of {played.count:,} scenarios; a missed object counts as V_p = 0"
     return Table(caption, ("contestant", "w (m/s per s)", *columns, "missed"), body)
 
 
 def _at_least(answer: Answer) -> str:
+    """Return the reduction that 95 % of trainings reach."""
     return f"{100 * tolerated(np.array(answer.each)):.1f} %" if len(answer.each) > 1 else "-"
 
 
@@ -172,15 +181,17 @@ def trade_off(played: Played) -> Figure:
     ])  # fmt: skip
     layers = faint + curves + marks if len(played.seeds) > 1 else curves + marks
     bound = "" if played.bound is None else (
-        f" The {BOUND} is the best approach that a search found for each of the first "
-        f"{played.bound['missed'].shape[1]} scenarios with the object known."
+        f" The {BOUND} knows the object: it is the best approach that a search found for each of the first "
+        f"{played.bound['missed'].shape[1]} scenarios."
     )  # fmt: skip
     caption = (
-        "Down and left is better. One line per contestant over its time weights; faint lines are the other seeds."
+        "Down and left is better. Each line joins the time weights of one contestant; faint lines are the other seeds."
         + bound
     )
-    subject = f"time until {played.matchup.until} against V_p, all contestants and seeds"
-    return Figure(played.matchup.name, "trade_off", subject, caption, in_words(played), zoomable(layers), data, 380)
+    title = f"Time until {played.matchup.until} against V_p, all contestants and seeds"
+    return Figure(
+        played.matchup.name, "trade_off", title, caption, in_words(played), layers.add_params(ZOOM), data, 380
+    )
 
 
 def in_words(played: Played) -> str:
@@ -190,7 +201,7 @@ def in_words(played: Played) -> str:
 
 
 def weights_table(played: Played) -> Table:
-    """Return V_p + w T of policy, rival and bound at each weight, their ratios, and the bound for the next training."""
+    """Return V_p + w T of policy, rival and clairvoyant search at each weight, and the tolerance bound of trainings."""
     body = []
     for weight in played.matchup.weights:
         ours, theirs, chosen = played.losses(weight), played.rival.loss(weight), played.policy.loss(weight)
@@ -220,22 +231,21 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
         if len(answer.each) > 1 and answer.reduction.value >= 0.0:
             text += f" (95 % of trainings: at least {_at_least(answer)})"
     else:
-        length, direction = ("short", "later") if answer.later > 0.0 else ("long", "sooner")
-        text = f"no weight makes its approach as {length} as the paper's; at the nearest, "
-        text += f"{100 * abs(answer.later):.1f} % {direction}, the object leaves {change}"
-        text += f" (a time weight of about {answer.needed:.2g} would be as {length})" if answer.needed > 0.0 else ""
+        length, more = ("short", "more") if answer.later > 0.0 else ("long", "less")
+        text = f"at no time weight is its approach as {length} as the paper's; at the nearest weight it takes "
+        text += f"{100 * abs(answer.later):.1f} % {more} time, and the object leaves {change}"
+        text += f" (a weight of about {answer.needed:.2g} would make it as {length})" if answer.needed > 0.0 else ""
     if answer.beyond == "faster":
         text += "; at every weight the object leaves faster than with the paper's rule."
     else:
         limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # at its fastest approach the object is slower
         bound = f"{limit} " if answer.beyond == "slower" else ""
-        text += f"; at the paper's V_p the approach is {bound}{_compared(answer.sooner, 'sooner', 'later')}."
+        text += f"; at the paper's V_p the approach takes {bound}{_compared(answer.sooner, 'less', 'more')} time."
     if answer.rival_reduction:
-        text += f" The best tuned baseline, {answer.rival}: {_compared(answer.rival_reduction, 'slower', 'faster')}."
-    return begin + text + (f" It misses {answer.missed} of {answer.episodes:,} objects." if answer.missed else "")
+        change = _compared(answer.rival_reduction, "slower", "faster")
+        text += f" With the best tuned baseline, {answer.rival}, it leaves {change}."
+    return begin + text + (f" Missed: {answer.missed} of {answer.episodes:,} objects." if answer.missed else "")
 
 
 def _compared(share: Estimate, good: str, bad: str) -> str:
-    if share.value >= 0.0:
-        return f"{percent(share)} {good}"
-    return f"{percent(Estimate(-share.value, -share.high, -share.low))} {bad}"
+    return f"{percent(share)} {good}" if share.value >= 0.0 else f"{percent(-share)} {bad}"

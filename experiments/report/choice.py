@@ -1,7 +1,7 @@
-"""Which controller to take at one time weight: chosen on scenarios of its own, judged on those of the report.
+"""Which controller to take at one time weight. It is chosen on other scenarios than the report's.
 
-Of controllers that cannot be told apart there the simplest is taken: the paper's rule and what has nothing to tune,
-then the tuned baseline with fewer parameters, then one's own object, then the learned policy.
+Of controllers whose costs cannot be told apart, the simplest is taken: first the paper's rule and other baselines
+without tuned numbers, then the tuned baseline with fewer parameters, then a user's own object, then the learned policy.
 """
 
 from collections.abc import Mapping
@@ -21,19 +21,19 @@ COUNT = 2000
 
 @dataclass(frozen=True)
 class Choice:
-    """The controller to take, and what it costs."""
+    """The controller to take, and its cost."""
 
     controller: str  # name of the contestant
     time_weight: float  # w, m/s per s
     cost: Estimate  # mean of V_p + w T + cost of a miss, m/s
-    below_rule: Estimate  # the same as a share of the cost of the paper's rule, below it
-    above: Mapping[str, Estimate]  # of each other contestant: how far its cost lies above, a share
+    below_rule: Estimate  # difference to the higher cost of the paper's rule, as a share of the rule's cost
+    above: Mapping[str, Estimate]  # for each other contestant: how far its cost lies above, a share
     missed: int
     sentence: str = ""
 
 
 def scenarios(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the scenarios for the choice: from the ranges of those `given`; a table has none, it is used itself."""
+    """Return the scenarios of the choice: from the ranges of the report's, or the report's own if they are a table."""
     if "table" in given:
         return dict(given)
     ranges = given["ranges"] if "ranges" in given else pairs(given["set"] if given["set"] in NAMED else "test")
@@ -41,13 +41,13 @@ def scenarios(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def simplicity(contestant: Contestant) -> tuple[int, int]:
-    """Return the place of a contestant among others, the simplest first."""
+    """Return the rank of a contestant; the simplest has the lowest."""
     (kind,), tuned = contestant.controller, contestant.controller.get("tuned", {})
     return ("baseline", "tuned", "object", "policy").index(kind), len(tuned.get("parameters", ()))
 
 
 def simplest(costs: Mapping[str, Floats]) -> str:
-    """Return the first name whose cost (scenarios,) cannot be told from the least mean; the simplest stand first."""
+    """Return the first name, the simplest first, whose cost (scenarios,) cannot be told from the lowest."""
     least = min(costs.values(), key=lambda cost: float(cost.mean()))
     return next(name for name, cost in costs.items() if Comparison.of_means(least, cost).less.low <= 0.0)
 
@@ -59,37 +59,36 @@ def choice(played: Played) -> Choice:
     name = simplest({each.name: played.choosing[each.name].loss(weight) for each in contestants})
     runs = {**played.baselines, matchup.chosen: played.policy}
     losses = {each.name: runs[each.name].loss(weight) for each in contestants}
-    below = {each: Comparison.of_means(losses[name], loss).reduction for each, loss in losses.items()}
-    above = {each: Comparison.of_means(loss, losses[name]).ratio for each, loss in losses.items() if each != name}
-    above = {each: Estimate(*(ratio - 1.0 for ratio in (e.value, e.low, e.high))) for each, e in above.items()}
-    cost, missed = estimate(played.resamples.means(losses[name])), int(runs[name].at(weight).missed.sum())
-    found = Choice(name, weight, cost, below[PAPER], above, missed)
+    ratios = {each: Comparison.of_means(loss, losses[name]).ratio for each, loss in losses.items() if each != name}
+    found = Choice(
+        name, weight,
+        cost=estimate(played.resamples.means(losses[name])),
+        below_rule=Comparison.of_means(losses[name], losses[PAPER]).reduction,
+        above={each: Estimate(*(ratio - 1.0 for ratio in (e.value, e.low, e.high))) for each, e in ratios.items()},
+        missed=int(runs[name].at(weight).missed.sum()),
+    )  # fmt: skip
     return replace(found, sentence=_sentence(played, found))
 
 
-def called(played: Played, name: str) -> str:
-    """Return a contestant with its article, as a sentence calls it."""
-    plain = {each.name: each.plain for each in played.matchup.baselines} | {played.matchup.chosen: POLICY}
-    return plain[name] if plain[name] == name != PAPER else f"the {plain[name].removeprefix('the ')}"
-
-
 def _sentence(played: Played, found: Choice) -> str:
-    matchup, name, rule = played.matchup, found.controller, found.controller == PAPER
-    less = "" if rule else f", {percent(found.below_rule)} less than the paper's rule"
+    matchup, name = played.matchup, found.controller
+    plain = {each.name: each.plain for each in matchup.baselines} | {matchup.chosen: POLICY}
+    called = {each: word if word == each != PAPER else f"the {word.removeprefix('the ')}"
+              for each, word in plain.items()}  # fmt: skip
+    less = "" if name == PAPER else f", {percent(found.below_rule)} less than the paper's rule"
     compared = [f"It costs V_p + {found.time_weight:g} T = {found.cost.value:.3f} m/s{less}"]
     for each in dict.fromkeys((matchup.rival.name, matchup.chosen)):
         if each in (name, PAPER):
             continue
-        words, share = called(played, each), found.above[each]
+        share = found.above[each]
         if share.low > 0.0:
-            compared.append(f"{words} {percent(share)} more")
+            compared.append(f"{called[each]} {percent(share)} more")
         elif share.high < 0.0:
-            fewer = percent(Estimate(-share.value, -share.high, -share.low))
-            compared.append(f"{words} {fewer} less here, but no less where the choice was made")
+            compared.append(f"{called[each]} {percent(-share)} less here, but no less where the choice was made")
         else:
-            compared.append(f"{words} cannot be told from it (difference {percent(share)})")
+            compared.append(f"{called[each]} cannot be told from it (difference {percent(share)})")
     misses = f" It misses {found.missed} of {played.count:,} objects." if found.missed else ""
-    return f"Best here: {called(played, name)}. {'; '.join(compared)}.{misses}"
+    return f"Best here: {called[name]}. {'; '.join(compared)}.{misses}"
 
 
 def table(result: Choice, played: Played) -> Table:
@@ -104,5 +103,9 @@ def table(result: Choice, played: Played) -> Table:
         rows.append((matchup.labels[each.name], *numbers))
     head = ("controller", f"V_p + {weight:g} T (m/s)", "beside the one to take", "V_p (m/s)", "T (s)", "missed")
     drawn = played.choosing[result.controller]["missed"].shape[1]
-    caption = f"Chosen on {drawn:,} other scenarios, of those that cannot be told apart the simplest; numbers of these"
-    return Table(f"{caption} {played.count:,}, the median seed's policy, 95 % intervals over scenarios", head, rows)
+    caption = (
+        f"The controller to take was chosen on {drawn:,} other scenarios: the simplest of those whose costs cannot be "
+        f"told apart. The numbers are of these {played.count:,} scenarios, with the median seed's policy and 95 % "
+        "intervals over scenarios"
+    )
+    return Table(caption, head, rows)

@@ -1,4 +1,4 @@
-"""The learned approach, and differences between policy and rival on the same scenarios, all and in groups."""
+"""The learned approach, and differences between policy and rival in the same scenarios and in groups of them."""
 
 from dataclasses import asdict
 from typing import Any
@@ -9,20 +9,20 @@ import polars as pl
 
 from experiments.lab.parts import Table
 from experiments.lab.statistics import Comparison, estimate, quantile_groups
-from experiments.report.figures import Figure, chart_of, looks_of, zoomable
+from experiments.report.figures import ZOOM, Figure, chart_of, looks_of
 from experiments.report.jobs import watched_at
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Played
 from impact_gym.quantities import QUANTITIES, SCENARIO
 
 GROUPS = 5  # equally large groups of scenarios; fewer if a group would be smaller than SMALLEST
-SMALLEST = 10
+SMALLEST = 10  # scenarios
 TITLES = {row.id: row.words + (f" ({row.unit})" if row.unit != "-" else "") for row in SCENARIO}
 
 
 def measures(played: Played) -> Table:
-    """Return times, velocities, forces and impulses of each contestant, over the same scenarios."""
-    matchup, weight, as_late = played.matchup, played.matchup.typical, played.policy_as_late
+    """Return times, velocities, forces and impulses of each contestant in the same scenarios."""
+    matchup, weight, as_late = played.matchup, played.matchup.typical, played.as_late[played.matchup.chosen]
     runs = {PAPER: (PAPER, played.paper.at(weight))}
     if matchup.rival.name != PAPER:
         runs[f"{matchup.rival.label}, w = {weight:g}"] = matchup.rival.name, played.rival.at(weight)
@@ -62,16 +62,16 @@ def measures(played: Played) -> Table:
     }  # fmt: skip
     caption = f"Means over the same {played.count:,} scenarios; impulse: object mass times V_p"
     if played.travelled:
-        columns["deflection (mm): before the touch 95 %, in all most"] = "{way}"
-        caption += "; deflection: of the tool's spring, in the first of these scenarios"
+        columns["deflection (mm): 95 % before the touch, largest"] = "{way}"
+        caption += "; deflection of the tool's spring in the first of these scenarios"
     if matchup.operated:
         columns |= {"slide (m)": "{slide:.3f}", "until the touch (s)": "{touch_time:.3f}", "taken": "{taken:.3f}"}
     return Table.of(caption, rows, columns)
 
 
 def paired(played: Played, field: str) -> Figure:
-    """Return the chart of paired differences to the rival in groups of scenarios with similar values of a field."""
-    weight, rival, values = played.matchup.typical, played.matchup.rival.label, played.paper.scenario[field]
+    """Return the chart of paired differences to the rival, in groups of scenarios with similar values of a field."""
+    weight, rival, values = played.matchup.typical, played.matchup.rival.label, played.paper[field]
     label, ours, theirs = f"{POLICY} minus {rival}", played.losses(weight), played.rival.loss(weight)
     data = pl.DataFrame([
         {"contestant": label, "from": low, "to": high, "middle": float(np.median(values[inside])),
@@ -99,13 +99,13 @@ def paired(played: Played, field: str) -> Figure:
     marks = base.mark_point(size=60).encode(looks.shape, y="value:Q", tooltip=["contestant:N", *numbers])
     zero = chart_of(pl.DataFrame({"zero": [0]})).mark_rule(strokeDash=[2, 3]).encode(y="zero:Q")
     chart = zero + intervals + base.mark_line(strokeWidth=1.2).encode(y="value:Q") + marks
-    subject = f"against {rival}, by {TITLES[field]}"
-    return Figure(played.matchup.name, f"paired_{field}", subject, caption, verdict, chart, data, 240)
+    heading = f"Against {rival}, by {TITLES[field]}"
+    return Figure(played.matchup.name, f"paired_{field}", heading, caption, verdict, chart, data, 240)
 
 
 def approach(played: Played) -> Figure:
     """Return velocity over position before the contact, of the policy, its rival and the paper's rule."""
-    matchup, ahead = played.matchup, played.paper.scenario["distance"]
+    matchup, ahead = played.matchup, played.paper["distance"]
     data = pl.concat(
         pl.DataFrame({"contestant": matchup.labels[name], "w": weight, "x": run["position"], "velocity": velocity})
         for name, run in played.profiles.items()
@@ -121,9 +121,9 @@ def approach(played: Played) -> Figure:
                  alt.Tooltip("velocity:Q", format=".3f")],
     )  # fmt: skip
     caption = (
-        f"Without contact; in the scenarios the object is {ahead.min():.2f} to {ahead.max():.2f} m ahead."
+        f"Played without contact; in the scenarios the object is {ahead.min():.2f} to {ahead.max():.2f} m ahead."
         if matchup.environment.get("range_noise") is None
-        else f"The object is at {watched_at(matchup):.3g} m and the estimate is exact."
+        else f"The object is at {watched_at(matchup):.3g} m, and the estimate has no error."
     )
-    subject = "velocity over position before the contact"
-    return Figure(matchup.name, "approach", subject, caption, caption, zoomable(chart), data, 340)
+    title = "Velocity over position before the contact"
+    return Figure(matchup.name, "approach", title, caption, caption, chart.add_params(ZOOM), data, 340)

@@ -1,7 +1,7 @@
 """Figures of the page, and their common style.
 
-A figure is a Vega-Lite chart: interactive in the page, or an SVG on its first screen, which then needs no script; on
-disk it is an SVG and a CSV of its data. Series differ in dash or shape as well as in colour.
+A figure is a Vega-Lite chart. On the page it is interactive; on the first screen it is an SVG, which needs no script.
+On disk it is an SVG, with a CSV of its data. Series differ in dash or shape as well as in colour.
 """
 
 import json
@@ -24,6 +24,8 @@ from impact_gym.files import write_file
 
 COLOURS = (*SERIES, OTHERS)
 DASHES = ([1, 0], [1, 0], [6, 3], [2, 2], [8, 3, 2, 3], [4, 4], [1, 3])
+ZOOM: Any = alt.selection_interval(bind="scales", zoom="wheel![event.ctrlKey]")
+"""Readers pan a chart by dragging, zoom with Ctrl and wheel, and reset by a double click."""
 SHAPES = ("cross", "circle", "square", "diamond", "triangle-up", "triangle-down", "triangle-right")
 CONFIG: dict[str, Any] = {
     "font": "system-ui, sans-serif",
@@ -44,8 +46,8 @@ class Figure:
     """A chart of a matchup with its texts and its data."""
 
     matchup: str
-    key: str  # of its files
-    subject: str
+    key: str  # part of the names of its files
+    title: str
     caption: str
     alternative: str  # text alternative
     chart: Any
@@ -55,13 +57,8 @@ class Figure:
 
     @property
     def name(self) -> str:
-        """Name of its files, without suffix."""
+        """Name of the figure's files, without suffix."""
         return f"{self.matchup}_{self.key}"
-
-    @property
-    def title(self) -> str:
-        """Heading."""
-        return self.subject[0].upper() + self.subject[1:]
 
     @cached_property
     def spec(self) -> dict[str, Any]:
@@ -73,7 +70,7 @@ class Figure:
 
     @cached_property
     def still(self) -> Markup:
-        """The chart as SVG for the page, as large as its container; colours come from the page."""
+        """The chart as SVG for the page, as large as its container, in colours of the page."""
         svg = vl_convert.vegalite_to_svg(self.spec | {"width": self.width})
         return Markup(re.sub(r'(<svg [^>]*?) width="[^"]*" height="[^"]*"', r"\1", svg, count=1))
 
@@ -84,13 +81,8 @@ class Figure:
         return [write_file(folder / name, content).name for name, content in files.items()]
 
 
-def zoomable(chart: Any) -> Any:
-    """Return a chart that is panned by dragging, zoomed with Ctrl and wheel, and reset by a double click."""
-    return chart.add_params(alt.selection_interval(bind="scales", zoom="wheel![event.ctrlKey]"))
-
-
 def chart_of(data: pl.DataFrame, digits: int = 5) -> alt.Chart:
-    """Return an empty chart of `data`, floats rounded to `digits` significant digits to keep the page small."""
+    """Return an empty chart of `data`, with floats rounded to `digits` significant digits to keep the page small."""
     rows = data.with_columns(pl.selectors.float().round_sig_figs(digits)).to_dicts()
     return alt.Chart(alt.Data(values=rows))  # type: ignore[no-untyped-call]  # altair leaves it untyped
 
@@ -104,7 +96,7 @@ class Looks(NamedTuple):
 
 
 def looks_of(data: pl.DataFrame, policy: str = POLICY) -> Looks:
-    """Return colours, dashes and shapes; those of the paper's rule and of the `policy` are the same in all charts."""
+    """Return colours, dashes and shapes; the paper's rule and the `policy` look the same in all charts."""
     contestants = data["contestant"].unique(maintain_order=True).to_list()
     ordered = list(dict.fromkeys([PAPER, policy, *contestants]))
     place = {name: min(k, len(COLOURS) - 1) for k, name in enumerate(ordered) if name in contestants}

@@ -8,7 +8,6 @@ import polars as pl
 
 from experiments.lab.statistics import estimate
 from experiments.report.answer import Answer, in_words
-from experiments.report.choice import Choice
 from experiments.report.figures import Figure, chart_of, looks_of
 from experiments.report.matchups import IMITATES, PAPER, POLICY
 from experiments.report.played import MISSED_TOO_OFTEN, Played
@@ -17,28 +16,27 @@ from impact_gym.task.task import VELOCITY_RANGE
 WIDTH, HEIGHT = 400, 270  # pixels; on a phone the chart is scaled to 0.85 or more
 
 
-def headline(choice: Choice, answer: Answer, played: Played) -> str:
-    """Return which controller to take, and the answer at the paper's mean approach time, without intervals."""
-    return f"{choice.sentence} {assisted(played) if played.matchup.operated else at_rule_time(answer, played)}"
-
-
 def at_rule_time(answer: Answer, played: Played) -> str:
-    """Return the policy's gain at the paper's mean approach time, or the weight at which it would be as soon."""
-    slower = _less(answer.reduction.value)
+    """Return the policy's gain at the paper's mean approach time, or the weight at which it would take that time."""
     if answer.missed > MISSED_TOO_OFTEN * answer.episodes:
         return (f"The learned policy misses {answer.missed:,} of {answer.episodes:,} objects, so nothing is claimed "
                 "for it at the time of the paper's rule.")  # fmt: skip
-    if answer.reached:
-        text = f"At the mean approach time of the paper's rule the object leaves {slower} with the learned policy"
-    else:
-        direction, less = ("later", "largest") if answer.later > 0.0 else ("sooner", "smallest")
-        needed = f"; a weight of about {answer.needed:.2g} would be as soon" if answer.needed > 0.0 else ""
-        text = (f"Even at its {less} time weight the learned policy arrives {100 * abs(answer.later):.0f} % "
-                f"{direction} than the paper's rule{needed}. The object leaves {slower} there")  # fmt: skip
+    slower, rival = _less(answer.reduction.value), ""
     if answer.rival_reduction:
-        text += f", with the {played.matchup.rival.plain} {_less(answer.rival_reduction.value)}"
+        rival = f", with the {played.matchup.rival.plain} {_less(answer.rival_reduction.value)}"
+    if answer.reached:
+        text = (
+            f"At the mean approach time of the paper's rule the object leaves {slower} with the learned policy{rival}."
+        )
+    else:
+        more, largest = ("more", "largest") if answer.later > 0.0 else ("less", "smallest")
+        needed = f"; a weight of about {answer.needed:.2g} would match the rule's time" if answer.needed > 0.0 else ""
+        text = (
+            f"Even at its {largest} time weight the learned policy takes {100 * abs(answer.later):.0f} % {more} time "
+            f"than the paper's rule{needed}. At that {largest} weight the object leaves {slower}{rival}."
+        )
     imitates = " The policy's training began by imitating a tuned profile." if IMITATES in played.matchup.note else ""
-    return f"{text}.{imitates}"
+    return text + imitates
 
 
 def _less(share: float) -> str:
@@ -68,8 +66,7 @@ def chart(answer: Answer, played: Played) -> Figure:
     data = pl.DataFrame([
         {"contestant": name, "w": weight, **run.means(weight)} for name, run in runs.items() for weight in run.weights
     ])  # fmt: skip
-    looks = looks_of(data)
-    axis = alt.Axis(tickCount=5)
+    looks, axis = looks_of(data), alt.Axis(tickCount=5)
     title = f"mean time until {played.matchup.until} (s)"
     horizontal = alt.X("T:Q", title=title, scale=alt.Scale(zero=False, nice=True), axis=axis)
     vertical = alt.Y("V:Q", title=None, scale=alt.Scale(zero=True), axis=axis)
@@ -88,26 +85,26 @@ def chart(answer: Answer, played: Played) -> Figure:
     learned, tuned = played.policy.front, played.rival.front
     points = [*learned, *tuned, *played.paper.front]
     (earliest, _), (latest, _) = min(points), max(points)
-    left = paper["T"] > 0.5 * (earliest + latest)  # where there is more room
+    left = paper["T"] > 0.5 * (earliest + latest)  # the side with more room
     placing = {"align": "right", "dx": -12} if left else {"align": "left", "dx": 12}
-    names = [label(PAPER, paper["T"], paper["V"], PAPER, **placing)]
+    layers = [lines, marks, label(PAPER, paper["T"], paper["V"], PAPER, **placing)]
     low = learned[-1][1] < 0.12 * max(velocity for _, velocity in points)  # close to the axis
-    names.append(label(POLICY, *learned[-1], POLICY, align="right", dy=-12 if low else 20))
+    layers.append(label(POLICY, *learned[-1], POLICY, align="right", dy=-12 if low else 20))
     if rival != PAPER:
         last = tuned[-1][0] > 0.3 * earliest + 0.7 * latest  # no room to the right of it
         offset: dict[str, Any] = {"align": "right", "dy": -24} if last else {"align": "left", "dx": 8, "dy": -8}
-        names.append(label(rival, *tuned[-1], rival, **offset))
-    gain = []
+        layers.append(label(rival, *tuned[-1], rival, **offset))
     if answer.reached and answer.reduction.value > 0.0:
         gain_at = pl.DataFrame([{"T": paper["T"], "V": paper["V"], "to": answer.velocity.value}])
-        gain.append(chart_of(gain_at).mark_rule(strokeDash=[2, 3]).encode(horizontal, vertical, y2="to:Q"))
         middle = 0.5 * (paper["V"] + answer.velocity.value)
-        gain.append(label(_less(answer.reduction.value), paper["T"], middle, POLICY, align="left", dx=6))
+        gain = label(_less(answer.reduction.value), paper["T"], middle, POLICY, align="left", dx=6)
+        layers = [chart_of(gain_at).mark_rule(strokeDash=[2, 3]).encode(horizontal, vertical, y2="to:Q"), gain, *layers]
     fastest = played.matchup.environment.get("velocity_range", VELOCITY_RANGE)[1]
-    tuning = "" if rival == PAPER else f" and for which the {rival} is tuned"
-    caption = ("Down and left is better: gentler and sooner. Along each line the time weight falls from left to right; "
-               f"each mark is one time weight, which the policy observes{tuning}. The rule of the paper, Tommasino et "
+    tuning = "" if rival == PAPER else f", and for which the {rival} is tuned"
+    caption = ("Down and left is better: gentler and sooner. Along each line the time weight falls from left to right. "
+               f"Each mark is one time weight, which the policy observes{tuning}. The rule of the paper, Tommasino et "
                f"al. 2020, moves at {min(1.0, fastest):g} m/s and brakes at the alarm.")  # fmt: skip
-    subject = "final speed of the object, V_p (m/s)"
-    layers = alt.layer(*gain, lines, marks, *names)
-    return Figure(played.matchup.name, "answer", subject, caption, in_words(played), layers, data, HEIGHT, WIDTH)
+    heading = "Final speed of the object, V_p (m/s)"
+    return Figure(
+        played.matchup.name, "answer", heading, caption, in_words(played), alt.layer(*layers), data, HEIGHT, WIDTH
+    )

@@ -1,4 +1,4 @@
-"""Robustness: one thing is changed at a time; policy and baselines stay as they were trained and tuned."""
+"""Robustness: one thing is changed at a time; policy and baselines are not trained or tuned again."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import polars as pl
 
-from agents.setups.evaluation import Change
+from agents.setups.evaluation import Change, variants
 from experiments.lab import grid
 from experiments.lab.parts import Heat, HeatMap, Table
 from experiments.lab.study import Cell, frame_of
@@ -21,7 +21,7 @@ WORDS = {
     "robot": "compliant robot",
     "scenario": "objects outside the training ranges",
 }
-"""Plain names of changed arguments, if not those of the quantity."""
+"""Plain names of changed arguments; other arguments have the name of their quantity."""
 SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # unit and scale in which a quantity is printed
 Row = dict[str, Any]
 
@@ -35,9 +35,9 @@ class Failing(NamedTuple):
 
 
 def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
-    """Yield the cells of the grid: paper's rule, rival and policy under each change, at the typical weight."""
+    """Yield the cells of the grid: paper's rule, rival and policy under each change, at the typical time weight."""
     places = []
-    for change in matchup.changes:
+    for change in variants(matchup.evaluation, matchup.environment):
         own = None
         if change.scenarios:
             there = evaluation_sets.load(change.scenarios).count
@@ -54,7 +54,10 @@ def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
 
 
 def factor(argument: str, by_reading: bool = False) -> str:
-    """Return an argument of the environment in plain words; of the force sensor's noise, whether the alarm has it."""
+    """Return an argument of the environment in plain words.
+
+    `by_reading`: whether the force sensor raises the alarm, which its noise then affects.
+    """
     words = WORDS.get(argument) or (QUANTITIES[argument].words if argument in QUANTITIES else argument)
     alarm = "which raises the alarm" if by_reading else "the alarm is a switch without noise"
     return f"{words} ({alarm})" if argument == "force_noise" else words
@@ -75,10 +78,11 @@ def words(change: Change) -> str:
 
 
 def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
-    """Return a row for each contestant under each change, in their order; the median seed is the policy.
+    """Return a row for each contestant under each change; the median seed is the policy.
 
-    Columns: means of V_p (m/s), T (s) and the cost `loss` (m/s); the number of objects `missed`, `of` how many; `more`,
-    the cost of `controller` above this contestant's (m/s), 0 within two standard errors; `off`, the size of the change.
+    Columns: means of V_p (m/s), T (s) and the cost `loss` (m/s); the number of objects `missed`, and the number `of`
+    objects played; `more`, the cost of `controller` minus that of this contestant (m/s), 0 within two standard errors;
+    `off`, the size of the change.
     """
     if not played.varied:
         numbers = dict.fromkeys(("value", "off", "missed", "of", "more"), float)
@@ -100,8 +104,8 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
 def where_it_fails(played: Played, name: str) -> Failing:
     """Return the changes under which a contestant is worse than paper's rule, rival or policy, or misses objects.
 
-    It is the policy if that one is not played under changes. The worst is the change with most misses, else the one
-    with the largest loss to the rule, else to the rival, else to the policy.
+    A contestant that is not played under changes is replaced by the policy. The worst change is the one with most
+    misses, else the one with the largest loss to the rule, else to the rival, else to the policy.
     """
     rival, shown = played.matchup.rival, {each.name for each in played.matchup.rivals}
     controller = POLICY if name == played.matchup.chosen or name not in shown else name
@@ -127,14 +131,10 @@ def where_it_fails(played: Played, name: str) -> Failing:
         tried = sum(not row["same"] for row in ours)
         return Failing(called, f"nowhere among {tried} changes, one at a time, is it worse than its rivals.", "")
     place = missed["factor"] if many else worse[0][0]["factor"]
-    clauses = [f"{_at(row)}it is worse than the {plain}" for row, plain in worse if row["factor"] == place][:1]
-    clauses += [f"{_at(missed)}it misses {misses}"] if many else []
-    line = ", ".join(clauses)
+    clauses = [(row, f"it is worse than the {plain}") for row, plain in worse if row["factor"] == place][:1]
+    clauses += [(missed, f"it misses {misses}")] if many else []
+    line = ", ".join(f"at {row['setting']} {words}" if np.isfinite(row["value"]) else words for row, words in clauses)
     return Failing(called, f"{place}. {line[0].upper()}{line[1:]}.", " ".join(sentences))
-
-
-def _at(row: Row) -> str:
-    return f"at {row['setting']} " if np.isfinite(row["value"]) else ""
 
 
 def heat_map(played: Played) -> HeatMap:
@@ -144,7 +144,7 @@ def heat_map(played: Played) -> HeatMap:
     usual = {row["contestant"]: row for row in frame.filter("same").unique("contestant", keep="first").to_dicts()}
     for name, run in {PAPER: played.paper, rival.name: played.rival, POLICY: played.policy}.items():
         means = {**run.means(weight), "loss": float(run.loss(weight).mean()), "of": played.count}
-        usual.setdefault(name, means)  # if no change is the unchanged value
+        usual.setdefault(name, means)  # needed if no change tries the unchanged value
     measure = usual[PAPER]["loss"]
 
     def cell(mean: Row, note: str) -> Heat:
@@ -160,8 +160,8 @@ def heat_map(played: Played) -> HeatMap:
         heats = [cell(row, "unchanged" if row["same"] else row["setting"] if len(tried) > 1 else "") for row in worst]
         rows.append((place, f"{len(tried)} tried: {tried[0]} to {tried[-1]}" if len(tried) > 1 else tried[0], heats))
     caption = (
-        f"Mean V_p + {weight:g} T (m/s), lower is better, with one thing changed: the worst of the values tried, and "
-        f"which value that is. Blue is below, orange above the paper's rule without changes, {measure:.2f} m/s."
+        f"Mean V_p + {weight:g} T (m/s) with one thing changed; lower is better. A cell has the worst of the values "
+        f"tried, and names that value. Blue is below, orange above the paper's rule without changes, {measure:.2f} m/s."
     )
     return HeatMap(caption, ("what is changed", *contestants.values()), rows)
 
@@ -175,8 +175,7 @@ def table(played: Played) -> Table:
         "V_p (m/s)": "{V:.4f}", "T (s)": "{T:.4f}", "missed": "{missed} of {of}",
     }  # fmt: skip
     caption = (
-        "One thing is changed at a time; policy and baselines stay as they were trained and tuned. A stiffer "
-        "coupling keeps its damping ratio. Hard scenarios are outside the training ranges: lighter, stiffer, less "
-        "elastic, nearer"
+        "One thing is changed at a time; policy and baselines are not trained or tuned again. A stiffer coupling keeps "
+        "its damping ratio. Hard scenarios are outside the training ranges: lighter, stiffer, less elastic, nearer"
     )
     return Table.of(caption, outcomes(played).with_columns(labels), columns)

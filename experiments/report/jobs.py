@@ -1,6 +1,5 @@
 """Jobs of a report: functions of plain data, and their results by matchup."""
 
-import hashlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -14,24 +13,22 @@ from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import play, scenario_batch_of
 from agents.jobs import cached
 from agents.policies import Controller
-from agents.provenance import digest_of
 from experiments.lab import grid
 from experiments.lab.player.films import play as replay
 from experiments.report import choice, holds
-from experiments.report.matchups import Contestant, Matchup
+from experiments.report.matchups import Matchup
 from experiments.report.played import Arrays, Played, Run
 from impact_gym.scene import SpringDamper
-from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 
 JSON = Mapping[str, Any]
 PLAYING = (*grid.PLAYED, __name__, "experiments.lab.player.films", grid.__name__)
-"""Sources that results depend on; set-ups, policies and what was tuned are arguments."""
+"""Modules that results depend on; set-ups, policies and tuned baselines are arguments of the jobs."""
 FAR = 0.36  # m, just beyond the farthest object: the approach figure shows no contact
 NEAR = 0.25  # m, distance of the object in the approach figure of controllers with an estimate
 FEWER = 500  # scenarios where many variants are played
 HALVINGS = 9  # of the range of weights, in its logarithm: to 1 %
-CALIBRATION_SCENARIOS = 500  # to find a weight on, or as many as are then played
+CALIBRATION_SCENARIOS = 500  # at most, to find the weight that gives a mean approach time
 
 
 class ReportJob(NamedTuple):
@@ -42,28 +39,18 @@ class ReportJob(NamedTuple):
     arguments: Mapping[str, Any]
 
 
-def sources() -> str:
-    """Return a digest of the sources that results depend on, the compiled solver included."""
-    return hashlib.sha256(f"{compiled_from()} {digest_of(*PLAYING)}".encode()).hexdigest()
-
-
 def play_matchups(
-    matchups: Sequence[Matchup], folder: Path, processes: int | None, cluster: str | None
+    matchups: Sequence[Matchup], folder: Path, depends: str, processes: int | None, cluster: str | None
 ) -> list[Played]:
-    """Play what `folder` does not hold yet, and return the results of each matchup."""
+    """Play the jobs whose results are not in `folder`, and return the results of each matchup.
+
+    `depends` is a digest of the sources; kept results of another digest are not used.
+    """
     jobs = [(number, job) for number, matchup in enumerate(matchups) for job in jobs_of(matchup)]
     calls = [{"where": job.where, "arguments": dict(job.arguments)} for _, job in jobs]
     print(f"results are kept in {folder}", flush=True)
-    own = {module for matchup in matchups for module in matchup.modules}
-    results = cached(
-        measured,
-        calls[::-1],  # those of the last set-up are the slowest: they begin first
-        folder,
-        depends=f"{sources()} {digest_of(*own)}",
-        title="playing",
-        processes=processes,
-        cluster=cluster,
-    )
+    calls.reverse()  # the jobs of the last set-up take longest, so they begin first
+    results = cached(measured, calls, folder, depends=depends, title="playing", processes=processes, cluster=cluster)
     played = [Played(matchup) for matchup in matchups]
     for (number, job), result in zip(jobs, reversed(results), strict=True):
         if job.where == "varied":
@@ -90,40 +77,35 @@ def watched_at(matchup: Matchup) -> float:
 def jobs_of(matchup: Matchup) -> Iterator[ReportJob]:
     """Yield the jobs of a matchup."""
     scenarios, environment, typical = matchup.scenarios, matchup.environment, matchup.typical
-    task, some = Task(**environment), first(scenarios, FEWER)
-
-    def of(contestant: Contestant, **arguments: Any) -> dict[str, Any]:
-        return {"controller": contestant.controller, "environment": environment, **arguments}
-
-    for seed in matchup.seeds:
-        everything = of(seed, scenarios=scenarios, weights=list(seed.weights))
-        yield ReportJob("seeds", seed.name, everything)
-        yield ReportJob("as_late", seed.name, everything)
+    task, some = Task(**environment), {**scenarios, "count": min(FEWER, scenarios["count"])}
+    jobs: list[tuple[str, Any, JSON]] = [
+        (where, seed, {"scenarios": scenarios, "weights": list(seed.weights)})
+        for seed in matchup.seeds
+        for where in ("seeds", "as_late")
+    ]
     for baseline in matchup.baselines:
         tuned = len(baseline.weights) > 1  # each weight is played with the parameters tuned for the nearest
         weights = sorted({*baseline.weights, *matchup.weights, typical}) if tuned else list(baseline.weights)
-        yield ReportJob("baselines", baseline.name, of(baseline, scenarios=scenarios, weights=weights))
+        jobs.append(("baselines", baseline, {"scenarios": scenarios, "weights": weights}))
     for contestant in (*matchup.baselines, matchup.policy):
-        arguments = of(contestant, scenarios=choice.scenarios(scenarios), weights=[typical])
-        yield ReportJob("choosing", contestant.name, arguments)
+        jobs.append(("choosing", contestant, {"scenarios": choice.scenarios(scenarios), "weights": [typical]}))
     if (bound := matchup.bound) is not None:
-        searched = first(scenarios, len(bound.controller["clairvoyant"][f"{bound.weights[0]:g}"]))
-        knowing = {**environment, "privileged": True}
-        arguments = of(bound, scenarios=searched, weights=list(bound.weights), environment=knowing)
-        yield ReportJob("bound", None, arguments)
-    for cell in holds.cells(matchup, some):
-        yield ReportJob("varied", cell.labels, cell.arguments)
+        searched = min(scenarios["count"], len(bound.controller["clairvoyant"][f"{bound.weights[0]:g}"]))
+        jobs.append(("bound", bound, {
+            "scenarios": {**scenarios, "count": searched}, "weights": list(bound.weights),
+            "environment": {**environment, "privileged": True},
+        }))  # fmt: skip
     shown = dict.fromkeys((matchup.weights[0], typical, matchup.weights[-1]))
     for rival in matchup.rivals:
         weights = [weight for weight in shown if weight in rival.weights] or [rival.weights[0]]
-        yield ReportJob("profiles", rival.name, of(rival, weights=weights, distance=watched_at(matchup)))
+        jobs.append(("profiles", rival, {"weights": weights, "distance": watched_at(matchup)}))
         if isinstance(task.coupling, SpringDamper):
-            yield ReportJob("travelled", rival.name, of(rival, scenarios=some, weights=[typical]))
-
-
-def first(scenarios: Mapping[str, Any], count: int) -> dict[str, Any]:
-    """Return the first `count` scenarios, or all if there are fewer."""
-    return {**scenarios, "count": min(count, scenarios["count"])}
+            jobs.append(("travelled", rival, {"scenarios": some, "weights": [typical]}))
+    for where, contestant, arguments in jobs:
+        key = None if where == "bound" else contestant.name
+        yield ReportJob(where, key, {"controller": contestant.controller, "environment": environment, **arguments})
+    for cell in holds.cells(matchup, some):
+        yield ReportJob("varied", cell.labels, cell.arguments)
 
 
 def measured(where: str, arguments: JSON) -> Any:
@@ -134,7 +116,7 @@ def measured(where: str, arguments: JSON) -> Any:
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
     """Return the results (1, scenarios) at the weight that gives the mean approach time of the paper's rule.
 
-    That weight is found by bisection within the ends of `weights`, on `calibration_scenarios`. It is returned as
+    The weight is found by bisection between the ends of `weights`, on `calibration_scenarios`; it is also returned, as
     `weight` (1,).
     """
     choosing, task = calibration_scenarios(scenarios), Task(**environment)
@@ -154,9 +136,10 @@ def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: 
 
 
 def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
-    """Return scenarios to choose a weight on: the validation set for a shipped one, the same ranges with another seed.
+    """Return the scenarios on which a weight is chosen.
 
-    For a table of scenarios there are no others, and it is these.
+    Instead of a frozen set: the validation set. Instead of ranges: the same ranges with other seeds. A table of
+    scenarios is used itself.
     """
     count = min(CALIBRATION_SCENARIOS, scenarios["count"])
     if "set" in scenarios:
@@ -167,9 +150,9 @@ def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
 
 
 def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return the largest deflection of the coupling, m, before the first touch and in all (1, scenarios).
+    """Return the largest deflection of the coupling at a single weight, m, before the first touch and in all.
 
-    There is one weight.
+    Both are arrays (1, scenarios).
     """
     (weight,), task = weights, Task(**environment)
     batch = scenario_batch_of(scenarios, weight, task)
@@ -181,7 +164,7 @@ def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Seq
 def profile(controller: JSON, environment: JSON, weights: Sequence[float], distance: float) -> Arrays:
     """Return the flange's velocity (weights, k) over even positions (k,) up to an object at `distance` (m).
 
-    A distance estimate, if there is one, is exact.
+    An estimate of the distance has no error.
     """
     record = {"object_mass": 0.5, "contact_stiffness": 3e4, "restitution": 0.5, "distance": distance}
     if environment.get("range_noise") is not None:

@@ -1,4 +1,4 @@
-"""Matchups: a recipe of training, each seed of it a policy, against baselines on the same scenarios."""
+"""Matchups: the policies of a set-up, one for each training seed, against baselines in the same scenarios."""
 
 import base64
 import hashlib
@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +19,12 @@ from agents.evaluate.scenario_batch import TEST_SEED
 from agents.policies import Policy, load_ensemble, load_policy
 from agents.provenance import digest_of
 from agents.setups import TUNED, Setup, load_setup, same_environment, shipped, shipped_baselines
-from agents.setups.evaluation import Change, Evaluation, variants
+from agents.setups.evaluation import Evaluation
 from impact_gym.task import ActionSpec, ObservationSpec, Task
 from impact_gym.validation import identifier, nearest, number
 
 PAPER = "paper's rule"
-RULE = "paper-trapezoid"  # its name among the baselines
+RULE = "paper-trapezoid"  # name of the paper's rule among the baselines
 POLICY = "learned policy"
 IMITATES = "its training begins by imitating"
 BOUND = "clairvoyant search"
@@ -42,8 +41,7 @@ PLAIN = {
     "local-brake": "the local brake",
     "operator-alone": "the operator alone",
 }
-"""Plain names of baselines: of tuned ones by their class, of others by their name."""
-Environment = Mapping[str, Any]
+"""Plain names of baselines, by the class of a tuned baseline, by the name of another."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +51,11 @@ class Contestant:
     name: str
     controller: Mapping[str, Any]  # JSON, see `agents.evaluate.controllers`
     weights: tuple[float, ...]
-    checksum: str  # of the policy's file, of the tuned parameters, of the module
+    checksum: str  # of the policy's file, the tuned parameters or the module
 
     @property
     def plain(self) -> str:
-        """Plain name, or the name itself if there is none."""
+        """Plain name, or the name itself if it has no plain name."""
         return PLAIN.get(self.controller.get("tuned", {}).get("rule", self.name), self.name)
 
     @property
@@ -68,13 +66,13 @@ class Contestant:
 
 @dataclass(frozen=True)
 class Matchup:
-    """An environment, a recipe of training and the baselines beside it."""
+    """Policies and baselines that play the same scenarios in one environment."""
 
     name: str
-    environment: Mapping[str, Any]  # arguments, JSON, but for scenario and time weight
+    environment: Mapping[str, Any]  # arguments, JSON, without scenario and time weight
     seeds: tuple[Contestant, ...]  # one for each training seed
     chosen: str  # name of the median seed
-    baselines: tuple[Contestant, ...]  # the paper's rule is the first, the rival the second if there is one
+    baselines: tuple[Contestant, ...]  # first the paper's rule, then the rival if there is one
     scenarios: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
     provenance: Mapping[str, Any]  # of the median seed
     note: str  # remarks for the reader
@@ -84,7 +82,7 @@ class Matchup:
 
     @property
     def operated(self) -> bool:
-        """Whether an operator commands: T is then the time until all is done."""
+        """Whether an operator commands; T is then the time until all is done."""
         return Task(**self.environment).operator is not None
 
     @property
@@ -104,19 +102,13 @@ class Matchup:
 
     @property
     def rival(self) -> Contestant:
-        """The baseline to beat: the paper's rule where there is no other."""
+        """The baseline to beat: the paper's rule if there is no other baseline."""
         return self.baselines[1] if len(self.baselines) > 1 else self.baselines[0]
 
     @property
     def rivals(self) -> list[Contestant]:
-        """The paper's rule, the rival if there is one, and the median seed: those shown in detail."""
+        """The contestants shown in detail: the paper's rule, the rival if there is one, and the median seed."""
         return list({each.name: each for each in (self.baselines[0], self.rival, self.policy)}.values())
-
-    @property
-    def modules(self) -> set[str]:
-        """Modules of a user's own baselines."""
-        objects = [each.controller["object"] for each in self.baselines if "object" in each.controller]
-        return {name.partition(":")[0] for name in objects}
 
     @property
     def typical(self) -> float:
@@ -125,22 +117,17 @@ class Matchup:
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """The weights (m/s per s) at which contestants are compared, as far as the policy was trained for them."""
+        """Weights of the evaluation at which the policy is played (m/s per s), or all its weights if there is none."""
         weights = tuple(weight for weight in self.evaluation.weights if weight in self.policy.weights)
         return weights or self.policy.weights
-
-    @cached_property
-    def changes(self) -> list[Change]:
-        """Changes of the environment that test robustness."""
-        return variants(self.evaluation, self.environment)
 
 
 def of_setup(
     setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = None, time_weight: float | None = None
 ) -> Matchup:
-    """Return the matchup of a set-up, with policies and tuned baselines from `folder`, by default its own.
+    """Return the matchup of a set-up, with policies and tuned baselines from `folder`, by default the set-up's own.
 
-    `time_weight` (m/s per s) replaces the typical one of the set-up.
+    `time_weight` (m/s per s) replaces the set-up's typical weight.
 
     Raises:
         ValueError: there are no policies yet, a baseline was not tuned, or no policy was trained for the time weight.
@@ -151,7 +138,7 @@ def of_setup(
         raise ValueError(f"there are no policies {path}: impact-gym train {setup.called} --seeds {setup.seeds}")
     ensemble = load_ensemble(path)
     if not setup.describes(ensemble[None].task):
-        raise ValueError(f"{path} was trained for another environment than {setup.called} says: train it anew")
+        raise ValueError(f"{path} was trained for another environment than {setup.called} describes: train it again")
     setup = replace(setup, evaluation=typically(setup.evaluation, time_weight, ensemble[None]))
     policies = sorted(ensemble.policies, key=lambda policy: policy.seed)
     seeds = tuple(policy_contestant(f"seed-{policy.seed}", policy, setup.evaluation) for policy in policies)
@@ -169,7 +156,7 @@ def of_setup(
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
-    """Return the bound that holds for a set-up; None where there is none for the first of these scenarios."""
+    """Return the bound that holds for a set-up; None if no search was made for the first of these scenarios."""
     its_own = setup.bound == setup.name
     parameters_at = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
     searched = min(map(len, parameters_at.values()), default=0)
@@ -183,7 +170,7 @@ def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED
 
 
 def quick_look_note(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Contestant]) -> str:
-    """Return a note on training or tuning with less than the set-up asks for; empty if there was none."""
+    """Return a note that training or tuning was shorter than the set-up asks for; empty if it was not."""
     shortfalls = []
     steps, wanted = about["settings"]["steps"], setup.training.steps
     if steps < wanted:
@@ -196,13 +183,13 @@ def quick_look_note(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Con
 
 
 def of_policies(
-    paths: Sequence[str], names: Sequence[str], scenarios: Mapping[str, Any], changes: Environment,
+    paths: Sequence[str], names: Sequence[str], scenarios: Mapping[str, Any], changes: Mapping[str, Any],
     time_weight: float | None = None,
 ) -> list[Matchup]:  # fmt: skip
-    """Return a matchup for each policy, by name or file, against the paper's rule and `names`.
+    """Return a matchup for each policy, a name or a file, against the paper's rule and the baselines `names`.
 
-    Without `names`, the baselines are those of the shipped set-up it was trained for, if any. `changes` are
-    arguments of the environment that differ from the policy's own.
+    Without `names`, the baselines are those of the shipped set-up for which the policy was trained, if any. `changes`
+    replace arguments of the environment in which the policy was trained.
 
     Raises:
         ValueError: a policy takes other observations than this environment has, or two policies have one name.
@@ -213,7 +200,7 @@ def of_policies(
         trained_in = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
         arguments = {**trained_in, **changes}
         environment, of_environment = environment_and_scenarios(arguments, scenarios)
-        Policy(loaded.network, Task(**environment), {})  # raises where they do not fit
+        Policy(loaded.network, Task(**environment), {})  # raises if network and environment do not fit
         setup = next((setup for setup in map(load_setup, shipped()) if setup.describes(loaded.task)), None)
         evaluation = typically(setup.evaluation if setup else Evaluation.of_table({}, trained_in), time_weight, loaded)
         called = path.parent.name if path.name in ("best.npz", "final.npz") else path.stem
@@ -231,10 +218,10 @@ def of_policies(
 
 
 def typically(evaluation: Evaluation, time_weight: float | None, policy: Policy) -> Evaluation:
-    """Return an evaluation with this typical time weight (m/s per s), if one is given.
+    """Return an evaluation whose typical time weight is `time_weight` (m/s per s), or unchanged if that is None.
 
     Raises:
-        ValueError: the policy was not trained for it.
+        ValueError: the policy was not trained for this weight.
     """
     if time_weight is None:
         return evaluation
@@ -244,28 +231,29 @@ def typically(evaluation: Evaluation, time_weight: float | None, policy: Policy)
 
 
 def trained_weights(policy: Policy, evaluation: Evaluation) -> tuple[float, float]:
-    """Return the least and the largest time weight that a policy was trained for, m/s per s."""
+    """Return the least and the largest time weight for which a policy was trained, m/s per s."""
     trained = policy.environment.get("time_weight", evaluation.typical)
     low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
     return float(low), float(high)
 
 
 def policy_contestant(name: str, policy: Policy, evaluation: Evaluation) -> Contestant:
-    """Return a policy as a contestant; jobs contain the policy itself, so other machines need no file."""
+    """Return a policy as a contestant that holds the policy itself, so that other machines need no file."""
     low, high = trained_weights(policy, evaluation)
     compared = sorted({*evaluation.curve, *evaluation.weights, evaluation.typical})
     weights = tuple(weight for weight in compared if low <= weight <= high) or (float(low),)
     content = policy.to_bytes()
-    controller = {"policy": base64.b64encode(content).decode()}
-    return Contestant(name, controller, weights, hashlib.sha256(content).hexdigest())
+    return Contestant(
+        name, {"policy": base64.b64encode(content).decode()}, weights, hashlib.sha256(content).hexdigest()
+    )
 
 
 def baselines(
-    names: Sequence[str], environment: Environment, setup: Setup | None = None, folder: Path = TUNED
+    names: Sequence[str], environment: Mapping[str, Any], setup: Setup | None = None, folder: Path = TUNED
 ) -> tuple[Contestant, ...]:
-    """Return the paper's rule and the named ones: tuned baselines, or objects with `predict` as module:object.
+    """Return the paper's rule and the baselines `names`: tuned baselines, or objects with `predict` as module:object.
 
-    Tuned ones are those that are shipped, or, of a `setup`, those in `folder`.
+    Tuned baselines of a `setup` are read from `folder`, others are shipped.
 
     Raises:
         ValueError: there is no such baseline, it is named twice, or it does not fit this environment.
@@ -286,7 +274,7 @@ def baselines(
             contestants.append(Contestant(name, {"baseline": name}, (typical,), ""))
         elif ":" not in name:
             known = nearest("baseline", name, [*FIXED, *shipped_baselines()])
-            raise ValueError(f"{known} (one of your own is named module:object)")
+            raise ValueError(f"{known} (your own baseline is named module:object)")
         else:
             controller = controller_of({"object": name}, typical)
             try_out(name, controller, observations, len(ActionSpec(task)))  # raises now, not in a worker

@@ -1,9 +1,9 @@
-// Tabs, links into folded parts, and charts that are drawn when they become visible.
+// Tabs, links into folded parts, and charts, which are drawn when they become visible.
 (() => {
   const tabs = [...document.querySelectorAll("[role=tab]")];
   const panelOf = (tab) => document.getElementById(tab.getAttribute("aria-controls"));
 
-  // Vega is large: it is loaded for the first chart, after the page is painted.
+  // Vega is large, so it is loaded for the first chart, after the page is painted.
   const drawing = () => {
     if (window.vegaEmbed) return;
     const program = document.createElement("script");
@@ -62,7 +62,7 @@
   addEventListener("hashchange", follow);
   document.addEventListener("toggle", later, true);
 
-  // Folded parts of the selected set-up are printed as well.
+  // Print folded parts of the selected set-up as well.
   let opened = [];
   addEventListener("beforeprint", () => {
     opened = [...document.querySelectorAll(".fold:not([open]), .fails:not([open]), figcaption details:not([open])")]

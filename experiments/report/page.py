@@ -27,7 +27,13 @@ CHOSEN_ON = {
     "table": "these scenarios themselves", "set": "the first half of the validation set",
     "ranges": "other scenarios from the same ranges",
 }  # fmt: skip
-"""Scenarios on which the weight for the paper's approach time was chosen, by the kind of scenarios played."""
+"""Scenarios on which the weight for the paper's approach time is chosen, by the kind of the report's scenarios."""
+
+ABOUT = {
+    PAPER: "constant speed; brakes once it senses the touch",
+    POLICY: "neural network, trained to touch soon and gently",
+}
+"""Captions of the contestants in the film."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +44,7 @@ class Tab:
     answer: answer.Answer
     choice: choice.Choice
     steps: Sequence[ablation.Step]
-    headline: str
+    headline: str  # the controller to take, and the answer without intervals
     fails: holds.Failing
     chart: Figure
     summary: str  # the answer with its intervals, in a sentence or two
@@ -51,32 +57,35 @@ def tab(played: Played) -> Tab:
     """Return the tab of a matchup."""
     matchup, steps, result = played.matchup, ablation.steps_of(played), answer.answer(played)
     chosen = choice.choice(played)
-    summary = answer.sentence(result, matchup) + ablation.sentence(steps)
-    if matchup.operated:
+    engineer = [Section("Which controller to take", [choice.table(chosen, played)], key="choice")]
+    if matchup.operated:  # the ablation has no step for an operator
+        short = first_screen.assisted(played)
         summary = f"{matchup.name} ({matchup.note}): {first_screen.assisted(played, intervals=True)}"
-    engineer = [
+    else:
+        short = first_screen.at_rule_time(result, played)
+        summary = answer.sentence(result, matchup) + ablation.sentence(steps)
+        engineer += [
+            Section("At about the paper's approach time: mean and tail", [answer.at_one_time(played)]),
+            Section("Ablation: where the gain comes from", [ablation.table(steps, matchup.labels)]),
+        ]
+    engineer += [
         Section("What it learned", [differences.approach(played)], key="learned"),
         Section("Times, velocities and forces", [differences.measures(played)], key="forces"),
         Section("Robustness", [holds.heat_map(played)], key="robustness"),
         Section("Robustness: every change", [holds.table(played)], folded=True),
     ]
-    if not matchup.operated:  # the ablation has no step for an operator
-        heading = "Ablation: where the gain comes from"
-        engineer.insert(0, Section(heading, [ablation.table(steps, matchup.labels)]))
-        engineer.insert(0, Section("At about the paper's approach time: mean and tail", [answer.at_one_time(played)]))
-    engineer.insert(0, Section("Which controller to take", [choice.table(chosen, played)], key="choice"))
     chosen_on = next(words for kind, words in CHOSEN_ON.items() if kind in matchup.scenarios)
     note = (f"The weight for the paper's approach time was chosen on {chosen_on}, so the mean times of policy and "
             "rule differ slightly here.")  # fmt: skip
     trade_off = [answer.trade_off(played), answer.weights_table(played)]
-    wins = [note, *(differences.paired(played, field) for field in FIELDS)]
     statistician = [
         Section("The answer", [summary if matchup.operated else answer.table(result, played)], key="answer"),
         Section("Trade-off of all seeds and baselines", trade_off, folded=True, key="trade-off"),
-        Section("Differences by scenario", wins, folded=True, key="differences"),
-    ]
+        Section("Differences by scenario", [note, *(differences.paired(played, field) for field in FIELDS)],
+                folded=True, key="differences"),
+    ]  # fmt: skip
     return Tab(
-        matchup, result, chosen, steps, first_screen.headline(chosen, result, played),
+        matchup, result, chosen, steps, f"{chosen.sentence} {short}",
         holds.where_it_fails(played, chosen.controller), first_screen.chart(result, played), summary, engineer,
         statistician, Markup(fragment(watch(played), f"watch-{matchup.name}")),
     )  # fmt: skip
@@ -86,49 +95,47 @@ def policies_table(all_played: Sequence[Played]) -> Table:
     """Return the median policies of all set-ups."""
     body = []
     for played in all_played:
-        matchup, (weight,) = played.matchup, played.policy_as_late.weights
+        matchup, (weight,) = played.matchup, played.as_late[played.matchup.chosen].weights
         name = f"{matchup.title} ({matchup.name})" if matchup.title else matchup.name
         trained_by, checksum = todays(matchup.provenance.get("command", "-")), matchup.policy.checksum[:16]
         body.append((name, matchup.chosen, str(len(matchup.seeds)), trained_by, f"{weight:.4g}", checksum))
-    head = (
-        "set-up",
-        "median seed",
-        "seeds",
-        "trained by",
-        "weight at the paper's approach time (m/s per s)",
-        "checksum",
-    )
+    head = ("set-up", "median seed", "seeds", "trained by", "weight at the paper's approach time (m/s per s)",
+            "checksum")  # fmt: skip
     return Table("The policies; checksums of all contestants are in results.json", head, body)
 
 
 def watch(played: Played) -> dict[str, Any]:
     """Return the films of a dozen scenarios: the rule, and the policy at the paper's mean approach time."""
-    matchup, as_late = played.matchup, played.policy_as_late
+    matchup, as_late = played.matchup, played.as_late[played.matchup.chosen]
     (weight,) = as_late.weights
     runs = {PAPER: played.paper.at(weight), POLICY: as_late.at(weight)}
-    players = {PAPER: matchup.baselines[0], POLICY: matchup.policy}
     frozen, environment = frozen_of(matchup.scenarios), dict(matchup.environment)
     if frozen is None:
         environment["scenario"] = {name: tuple(pair) for name, pair in matchup.scenarios["ranges"].items()}
+    controllers = {PAPER: matchup.baselines[0].controller, POLICY: matchup.policy.controller}
     task = Task(**environment)
-    return films(
-        {name: controller_of(contestant.controller, weight, task) for name, contestant in players.items()},
-        choose(runs[PAPER], runs[POLICY]),
+    watched = films(
+        {name: controller_of(controller, weight, task) for name, controller in controllers.items()},
+        choose(*runs.values()),
         runs,
         seed=frozen.seed if frozen else matchup.scenarios["seed"],
         frozen=frozen,
         environment=environment,
         time_weight=weight,
     )
+    if not matchup.operated:
+        for run in (run for scene in watched["scenes"] for run in scene["runs"]):
+            run["sentence"] = ABOUT[run["name"]]
+    return watched
 
 
 def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> list[str]:
-    """Write the page, and into `folder`/figures all its figures with their data; return the names of their files."""
+    """Write the page, and its figures with their data into `folder`/figures; return the names of these files."""
     saved = list[str]()
     for tab in tabs:
         parts = [tab.chart, *(part for section in (*tab.engineer, *tab.statistician) for part in section.parts)]
-        for figure in (part for part in parts if isinstance(part, Figure)):
-            saved += figure.save(folder / "figures")
+        for part in parts:
+            saved += part.save(folder / "figures") if isinstance(part, Figure) else []
     bundle = vl_convert.javascript_bundle()  # type: ignore[call-arg]  # the stub requires an optional argument
     page.write(
         folder,

@@ -15,62 +15,57 @@ from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
 
 Arrays = Mapping[str, NDArray[Any]]
-MISSED_TOO_OFTEN = 0.01  # share of missed objects, which have no V_p, above which nothing is claimed
+MISSED_TOO_OFTEN = 0.01  # share of missed objects above which the report claims no gain
 
 
 @dataclass
 class Run:
     """Results of one contestant in one matchup."""
 
-    weights: tuple[float, ...]
-    arrays: Arrays  # (weights, scenarios) each, and the fields of the scenarios (scenarios,)
+    weights: tuple[float, ...]  # m/s per s
+    arrays: Arrays  # results (weights, scenarios), and the fields of the scenarios (scenarios,)
     missed_cost: float = MISSED_COST  # m/s
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self.arrays[name]
 
     def at(self, weight: float) -> Episodes:
-        """Return the results at a weight (m/s per s); a contestant with a single weight has the same at any."""
+        """Return the results at a weight (m/s per s); a contestant with one weight has the same results at any."""
         if len(self.weights) > 1 and weight not in self.weights:
             raise ValueError(f"it was not played at a weight of {weight:g}, only at {self.weights}")
         place = self.weights.index(weight) if weight in self.weights else 0
         results = {name: self[name][place] for name in MEASURED if name in self.arrays}
-        return Episodes(**results, scenario=self.scenario, missed_cost=self.missed_cost)
+        return Episodes(**results, scenario={name: self[name] for name in FIELDS}, missed_cost=self.missed_cost)
 
     def loss(self, weight: float) -> Floats:
         """Cost of each scenario: V_p + weight * approach time + cost of a miss (scenarios,), m/s."""
         return self.at(weight).loss(weight)
 
     def means(self, weight: float) -> dict[str, Any]:
-        """Mean approach time T (s) and V_p (m/s) at a weight, and how many objects it missed."""
+        """Mean approach time T (s) and V_p (m/s) at a weight, and the number of missed objects."""
         episodes = self.at(weight)
         time, velocity = episodes.approach_time.mean(), episodes.object_velocity.mean()
         return {"T": float(time), "V": float(velocity), "missed": int(episodes.missed.sum())}
 
     @property
     def front(self) -> list[tuple[float, float]]:
-        """Mean approach time (s) and V_p (m/s) at each weight, the soonest first."""
+        """Mean approach time (s) and V_p (m/s) at each weight, the shortest time first."""
         return sorted((mean["T"], mean["V"]) for mean in map(self.means, self.weights))
-
-    @property
-    def scenario(self) -> dict[str, Floats]:
-        """The scenarios."""
-        return {name: self[name] for name in FIELDS}
 
 
 @dataclass
 class Played:
-    """All results of one matchup."""
+    """All results of one matchup; runs by the name of their contestant."""
 
     matchup: Matchup
     seeds: dict[str, Run] = field(default_factory=dict)
     as_late: dict[str, Run] = field(default_factory=dict)  # each seed at the paper's mean approach time
     baselines: dict[str, Run] = field(default_factory=dict)
-    choosing: dict[str, Run] = field(default_factory=dict)  # baselines and median seed, on scenarios to choose on
+    choosing: dict[str, Run] = field(default_factory=dict)  # baselines and median seed, in the scenarios of the choice
     bound: Run | None = None
     varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # of each cell of `holds.cells`
     profiles: dict[str, Run] = field(default_factory=dict)
-    travelled: dict[str, Run] = field(default_factory=dict)  # of a tool on a spring
+    travelled: dict[str, Run] = field(default_factory=dict)  # only with a tool on a spring
 
     @property
     def paper(self) -> Run:
@@ -86,11 +81,6 @@ class Played:
     def policy(self) -> Run:
         """The median seed."""
         return self.seeds[self.matchup.chosen]
-
-    @property
-    def policy_as_late(self) -> Run:
-        """The median seed at the weight that gives the paper's mean approach time."""
-        return self.as_late[self.matchup.chosen]
 
     @property
     def count(self) -> int:
@@ -118,5 +108,5 @@ def episodes(all_played: Sequence[Played]) -> pl.DataFrame:
                 results = {field: run[field][place] for field in MEASURED if field in run.arrays}
                 numbers = np.arange(len(results["missed"]), dtype=np.int32)
                 about = {"matchup": played.matchup.name, "contestant": name, "time_weight": weight, "scenario": numbers}
-                frames.append(pl.DataFrame({**about, **results, **run.scenario}))
+                frames.append(pl.DataFrame({**about, **results, **{field: run[field] for field in FIELDS}}))
     return pl.concat(frames, how="diagonal")

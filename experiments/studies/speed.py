@@ -56,11 +56,6 @@ def cells_of_growth(quick: bool, _: Frames) -> list[Cell]:
     return [Cell({"quantity": name}, {"quantity": name, "values": GROWTH[name][1][::step]}) for name in GROWTH]
 
 
-def no_times(labels: Row) -> Row:
-    """Return the row of a rival that crashed or exceeded LONGEST."""
-    return {"contender": RIVALS[labels["rival"]][0], "setting": FINE}
-
-
 def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float, by: str = TIMES[0]) -> Row | None:
     """Return the row with the least time `by` (one of TIMES) whose and all finer settings keep `error` (m/s in V_p).
 
@@ -224,8 +219,11 @@ STUDY = Study(
         Measurement(
             "truth", lambda *_: [Cell({"scene": one.name}, {"approach": one.name}) for one in named()], true_row, JUDGES
         ),
-        Measurement("times", cells_of_times, timed, (*SOLVER, *JUDGES), failed=no_times, seconds=LONGEST, processes=1),
+        Measurement(
+            "times", cells_of_times, timed, (*SOLVER, *JUDGES), seconds=LONGEST, processes=1,
+            failed=lambda labels: {"contender": RIVALS[labels["rival"]][0], "setting": FINE},
+        ),
         Measurement("growth", cells_of_growth, grown, processes=1),
     ),
     analyse=analyse,
-)
+)  # fmt: skip

@@ -82,12 +82,8 @@ class Batch:
         sensing = [each for each in tasks if each.range_sensor]
         periods = (each.longest("range_sensor.delay") / each.control_period for each in sensing)
         range_slots = int(max(periods, default=0.0)) + _SPARE
-        self.action_spec, links = (
-            ActionSpec(tasks[0]),
-            [(each.link, each.horizon, each.control_period) for each in tasks],
-        )
-        packets = max(link.packets(*spans) if link else 0 for link, *spans in links)
-        linked = size if packets else 0
+        packets = max(each.link.packets(each.horizon, each.control_period) if each.link else 0 for each in tasks)
+        self.action_spec, linked = ActionSpec(tasks[0]), size if packets else 0
         each_row = kernels.CHAIN.itemsize + kernels.EPISODE.itemsize + slots * kernels.READING.itemsize
         each_row += packets * kernels.PACKET.itemsize + 4 * len(self.spec)
         each_row += range_slots * kernels.RANGE_READING.itemsize if sensing else 0

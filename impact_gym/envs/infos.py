@@ -38,12 +38,12 @@ LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "tak
 
 
 class Infos:
-    """The infos of a batch, whose rows have one task for all or one each."""
+    """The infos of the rows of a batch."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
-        """Find the entries in the record of an episode.
+        """Find the entries in the record of an episode; `tasks` are one for all rows or one for each.
 
-        Columns have all numbers of the set-up that any task draws, the info of one row only those of its own task.
+        Columns have all numbers of the set-up that any task draws. The info of a row has the numbers of its task.
         """
         drawn = [name for name in QUANTITIES if any(name in task.drawn for task in tasks)]
         numbers = _NUMBERS | {f"record.{name}": f"drawn.{name}" for name in drawn}

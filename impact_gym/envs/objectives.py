@@ -70,7 +70,7 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     * v0: first version
     """
 
-    @wraps(ImpactApproachEnv.__init__)  # type: ignore[misc]  # whose arguments they are
+    @wraps(ImpactApproachEnv.__init__)  # type: ignore[misc]  # the same arguments
     def __init__(self, **arguments: Any) -> None:
         super().__init__(**arguments)
         self.reward_space, self.reward_dim, self.reference_point, self.utopia_point = described(self._batch.tasks)
@@ -84,7 +84,7 @@ class MOImpactApproachEnv(ImpactApproachEnv):
 class MOImpactApproachVectorEnv(ImpactApproachVectorEnv):
     """`ImpactApproachVectorEnv` with vector rewards (num_envs, reward_dim)."""
 
-    @wraps(ImpactApproachVectorEnv.__init__)  # type: ignore[misc]  # likewise
+    @wraps(ImpactApproachVectorEnv.__init__)  # type: ignore[misc]  # the same arguments
     def __init__(self, num_envs: int = 1, **arguments: Any) -> None:
         super().__init__(num_envs, **arguments)
         self.reward_space, self.reward_dim, self.reference_point, self.utopia_point = described(self.batch.tasks)

@@ -34,7 +34,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     `infos["final_obs"]` and `infos["final_info"]`) or DISABLED (reset by `options={"reset_mask": ...}`);
     `render_mode`: None or, for at most 16 environments, "rgb_array"; `threads`, which changes no result; and
     `per_slot`: for each slot a mapping of the arguments in which it differs. All slots must have the same observation.
-    `max_episode_steps` truncates episodes. The methods `set_scenario`, `sensors` and `command` are those of `Batch`.
+    `max_episode_steps` truncates episodes. `set_scenario`, `sensors` and `command` are methods of `Batch`.
     """
 
     @with_task_arguments()
@@ -88,7 +88,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Floats, dict[str, Any]]:
-        """Begin an episode in every slot, or in those of `options["reset_mask"]` (num_envs,).
+        """Begin an episode in every slot, or in the slots of `options["reset_mask"]` (num_envs,).
 
         A value in `options["scenario"]` or `options["record"]` may be a number for all slots or a sequence (num_envs,).
         A slot that does not draw a number of its set-up ignores the value for it.

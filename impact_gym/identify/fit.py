@@ -17,13 +17,13 @@ from impact_gym.identify.sensor import Array, bursts, level
 STARTS = 8  # starting points that are fitted, the best first; `Fit.again` fits as many more
 NOISE_ROUNDS = 3  # estimates of the noise, each with a new fit
 CONFIDENCE = 0.95
-END_TOLERANCE = 0.02  # of an end of an interval, relative to the half width
+END_TOLERANCE = 0.02  # tolerance of an interval's end, relative to the half width
 MAX_STEP = 1.5  # of a coordinate, first step towards an end; a longer interval may contain another minimum
 MAX_STEPS = 10  # fits per end of an interval
 BEYOND = (1.6, 2.5)  # times the distance to an end: here the misfit is checked for another minimum
-MAX_DEVIATION = 1e3  # of a coordinate, standard deviation of an undetermined number
-MIN_IMPROVEMENT = 0.05  # of the misfit, for a point to replace the best fit, doubled each time; ends are 3.8 above it
-MIN_LEFTOVER = 6.0, 0.5  # residual of a blow without a counterpart in the model: standard deviations, share of the blow
+MAX_DEVIATION = 1e3  # largest standard deviation of a coordinate, if the number is not determined
+MIN_IMPROVEMENT = 0.05  # of the misfit, for a point to replace the best fit; doubled each time
+MIN_LEFTOVER = 6.0, 0.5  # least residual of a blow that the model lacks: standard deviations, and share of the blow
 
 Ends = tuple[float | None, ...]
 
@@ -106,9 +106,9 @@ def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
 
 
 def _minima(model: Model, after: int) -> list[Point]:
-    """Return rough minima from the STARTS starting points `after` others, and from fits to the first blow alone.
+    """Return rough minima of fits from STARTS starting points, which follow the first `after` starting points.
 
-    Later blows add many local minima. Idle starting points are refused, see `_refuse_idle`.
+    Further fits start from minima of a fit to the first blow alone, as later blows add many local minima.
     """
     which = slice(after, after + STARTS)
     starts, first = scatter(model)[which], model.of_first_blow()
@@ -136,7 +136,7 @@ def _extra_blows(fit: Fit) -> str:
         if "force" not in log.columns:
             continue
         force, sensor = log.columns["force"], model.sensors["force"]
-        left = -model.residuals(fit.x)[model.slots[k, "force"]]  # standard deviations
+        left = -model.residuals(fit.x)[model.slots[k, "force"]]  # in standard deviations
         signal = (force - level(force, sensor)) / model.noise["force"]
         deviations, share = MIN_LEFTOVER
         blows = bursts(force, sensor)

@@ -24,7 +24,7 @@ from impact_gym.validation import WrongTypeError, number, shown
 MASS, STIFFNESS, RESTITUTION = "object.mass", "contact.stiffness", "contact.restitution"
 SEARCHED = {STIFFNESS: (1e2, 1e8), RESTITUTION: (0.03, 0.99), MASS: (5e-3, 5e2)}
 """Ranges of starting points, unless `free` has others."""
-SEARCH_FACTOR = 10.0  # of other numbers: from a tenth to ten times the scene's value
+SEARCH_FACTOR = 10.0  # other numbers are searched from a tenth to ten times the scene's value
 REACH_FACTOR = 1e4  # how far the fit may go beyond either end of the searched range
 WALL = 1e5  # times the mass of a tool on a spring, bound of the object's mass: a heavier object is a wall
 LARGEST_LOGIT = 14.0  # largest ln(e/(1-e)): e within 1e-6 of 0 or 1

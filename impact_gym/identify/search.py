@@ -17,11 +17,11 @@ from impact_gym.identify.sensor import Array, level
 from impact_gym.outcome import Trace
 from impact_gym.scene import Scene
 
-SCATTERED = 40  # points of the Latin hypercube
+SCATTERED = 40  # number of points of the Latin hypercube
 SEED = 0
 RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # of starts by impulse and width
 PASSES, NEAR = 8, 0.1  # for such a start: number of simulations at most, and tolerance of the logarithms
-HEAVY = 1e3  # times the mass of the tool, largest mass by the impulse
+HEAVY = 1e3  # largest mass in a start by the impulse, in masses of the tool
 ROUNDS, ROUND_EVALUATIONS = 5, 8  # comparisons of the fits, and evaluations of the residuals before each comparison
 MIN_GAP_REDUCTION = 0.2  # per round, of the gap to the best fit; otherwise a fit is dropped
 GOOD_MISFIT = 20.0  # times the misfit per sample; a rough minimum at most so far above the least misfit is refined

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from impact_gym.kernels import delivered, delivered_linear, exact_damping, hu_guo, separation_velocity
+from impact_gym.validation import choice
 
 
 class Law(NamedTuple):
@@ -87,9 +88,7 @@ def effective_restitution(law: str, restitution: ArrayLike) -> NDArray[np.float6
     Raises:
         ValueError: `law` is unknown, or a restitution is outside (0, 1].
     """
-    laws = ("exact", *PUBLISHED)
-    if law not in laws:
-        raise ValueError(f"law must be one of {laws}, got {law!r}")
+    choice("law", law, ("exact", *PUBLISHED))
     nominal = np.asarray(restitution, np.float64)
     if not np.all((nominal > 0.0) & (nominal <= 1.0)):
         raise ValueError(f"restitution must be above 0 and at most 1 (no unit), got {restitution!r}")

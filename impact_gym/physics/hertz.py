@@ -10,9 +10,7 @@ import math
 from dataclasses import dataclass
 from itertools import product
 
-from impact_gym.validation import number
-
-Range = tuple[float, float]
+from impact_gym.validation import Range, number
 
 
 def hertz(

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym.kernels import GRAVITY as GRAVITY  # m/s^2, standard gravity
-from impact_gym.validation import WrongTypeError, number
+from impact_gym.validation import array, number
 
 Velocities = NDArray[np.float64] | np.float64
 
@@ -57,9 +57,7 @@ def sliding_distance(object_velocity: ArrayLike, friction: ArrayLike) -> Velocit
 
 
 def _checked(field: str, values: ArrayLike, unit: str, **limits: float) -> NDArray[np.float64]:
-    array = np.asarray(values)
-    if array.dtype.kind not in "fiu":
-        raise WrongTypeError(f"{field} must be numbers in {unit}, got {values!r}")
-    for value in array.flat:
+    given = array(field, values, what=f"numbers in {unit}")
+    for value in given.flat:
         number(field, value, unit, **limits)
-    return array.astype(np.float64)
+    return given.astype(np.float64)

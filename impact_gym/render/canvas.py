@@ -95,7 +95,7 @@ class Canvas:
             self.pygame.draw.lines(self._surface, colour, False, self._scaled(points), thickness)
 
     def text(self, text: str, at: Point, size: int = 18, colour: str = INK, anchor: str = "midleft") -> None:
-        """Write `text`; the point of its box that `anchor` names lies `at`."""
+        """Write `text`; `anchor` names the point of the text's box that is placed `at`."""
         self._texts.append((text, at, size, colour, anchor))
 
     @staticmethod

@@ -184,9 +184,7 @@ def _spring_damper(canvas: Canvas, view: Camera, front: float, back: float, rest
 def _bistable(canvas: Canvas, view: Camera, front: float, back: float, mechanism: Bistable) -> None:
     """Draw the slider between its stops, the spring and its pivot on the flange's arm, to scale in both directions."""
     alignment = front + CLEARANCE - mechanism.rear_stop
-    rod = (
-        mechanism.front_stop - mechanism.rear_stop + 2.0 * CLEARANCE
-    )  # long enough for the tool to clear the front stop
+    rod = mechanism.front_stop - mechanism.rear_stop + 2.0 * CLEARANCE  # the tool clears the front stop
     slider = (view.x(back - rod), view.axis)
     pivot = (view.x(alignment), view.axis - mechanism.height * view.scale)
     thick = CLEARANCE * view.scale

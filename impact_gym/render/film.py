@@ -14,7 +14,7 @@ from impact_gym.task.task import Task
 
 FRAME_RATE = 30  # 1/s
 FLIGHT_FACTOR = 8  # slow motion without contact, if the episode lasts at most HORIZON
-HORIZON = 1.2  # s; a longer episode is shown with less slow motion, at most in real time
+HORIZON = 1.2  # s; a longer episode has less slow motion, down to real time
 SHORTEST, LONGEST = 6.0, 10.0  # s, of a film
 CONTACT_FACTOR = 32  # least slow motion while tool and object touch
 LARGEST_FACTOR = 1024  # largest slow motion

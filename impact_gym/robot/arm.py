@@ -107,7 +107,7 @@ class Arm:
         return np.linalg.svd(np.vstack([rows[:3], self.length * rows[3:]]), compute_uv=False)
 
     def condition(self, angles: ArrayLike) -> float:
-        """Return the condition number of the Jacobian's held rows, the ratio of its first `rank` singular values."""
+        """Return the condition number of the Jacobian's held rows: first over `rank`-th singular value."""
         sizes = self._singular_values(angles)
         return float(sizes[0] / sizes[self.rank - 1]) if sizes[self.rank - 1] > 0.0 else np.inf
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from impact_gym.robot.approach import Array
 
-LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # kg and kg m^2, of a body
+LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # least allowed values of a body, kg and kg m^2
 LARGEST_GYRATION = 3.0
 """m, allowed radius of gyration of a body, unless the arm reaches farther; in kg mm^2 a finger's would be larger."""
 ROUNDING = 1e-6
@@ -68,7 +68,9 @@ def welded_body(joint: str, links: Mapping[str, Array], reach: float, balanced: 
             f"link {next(iter(links))!r}, which joint {joint!r} moves, must have at least {LEAST_MASS:g} kg with all"
             f" that is welded to it, got {mass:g} kg"
         )
-    spread, axes = np.linalg.eigh(total[:3, :3] - mass * np.outer(centre, centre))  # of the mass along its axes
+    spread, axes = np.linalg.eigh(
+        total[:3, :3] - mass * np.outer(centre, centre)
+    )  # second moments of the mass along its axes
     least, middle, most = (spread.sum() - spread[::-1]).tolist()
     first, *others = [repr(link) for link, part in links.items() if part.any()]
     what = f"link {first}" + (f" with {', '.join(others)} welded to it" if others else "")

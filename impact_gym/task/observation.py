@@ -56,7 +56,7 @@ class ObservationSpec:
     def __init__(self, task: Task, drawn: Iterable[str] | None = None) -> None:
         """Make the specification of the observation of `task`.
 
-        Of the numbers of the set-up a critic gets those with ids in `drawn`; None: those that the task draws.
+        A critic gets the numbers of the set-up with ids in `drawn`; None: the numbers that the task draws.
         """
         shown = [row for row in QUANTITIES.values() if _actor_sees(row, task)]
         critic = {*(task.drawn if drawn is None else drawn)}

@@ -226,7 +226,7 @@ class Task:
 
     @property
     def ranges(self) -> dict[str, Range]:
-        """The ranges that episodes draw from, by id; those of scenario, delay and weight may have no width."""
+        """The ranges that episodes draw from, by id; ranges of scenario, delay and weight can have width 0."""
         pairs = {name: getattr(self, name) for name in ("time_weight", "reaction_delay")}
         always = {name: pair if isinstance(pair, tuple) else (pair, pair) for name, pair in pairs.items()}
         return self.scenario.by_id() | always | dict(self.drawn)
@@ -256,7 +256,7 @@ class Task:
     def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
         """Return its record (1,), TASK; the fields of DRAW of each number that episodes draw; and its tables (n,).
 
-        Among those of all tasks, its draws begin at the index `first_draw`, the numbers of its tables at `table_at`.
+        Among all tasks, its draws begin at the index `first_draw`, the numbers of its tables at `table_at`.
         """
         held, no_table = mount_to_kernel(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)

@@ -84,7 +84,7 @@ class Link(NamedTuple):
         return tables
 
     def packets(self, horizon: float, control_period: float) -> int:
-        """Return how many packets must be kept: those in transit, and those that the operator has yet to see."""
+        """Return how many packets must be stored: packets in transit, and packets that the operator has yet to see."""
         late = [LONGEST_JITTER * max(self.ends(way, name)[1] for name in ("jitter", "tail")) for way in WAYS]
         up, down = (self.ends(way, "delay")[1] + max((0.0, *getattr(self, way).delays)) for way in WAYS)
         most = max(up + late[0], down + late[1] + self.ends("operator", "reaction")[1])

@@ -1,4 +1,4 @@
-"""The baselines do what they say, and what tuning leaves behind is what is loaded."""
+"""The baselines do what their docstrings say, and `load_baseline` returns what tuning has written."""
 
 import hashlib
 import json
@@ -15,6 +15,7 @@ from agents.baselines.profile import KNOTS, REACTION
 from agents.baselines.rule import View
 from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
 from agents.evaluate import RESULTS, ScenarioBatch
+from agents.export.contract import of_name
 from agents.setups import owner, shipped_baselines
 from agents.tune import CLEAN_ALARM
 from impact_gym.envs.single import observation_space
@@ -25,13 +26,13 @@ STAY = [0.0] * (len(REACTION) - 1) + [20.0]
 
 
 def drawn(rule, rows, seed=0):
-    """Return parameters evenly drawn within their limits."""
+    """Return parameters drawn uniformly within their limits."""
     low, high = (np.array([getattr(parameter, side) for parameter in rule.PARAMETERS]) for side in ("low", "high"))
     return np.random.default_rng(seed).uniform(low, high, (rows, len(low)))
 
 
 def observations(environment, rows=200):
-    """Return observations drawn evenly, those of every second row after the alarm."""
+    """Return observations drawn uniformly; in every second row the alarm is on."""
     spec = ObservationSpec(Task(**environment))
     box = observation_space(spec)
     seen = np.random.default_rng(1).uniform(box.low, box.high, (rows, len(spec))).astype(np.float32)
@@ -40,7 +41,7 @@ def observations(environment, rows=200):
 
 
 def flange(controller, environment, **record):
-    """Return the flange's path, and the approach time (s) of an episode that drew `record`."""
+    """Return the flange's path and the approach time (s) of an episode with the numbers `record`."""
     env = gym.make(ID, record_trace=True, **environment)
     info = play(env, controller, seed=3, record=record).info
     trace = env.unwrapped.trace()
@@ -62,7 +63,7 @@ def test_constant_speed_goes_until_the_alarm_and_then_stops(rule, go, stop):
     assert actions[0] in gym.make(ID).action_space
 
 
-def test_blind_profile_is_followed_as_far_as_the_limits_allow():
+def test_flange_follows_a_blind_profile_within_the_limits():
     speeds = np.array([0.8, 0.8, 0.7, 0.75, 0.6, 0.5, 0.45, 0.4, 0.35, 0.3])
     time, position, velocity, touch = flange(BlindProfile([*speeds, 20.0, *STAY]), {}, distance=0.5)
     position, velocity, steps = position[time <= touch], velocity[time <= touch], np.diff(time[time <= touch])
@@ -70,8 +71,8 @@ def test_blind_profile_is_followed_as_far_as_the_limits_allow():
     assert np.abs((np.diff(velocity) / np.maximum(steps, 1e-12))[steps > 1e-6]).max() <= 20.0 + 1e-6
     settled = position > 0.05  # 0.8 m/s at 20 m/s^2 takes 16 mm, and a control period
     off = np.abs(velocity[settled] - np.interp(position[settled], KNOTS, speeds))
-    # between two commands the velocity is linear in time, over a corner too; the sharpest is 3.3 1/s to 2.5 1/s the
-    # other way, which 13 mm of a period turn into 0.04 m/s
+    # between two commands the velocity is linear in time, also across a corner of the profile; at the sharpest corner,
+    # from 3.3 1/s to -2.5 1/s, this makes up to 0.04 m/s within the 13 mm of a control period
     assert off.max() < 0.04
     assert off[np.abs(position[settled][:, None] - KNOTS).min(axis=1) > 0.013].max() < 0.01
 
@@ -86,13 +87,15 @@ def test_ranged_arrives_at_the_estimate_with_the_tuned_speed_whatever_the_distan
     assert velocity[position > 0.31] == pytest.approx(0.25, abs=1e-3)
 
 
-def test_clairvoyant_goes_by_the_true_gap():
+def test_clairvoyant_uses_the_true_gap():
     env = gym.make(ID, **Clairvoyant.NEEDS)
     seen, _ = env.reset(options={"scenario": {"distance": 0.2718}})
     rule = Clairvoyant([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 10.0, 20.0, *STAY])
     velocity, _ = rule.approach(View(seen, env.unwrapped.observation_spec))
     far = np.sqrt(0.6**2 + 2 * 10.0 * (0.2718 - 0.04))
-    assert velocity == pytest.approx(min(1.5, far), abs=1e-6)  # not there within a period: what it goes for
+    assert velocity == pytest.approx(
+        min(1.5, far), abs=1e-6
+    )  # the commanded velocity, which it does not reach within a period
     assert rule.speed(np.array([-0.015, 0.0, 0.015, 0.1])) == pytest.approx([0.45, 0.3, 0.15, 0.1])
 
 
@@ -108,14 +111,14 @@ def test_rule_acts_on_a_row_of_a_batch_as_it_does_alone(rule):
 
 
 @pytest.mark.parametrize("name", ["blind-profile", "constant-deceleration"])
-def test_rule_by_position_goes_where_the_objects_stand(name):
+def test_rule_over_position_is_mapped_to_the_distances_of_a_task(name):
     rule = load_baseline(name, 2.0)
     farther = rule.for_task(Task(scenario={"distance": [0.3, 0.7]}))  # twice as far, and twice as wide
     x = np.linspace(0.15, 0.35, 9)
-    if name == "blind-profile":  # it has the same speeds there
+    if name == "blind-profile":  # the same speeds at the corresponding places
         x = np.array([0.08, 0.12, *x])
         assert farther.speed(2.0 * x) == pytest.approx(rule.speed(x))
-    else:  # it has the same deceleration, and as much farther to go
+    else:  # the same deceleration over a longer distance
         assert farther.speed(2.0 * rule["end"] - x) == pytest.approx(rule.speed(rule["end"] - x))
     env = gym.make(ID, scenario={"object_mass": 1.0}, render_mode="rgb_array", record_trace=True)
     assert np.array_equal(rule.for_environment(env.spec.kwargs).speed(x), rule.speed(x))
@@ -130,7 +133,7 @@ def test_rule_follows_its_profile_in_the_environments_control_period():
 
 
 def parameters_of(rule, seed):
-    """Return what a tuned file holds of a search."""
+    """Return the entry of a tuned file for a weight."""
     return {"parameters": dict(zip(rule.names(), drawn(rule, 1, seed)[0].tolist(), strict=True))}
 
 
@@ -149,36 +152,54 @@ def test_load_baseline_interpolates_over_the_logarithm_of_the_weight(tmp_path):
 @pytest.mark.parametrize(("changes", "reason"), [
     ({"weights": {}, "sha256": "as it was"}, "was altered"), ({"parameters": []}, "another table of parameters"),
     ({"environment": {"range_noise": 0.02}}, "another environment"), (None, "damaged"),
+    ({"format": "impact_gym tuned baseline 0"}, "was tuned for another format"),
 ], ids=str)  # fmt: skip
-def test_load_baseline_refuses_what_was_not_written_with_the_remedy(tmp_path, changes, reason):
+def test_load_baseline_refuses_a_missing_or_changed_file_and_gives_a_remedy(tmp_path, changes, reason):
     refused(lambda: load_baseline("ranged", 2.0, tmp_path), "was not tuned", "impact-gym tune linear-ranged")
     path = write_tuned("ranged", {"2": parameters_of(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
     if changes:
-        content = {name: value for name, value in json.loads(path.read_text()).items() if name != "sha256"} | changes
-        checksum = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-        path.write_text(json.dumps({"sha256": checksum} | content))
+        rewrite(path, changes)
     else:
         path.write_text(path.read_text()[:100])
-    refused(lambda: load_baseline("ranged", 2.0, tmp_path), reason, "impact-gym tune linear-ranged")
+    for read in (lambda: load_baseline("ranged", 2.0, tmp_path), lambda: of_name(str(path))):
+        refused(read, reason, "impact-gym tune linear-ranged")
+
+
+def rewrite(path, changes):
+    """Change a tuned file, and its checksum too unless `changes` has one."""
+    content = {name: value for name, value in json.loads(path.read_text()).items() if name != "sha256"} | changes
+    checksum = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    path.write_text(json.dumps({"sha256": checksum} | content))
+
+
+def test_tuned_file_without_weights_or_beyond_limits_is_refused(tmp_path):
+    path = write_tuned("ranged", {"2": parameters_of(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
+    weights = json.loads(path.read_text())["weights"]
+    weights["2"]["parameters"]["top speed"] = 9.0
+    for changes, says in (({"weights": {}}, "holds no weight"), ({"weights": weights}, "at most 1.5 m/s, got 9")):
+        rewrite(path, changes)
+        refused(lambda: of_name(str(path)), says)
 
 
 @pytest.mark.parametrize("name", shipped_baselines())
-def test_shipped_baseline_beats_the_papers_rule_at_its_weight_and_misses_next_to_nothing(name):
-    """With an operator it beats him alone."""
+def test_shipped_baseline_beats_the_papers_rule_at_its_weights_and_misses_almost_no_object(name):
+    """With an operator the rival is the operator alone."""
     content, setup = read_tuned(name), owner(name)
     rival = OperatorAlone() if "operator" in content["environment"] else PaperTrapezoid()
-    poor = isinstance(content["environment"].get("range_noise"), list)  # estimates off by up to 30 mm and more
+    poor = isinstance(
+        content["environment"].get("range_noise"), list
+    )  # standard deviation of the estimate: up to 30 mm
     assert content["rule"] == setup.tuned[name].rule
     for weight in map(float, content["weights"]):
         task = Task(**content["environment"] | (CLEAN_ALARM if setup.tuned[name].clean_alarm else {}))
         batch = ScenarioBatch.of("validation", 100, task, time_weight=[weight])
         players = (each.for_task(task) for each in (load_baseline(name, weight), rival))
         ours, theirs = (batch.play(each) for each in players)
-        assert ours.missed.sum() <= (1 if poor else 0)  # of 100, what the report still takes for a claim
+        assert ours.missed.sum() <= (1 if poor else 0)  # of 100: the report still claims this
         assert ours.loss(weight).mean() < theirs.loss(weight).mean()
 
 
-def test_paper_limits_permit_the_papers_rule_and_no_more():
+def test_paper_limits_are_exactly_those_of_the_papers_rule():
     def played(controller, name):
         task = load_setup(name).task
         result = ScenarioBatch.of("test", 500, task).play(controller.for_task(task))
@@ -190,7 +211,7 @@ def test_paper_limits_permit_the_papers_rule_and_no_more():
 
 
 @pytest.mark.parametrize("name", ["linear-blind", "teleop-spring"])
-def test_random_actions_play_a_set_up_whatever_numbers_its_action_has(name):
+def test_random_actions_play_set_ups_with_any_size_of_action(name):
     environment = load_setup(name).environment
     alone = load_baseline("random", 2.0).for_task(Task(**environment))
     seen = np.zeros((1000, len(ObservationSpec(Task(**environment)))), np.float32)

@@ -1,4 +1,4 @@
-"""Controllers played through numbered scenarios: the same for all of them, whatever is played beside."""
+"""Controllers play numbered scenarios: the same for all of them, whatever the other scenarios are."""
 
 import runpy
 import shutil
@@ -14,14 +14,15 @@ from agents import load_policy, load_setup, provenance
 from agents.baselines import ConstantSpeed, PaperTrapezoid, load_baseline
 from agents.evaluate import RESULTS, TEST_SEED, TUNING_SEED, VALIDATION_SEED, ScenarioBatch, Validation
 from agents.evaluate import play as jobs
+from agents.provenance import digest_of
 from agents.setups.evaluation import WEIGHTS
 from agents.train.ppo import FIRST_SEED
 from impact_gym.task import Task, evaluation_sets
 
 
 @pytest.mark.parametrize("make", [PaperTrapezoid, made_up_policy])
-def test_evaluate_gives_a_scenario_the_same_result_whatever_its_neighbours(make):
-    """To the last bit; scenarios follow from the seed alone, and what an environment plays alone is the same."""
+def test_result_of_a_scenario_does_not_depend_on_the_other_scenarios(make):
+    """To the last bit. The seed alone determines the scenarios, and a single environment gets the same results."""
     controller, env = make(), gym.make(ID, scenario="test")
     many, few = (ScenarioBatch(TEST_SEED + k, n).play(controller) for k, n in ((0, 60), (41, 7)))
     other = ScenarioBatch(TEST_SEED, 60).play(ConstantSpeed(1.5, 20.0))
@@ -37,7 +38,7 @@ def test_evaluate_gives_a_scenario_the_same_result_whatever_its_neighbours(make)
         assert many.loss(2.0)[row] == pytest.approx(-episode.rewards.sum(), rel=1e-12)
 
 
-def test_scenario_batch_reports_where_the_solver_fails_or_takes_it_as_missed():
+def test_scenario_batch_reports_a_failed_scenario_or_counts_it_as_missed():
     with pytest.raises(RuntimeError, match=f"scenario seeded {TEST_SEED}: .*more integration steps"):
         ScenarioBatch(TEST_SEED, 1, max_steps=10).play(PaperTrapezoid())
     validation = Validation(Task(), WEIGHTS, scenarios=5, max_steps=10)
@@ -53,8 +54,8 @@ OWN = {"scenario": {"distance": [0.1, 0.3]}, "coupling": {"type": "Bistable"}}
 
 @pytest.mark.parametrize("environment", [{}, {"range_noise": 0.01}, OWN], ids=str)
 @pytest.mark.parametrize("rule", [ConstantSpeed(0.8, 12.0), Always(0.0, 10.5)])
-def test_validation_plays_what_evaluation_plays(rule, environment):
-    """One plays a frozen set, at all weights in one batch, the other what seeds draw, at one weight; or misses it."""
+def test_validation_and_evaluation_play_the_same_scenarios(rule, environment):
+    """Validation plays a frozen set at all weights in one batch, evaluation draws from seeds at one weight."""
     scores = Validation(Task(**environment), WEIGHTS, scenarios=40).score(rule)
     for place, weight in enumerate(WEIGHTS):
         episodes = ScenarioBatch(VALIDATION_SEED, 40, Task(**environment, time_weight=weight)).play(rule)
@@ -66,7 +67,7 @@ def test_validation_plays_what_evaluation_plays(rule, environment):
     assert np.array_equal(drawn["distance"], episodes.scenario["distance"])
 
 
-def test_seeds_of_evaluation_tuning_and_training_lie_one_above_the_other():
+def test_seeds_of_evaluation_tuning_and_training_do_not_overlap():
     sets = [evaluation_sets.load(name) for name in ("validation", "test", "hard")]
     assert [frozen.seed for frozen in sets[:2]] == [VALIDATION_SEED, TEST_SEED]
     assert all(frozen.seed + frozen.count <= TUNING_SEED for frozen in sets)
@@ -74,14 +75,14 @@ def test_seeds_of_evaluation_tuning_and_training_lie_one_above_the_other():
 
 
 def test_shipped_policy_beats_the_papers_rule_on_both_objectives():
-    """On scenarios that training never saw: at most half the object velocity, and no later."""
+    """On scenarios that no training has: at most half the object velocity, and no later."""
     learned, paper = map(ScenarioBatch(TEST_SEED, 300).play, (load_policy("linear-blind"), PaperTrapezoid()))
     assert not learned.missed.any()
     assert learned.object_velocity.mean() <= 0.5 * paper.object_velocity.mean()
     assert learned.approach_time.mean() <= paper.approach_time.mean()
 
 
-def test_policy_warns_once_where_it_is_played_elsewhere(recwarn):
+def test_policy_warns_once_if_it_plays_another_environment(recwarn):
     policy, at_home = load_policy("bistable-blind"), load_setup("bistable-blind").task
     mechanism = Task(coupling={"type": "Bistable"})
     elsewhere = ScenarioBatch(5, 3, mechanism)
@@ -100,12 +101,12 @@ def test_policy_warns_once_where_it_is_played_elsewhere(recwarn):
     ({"coupling": {"type": "SpringDamper", "stiffness": np.array([40.0, 60.0])}}, ["coupling"]),
     ({"privileged": True, "time_weight": 1.0, "rtol": 1e-5, "scenario": "hard", "max_episode_steps": 9}, []),
 ], ids=str)  # fmt: skip
-def test_policy_names_what_differs_however_it_is_written(change, differs):
+def test_policy_names_the_arguments_that_differ_in_any_notation(change, differs):
     policy = made_up_policy(environment={"range_noise": 0.01})
     assert policy.differs_in(Task(**{"range_noise": 0.01, **change})) == differs
 
 
-def test_play_takes_a_controller_by_its_name_and_says_what_cannot_predict():
+def test_play_takes_a_controller_by_name_and_refuses_one_without_predict():
     scenarios = {"set": "test", "count": 20}
     named = jobs.play({"object": "agents.baselines:PaperTrapezoid"}, scenarios)
     assert_identical(named, jobs.play({"baseline": "paper-trapezoid"}, scenarios))
@@ -113,8 +114,8 @@ def test_play_takes_a_controller_by_its_name_and_says_what_cannot_predict():
         jobs.play({"object": "json:JSONDecoder"}, scenarios)
 
 
-def test_tuned_profile_is_fast_at_the_places_it_was_tuned_for_wherever_it_is_played():
-    """It is given in shares of those places, so what a batch is told of its own must not move them."""
+def test_tuned_profile_keeps_its_positions_in_other_scenarios():
+    """Its positions belong to the distances of its own set-up: the distances of a batch must not move them."""
     own = load_setup("linear-wide").environment
     elsewhere = {name: value for name, value in own.items() if name != "scenario"}
     scenarios = {"seed": TEST_SEED, "count": 20, "ranges": own["scenario"]}
@@ -124,7 +125,7 @@ def test_tuned_profile_is_fast_at_the_places_it_was_tuned_for_wherever_it_is_pla
     assert np.array_equal(result["object_velocity"][0], expected.object_velocity)
 
 
-def test_revision_names_the_commit_of_sources_that_git_knows_and_none_of_others(tmp_path):
+def test_revision_names_the_commit_only_of_sources_that_git_tracks(tmp_path):
     def git(*command):
         author = ("-c", "user.name=Somebody", "-c", "user.email=somebody@example.org")
         return subprocess.check_output(["git", *author, *command], cwd=tmp_path, text=True).strip()
@@ -142,6 +143,21 @@ def test_revision_names_the_commit_of_sources_that_git_knows_and_none_of_others(
     assert revision() == {"commit": git("rev-parse", "HEAD"), "changed since": ""}
     file.write_text(file.read_text() + "\n")
     assert revision()["changed since"].split() == ["M", "provenance.py"]
+
+
+def test_digest_changes_with_any_source_of_the_module(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    inner = tmp_path / "package_of_jobs" / "inner"
+    inner.mkdir(parents=True)
+    (inner.parent / "__init__.py").touch()
+    (inner / "__init__.py").write_text("ONE = 1\n")
+    before = digest_of("package_of_jobs"), digest_of("package_of_jobs.inner")
+    assert digest_of("package_of_jobs") == before[0]
+    (inner / "data.json").write_text("{}")
+    assert digest_of("package_of_jobs") != before[0]
+    assert digest_of("package_of_jobs.inner") != before[1]
+    with pytest.raises(ValueError, match="no module 'not_there'"):
+        digest_of("not_there")
 
 
 def test_play_takes_sets_tables_and_ranges_alike():

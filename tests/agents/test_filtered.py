@@ -1,9 +1,10 @@
-"""The filter of range readings: right without errors, as uncertain as it says, and fresh in each episode."""
+"""The filter of range readings: exact without errors, with true standard deviations, and reset in each episode."""
 
 import numpy as np
 import pytest
 
-from agents.baselines.filtered import LEAST_SPREAD, FilteredProfile, FirstReadingProfile
+from agents.baselines.filtered import FilteredProfile, FirstReadingProfile
+from agents.baselines.profile import LEAST_SPREAD
 from agents.baselines.rule import View
 from agents.evaluate.controllers import controller_of
 from impact_gym.envs.batch import Batch
@@ -11,11 +12,11 @@ from impact_gym.task import ObservationSpec, Task
 from impact_gym.task.range_sensor import RangeSensor
 
 START = [parameter.start for parameter in FilteredProfile.PARAMETERS]
-PRIOR = 12.0 / 0.2**2  # 1/m^2, of a place between 15 and 35 cm
+PRIOR = 12.0 / 0.2**2  # 1/m^2, weight of the prior: uniform between 15 and 35 cm
 
 
 def estimates(rows, steps, kind=FilteredProfile, speed=0.3, **options):
-    """Error and spread of the estimates (steps, rows) of an approach at a steady command, and the ages of readings."""
+    """Return arrays (steps, rows): error and spread of the estimate, age of the reading, whether there was a touch."""
     task = Task(**options)
     batch, rule = Batch(rows, task), kind(START).for_task(task)
     batch.begin_seeded(0, {})
@@ -36,13 +37,13 @@ def test_without_errors_the_estimate_is_the_distance(coupling, delay):
     error, _, age, touched = estimates(200, 12, coupling=coupling, range_sensor={"delay": delay, "bias": 0.01})
     read = np.isfinite(age) & ~touched
     assert read.any(axis=0).all()
-    prior = PRIOR / (PRIOR + LEAST_SPREAD**-2) * 0.1  # m, what the range of distances still pulls
-    swing = 0.0 if coupling["type"] == "Rigid" else 2e-3  # m, of a flange that does not accelerate evenly in a step
+    prior = PRIOR / (PRIOR + LEAST_SPREAD**-2) * 0.1  # m, remaining influence of the prior
+    swing = 0.0 if coupling["type"] == "Rigid" else 2e-3  # m, because the flange's acceleration changes within a step
     assert np.abs(error[read]).max() < prior + swing + 1e-6
 
 
 def test_spread_is_that_of_the_readings_weighted_by_their_inverse_variance():
-    """Before a flange at rest every reading has the same variance."""
+    """At a flange at rest every reading has the same variance."""
     _, spread, age, _ = estimates(500, 10, speed=-0.5, range_sensor={"noise": 0.02, "dropout": 0.3})
     count = np.cumsum(age == 0.0, axis=0)
     assert spread == pytest.approx((PRIOR + count / 0.02**2) ** -0.5, rel=1e-9)
@@ -50,7 +51,7 @@ def test_spread_is_that_of_the_readings_weighted_by_their_inverse_variance():
     assert spread == pytest.approx((PRIOR + 1.0 / 0.02**2) ** -0.5, rel=1e-9)
 
 
-def test_errors_are_as_large_as_the_filter_says():
+def test_errors_have_the_standard_deviation_of_the_filter():
     error, spread, age, touched = estimates(3000, 12, range_sensor={"noise": 0.01, "dropout": 0.2, "delay": 0.02})
     last = np.isfinite(age[-1]) & ~touched[-1]
     score = (error / spread)[-1][last]
@@ -72,8 +73,8 @@ def test_filter_begins_anew_with_each_episode():
     assert (again["spread"][2:] < view["spread"][2:]).all()
 
 
-def test_filter_keeps_the_sensor_that_it_was_tuned_for():
-    """A bias that it was not told of is not subtracted where it plays; the command is for the arm there."""
+def test_filter_keeps_the_sensor_for_which_it_was_tuned():
+    """It does not subtract the bias of another sensor with which it plays; its commands are for the other arm."""
     numbers = dict(zip(FilteredProfile.names(), START, strict=True))
     tuned = {
         "baseline": "mine", "rule": "FilteredProfile", "weights": {"2": {"parameters": numbers}},

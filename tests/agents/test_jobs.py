@@ -1,4 +1,4 @@
-"""Calls are done once, stored, and done again only where their result is missing or damaged."""
+"""Calls run once and are stored; they run again only if their result is missing or damaged."""
 
 import json
 import os
@@ -19,7 +19,6 @@ from episodes import assert_identical
 from agents import workers
 from agents.command_line import progress
 from agents.jobs import JobsFailedError, cached
-from agents.provenance import digest_of
 from agents.workers import Call
 from impact_gym.files import DiskFullError
 
@@ -30,7 +29,7 @@ LOCAL = {"processes": 2}
 
 @pytest.fixture
 def log(tmp_path):
-    """Where each call that is begun leaves a line."""
+    """The file in which each started call writes a line."""
     return tmp_path / "log"
 
 
@@ -41,21 +40,21 @@ def listed(log, count=6, **more):
 DRIVER = """
 import signal, cluster_work
 from agents.jobs import cached
-signal.signal(signal.SIGINT, signal.default_int_handler)  # else ignored where pytest is in the background
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background process would ignore it
 if __name__ == "__main__":
     cached(cluster_work.numbers, {given!r}, {folder!r}, processes={processes})
 """
 
 
 def driver(folder, given, processes):
-    """Start a process that calls `numbers`."""
+    """Start a process in which `cached` calls `numbers`."""
     (folder / "driver.py").write_text(DRIVER.format(given=given, folder=str(folder / "results"), processes=processes))
-    path = os.pathsep.join(map(str, (HELPERS, ROOT)))  # these sources, whatever is installed
+    path = os.pathsep.join(map(str, (HELPERS, ROOT)))  # these sources instead of installed ones
     return subprocess.Popen([sys.executable, folder / "driver.py"], env=os.environ | {"PYTHONPATH": path})
 
 
 def descendants(pid):
-    """The processes below one, as the kernel lists them."""
+    """Return the descendants of a process, from the kernel's list."""
     below = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     return [int(child) for child in below] + [deeper for child in below for deeper in descendants(int(child))]
 
@@ -71,7 +70,7 @@ def alive(pid):
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="reads the list of processes where Linux keeps it")
 def test_killed_command_leaves_no_process(log, tmp_path, how):
-    """What it has stored is not computed again: tests/test_stopped.py."""
+    """That stored results are not computed again is tested in tests/test_stopped.py."""
     with driver(tmp_path, listed(log, 4, seconds=600.0), 2) as run:
         while len(calls(log)) < 2:
             assert run.poll() is None, "the command ended too soon"
@@ -99,7 +98,7 @@ def test_failed_calls_are_named_when_all_others_are_done(log, tmp_path):
         assert re.search(pattern, str(raised.value))
 
 
-def test_lost_process_fails_the_call_that_it_was_doing_alone(log, tmp_path):
+def test_lost_process_fails_only_the_call_that_it_ran(log, tmp_path):
     reasons = []
     given = [{"log": str(log), "number": 7}]
     cached(cluster_work.kills_itself, given, tmp_path, failed=lambda each, why: reasons.append((each, why)), **LOCAL)
@@ -108,14 +107,14 @@ def test_lost_process_fails_the_call_that_it_was_doing_alone(log, tmp_path):
 
 
 @pytest.mark.storm
-def test_ray_results_equal_local_ones_to_the_bit_though_a_node_was_killed(tmp_path):
+def test_ray_results_equal_local_ones_to_the_bit_even_if_a_node_is_killed(tmp_path):
     job_cases = pytest.importorskip("job_cases", reason="the extra `cluster` is not installed")
     of_another_cluster = ("RAY_ADDRESS", "RAY_RUNTIME_ENV_HOOK")
     environment = {name: value for name, value in os.environ.items() if name not in of_another_cluster}
     path = os.pathsep.join(map(str, (HELPERS, ROOT)))
     environment |= {"RAY_USAGE_STATS_ENABLED": "0", "PYTHONPATH": path, "PYTHONWARNINGS": "default"}
     folder = tmp_path / "there"
-    folder.mkdir()  # where the script runs: Ray's workers on this machine look for modules where it does
+    folder.mkdir()  # the script runs there: Ray's workers look for modules in its folder
     with (tmp_path / "printed").open("w") as printed:
         streams = {"stdout": printed, "stderr": printed}
         command = [sys.executable, "-m", "job_cases", folder]
@@ -127,27 +126,27 @@ def test_ray_results_equal_local_ones_to_the_bit_though_a_node_was_killed(tmp_pa
         (cluster_work.played, job_cases.scenarios(folder), job_cases.scenarios(tmp_path)),
         (numbers, job_cases.large(folder), job_cases.large(tmp_path, seconds=0.0)),
     ):
-        stored = cached(function, there, folder / "results", processes=0)  # needs no cluster any more
+        stored = cached(function, there, folder / "results", processes=0)  # without a cluster
         computed = cached(function, here, tmp_path / "here", processes=0)
         for first, second in zip(stored, computed, strict=True):
-            assert first.pop("where") != second.pop("where")  # the sources, and kernels, that were sent
+            assert first.pop("where") != second.pop("where")  # files of the sources and kernels that were sent
             first.pop("threads", None), second.pop("threads", None)
         assert_identical(stored, computed)
     assert calls(folder / "log") == before
-    assert any(before.count(number) > 1 for number in outcome["unfetched"])  # done there, and again elsewhere
+    assert any(before.count(number) > 1 for number in outcome["unfetched"])  # first on the lost node, then on another
     assert "1 of 2 jobs failed" in outcome["failed"]
     assert "ArithmeticError: no result for 1" in outcome["failed"]
     assert "ray start --head" in outcome["none"]
 
 
-def test_node_with_other_libraries_does_no_call(tmp_path, log):
+def test_node_with_other_versions_runs_no_call(tmp_path, log):
     call = Call("cluster_work:numbers", json.dumps(listed(log)[0]), "")
     assert b"install the same" in workers.perform(call, {"numpy": "0.1"})
     assert calls(log) == []
     assert b"install the same" not in workers.perform(call, {"numpy": np.__version__})
 
 
-def test_results_have_the_same_bits_whatever_the_order_and_the_processes(log, tmp_path, monkeypatch):
+def test_results_have_the_same_bits_in_any_order_and_any_processes(log, tmp_path, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
     here = cached(numbers, listed(log), tmp_path / "here", processes=0)
@@ -163,22 +162,22 @@ def test_results_have_the_same_bits_whatever_the_order_and_the_processes(log, tm
         assert each.pop("threads") == ["1", "1", "1", "1"]
     assert_identical(here, backwards[::-1])
     assert_identical(here, again)
-    assert (os.environ["OMP_NUM_THREADS"], "MKL_NUM_THREADS" in os.environ) == ("7", False)  # this process's own
+    assert (os.environ["OMP_NUM_THREADS"], "MKL_NUM_THREADS" in os.environ) == ("7", False)  # of this process
 
 
-def test_equal_calls_are_done_once_and_each_has_a_result_of_its_own(log, tmp_path):
+def test_equal_calls_run_once_and_each_gets_its_own_copy_of_the_result(log, tmp_path):
     cached(numbers, listed(log, 2)[1:], tmp_path, processes=0)
     seen, given = [], listed(log, 2) + listed(log, 3)
     results = cached(numbers, given, tmp_path, processes=0, done=lambda *each: seen.append(each))
     assert calls(log) == [1, 0, 2]
     assert [result["number"] for result in results] == [0, 1, 0, 1, 2]
     assert results[0] is not results[2]
-    assert [place for place, _ in seen] == [1, 3, 0, 2, 4]  # what was stored comes first
+    assert [place for place, _ in seen] == [1, 3, 0, 2, 4]  # stored results come first
     assert all(result is results[place] for place, result in seen)
 
 
 def flipped(content):
-    """One bit in the middle of what is stored."""
+    """Return the content with one bit flipped in the middle."""
     half = len(content) // 2
     return content[:half] + bytes([content[half] ^ 1]) + content[half + 1 :]
 
@@ -189,7 +188,7 @@ def flipped(content):
     lambda content: np.random.default_rng(0).bytes(len(content)),
     flipped,
 ])  # fmt: skip
-def test_damaged_result_is_computed_anew(log, tmp_path, capsys, damage):
+def test_damaged_result_is_computed_again(log, tmp_path, capsys, damage):
     folder, given = tmp_path / "results", listed(log, 3)
     before = cached(numbers, given, folder, processes=0)
     path = min(kept(folder))
@@ -198,13 +197,13 @@ def test_damaged_result_is_computed_anew(log, tmp_path, capsys, damage):
     assert len(calls(log)) == 4
     assert_identical(before, after)
     damaged = calls(log)[-1]
-    assert re.search(rf'computed anew: .*"number": {damaged}}} is damaged in', capsys.readouterr().err)
+    assert re.search(rf'computed anew: .*"number": {damaged}}} in .* is damaged', capsys.readouterr().err)
     cached(numbers, given, folder, processes=0)
     assert len(calls(log)) == 4
 
 
 def test_two_commands_may_share_a_folder(log, tmp_path):
-    """The second begins when the first has stored one result, and goes on with what there is."""
+    """The second begins when the first has stored one result, and uses that result."""
     others = []
 
     def meanwhile(*_):
@@ -217,22 +216,24 @@ def test_two_commands_may_share_a_folder(log, tmp_path):
     assert len(kept(tmp_path)) == 6
 
 
-def test_late_call_is_ended_and_its_failure_stored_where_something_stands_for_it(log, tmp_path):
+def test_late_call_is_ended_and_its_failure_stored_if_there_is_a_replacement(log, tmp_path):
     given = [{"log": str(log), "number": 3, "seconds": 600.0}, {"log": str(log), "number": 4}]
-    for _ in range(2):  # the second time nothing is begun
+    for _ in range(2):  # the second time no call starts
         late, done = cached(numbers, given, tmp_path, seconds=1.0, failed=lambda _, reason: reason, **LOCAL)
         assert (late, done["number"]) == ("no answer within 1 s", 4)
         assert sorted(calls(log)) == [3, 4]
     bad = [{"log": str(log), "number": 1, "bad": [1]}]
     (failed,) = cached(fails_on, bad, tmp_path, processes=0, failed=lambda _, reason: reason)
     assert failed == "ArithmeticError: no result for 1"
-    with pytest.raises(JobsFailedError, match="ArithmeticError"):  # whoever wants results tries once more
+    with pytest.raises(JobsFailedError, match="ArithmeticError"):  # without `failed`, failed calls run again
         cached(fails_on, bad, tmp_path, processes=0)
-    assert cached(slow_to_load.at_once, [{}], tmp_path, seconds=0.7, **LOCAL) == [1.0]  # importing does not count
+    assert cached(slow_to_load.at_once, [{}], tmp_path, seconds=0.7, **LOCAL) == [
+        1.0
+    ]  # the limit does not include the import
 
 
 @pytest.mark.parametrize("processes", [0, 1])
-def test_command_ends_where_a_call_finds_no_room_and_keeps_what_is_done(processes, log, tmp_path):
+def test_command_ends_if_a_call_finds_the_disk_full_and_keeps_stored_results(processes, log, tmp_path):
     cached(numbers, listed(log, 1), tmp_path, processes=0)
     given = [{"path": str(tmp_path / "file")}]
     with pytest.raises(DiskFullError, match=r"no room to write .*file: No space left on device"):
@@ -240,7 +241,7 @@ def test_command_ends_where_a_call_finds_no_room_and_keeps_what_is_done(processe
     assert len(kept(tmp_path)) == 1
 
 
-def test_another_process_finds_what_is_stored_in_each_folder(log, tmp_path):
+def test_another_process_finds_the_stored_results_of_each_folder(log, tmp_path):
     for name in ("first", "second/results"):
         cached(numbers, listed(log, 2), tmp_path / name, processes=0)
     before = kept(tmp_path)
@@ -258,13 +259,13 @@ def test_another_process_finds_what_is_stored_in_each_folder(log, tmp_path):
     ((numbers, [{"log": "x", "number": np.array([1.0])}], {}), TypeError, "JSON"),
     ((cluster_work.no_data, [{}], {"processes": 0}), JobsFailedError, "no_data.*pickle"),
 ])  # fmt: skip
-def test_options_functions_and_arguments_that_are_none_are_refused(call, kind, message, tmp_path):
+def test_invalid_options_functions_and_arguments_are_refused(call, kind, message, tmp_path):
     function, arguments, options = call
     with pytest.raises(kind, match=message):
         cached(function, arguments, tmp_path, **options)
 
 
-def test_result_is_another_for_another_function_other_arguments_and_what_it_depends_on(log, tmp_path):
+def test_another_function_other_arguments_or_dependencies_have_another_result(log, tmp_path):
     given = {"log": str(log), "number": 1, "bad": []}
     for count, (function, arguments, depends) in enumerate([
         (fails_on, given, ""), (fails_on, given | {"bad": [3]}, ""), (fails_on, given, "sources"),
@@ -276,28 +277,13 @@ def test_result_is_another_for_another_function_other_arguments_and_what_it_depe
     assert len(calls(log)) == 4
 
 
-def test_digest_changes_with_any_source_of_the_module(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(tmp_path)
-    inner = tmp_path / "package_of_jobs" / "inner"
-    inner.mkdir(parents=True)
-    (inner.parent / "__init__.py").touch()
-    (inner / "__init__.py").write_text("ONE = 1\n")
-    before = digest_of("package_of_jobs"), digest_of("package_of_jobs.inner")
-    assert digest_of("package_of_jobs") == before[0]
-    (inner / "data.json").write_text("{}")
-    assert digest_of("package_of_jobs") != before[0]
-    assert digest_of("package_of_jobs.inner") != before[1]
-    with pytest.raises(ValueError, match="no module 'not_there'"):
-        digest_of("not_there")
-
-
-def test_progress_in_a_log_is_silent_for_30_s_and_then_a_line_at_a_time(capsys):
+def test_progress_in_a_log_prints_lines_after_30_s(capsys):
     bar = progress("tuning", 3)
     bar.update(2)
     bar.close()
     assert capsys.readouterr().err == ""
     bar = progress("tuning", 3)
-    bar.start_t -= 31.0  # as if it had taken as long
+    bar.start_t -= 31.0  # as if 31 s had passed
     bar.last_print_t -= 31.0
     bar.update(2)
     bar.update(1)

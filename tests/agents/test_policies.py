@@ -1,4 +1,4 @@
-"""Policies: what they compute, and what their files hold."""
+"""Policies: their actions and their files."""
 
 import itertools
 import json
@@ -21,7 +21,7 @@ from agents.train.seeds import median
 
 
 def actions_by_hand(arrays, activation, rows):
-    """Actions of a network whose weights are `arrays`, one row after the other, in double precision."""
+    """Return the actions of a network with the weights `arrays`, row by row, in double precision."""
     arrays = {name: array.astype(float) for name, array in arrays.items()}
     actions = []
     for x in rows.astype(float):
@@ -39,21 +39,21 @@ def path(tmp_path):
 
 
 def arrays_of(path):
-    """All that a file holds, by name."""
+    """Return the arrays of a file by name."""
     with np.load(path, allow_pickle=False) as file:
         return dict(file)
 
 
 def assert_same(first, second):
-    """To the bit."""
+    """Assert that two policies are equal to the bit."""
     assert_identical(to_arrays(first.network), to_arrays(second.network))
     assert (first.provenance, first.environment) == (second.provenance, second.environment)
     assert first.spec.entries == second.spec.entries
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_predict_is_the_network_row_by_row(kind):
-    """An action has the same bits whatever stands beside it."""
+def test_predict_computes_the_network_row_by_row(kind):
+    """An action has the same bits whatever the other rows are."""
     policy = made_up_policy(**KINDS[kind])
     seen = observations(policy, 1000)
     actions, state = policy.predict(seen, state="kept")
@@ -66,7 +66,7 @@ def test_predict_is_the_network_row_by_row(kind):
 
 
 @pytest.mark.parametrize("name", shipped())
-def test_load_policy_plays_the_weights_of_the_shipped_file(name):
+def test_load_policy_returns_the_weights_of_the_shipped_file(name):
     arrays, ensemble, setup = arrays_of(SHIPPED / f"{name}.npz"), load_ensemble(name), load_setup(name)
     content = json.loads(str(arrays.pop("header")))["content"]
     assert sorted(policy.seed for policy in ensemble.policies) == list(range(setup.seeds))
@@ -81,11 +81,11 @@ def test_load_policy_plays_the_weights_of_the_shipped_file(name):
         assert {"command", "settings", "versions"} <= set(policy.provenance)
 
 
-def test_predict_adds_noise_of_the_standard_deviation_it_has():
+def test_predict_adds_noise_with_the_policys_standard_deviation():
     policy, sigma = made_up_policy(log_std=-4.0), math.exp(-4.0)
     seen = observations(policy, 60_000)
     mean = policy.predict(seen)[0]
-    inside = np.abs(mean).max(axis=1) < 0.9  # the others are clipped
+    inside = np.abs(mean).max(axis=1) < 0.9  # other actions are clipped
     noise = (policy.predict(seen, deterministic=False)[0] - mean)[inside]
     assert len(noise) > 10_000
     assert np.abs(noise.mean(axis=0)).max() < 5.0 * sigma / math.sqrt(len(noise))
@@ -95,7 +95,7 @@ def test_predict_adds_noise_of_the_standard_deviation_it_has():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_ensemble_survives_its_file_bit_for_bit(tmp_path, kind):
-    """The file has ids, units and scales of what goes in and out but no words: these may change, and it is read."""
+    """The file has ids, units and scales of inputs and outputs, but not their words, which may change."""
     policies = [made_up_policy(seed, **KINDS[kind]) for seed in (3, 1, 4)]
     path = Ensemble(policies, chosen=1).save(tmp_path / "new" / "policy.npz")
     assert [file.name for file in path.parent.iterdir()] == ["policy.npz"]
@@ -112,7 +112,7 @@ def test_ensemble_survives_its_file_bit_for_bit(tmp_path, kind):
 
 
 class Bomb:
-    """Runs code when it is unpickled: it makes a folder."""
+    """When it is unpickled, it runs code that makes a folder."""
 
     def __init__(self, path):
         self.path = path
@@ -140,7 +140,7 @@ def test_load_policy_refuses_a_cut_or_altered_file_or_reads_the_same(path):
     for length in [*rng.integers(0, len(whole), 40), len(whole) - 1]:
         path.write_bytes(whole[:length])
         with pytest.raises(ValueError, match="policies 3 file, or is damaged"):
-            load_policy(path)  # and leaves no file open, of which Python would warn
+            load_policy(path)  # Python would warn if it left the file open
     for place in rng.choice(len(whole), 300, replace=False):
         altered = bytearray(whole)
         altered[place] ^= int(rng.integers(1, 256))
@@ -152,5 +152,5 @@ def test_load_policy_refuses_a_cut_or_altered_file_or_reads_the_same(path):
     assert refusals > 150
     path.write_bytes(whole)
     arrays = arrays_of(path)
-    np.savez(path, **{**arrays, "0/mean.bias": arrays["0/mean.bias"] * 2})  # a whole archive, written anew
+    np.savez(path, **{**arrays, "0/mean.bias": arrays["0/mean.bias"] * 2})  # a complete archive with other numbers
     refused(lambda: load_policy(path), "checksum")

@@ -1,4 +1,4 @@
-"""What a training is made of: its options, environments, networks, and the imitation of a teacher."""
+"""Parts of a training: options, environments, networks, and the imitation of a teacher."""
 
 import itertools
 import shlex
@@ -61,15 +61,17 @@ def test_scaled_rewards_divides_by_a_power_of_one_plus_the_weight_of_the_episode
     assert episodes > 30
 
 
-def test_make_environments_plays_a_share_as_nominal_and_shows_the_critic_what_is_true():
+def test_a_share_of_the_environments_is_nominal_and_the_critic_sees_true_numbers():
     run = tiny("linear-robust", nominal=0.25)
     environments = make_environments(run)
     environments.seed(3)
     spec, task = environments.venv.observation_spec, run.training_task
     seen = environments.reset()
     truths = {"tool_mass": 0.125, "coupling.stiffness": 50.0, "coupling.damping_ratio": 1.0, "reaction_delay": 0.016}
-    truths |= {"alarm_threshold": 1.0, "force_noise": spec.scale("force_noise").low}  # none at all is below its scale
-    truths |= {name: spec.scale(name).high for name in ("robot.mass", "robot.stiffness", "robot.damping")}  # rigid
+    truths |= {"alarm_threshold": 1.0, "force_noise": spec.scale("force_noise").low}  # 0 lies below its scale
+    truths |= {
+        name: spec.scale(name).high for name in ("robot.mass", "robot.stiffness", "robot.damping")
+    }  # a rigid robot
     assert truths.keys() == {*task.drawn, "reaction_delay"}
     shown = {name: spec.decode(seen, name) for name in truths}
     for name, truth in truths.items():
@@ -102,8 +104,8 @@ uplink = { delay = 0.2 }
 """
 
 
-def test_make_environments_mixes_families_of_operators_and_the_critic_is_told_what_any_draws(tmp_path):
-    """A file of delays lies beside the set-up's, and what it says is kept with the policy."""
+def test_make_environments_mixes_operators_and_the_critic_sees_their_drawn_numbers(tmp_path):
+    """A file of delays lies beside the set-up's file, and the policy keeps the delays."""
     (tmp_path / "mixed.toml").write_text(RECORDED)
     (tmp_path / "delays.csv").write_text("time,delay\n0,0.05\n1,0.15\n")
     run = tiny(tmp_path / "mixed.toml")
@@ -122,7 +124,7 @@ def test_make_environments_mixes_families_of_operators_and_the_critic_is_told_wh
     assert policy_from(model, run, {}).predict(seen[:, spec.actor])[0].shape == (16, 3)
 
 
-def test_fast_tanh_is_the_one_of_torch_with_its_gradient():
+def test_fast_tanh_equals_torchs_with_its_gradient():
     values = torch.cat((torch.linspace(-12.0, 12.0, 4001), torch.tensor([-1e4, -0.0, 0.0, 1e4]))).requires_grad_()
     results = [tanh(values) for tanh in (FastTanh(), torch.tanh)]
     weights = torch.linspace(1.0, 2.0, len(values))
@@ -132,11 +134,11 @@ def test_fast_tanh_is_the_one_of_torch_with_its_gradient():
     assert torch.autograd.gradcheck(FastTanh(), torch.linspace(-2.0, 2.0, 9, dtype=torch.float64, requires_grad=True))
 
 
-def test_standardised_numbers_are_about_unit_size_while_a_policy_trains():
-    """While random commands are played; what is rare or one-sided may be far from it."""
+def test_standardised_numbers_have_about_unit_size_during_a_training():
+    """With random commands; rare or one-sided numbers may differ."""
     task = {"privileged": True, "range_noise": 0.01, "time_weight": (0.5, 8.0)}
     envs, rng = ImpactVecEnv(256, **task), np.random.default_rng(0)
-    assert {*envs.observation_spec.ids} - {*CENTRE_AND_SPREAD} == {"reaction_delay"}  # which is fixed here
+    assert {*envs.observation_spec.ids} - {*CENTRE_AND_SPREAD} == {"reaction_delay"}  # fixed here
     envs.seed(0)
     seen = [envs.reset()]
     for _ in range(120):
@@ -150,7 +152,7 @@ def test_standardised_numbers_are_about_unit_size_while_a_policy_trains():
     assert standard.std(axis=0).max() < 3.0
 
 
-def test_standardisation_gives_what_is_drawn_mean_0_and_deviation_1():
+def test_standardised_drawn_numbers_have_mean_0_and_deviation_1():
     count, run = 4000, tiny("ranged-robust")
     task = run.training_task
     envs = ImpactVecEnv(count, **task.arguments())
@@ -165,14 +167,14 @@ def test_standardisation_gives_what_is_drawn_mean_0_and_deviation_1():
 
 @pytest.fixture(scope="module")
 def learned():
-    """A model that has learned from a rollout, which is longer than an episode."""
+    """A model after an update with a rollout that is longer than an episode."""
     run = tiny("linear-ranged", rollout=128, envs=8)
     model, _ = model_of(run)
     model.learn(run.training.round, log_interval=None)
     return run, model
 
 
-def test_asymmetric_policy_acts_on_what_a_controller_sees_and_judges_by_all(learned):
+def test_actor_uses_the_controllers_observation_and_the_critic_uses_all(learned):
     _, model = learned
     spec = model.env.venv.observation_spec
     seen = torch.as_tensor(model.env.reset())
@@ -187,7 +189,7 @@ def test_asymmetric_policy_acts_on_what_a_controller_sees_and_judges_by_all(lear
     assert plain.venv.observation_spec.ids == spec.ids[spec.actor]
 
 
-def test_policy_from_is_what_acts_in_the_model(learned):
+def test_policy_from_equals_the_models_actor(learned):
     run, model = learned
     policy = policy_from(model, run, {})
     seen = observations(policy, 1500)
@@ -200,10 +202,10 @@ def test_policy_from_is_what_acts_in_the_model(learned):
 
 
 def test_model_learns_from_returns_without_a_discount(learned):
-    """What it learns of the first step of an episode is the sum of its rewards."""
+    """The return at the first step of an episode is the sum of the episode's rewards."""
     _, model = learned
     buffer, episodes = model.rollout_buffer, 0
-    for slot, returns in enumerate(buffer.returns.reshape(8, 128)):  # as an update leaves them, slot by slot
+    for slot, returns in enumerate(buffer.returns.reshape(8, 128)):  # after an update they are sorted by slot
         for begin, end in itertools.pairwise(np.flatnonzero(buffer.episode_starts[:, slot])):
             total = buffer.rewards[begin:end, slot].astype(float).sum()
             assert returns[begin] == pytest.approx(total, rel=1e-5)
@@ -212,7 +214,7 @@ def test_model_learns_from_returns_without_a_discount(learned):
 
 
 def privileged_observations(weights, steps, **options):
-    """Observations (steps, rows, n_obs) of random actions, and where episodes begin."""
+    """Return observations (steps, rows, n_obs) with random actions, and where episodes begin."""
     rows, rng = len(weights), np.random.default_rng(1)
     envs = gym.make_vec("ImpactApproach-v0", rows, autoreset_mode="SameStep", privileged=True, **options)
     seen, starts = [envs.reset(seed=0, options={"record": {"time_weight": weights}})[0]], [np.ones(rows)]
@@ -223,8 +225,8 @@ def privileged_observations(weights, steps, **options):
     return np.array(seen), np.array(starts), envs.unwrapped.observation_spec
 
 
-def test_teacher_does_what_is_best_at_the_weight_of_each_episode():
-    weights = [0.3, 0.7, 1.0, 2.0, 4.0, 8.0]  # it is tuned for those between
+def test_teacher_uses_the_best_parameters_at_the_weight_of_each_episode():
+    weights = [0.3, 0.7, 1.0, 2.0, 4.0, 8.0]  # the teacher is tuned for all but the first and the last
     seen, starts, spec = privileged_observations(weights, 15, time_weight=(0.3, 8.0))
     assert starts[1:].sum() == 0
     teacher = Teacher(load_setup("linear-blind"), "blind-profile")
@@ -246,7 +248,7 @@ def test_teacher_reacts_to_a_touch_and_to_no_false_alarm():
     alarm, since = spec.index("alarm"), spec.index("time_since_alarm")
     assert (seen[..., alarm][touched == 0.0] > 0.5).mean() > 0.3  # false alarms
     actions = teacher.actions(seen, starts)
-    for ringing in (0.0, 1.0):  # the pupil's own alarm makes no difference
+    for ringing in (0.0, 1.0):  # the alarm that the policy observes makes no difference
         other = seen.copy()
         other[..., alarm], other[..., since] = ringing, 0.3 * ringing
         assert np.array_equal(teacher.actions(other, starts), actions)
@@ -266,7 +268,7 @@ def test_every_setting_of_the_updates_reaches_the_model():
     assert model_of(tiny(teacher="blind-profile", imitation_steps=640))[0].imitation_steps == 640
 
 
-def test_imitation_soon_does_nearly_as_well_as_its_teacher():
+def test_imitation_nearly_reaches_its_teacher():
     run = tiny(teacher="blind-profile", envs=128, rollout=32, batch=512, learning_rate=3e-3, width=32)
     run = replace(run, training=replace(run.training, steps=80_000, imitation_steps=80_000))
     model, _ = model_of(run)
@@ -275,6 +277,6 @@ def test_imitation_soon_does_nearly_as_well_as_its_teacher():
     batch = ScenarioBatch.of("validation", 100, run.setup.task, time_weight=[2.0], threads=1)
     players = (before, policy_from(model, run, {}), load_baseline("blind-profile", 2.0), PaperTrapezoid())
     start, end, teacher, paper = (batch.play(controller).loss(2.0).mean() for controller in players)
-    assert teacher < 0.8 * paper  # there is something to learn
+    assert teacher < 0.8 * paper  # the teacher is clearly better than the rule
     assert end < 1.05 * teacher
     assert start > 1.3 * teacher

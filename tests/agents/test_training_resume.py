@@ -1,4 +1,4 @@
-"""Run folders: what a training leaves, and that an interrupted one ends as one that was not, to the bit."""
+"""Run folders: the files of a training; an interrupted training ends with the same bits as an uninterrupted one."""
 
 import fcntl
 import json
@@ -34,13 +34,13 @@ tool_mass = 0.125
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """The folder of a training."""
+    """The folder of a finished training."""
     return train(tiny(), tmp_path_factory.mktemp("whole") / "run")
 
 
 @pytest.fixture(scope="module")
 def broken(tmp_path_factory):
-    """The folder of the same training, killed behind its first checkpoint: to be copied."""
+    """The folder of the same training, killed after its first checkpoint; tests copy it."""
     return interrupted(tiny(), tmp_path_factory.mktemp("broken") / "run")
 
 
@@ -53,7 +53,7 @@ def read(folder, name):
     return json.loads((folder / name).read_text())
 
 
-def test_train_leaves_its_policies_and_how_they_came_about(whole):
+def test_train_writes_policies_with_their_provenance(whole):
     config, metrics, training = read(whole, "config.json"), read(whole, "metrics.json"), tiny().training
     assert config["command"].startswith("impact-gym train linear-blind --steps 4096")
     assert config["settings"]["rollout"] == 16
@@ -71,10 +71,10 @@ def test_train_leaves_its_policies_and_how_they_came_about(whole):
     assert kinds == {"config", "metrics", "progress", "events", "best", "final", "lock"}
 
 
-def test_resume_ends_as_if_nothing_had_happened_and_logs_each_step_once(whole, part):
-    """As text and for TensorBoard; an update before which no episode ended says nothing instead of nan."""
-    np.random.seed(7)  # noqa: NPY002 - stable-baselines3 draws from it, and a new process has another state
-    (part / f".best.npz.0{UNFINISHED}").touch()  # what a killed process was writing
+def test_resume_reaches_the_same_result_and_logs_each_step_once(whole, part):
+    """As text and for TensorBoard. A row before the first end of an episode is empty instead of nan."""
+    np.random.seed(7)  # noqa: NPY002 - stable-baselines3 draws from it; in a new process its state differs
+    (part / f".best.npz.0{UNFINISHED}").touch()  # an unfinished file of a killed process
     train_one(str(part), tiny().made_for())
     assert_same(whole, part)
     assert not (part / f".best.npz.0{UNFINISHED}").exists()
@@ -93,14 +93,14 @@ def test_resume_ends_as_if_nothing_had_happened_and_logs_each_step_once(whole, p
 
 
 @pytest.mark.parametrize("imitation_steps", [512, 2048])
-def test_resume_ends_the_same_while_and_after_imitating_with_nominal_slots(tmp_path, imitation_steps):
+def test_resume_reaches_the_same_result_during_and_after_imitation(tmp_path, imitation_steps):
     path = tmp_path / "all.toml"
     path.write_text(ALL_AT_ONCE)
     run = tiny(path, nominal=0.5, teacher="blind-profile", imitation_steps=imitation_steps, steps=2048)
     assert_same(train(run, tmp_path / "whole"), resume(interrupted(run, tmp_path / "part")))
 
 
-def test_train_and_resume_leave_alone_what_is_done(whole):
+def test_train_and_resume_do_not_change_a_finished_run(whole):
     before = {file.name: file.read_bytes() for file in whole.iterdir()}
     assert resume(whole) == whole
     with pytest.raises(FileExistsError):
@@ -108,17 +108,16 @@ def test_train_and_resume_leave_alone_what_is_done(whole):
     assert {file.name: file.read_bytes() for file in whole.iterdir()} == before
 
 
-@pytest.mark.parametrize("changes", [{"width": 24}, {"envs": 8}], ids=str)
-def test_resume_refuses_the_checkpoint_of_another_training(part, changes):
+@pytest.mark.parametrize(("setting", "before", "now"), [("width", 16, 24), ("envs", 16, 8)])
+def test_resume_refuses_the_checkpoint_of_another_training(part, setting, before, now):
     record = read(part, "config.json")
-    record["settings"] |= changes
+    record["settings"][setting] = now
     (part / "config.json").write_text(json.dumps(record))
-    with pytest.raises(ValueError, match="checkpoint of another training"):
-        resume(part)
+    refused(lambda: resume(part), "of another training", f"{setting} is {before} in the checkpoint, got {now}")
 
 
-def test_resume_refuses_a_folder_that_is_no_run_or_under_way(part, tmp_path):
-    with (part / "lock").open() as lock:  # the kernel asks not who, but which opening of the file
+def test_resume_refuses_a_folder_without_a_run_or_with_a_running_one(part, tmp_path):
+    with (part / "lock").open() as lock:  # a second open file excludes even the same process
         fcntl.flock(lock, fcntl.LOCK_EX)
         refused(lambda: resume(part), "another process")
     refused(lambda: resume(tmp_path), "holds no run")
@@ -126,19 +125,19 @@ def test_resume_refuses_a_folder_that_is_no_run_or_under_way(part, tmp_path):
     refused(lambda: resume(tmp_path), "gama")
 
 
-def test_train_refuses_what_can_never_be_done(mine, tmp_path):
+def test_train_refuses_a_task_that_no_episode_can_do(mine, tmp_path):
     change(mine, "distance = [0.1, 0.3]", "distance = [9.0, 9.1]")
     refused(lambda: train(tiny(mine), tmp_path / "run"), "mine.toml", "distance must begin below")
     assert not (tmp_path / "run").exists()
 
 
 def trained(folder, setup, *words):
-    """Do what `impact-gym train SETUP --seeds ...` does, in this process."""
+    """Run `impact-gym train SETUP ...` in this process."""
     where = ["--processes", "0", "--out", str(folder / "runs"), "--policies", str(folder / "policies")]
     return run(read_options([str(setup), *words, *where]))
 
 
-def test_train_seeds_trains_each_seed_once_and_for_the_set_up_as_it_is(mine, tmp_path):
+def test_train_seeds_trains_each_seed_once_and_refuses_a_changed_set_up(mine, tmp_path):
     wanted = ("--seeds", "2", "--steps", "512")
     path = trained(tmp_path, mine, *wanted)
     policies = [load_policy(path, seed) for seed in (0, 1)]
@@ -147,7 +146,7 @@ def test_train_seeds_trains_each_seed_once_and_for_the_set_up_as_it_is(mine, tmp
     assert load_setup(mine).describes(policies[0].task)
     shutil.rmtree(tmp_path / "runs" / "seed-1")
     before = path.read_bytes()
-    trained(tmp_path, mine, *wanted)  # which fills the folder with what is stored
+    trained(tmp_path, mine, *wanted)  # the stored results fill the folder again
     assert path.read_bytes() == before
     with pytest.raises(ValueError, match=r"other settings .* remove it, or name another folder with --out"):
         trained(tmp_path, mine, *wanted, "--width", "24")
@@ -158,17 +157,17 @@ def test_train_seeds_trains_each_seed_once_and_for_the_set_up_as_it_is(mine, tmp
 
 @pytest.fixture
 def unreachable(tmp_path):
-    """A training of 16 rollouts for an arm that only gets to an object at full speed all along, as nobody begins.
+    """A training of 16 rollouts whose arm reaches an object only at full speed, as no untrained policy moves.
 
-    There is a validation after every second one.
+    A validation follows every second rollout.
     """
     path = tmp_path / "slow.toml"
     path.write_text("[environment]\nvelocity_range = [-0.2, 0.2]\nscenario = { distance = [0.236, 0.237] }\n")
     return tiny(path, validate_every=512, checkpoint_every=256)
 
 
-def test_train_stops_with_the_reason_where_it_touches_no_object(unreachable, tmp_path):
-    """No sooner or later if it was interrupted."""
+def test_train_stops_with_the_reason_if_it_touches_no_object(unreachable, tmp_path):
+    """At the same step if the training was interrupted."""
 
     def interrupt(steps, _):
         if steps == 1024:
@@ -177,7 +176,7 @@ def test_train_stops_with_the_reason_where_it_touches_no_object(unreachable, tmp
     with pytest.raises(KeyboardInterrupt):
         train(unreachable, tmp_path / "run", interrupt)
     reason = r"after 1,536 of 4,096 steps: 100\.0% of the objects missed.*learning_rate below.*log_std below"
-    for _ in range(2):  # the second time at once
+    for _ in range(2):  # the second time from collapsed.txt
         with pytest.raises(CollapsedError, match=f"{reason}.*impact-gym check .*slow.toml"):
             resume(tmp_path / "run")
     assert "100.0% of the objects missed" in (tmp_path / "run" / "collapsed.txt").read_text()
@@ -192,7 +191,7 @@ def test_train_seeds_ships_nothing_of_a_collapsed_seed(unreachable, tmp_path):
 
 
 class MadeUpValidation:
-    """Gives scores and shares of objects missed, one after the other."""
+    """A validation with given scores and shares of missed objects, one after the other."""
 
     def __init__(self, *results):
         self.results = iter(results)
@@ -202,8 +201,8 @@ class MadeUpValidation:
         return {"score": score, "time_weight": [], "object_velocity": [], "approach_time": [], "missed": [missed]}
 
 
-def test_callback_keeps_the_best_policy_and_takes_three_validations_in_a_row_that_miss_all_for_a_collapse(tmp_path):
-    """The first of 16 rollouts, with a validation after each, are in the tenth of the training that may miss all."""
+def test_callback_keeps_the_best_policy_and_ends_after_three_validations_without_a_touch(tmp_path):
+    """A validation follows each of 16 rollouts. In the first tenth, which is one rollout, a policy may miss all."""
     run = tiny(validate_every=256)
     model, environments = model_of(run)
     made, provenance = (tmp_path, run.setup, run.training, environments), {"settings": {"seed": 0}}
@@ -218,7 +217,7 @@ def test_callback_keeps_the_best_policy_and_takes_three_validations_in_a_row_tha
 
 
 @pytest.mark.parametrize("steps", [4096, 256])
-def test_train_takes_weights_that_are_no_longer_finite_for_a_collapse(tmp_path, steps):
+def test_train_ends_if_weights_are_not_finite(tmp_path, steps):
     with pytest.raises(CollapsedError, match=r"no longer finite.*learning_rate below 1e\+30"):
         train(tiny(learning_rate=1e30, steps=steps), tmp_path / "run")
     assert not (tmp_path / "run" / "final.npz").exists()

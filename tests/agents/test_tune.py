@@ -1,4 +1,4 @@
-"""Searches find optima that are known; tuning keeps what it found, and does anew what was found for something else."""
+"""Searches find known optima; tuning keeps its results, and repeats a search if its settings or task have changed."""
 
 import json
 import sys
@@ -43,7 +43,7 @@ SPANS = np.array([4.0, 100.0, 0.02])
 
 
 def bowl(candidates):
-    """Rosenbrock's valley around each optimum, in shares of the ranges."""
+    """Return Rosenbrock's function around each optimum, with each parameter over its range."""
     x = 1.0 + (candidates - OPTIMA) / SPANS
     return np.sum(5.0 * (x[..., 1:] - x[..., :-1] ** 2) ** 2 + (1.0 - x[..., :-1]) ** 2, axis=-1)
 
@@ -55,16 +55,16 @@ def test_minimise_finds_the_optimum_of_each_problem_within_the_limits():
     assert result.generations < 200
     seen = list[np.ndarray]()
     few = minimise(lambda x: seen.append(bowl(x)) or seen[-1], SPACE, problems=3, generations=15)
-    assert np.array_equal(few.loss, np.min(seen, axis=(0, 1)))  # the best of all, not of the last
+    assert np.array_equal(few.loss, np.min(seen, axis=(0, 1)))  # the best of all generations, not of the last one
     beyond = minimise(lambda x: np.sum((x / SPANS - 5.0) ** 2, axis=-1), SPACE, generations=80).parameters[0]
     assert beyond == pytest.approx([3.0, 100.0, 0.01], rel=1e-3)
     assert (beyond <= [3.0, 100.0, 0.01]).all()
 
 
-def test_minimise_repeats_with_its_seed_whatever_the_global_generator():
+def test_minimise_depends_on_its_seed_and_not_on_the_global_generator():
     runs = []
     for seed, other in ((1, 5), (1, 6), (2, 5)):
-        np.random.seed(other)  # noqa: NPY002 - the one that must not matter
+        np.random.seed(other)  # noqa: NPY002 - the search must not use it
         state = np.random.get_state()[1].copy()  # noqa: NPY002
         runs.append(minimise(bowl, SPACE, 3, generations=15, seed=seed).parameters)
         assert np.array_equal(np.random.get_state()[1], state)  # noqa: NPY002
@@ -72,13 +72,15 @@ def test_minimise_repeats_with_its_seed_whatever_the_global_generator():
     assert not np.array_equal(runs[0], runs[2])
 
 
-def test_jittery_moves_every_candidate_alike_in_the_same_scenario_by_as_much_as_it_says():
+def test_jittery_adds_the_same_error_of_the_given_size_to_all_candidates_in_a_scenario():
     jittery = Jittery(Always(0.5, 10.5), 0.01, 5000, np.random.default_rng(1))
-    first, second = (jittery.predict(np.zeros((3 * 5000, 8)))[0] for _ in range(2))  # commands in the middle
+    first, second = (
+        jittery.predict(np.zeros((3 * 5000, 8)))[0] for _ in range(2)
+    )  # commands in the middle of their range
     assert np.array_equal(first[:5000], first[5000:10000])
     assert np.array_equal(first[:5000], first[10000:])
     assert np.abs(np.corrcoef(first[:5000, 0], second[:5000, 0])[0, 1]) < 4.0 / np.sqrt(5000)
-    assert first[:5000].std() / 2.0 == pytest.approx(0.01, rel=0.04)  # of a range that is 2 wide
+    assert first[:5000].std() / 2.0 == pytest.approx(0.01, rel=0.04)  # the range is 2 wide
 
 
 NOISY = """[environment]
@@ -93,13 +95,13 @@ SEARCH = {"scenarios": 8, "budget": 24, "population": 8, "seed": 1}
 
 @pytest.fixture
 def noisy(tmp_path):
-    """A tuning of two weights for a set-up whose baseline asks for all that can be asked, in this process."""
+    """Options to tune two weights in this process; the set-up's baseline has all options."""
     path = tmp_path / "noisy.toml"
     path.write_text(NOISY)
     return Tune((str(path),), weights=(1.0, 4.0), processes=0, out=tmp_path, jobs=tmp_path / "jobs", **SEARCH)
 
 
-def test_tune_searches_as_the_set_up_asks_and_keeps_how(noisy, tmp_path):
+def test_tune_searches_with_the_settings_of_the_set_up_and_records_them(noisy, tmp_path):
     (path,), setup = tune(noisy), load_setup(noisy.setups[0])
     weights = read_tuned("noisy-speed", tmp_path, setup)["weights"]
     for weight in (1.0, 4.0):
@@ -117,8 +119,8 @@ def test_tune_searches_as_the_set_up_asks_and_keeps_how(noisy, tmp_path):
     assert json.loads(path.read_text())["environment"]["force_noise"] == 2.0
 
 
-def test_tune_prefers_a_gentle_touch_to_none_however_little_time_costs():
-    """1.2 s without a touch are cheaper at 0.05 m/s per s than any blow, but a miss costs 2 m/s."""
+def test_tune_prefers_a_gentle_touch_to_a_miss_at_any_time_weight():
+    """At 0.05 m/s per s, 1.2 s without a touch cost less than any impact, but a miss costs 2 m/s."""
     found = tune_one("ConstantSpeed", {}, 0.05, 1e-5, 0.0, **SEARCH | {"scenarios": 20, "budget": 80})
     assert found["validation"]["missed"] == 0
     assert 0.05 * 1.2 < found["train"] < 2.0
@@ -126,14 +128,14 @@ def test_tune_prefers_a_gentle_touch_to_none_however_little_time_costs():
     assert found["train"] == pytest.approx(stage.play(ConstantSpeed.of(found["parameters"])).loss(0.05).mean())
 
 
-def test_tune_keeps_what_is_there_and_ends_as_if_it_had_not_been_stopped(noisy, tmp_path):
+def test_tune_keeps_finished_weights_and_reaches_the_same_result_after_a_stop(noisy, tmp_path):
     (path,) = tune(noisy)
     whole, setup = path.read_bytes(), load_setup(noisy.setups[0])
     tune(replace(noisy, out=tmp_path / "parts", jobs=tmp_path / "others", weights=(4.0,)))
     (parts,) = tune(replace(noisy, out=tmp_path / "parts", jobs=tmp_path / "others"))
     assert parts.read_bytes() == whole
     weights = read_tuned("noisy-speed", tmp_path, setup)["weights"]
-    weights["1"]["parameters"]["speed"] = 0.123  # which no search finds
+    weights["1"]["parameters"]["speed"] = 0.123  # no search finds this number
     write_tuned("noisy-speed", weights, setup, tmp_path)
     marked = path.read_bytes()
     tune(noisy)
@@ -143,17 +145,17 @@ def test_tune_keeps_what_is_there_and_ends_as_if_it_had_not_been_stopped(noisy, 
     assert path.read_bytes() == whole
 
 
-def test_tunings_at_the_same_time_keep_each_others_weights(noisy, tmp_path):
+def test_parallel_tunings_keep_each_others_weights(noisy, tmp_path):
     each = [replace(noisy, weights=(weight,), jobs=tmp_path / f"jobs-{weight}") for weight in (0.5, 1.0, 2.0, 4.0)]
     with ProcessPoolExecutor(4, get_context("spawn")) as pool:
         list(pool.map(tune, each))
     assert [*read_tuned("noisy-speed", tmp_path, load_setup(noisy.setups[0]))["weights"]] == ["0.5", "1", "2", "4"]
 
 
-def test_tune_does_anew_what_was_tuned_otherwise_or_for_another_environment(noisy, tmp_path, capsys):
+def test_tune_repeats_a_search_with_other_settings_or_another_environment(noisy, tmp_path, capsys):
     first = tune(noisy)[0].read_bytes()
     path = tune(replace(noisy, seed=9))[0]
-    assert "tuned anew at ['1', '4']: it was tuned with other settings" in capsys.readouterr().out
+    assert "tuned again at ['1', '4']: it was tuned with other settings" in capsys.readouterr().out
     second = path.read_bytes()
     (tmp_path / "noisy.toml").write_text(NOISY.replace("[baselines", "tool_mass = 0.2\n[baselines"))
     tune(replace(noisy, seed=9))
@@ -161,7 +163,7 @@ def test_tune_does_anew_what_was_tuned_otherwise_or_for_another_environment(nois
     assert len({first, second, path.read_bytes()}) == 3
 
 
-def test_tune_searches_on_a_cluster_whatever_processes_it_has_here(noisy, monkeypatch):
+def test_tune_uses_a_cluster_even_if_processes_are_given(noisy, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(RuntimeError, match="install the extra `cluster`"):
         tune(replace(noisy, processes=2, cluster="ray"))
@@ -169,7 +171,7 @@ def test_tune_searches_on_a_cluster_whatever_processes_it_has_here(noisy, monkey
 
 @pytest.mark.parametrize("weight", load_setup("linear-blind").evaluation.weights)
 @pytest.mark.parametrize("name", ["linear-blind", "bistable-blind"])
-def test_bound_of_is_below_every_baseline_that_is_shipped(name, weight):
+def test_bound_is_below_every_shipped_baseline(name, weight):
     setup = load_setup(name)
     rule = Clairvoyant(bound.bound_of(setup)[weight])
     count, of = len(rule.parameters), partial(ScenarioBatch.of, bound.FROZEN, time_weight=[weight])
@@ -177,16 +179,16 @@ def test_bound_of_is_below_every_baseline_that_is_shipped(name, weight):
     for baseline in setup.against:
         blind = of(count=count, task=setup.task).play(load_baseline(baseline, weight)).loss(weight)
         assert known.mean() < blind.mean()
-        assert np.mean(known < blind) > 0.9  # in single scenarios a search may end in the wrong valley
+        assert np.mean(known < blind) > 0.9  # in single scenarios a search may end in a local minimum
 
 
-def test_search_of_the_bound_prefers_a_gentle_touch_to_none_however_little_time_costs():
+def test_search_of_the_bound_prefers_a_gentle_touch_to_a_miss_at_any_time_weight():
     parameters = search_bound({}, 0.01, scenarios=3, generations=12, population=10)
     known = ScenarioBatch.of("test", 3, Task(privileged=True), time_weight=[0.01]).play(Clairvoyant(parameters))
     assert not known.missed.any()
 
 
-def test_search_bounds_finds_what_knowing_the_scenario_is_worth_and_keeps_it(tmp_path):
+def test_search_bounds_beats_a_blind_profile_and_keeps_its_result(tmp_path):
     wanted = Tune(("linear-blind",), weights=(1.0,), processes=0, out=tmp_path, jobs=tmp_path / "jobs")
     setup, size = load_setup("linear-blind"), {"scenarios": 4, "generations": 25}
     refused(lambda: bound.read_bound(setup, tmp_path), "was not searched", "impact-gym tune linear-blind --bound")
@@ -196,18 +198,18 @@ def test_search_bounds_finds_what_knowing_the_scenario_is_worth_and_keeps_it(tmp
     blind = ScenarioBatch.of("test", 4, time_weight=[1.0]).play(load_baseline("blind-profile", 1.0))
     assert not known.missed.any()
     assert known.loss(1.0).mean() < blind.loss(1.0).mean()
-    fastest = np.sqrt(2 * known.scenario["distance"] / 20.0)  # at full acceleration all the way
+    fastest = np.sqrt(2 * known.scenario["distance"] / 20.0)  # s, at full acceleration
     assert (known.approach_time > fastest - 0.02).all()  # the tool may swing ahead of the flange
     bound.write_bound(setup, {1.0: 0.5 * parameters}, tmp_path, generations=25)
     assert search_bounds(wanted, **size) == [path]
     assert np.array_equal(bound.read_bound(setup, tmp_path, 25)[1.0], 0.5 * parameters)  # it was not searched again
 
 
-def test_read_bound_refuses_what_is_of_another_search(tmp_path):
+def test_read_bound_refuses_the_result_of_another_search(tmp_path):
     setup = load_setup("linear-blind")
     path = bound.write_bound(setup, {2.0: np.zeros((3, 13))}, tmp_path)
     assert bound.read_bound(setup, tmp_path)[2.0].shape == (3, 13)
-    assert bound.bound_of(setup, tmp_path) == {}  # which has no 0.7, 1 and 4
+    assert bound.bound_of(setup, tmp_path) == {}  # the weights 0.7, 1 and 4 are missing
     refused(lambda: bound.read_bound(setup, tmp_path, generations=2), "for another environment or for other parameters")
     path.with_name("clairvoyant-rigid-blind.npz").write_bytes(path.read_bytes())
     refused(lambda: bound.read_bound(load_setup("rigid-blind"), tmp_path), "for another environment")
@@ -215,7 +217,7 @@ def test_read_bound_refuses_what_is_of_another_search(tmp_path):
 
 @pytest.mark.parametrize("target", [0.12, 0.3, 0.31, 0.6])
 @pytest.mark.parametrize("power", [0.1, 0.3, 0.6])
-def test_weights_enclose_the_time_of_the_rule_within_5_ms(target, power):
+def test_tuned_times_enclose_the_time_of_the_rule_within_5_ms(target, power):
     times = {weight: 0.35 * weight**-power for weight in (0.7, 1.0, 2.0, 4.0)}
     for _ in range(MOST_TRIED):
         if (weight := next_weight(times, target)) is None:
@@ -229,7 +231,7 @@ def test_weights_enclose_the_time_of_the_rule_within_5_ms(target, power):
     assert in_reach or next_weight(times, target) is None
 
 
-def test_front_with_a_gap_is_not_tuned_for_ever():
+def test_tuning_at_the_rules_time_ends_for_a_front_with_a_gap():
     times = {weight: 0.25 if weight > 0.3 else 0.45 for weight in (0.2, 0.7, 1.0, 2.0)}
     tried = 0
     while (weight := next_weight(times, 0.31)) is not None and tried < 50:

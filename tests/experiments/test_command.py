@@ -1,4 +1,4 @@
-"""The command `impact-gym`: one table of names, one way to write a command; and from a set-up to its controller."""
+"""The command `impact-gym`: its names, commands as text, and the way from a set-up to its controller."""
 
 import json
 import re
@@ -41,7 +41,7 @@ ROOT = Path(matchups.__file__).parents[2]
 
 @pytest.fixture
 def exit_of(monkeypatch):
-    """Run `impact-gym` with words, and return what it exits with."""
+    """Run `impact-gym` with words; return its exit code or message."""
 
     def run(*words):
         monkeypatch.setattr(sys, "argv", ["impact-gym", *words])
@@ -139,12 +139,12 @@ def test_copy_setup_keeps_a_folder_for_its_set_up(mine, tmp_path):
     with pytest.raises(ValueError, match="holds a full run: name another folder"):
         copy_setup(load_setup(mine), out, quick=True)
     change(mine, "0.7", "0.8")
-    with pytest.raises(ValueError, match=r"mine\.toml as it was.*name another folder"):
+    with pytest.raises(ValueError, match=r"earlier mine\.toml.*name another folder"):
         copy_setup(load_setup(mine), out)
     with pytest.raises(ValueError, match=r"holds something else \(mine\.toml\)"):
         copy_setup(load_setup("linear-blind"), out)
     assert "0.7" in copy.read_text()
-    with pytest.raises(ValueError, match="is no folder"):
+    with pytest.raises(ValueError, match="out must be a folder"):
         copy_setup(load_setup(mine), mine)
 
 

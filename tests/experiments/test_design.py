@@ -129,16 +129,16 @@ def test_task_changes_the_numbers_of_a_coupling_together():
 
 
 def test_play_draws_the_design_within_its_tolerance_in_each_scenario():
-    design, scenarios = {"coupling.stiffness": 80.0, "coupling.damping_ratio": 0.4}, {"name": "validation", "count": 60}
+    design = {"coupling.stiffness": 80.0, "coupling.damping_ratio": 0.4}
     assert as_built({"coupling.rear_stop": -0.02}, 0.05) == {"coupling.rear_stop": pytest.approx([-0.021, -0.019])}
     candidate = asdict(Candidate({}, "BlindProfile", PROFILE, design))
-    exact, built = (play(candidate, share, limits={}, **scenarios) for share in (0.0, 0.05))
-    alone = ScenarioBatch.of(**scenarios, task=Task().changed(design), threads=1).play(BlindProfile(PROFILE))
+    exact, built = (play(candidate, share, "validation", {}) for share in (0.0, 0.05))
+    alone = ScenarioBatch.of("validation", None, Task().changed(design), threads=1).play(BlindProfile(PROFILE))
     exact, built = (frame["object_velocity"].to_numpy() for frame in (exact, built))
     assert np.array_equal(exact, alone.object_velocity)
     changes = built / exact - 1.0
     assert (changes != 0.0).all()
-    assert np.abs(np.median(changes)) < np.abs(changes).max() < 0.5
+    assert np.abs(np.median(changes)) < np.quantile(np.abs(changes), 0.99) < 0.5
 
 
 @pytest.mark.parametrize(("text", "start", "logarithmic"), [

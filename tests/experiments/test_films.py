@@ -1,4 +1,4 @@
-"""The shipped films are small, last long enough to follow, and show what was simulated; all colours are one palette."""
+"""Shipped films are small, long enough to follow, and show what was simulated; all colours come from one palette."""
 
 import re
 from pathlib import Path

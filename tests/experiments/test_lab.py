@@ -1,4 +1,4 @@
-"""What studies share: intervals over seeds and scenarios, the grid, symbols."""
+"""Shared parts of studies: intervals over seeds and scenarios, the grid, symbols."""
 
 from dataclasses import astuple
 from html import unescape

@@ -1,4 +1,4 @@
-"""The loop at 1 kHz: the watchdogs of arm and controller stop on every fault, and V_p is the environment's."""
+"""The loop at 1 kHz: arm and controller stop at every fault, and V_p agrees with the environment."""
 
 import json
 import shutil
@@ -36,7 +36,7 @@ def line():
 
 
 def shifted(place, by):
-    """What adds a number to the one at a place of a packet: 1 the sequence, 2 the stamp (s), 3 a velocity (m/s)."""
+    """A function that adds `by` to the number at a place of a packet: 1 sequence, 2 stamp (s), 3 velocity (m/s)."""
 
     def change(packet):
         (number,) = struct.unpack_from("d", packet, 8 * place)
@@ -55,7 +55,7 @@ FAULTS = {
 
 
 def steered(folder, line, change, delay=0.0, other=None):
-    """What an arm has played, steered by packets that are changed from FAULT_AT on, and when the last good came."""
+    """Steer an arm by packets that are changed from FAULT_AT on; return its approaches, and when the last good came."""
     arm, port = start(SUBJECT, 2.0, 0.3, folder / "arm.json")
     line.connect(("127.0.0.1", port))
     line.send(COMMAND.pack(MAGIC, 0.0, 0.0, 0.0, 20.0))
@@ -130,7 +130,7 @@ def test_a_side_stops_where_the_other_is_killed(program, tmp_path, killed):
 
 
 def test_loop_has_the_object_velocity_of_the_environment(tmp_path, capsys):
-    """The same scenarios; the commands' age, a period, costs about a hundredth."""
+    """Both play the same scenarios; the commands are a period old, which changes V_p by about a hundredth."""
     run(Loop("linear-blind", tmp_path, seconds=3.0))
     found = json.loads((tmp_path / "loop.json").read_text())
     assert found["approaches"] >= 5

@@ -1,4 +1,4 @@
-"""The films show what was judged, and run in a browser, from disk and with nothing else."""
+"""Films show the judged episodes, and run in a browser from disk."""
 
 import itertools
 import json
@@ -161,7 +161,7 @@ def page_file(film, tmp_path_factory):
 
 
 def watched(browser, page_file, **options):
-    """Open the page and wait for its film, which is made when it is first seen."""
+    """Open the page and wait for its film, which is built once it is visible."""
     page, problems = opened(browser, page_file, **options)
     page.wait_for_selector(".igw-panel")
     return page, problems

@@ -1,24 +1,18 @@
-"""Sentences and tables of the report for a synthetic result; measurements of its jobs against closed forms."""
+"""Sentences and tables of the report for a synthetic result, whose numbers follow by hand."""
 
 from dataclasses import replace
 
 import numpy as np
 import polars as pl
 import pytest
-from contest import COUNT, PAPER_TIME, SPEEDS, WEIGHTS, played, run
+from contest import COUNT, PAPER_TIME, SPEEDS, played, run
 
-from agents import Policy, load_policy
-from agents.evaluate.play import pairs, play
 from agents.setups import load_setup, shipped
 from agents.setups.evaluation import variants
-from experiments.report import answer, choice, differences, first_screen, holds, jobs, matchups
+from experiments.report import answer, choice, differences, first_screen, holds
 from experiments.report.matchups import BOUND, PAPER, POLICY
 from experiments.report.played import Run
-from impact_gym.task import Task
 
-SCENARIOS = {"set": "test", "count": 30}
-LINEAR = matchups.of_setup(load_setup("linear-blind"), SCENARIOS)
-PAPERS_RULE = {"baseline": "paper-trapezoid"}
 TOLERANCE_OF_TWO = 26.26  # one-sided 95/95 factor (M. G. Natrella, NBS Handbook 91, table A-7)
 
 
@@ -36,14 +30,14 @@ def test_answer_is_read_where_the_papers_rule_is():
     assert (result.missed, result.episodes) == (0, 2 * COUNT)
     assert result.velocity.value == pytest.approx(0.3 * SPEEDS.mean())
     assert "the object leaves 70.0 % [70.0, 70.0] slower at the paper's mean approach time;" in sentence
-    assert "the approach is at least 33.3 % [33.3, 33.3] sooner" in sentence
-    assert "The best tuned baseline, profile: 50.0 % [50.0, 50.0] slower." in sentence
+    assert "the approach takes at least 33.3 % [33.3, 33.3] less time" in sentence
+    assert "With the best tuned baseline, profile, it leaves 50.0 % [50.0, 50.0] slower." in sentence
     assert headline == ("At the mean approach time of the paper's rule the object leaves 70 % slower with the learned "
                         "policy, with the tuned profile 50 % slower.")  # fmt: skip
     rows = dict(answer.table(result, played()).rows)
     assert rows["V_p lower at the paper's approach time"] == "70.0 % [70.0, 70.0]"
     assert rows["V_p lower there, tuned profile"] == "50.0 % [50.0, 50.0]"
-    assert rows["sooner at the paper's V_p"] == "at least 33.3 % [33.3, 33.3]"
+    assert rows["less approach time at the paper's V_p"] == "at least 33.3 % [33.3, 33.3]"
     assert rows["95 % of trainings: at least"] == "-"
 
 
@@ -85,26 +79,6 @@ def test_choice_is_made_on_scenarios_of_its_own_and_judged_on_those_of_the_repor
     assert choice.choice(results).sentence.startswith("Best here: the paper's rule. It costs V_p")
 
 
-@pytest.mark.parametrize(("given", "ranges", "seed"), [
-    ({"set": "test", "count": 30}, "train", 60_000_000), ({"set": "hard", "count": 30}, "hard", 60_000_000),
-    ({"ranges": "train", "seed": 5, "count": 30}, "train", 60_000_005),
-])  # fmt: skip
-def test_scenarios_of_the_choice_come_from_the_same_ranges_and_other_seeds(given, ranges, seed):
-    drawn = choice.scenarios(given)
-    assert (pairs(drawn["ranges"]), drawn["seed"], drawn["count"]) == (pairs(ranges), seed, 2000)
-    table = {"table": {"distance": [0.2]}, "seed": 3, "count": 1}
-    assert choice.scenarios(table) == table
-
-
-@pytest.mark.parametrize(("scenarios", "holds_there"), [
-    ({"set": "test", "count": 64}, True), ({"set": "test", "count": 63}, False), ({"set": "hard", "count": 64}, False),
-    ({"ranges": pairs("test"), "seed": 2_000_000, "count": 64}, True),
-    ({"ranges": pairs({"distance": [0.2, 0.4]}), "seed": 2_000_000, "count": 64}, False),
-])  # fmt: skip
-def test_bound_is_shown_only_for_the_scenarios_that_were_searched(scenarios, holds_there):
-    assert (matchups.clairvoyant(load_setup("linear-blind"), scenarios) is not None) == holds_there
-
-
 def test_mean_and_tail_are_given_where_each_is_nearest_to_the_papers_time():
     results = played()
     results.baselines["profile"] = run((0.4, 0.6), (0.4, 0.31), missed=3)
@@ -120,18 +94,19 @@ def test_mean_and_tail_are_given_where_each_is_nearest_to_the_papers_time():
 
 @pytest.mark.parametrize(("shares", "times", "said", "headline"), [
     ((0.2, 0.4), (0.3, 0.2), "80.0 % [80.0, 80.0] slower at the paper's", "leaves 80 % slower with"),  # just as late
-    ((0.2, 0.4), (0.27, 0.2), "as long as the paper's; at the nearest, 10.0 % sooner, the object leaves 80.0 %",
-     "smallest time weight the learned policy arrives 10 % sooner than the paper's rule; a weight of about 0.74 would "
-     "be as soon. The object leaves 80 % slower"),
-    ((0.2, 0.4), (0.5, 0.33), "as short as the paper's; at the nearest, 10.0 % later, the object leaves 60.0 % "
-     "[60.0, 60.0] slower (a time weight of about 2.3 would be as short); at the paper's V_p the approach is at most "
-     "10.0 % [10.0, 10.0] later.",
-     "largest time weight the learned policy arrives 10 % later than the paper's rule; a weight of about 2.3 would be "
-     "as soon. The object leaves 60 % slower"),
+    ((0.2, 0.4), (0.27, 0.2), "as long as the paper's; at the nearest weight it takes 10.0 % less time, and the object "
+     "leaves 80.0 %",
+     "smallest time weight the learned policy takes 10 % less time than the paper's rule; a weight of about 0.74 would "
+     "match the rule's time. At that smallest weight the object leaves 80 % slower"),
+    ((0.2, 0.4), (0.5, 0.33), "as short as the paper's; at the nearest weight it takes 10.0 % more time, and the "
+     "object leaves 60.0 % [60.0, 60.0] slower (a weight of about 2.3 would make it as short); at the paper's V_p the "
+     "approach takes at most 10.0 % [10.0, 10.0] more time.",
+     "largest time weight the learned policy takes 10 % more time than the paper's rule; a weight of about 2.3 would "
+     "match the rule's time. At that largest weight the object leaves 60 % slower"),
     ((1.2, 1.4), (0.4, 0.2), "30.0 % [30.0, 30.0] faster at the paper's mean approach time; at every weight the "
      "object leaves faster than with the paper's rule.",
      "leaves 30 % faster with the learned policy, with the tuned profile 50 % slower."),
-    ((0.8, 1.4), (0.4, 0.2), "at the paper's V_p the approach is 11.1 % [11.1, 11.1] later", "leaves 10 % faster"),
+    ((0.8, 1.4), (0.4, 0.2), "the approach takes 11.1 % [11.1, 11.1] more time", "leaves 10 % faster"),
 ])  # fmt: skip
 def test_answer_says_what_a_curve_does_not_reach(shares, times, said, headline):
     results = played()
@@ -163,7 +138,7 @@ def test_answer_counts_a_miss_as_no_win_and_claims_nothing_for_more_than_one_in_
     for text in (sentence, headline):
         assert ("nothing is claimed" in text) == (not claimed)
         assert ("slower" in text) == claimed
-    assert f"misses {2 * missing} of 600 objects" in sentence
+    assert f"{2 * missing} of 600 objects" in sentence
 
 
 def test_tolerance_bound_follows_from_the_scatter_of_seeds():
@@ -210,8 +185,8 @@ def test_measures_are_means_over_the_same_scenarios():
     assert row["V_p (m/s)"].startswith(f"{0.4 * SPEEDS.mean():.3f} [")
     assert row["V_p, mean of the worst 5 %"] == f"{0.4 * np.sort(SPEEDS)[-3:].mean():.3f}"
     assert row["impulse (N s)"] == f"{0.4 * (SPEEDS**2).mean():.4f}"  # here the masses are the speeds
-    assert row["deflection (mm): before the touch 95 %, in all most"] == "10, 20"
-    assert rows[PAPER]["deflection (mm): before the touch 95 %, in all most"] == "-"
+    assert row["deflection (mm): 95 % before the touch, largest"] == "10, 20"
+    assert rows[PAPER]["deflection (mm): 95 % before the touch, largest"] == "-"
 
 
 @pytest.mark.parametrize(("share", "better", "worse"), [
@@ -310,48 +285,4 @@ def test_report_of_an_operator_gives_slide_and_done_time_of_each_assistance():
     table = differences.measures(results)
     row = dict(zip(table.head, table.rows[-2], strict=True))
     assert (row["slide (m)"], row["until the touch (s)"], row["taken"]) == ("0.100", "1.000", "0.500")
-    assert (results.matchup.until, LINEAR.until) == ("all is done", "the touch")
-
-
-@pytest.mark.parametrize("arm", [{}, {"velocity_range": [-0.2, 1.2], "acceleration_range": [1.0, 10.0]}], ids=str)
-def test_play_as_late_has_the_rules_mean_time_on_the_validation_set_and_nearly_on_the_test_set(arm):
-    scenarios, validation = ({"set": name, "count": 200} for name in ("test", "validation"))
-    policy = LINEAR.policy
-    late = jobs.play_as_late(policy.controller, arm, scenarios, policy.weights)
-    ours = play(policy.controller, validation, [float(late["weight"][0])], arm)
-    chosen, other = (play(PAPERS_RULE, each, environment=arm) for each in (validation, scenarios))
-    assert ours["approach_time"].mean() == pytest.approx(chosen["approach_time"].mean(), abs=1e-3)
-    assert ours["approach_time"].mean() <= chosen["approach_time"].mean()
-    assert late["approach_time"].mean() == pytest.approx(other["approach_time"].mean(), rel=0.03)
-
-
-def test_profile_is_the_flanges():
-    profile = jobs.profile(PAPERS_RULE, {}, [2.0], 0.36)
-    x = profile["position"]
-    reached = x < 0.35  # the tool swings ahead of the flange and touches first
-    assert profile["velocity"][0][reached] == pytest.approx(np.minimum(np.sqrt(16.0 * x), 1.0)[reached], abs=2e-3)
-
-
-def test_tool_lags_behind_the_rule_as_a_critically_damped_spring_does():
-    """At 8 m/s^2 for 0.125 s, then none: it lags most a little later; every object stands beyond that."""
-    a, omega, ramp = 8.0, 20.0, 0.125
-    lag, rate = a / omega**2 * (1.0 - (1.0 + omega * ramp) * np.exp(-omega * ramp)), a * ramp * np.exp(-omega * ramp)
-    later = rate / omega / (rate + omega * lag)  # s
-    most = (lag + (rate + omega * lag) * later) * np.exp(-omega * later)
-    travelled = jobs.travelled(PAPERS_RULE, LINEAR.environment, SCENARIOS, [2.0])
-    assert travelled["before"] == pytest.approx(most, rel=5e-3)  # watched four times in a control step
-    assert (travelled["in_all"] > travelled["before"]).any()
-
-
-def test_policy_of_one_weight_is_compared_at_it_under_a_valid_file_name(tmp_path):
-    path = tmp_path / "three & a bit.npz"
-    Policy(load_policy("linear-blind").network, Task(time_weight=3.0), {}).save(path)
-    (matchup,) = matchups.of_policies([str(path)], ["blind-profile"], SCENARIOS, {})
-    assert (matchup.name, matchup.weights, matchup.typical) == ("three-a-bit", (3.0,), 3.0)
-    weights = {job.key: set(job.arguments["weights"]) for job in jobs.jobs_of(matchup) if job.where == "baselines"}
-    assert {3.0, *WEIGHTS} <= weights["blind-profile"]
-    assert weights[PAPER] == {2.0}
-    nearer = {"scenarios": {"ranges": {"distance": [0.2, 0.3]}}}
-    assert 0.3 < jobs.watched_at(replace(matchup, **nearer)) < 0.32  # just beyond all objects
-    estimated = {**matchup.environment, "range_noise": 0.01}
-    assert jobs.watched_at(replace(matchup, environment=estimated, **nearer)) == pytest.approx(0.25)  # amid them
+    assert (results.matchup.until, played().matchup.until) == ("all is done", "the touch")

@@ -66,7 +66,7 @@ def test_a_rival_that_is_missing_or_fails_is_a_row_that_says_so(monkeypatch):
 
 def test_cell_of_a_rival_without_an_answer_says_why():
     labels = {"scene": "stiff", "rival": "heyoka"}
-    lost = {**labels, **speed.no_times(labels), "failure": "no answer within 400 s"}
+    lost = {**labels, **speed.STUDY.measurements[1].failed(labels), "failure": "no answer within 400 s"}
     ours = {**labels, **row_of(OURS, 1e-6, 10.0, 1e-8)}
     missing = dict.fromkeys(("microseconds", "velocity_error", "contact_microseconds"))
     found = speed.ratios(pl.DataFrame([ours, lost | missing]))

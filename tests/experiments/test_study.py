@@ -1,4 +1,4 @@
-"""The runner of all studies: what is kept, what is outdated, cells that fail, tables on disk, names of studies."""
+"""The runner of all studies: kept and outdated rows, cells that fail, tables on disk, names of studies."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,7 @@ from experiments.lab.study import LARGE, Cell, Findings, Measurement, Run, Study
 
 
 def squares(numbers, log):
-    """Rows of squares; each call is a line of a file."""
+    """Rows of squares; each call writes a line to a file."""
     with Path(log).open("a") as file:
         print(*numbers, file=file)
     if 0 in numbers:

@@ -1,4 +1,4 @@
-"""Functions that the tests of jobs call in other processes: each leaves a line in a file when it is called."""
+"""Functions that the tests of jobs call in other processes; each call writes a line into a log."""
 
 import errno
 import os
@@ -18,25 +18,25 @@ def _called(log, number):
 
 
 def begun(log):
-    """Return the calls that were begun, in order: number, and the process that started the worker, one for a node."""
+    """Return the started calls in order: number, and the parent process of the worker, one for each node."""
     lines = Path(log).read_text().splitlines() if Path(log).exists() else []
     return [tuple(map(int, line.split())) for line in lines]
 
 
 def calls(log):
-    """Return the numbers of these calls."""
+    """Return the numbers of the started calls."""
     return [number for number, _ in begun(log)]
 
 
 def kept(folder):
-    """Return the stored results below a folder, each with what changes when it is computed again."""
+    """Return the stored results below a folder, each with its time of writing."""
     return {path: path.stat().st_mtime_ns for path in folder.glob("**/output.pkl")}
 
 
 def numbers(log, number, seconds=0.0, megabytes=0):
-    """Return what a sum over many numbers rounds to, so that a result in another order would show.
+    """Return sums of many numbers, whose last bits depend on the order of summation.
 
-    Megabytes are more than a cluster sends with its answer: they stay on the node until they are fetched.
+    A result of a megabyte stays on its node until it is fetched.
     """
     _called(log, number)
     time.sleep(seconds)
@@ -48,7 +48,7 @@ def numbers(log, number, seconds=0.0, megabytes=0):
 
 def played(log, number, count):
     """Play some scenarios of the validation set with the compiled kernels."""
-    from agents.evaluate.play import play  # 2 s, which every other worker does without
+    from agents.evaluate.play import play  # takes 2 s, and other workers do not need it
     from impact_gym import kernels
 
     _called(log, number)
@@ -57,24 +57,24 @@ def played(log, number, count):
 
 
 def fails_on(log, number, bad):
-    """Raise where the number is bad."""
+    """Raise an error if the number is bad."""
     if number in bad:
         raise ArithmeticError(f"no result for {number}")
     return numbers(log, number)
 
 
 def kills_itself(log, number):
-    """Die as if out of memory."""
+    """Kill the process, as the kernel does when memory runs out."""
     _called(log, number)
     os.kill(os.getpid(), signal.SIGKILL)
 
 
 def no_data():
-    """Return what cannot be sent to another process."""
+    """Return an object that cannot be pickled."""
     return lambda: None
 
 
 def finds_no_room(path):
-    """Write a file to a disk that is full."""
+    """Write a file to a full disk."""
     with whole_file(Path(path)):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -1,4 +1,4 @@
-"""Commands that pages, cards and reports print: read to their options by the commands' own parsers, and not run."""
+"""Commands that pages, cards and reports print: their own parsers read the options, and nothing is run."""
 
 import argparse
 import functools
@@ -19,15 +19,15 @@ STANDS_FOR = {
     "SETUP": "linear-blind", "my.toml": "linear-blind", "NAME": "linear-blind", "N": "2", "DIR": "out",
     "NAME=LOW:HIGH": "coupling.stiffness=40:60", "...": "",
 }  # fmt: skip
-"""What the words of a usage line stand for."""
+"""Values for the placeholders of a usage line."""
 
 
 class Read(BaseException):
-    """The options of a command were understood."""
+    """Raised after a command has read its options."""
 
 
 def read_options(module, words, monkeypatch):
-    """Have a command of ours read its options, and go no further."""
+    """Let a command read its options, and stop it then."""
 
     def and_stop(read):
         def reading(what, *arguments, **options):
@@ -49,7 +49,7 @@ def read_options(module, words, monkeypatch):
 
 
 def read_printed(command, monkeypatch):
-    """Read a command as it is printed, `impact-gym NAME ...`; a name alone has to be one."""
+    """Let a printed command, `impact-gym NAME ...`, read its options; without options only its name is checked."""
     _, name, *words = shlex.split(re.sub(r"[][]", "", command))
     assert name in MODULES, command
     words = [STANDS_FOR.get(word, word) for word in words]

@@ -1,4 +1,4 @@
-"""A synthetic matchup: contestants with given times and velocities, for which the report's numbers follow by hand."""
+"""A synthetic matchup: contestants with given times and velocities, so that the report's numbers follow by hand."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from impact_gym.task.scenario import FIELDS
 
 COUNT, WEIGHTS, PAPER_TIME = 60, (1.0, 2.0), 0.3
 SPEEDS = np.random.default_rng(0).uniform(0.5, 1.5, COUNT)
-"""V_p of the paper's rule, m/s; of the others it is a share of that."""
+"""V_p of the paper's rule, m/s; the V_p of other contestants is a share of it."""
 RULES = {
     "constant": "ConstantSpeed", "evenly": "ConstantDeceleration", "profile": "BlindProfile", "other": "BlindProfile",
     "range": "Ranged", "over": "RangedProfile",
@@ -18,9 +18,9 @@ SHARES = {"constant": (0.6, 0.8), "profile": (0.4, 0.6)}  # of SPEEDS, at 0.4 s 
 
 
 def run(shares, times=(0.4, 0.2), weights=WEIGHTS, missed=0, count=COUNT, **more):
-    """A contestant whose V_p is a share of the same speeds at each weight, after an approach of so many seconds.
+    """A contestant whose V_p at each weight is a share of SPEEDS, after an approach of that weight's time (s).
 
-    More results are the same number in every episode.
+    `more` results have the same value in every episode.
     """
     missing = np.zeros((len(shares), count), bool)
     missing[:, :missed] = True
@@ -33,7 +33,7 @@ def run(shares, times=(0.4, 0.2), weights=WEIGHTS, missed=0, count=COUNT, **more
 
 
 def played(names=("profile", "constant"), seeds=((0.2, 0.4),), varied=None, **environment):
-    """Constant speed 0.7, profile 0.5, policy 0.3 of the paper's V_p after its 0.3 s; shares are those of each seed."""
+    """At 0.3 s, V_p is 0.7 (constant speed), 0.5 (profile) and 0.3 (policy) of the rule's; `seeds` are their shares."""
     specs = {
         name: {"tuned": {"rule": RULES[name], "parameters": [0] * (1 + ("profile" in name))}}
         if name in RULES

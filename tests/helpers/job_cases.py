@@ -1,6 +1,6 @@
-"""What a Ray cluster must do with calls. Run as a script, on a cluster of two nodes on this machine.
+"""Calls on a Ray cluster: a script, which starts a cluster of two nodes on this machine.
 
-Ray is noisy and its warnings are not ours, so pytest looks only at what the script leaves in its folder.
+Ray prints much, and its warnings would fail the tests. So pytest reads only the files that the script writes.
 """
 
 import json
@@ -15,22 +15,22 @@ from agents.jobs import JobsFailedError, cached
 
 NODE = {"num_cpus": 1, "object_store_memory": 80 * 2**20}
 HEAD = {**NODE, "include_dashboard": False, "_system_config": {"health_check_period_ms": 300}}
-"""A node is lost once five looks after it fail; by itself Ray looks every 3 s."""
+"""A node is lost after five failed health checks; by default Ray checks every 3 s."""
 
 
 def scenarios(folder):
-    """Return arguments for scenarios of the validation set."""
+    """Return the arguments of calls that play scenarios of the validation set."""
     return [{"log": str(folder / "played"), "number": number, "count": 25} for number in range(12)]
 
 
 def large(folder, seconds=0.5):
-    """Return arguments for results too large to be sent with the answer."""
+    """Return the arguments of calls whose results are too large to be sent at once."""
     log = str(folder / "log")
     return [{"log": log, "seconds": seconds, "megabytes": 1, "number": number} for number in range(24)]
 
 
 def said(function, arguments, folder, cluster):
-    """Return what the error says."""
+    """Return the message of the error that the calls raise."""
     try:
         cached(function, arguments, folder, cluster=cluster)
     except (JobsFailedError, RuntimeError) as error:
@@ -38,7 +38,7 @@ def said(function, arguments, folder, cluster):
 
 
 def lose_node(folder, cluster, node):
-    """Lose a node, without its leave, while it holds results; return which of them were not fetched."""
+    """Kill a node that holds results; return the numbers of its results that were not fetched."""
     fetched, unfetched = [], []
     raylet = node.all_processes["raylet"][0].process.pid
 
@@ -48,7 +48,7 @@ def lose_node(folder, cluster, node):
     def lose(place, _):
         fetched.append(place)
         if not unfetched and len(on_node()) >= 3:
-            time.sleep(2.0)  # in which it does what it was given
+            time.sleep(2.0)  # in this time it runs its calls
             unfetched.extend({*on_node()} - {*fetched})
             cluster.remove_node(node, allow_graceful=False)
 
@@ -57,7 +57,7 @@ def lose_node(folder, cluster, node):
 
 
 def main():
-    """Do all on a cluster, and leave what came of it in the folder."""
+    """Run all cases on a cluster, and write the outcome into the folder."""
     folder = Path(sys.argv[1])
     cluster = Cluster(initialize_head=True, head_node_args=HEAD)
     node = cluster.add_node(**NODE)

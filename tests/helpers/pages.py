@@ -1,4 +1,4 @@
-"""What every page of an experiment has to be; and Debian's Chromium, driven by Playwright, to see it in."""
+"""Checks that hold for every page of an experiment, and Chromium, driven by Playwright, to open pages."""
 
 import re
 import shutil
@@ -8,7 +8,7 @@ import pytest
 
 
 def text_of_a_page_that_stands_on_its_own(folder, figures):
-    """Check that the page in a folder has its figures inside and leads to files that are there; return its text."""
+    """Check that the page in a folder embeds its figures and links only to files that exist; return its text."""
     text = (folder / "index.html").read_text()
     assert len(re.findall("data:image/svg", text)) == figures
     assert not re.search(r"""(src|href)=["'](https?:|//)""", text)
@@ -18,13 +18,13 @@ def text_of_a_page_that_stands_on_its_own(folder, figures):
 
 
 def as_plain_text_has_it(text):
-    """Return HTML with its subscripts and powers as they were before they were typeset."""
+    """Return HTML with its subscripts and powers as plain text: V_p, m^1.5."""
     return re.sub(r"<sup>([^<]+)</sup>", r"^\1", re.sub(r"<sub>(\w+)</sub>", r"_\1", text))
 
 
 @contextmanager
 def chromium():
-    """Give a browser; skip where there is none."""
+    """Yield a browser; skip the test if there is none."""
     programs = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
     program = shutil.which("chromium")
     if program is None:
@@ -36,7 +36,7 @@ def chromium():
 
 
 def opened(browser, file, width=1280, height=900, **options):
-    """Return a page that shows a file, and the list of its complaints and of its requests to elsewhere."""
+    """Return a page that shows a file, and the list of its messages, errors and requests to other servers."""
     page = browser.new_context(viewport={"width": width, "height": height}, **options).new_page()
     problems = []
     page.on("console", lambda message: problems.append(f"{message.type}: {message.text}"))
@@ -47,10 +47,10 @@ def opened(browser, file, width=1280, height=900, **options):
 
 
 def stands_on_its_own(browser, file, width=1280):
-    """Check what every page has to be, and return it in a window so wide, with all that was folded opened.
+    """Check what holds for every page; return the page in a window of this width, with all folds open.
 
-    It opens from disk and asks for nothing elsewhere; no script fails; links lead to what is there; pictures and
-    controls have names; nothing is wider than the window.
+    The page opens from disk and loads nothing from other servers; no script fails; targets of links exist; pictures
+    and controls have names; nothing is wider than the window.
     """
     page, problems = opened(browser, file, width)
     page.evaluate("document.querySelectorAll('details').forEach(fold => { fold.open = true; })")

@@ -1,4 +1,4 @@
-"""Policies, made up."""
+"""Policies with random weights."""
 
 import itertools
 
@@ -11,7 +11,7 @@ from impact_gym.task import ActionSpec, ObservationSpec, Task
 
 
 def made_up_policy(seed=0, environment=None, activation="tanh", log_std=-1.0, sizes=(16, 12)):
-    """Return a policy with random weights; its noise depends on nothing."""
+    """Return a policy with random weights and constant noise."""
     environment = environment or {}
     rng = np.random.default_rng(seed)
 
@@ -37,6 +37,6 @@ KINDS = {
 
 
 def observations(policy, count=5000, seed=1):
-    """Return rows drawn evenly from what the policy may see."""
+    """Return observations drawn uniformly from the policy's observation space."""
     box = observation_space(policy.spec)
     return np.random.default_rng(seed).uniform(box.low, box.high, (count, policy.inputs)).astype(np.float32)

@@ -21,7 +21,7 @@ TINY = Training(
 
 
 def tiny(setup="linear-blind", seed=0, **changes):
-    """Return a training of a second or less."""
+    """Return a training that takes at most a second."""
     return Run(load_setup(setup), replace(TINY, **changes), seed)
 
 
@@ -36,11 +36,11 @@ def model_of(run):
 
 
 class Killed(BaseException):
-    """As if the process ended here."""
+    """Stands for the end of the process."""
 
 
 def interrupted(run, out):
-    """Train until the first validation behind a checkpoint."""
+    """Train until the first validation after a checkpoint, and return the folder."""
 
     def kill(*_):
         if (out / "checkpoint.npz").is_file():
@@ -53,13 +53,13 @@ def interrupted(run, out):
 
 
 def rows(folder):
-    """Return the learning curve but for what the clock says."""
+    """Return the learning curve without times."""
     with (folder / "progress.csv").open() as file:
         return [{name: row[name] for name in row if "per_second" not in name} for row in csv.DictReader(file)]
 
 
 def left(folder):
-    """Return what a training left, but for what the clock says: weights, learning curve, scores."""
+    """Return the results of a training without times: weights, learning curve, scores."""
     weights = [to_arrays(load_policy(folder / name).network) for name in ("final.npz", "best.npz")]
     metrics = json.loads((folder / "metrics.json").read_text())
     return weights, rows(folder), metrics["validation"], metrics["curve"]

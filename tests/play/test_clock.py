@@ -1,4 +1,4 @@
-"""The clock of tries, with its time handed in: when steps come, what is commanded, what is kept, without waiting."""
+"""The clock of tries, with a simulated time: when steps are played, what is commanded and what is kept."""
 
 import resource
 from itertools import pairwise
@@ -20,9 +20,9 @@ def setup(tmp_path_factory):
 
 
 class Hand:
-    """A clock in this process, for which no time passes but what it sleeps, and what it told of the last try.
+    """A clock in this process, whose time passes only while it sleeps, and its messages about the last try.
 
-    `steer(hand, frame)` is called with each frame; `overslept` says by step how much too long it sleeps, s.
+    `steer(hand, frame)` is called with each frame; `overslept(step)` is the time by which it sleeps too long, s.
     """
 
     def __init__(self, folder, setup):
@@ -33,20 +33,20 @@ class Hand:
         self.time += seconds + self.overslept(round((self.time - 100.0) / PERIOD))
 
     def send(self, message):
-        """Take what the clock tells the server."""
-        self.told.append(message | {"at": self.time})
+        """Receive a message of the clock."""
+        self.messages.append(message | {"at": self.time})
         if message["kind"] == "frame":
             self.steer(self, message)
 
     def play(self, steer, name="a", overslept=lambda step: 0.0, seen=False, **asked):
-        """Play a try that is kept in a file of that name; return the last that was told of it."""
-        self.told, self.steer, self.overslept, self.clock.stick = [], steer, overslept, Stick()
+        """Play a try that is kept in a file of that name; return the last message about it."""
+        self.messages, self.steer, self.overslept, self.clock.stick = [], steer, overslept, Stick()
         self.clock.play(wanted(**{"setup": self.setup, **asked}), self.folder / f"{name}.json", seen)
-        self.frames = [message for message in self.told if message["kind"] == "frame"]
-        return self.told[-1]
+        self.frames = [message for message in self.messages if message["kind"] == "frame"]
+        return self.messages[-1]
 
     def kept(self, name="a"):
-        """Return a try that is kept, with times (s) and velocities (m/s) of what was commanded."""
+        """Return a kept try, with times (s) and velocities (m/s) of its commands."""
         this = try_files.read(self.folder / f"{name}.json")
         return this, np.array(this.operator["time"]), np.array(this.operator["velocity"])
 

@@ -15,7 +15,7 @@ PAD = """() => {
 
 @pytest.fixture
 def tab(browser, server):
-    """Open a page that must complain of nothing and ask nothing of others, until the test is over."""
+    """Open pages; at the end of the test none may have logged a message or called another server."""
     opened = []
 
     def open_tab(server=server, **options):

@@ -1,4 +1,4 @@
-"""A try is a file that the environment and `simulate` play again, whatever ended it; and what it is compared with."""
+"""Tries are files that the environment and `simulate` play again; variants of tries for the films."""
 
 import json
 import math
@@ -61,7 +61,7 @@ DAMAGES = {
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A try as its file has it."""
+    """The content of a try's file."""
     return json.loads(try_files.write(tmp_path_factory.mktemp("made") / "a.json", pushed(lambda _: 0.5)).read_text())
 
 

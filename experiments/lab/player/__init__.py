@@ -1,10 +1,44 @@
 """Watch contestants side by side in the same scenario: films for a page that opens from disk.
 
-`choose` selects scenarios, `films` plays them and thins their traces, `fragment` is the HTML of one set of films; a
-page needs `style` and `script` once.
+`choose` selects scenarios, `films` plays them and thins their traces, `fragment` is the HTML of one set of films. A
+page needs `style` and `script` once, which all its films share.
 """
 
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2.utils import htmlsafe_json_dumps
+
+from experiments.lab import colours
 from experiments.lab.player.films import choose, films
-from experiments.lab.player.page import fragment, script, style
 
 __all__ = ["choose", "films", "fragment", "script", "style"]
+HERE = Path(__file__).parent
+SCRIPTS = ("svg.js", "chain.js", "loupe.js", "strips.js", "player.js")
+
+
+def fragment(films: dict[str, Any], name: str = "watch") -> str:
+    """Return the HTML section of the result of `films`; `name` is its id, unique on the page.
+
+    The page needs `style` before the first section and `script` after the last. Nothing is loaded from elsewhere.
+    """
+    pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
+    content = htmlsafe_json_dumps(films, separators=(",", ":"), allow_nan=False)
+    return pages.get_template("player.html.jinja").render(
+        name=name, content=content, late=any("late" in run for scene in films["scenes"] for run in scene["runs"])
+    )
+
+
+def style() -> str:
+    """Return the CSS, with the colours of the palette as custom properties of the page."""
+    return f"{colours.css()}\n{(HERE / 'player.css').read_text()}"
+
+
+def script(*more: Path) -> str:
+    """Return the JavaScript, which defines globally only the element <slow-motion>.
+
+    Files in `more` can use its functions.
+    """
+    parts = "\n".join(part.read_text() for part in (*(HERE / name for name in SCRIPTS), *more))
+    return f'(() => {{\n"use strict";\n{parts}\n}})();'

@@ -1,17 +1,17 @@
 // Flange, coupling, tool and object. Positions are to scale; sizes of the bodies are not.
 const TOOL = {length: 0.034, height: 0.03}, FLANGE = {length: 0.016, height: 0.052}, CLEARANCE = 0.004;  // m
 const LOUPE = {width: 166, height: 74};
-const BEHIND = 0.02, NEAR = 0.1, AHEAD = 66;  // m, m before the object in a compact film, pixels
+const BEHIND = 0.02, NEAR = 0.1, AHEAD = 106;  // m, m before the object in a compact film, pixels for the speed
 
 function massText(scene) {
-  return `${three(scene.scenario.object_mass)} kg`;
+  return `object, ${three(scene.scenario.object_mass)} kg`;
 }
 
 function massFits(scene, scale) {
   return 1.7 * scene.radius * scale > 7.5 * massText(scene).length;
 }
 
-// Common scales of all panels: the picture contains start and end of all runs.
+// Common scales of all panels: the picture contains the start and the end of all runs.
 function viewOf(scene, width) {
   const most = (name) => Math.max(...scene.runs.map((run) => run.chain[name] || 0));
   const behind = TOOL.length + most("rest") + FLANGE.length;
@@ -165,7 +165,7 @@ function drawChain(svg, scene, run, view) {
     if (away) {
       const edge = face + 2 * radius, length = 8 + 40 * state.object_velocity / scene.limits.speed;
       set(speed, {d: arrow(edge + 3, y, length, 10)});
-      set(speedText, {x: Math.min(edge + 4, view.width - 62)});
+      set(speedText, {x: Math.min(edge + 4, view.width - 102)});
       speedText.textContent = `now ${three(state.object_velocity)} m/s`;
     }
     const far = state.object_position - scene.scenario.distance, home = view.x(scene.scenario.distance);
@@ -174,8 +174,8 @@ function drawChain(svg, scene, run, view) {
     show(movedText, far > 5e-4);
     if (far > 5e-4) {
       set(moved, {d: path([[home, view.ground + 4], [face, view.ground + 4]])});
-      set(movedText, {x: clamp(0.5 * (home + face), 60, view.width - 60), "text-anchor": "middle"});
-      movedText.textContent = `pushed ${centimetres(far)}`;
+      set(movedText, {x: clamp(0.5 * (home + face), 90, view.width - 90), "text-anchor": "middle"});
+      movedText.textContent = `${centimetres(far)} from its start (dashed)`;
     }
     loupe(state, at);
   };

@@ -1,4 +1,4 @@
-"""Notable scenarios, replayed with traces that are thinned and shown on a common clock."""
+"""Films of notable scenarios: replays with thinned traces on a common clock."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from impact_gym.task.evaluation_sets import EvaluationSet
 
 MOST = 200  # points of a history
 POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005
-"""Allowed errors, as shares of the largest position, speed, force and penetration."""
+"""Allowed errors of thinned traces, as shares of the largest position, speed, force and penetration."""
 
 
 def thin(
@@ -26,8 +26,8 @@ def thin(
 ) -> NDArray[np.int64]:
     """Return the rows to keep, in order: linear interpolation between them is within `coarse` times the allowed errors.
 
-    The row with the largest error is added next, until all are within limits or MOST are kept; begins and ends of
-    contacts are always kept.
+    Rows are added by their error, the largest first, until all errors are allowed or MOST rows are kept. Begins and
+    ends of contacts are always kept.
     """
     depth = limits["depth"]
     penetration = columns["tool_position"] - columns["object_position"]
@@ -50,12 +50,12 @@ def thin(
 
 
 def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
-    """Return the numbers of the scenarios to show, all different, by a phrase that says why.
+    """Return the numbers of the scenarios to show, by a phrase that says why; each scenario appears once.
 
-    A scenario that is extreme in several ways appears once with all of them in its phrase. Ties: the first.
+    Of equal scenarios the first is taken.
 
     Raises:
-        ValueError: the two did not play the same scenarios.
+        ValueError: baseline and policy did not play the same scenarios.
     """
     ours, theirs = played_policy.scenario, played_baseline.scenario
     if any(not np.array_equal(ours[name], theirs[name]) for name in ours):
@@ -79,7 +79,7 @@ def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, in
         return int(touched[np.argmax(values[touched])])
 
     if touched_by_both.any():
-        median = touched[np.argsort(ours[touched], kind="stable")][(len(touched) - 1) // 2]  # the lower one of two
+        median = touched[np.argsort(ours[touched], kind="stable")][(len(touched) - 1) // 2]  # the lower of two
         yield "a typical scenario: the policy's V_p is the median", int(median)
         yield "the policy's largest gain on the baseline", largest(gain)
         worst = largest(-gain)
@@ -110,7 +110,7 @@ DECIMALS = {  # s, m, m/s, N: a stiff contact lasts 0.1 ms and is 1 um deep
     "contact_force": 5,
 }
 COLUMNS = tuple(DECIMALS)
-AFTER = 0.15  # s, shown after the last separation
+AFTER = 0.15  # s, shown after the last contact
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -124,12 +124,12 @@ class Run:
 
     @property
     def contacts(self) -> list[tuple[float, float]]:
-        """Start and end of each contact, s; an unfinished one ends with the trace."""
+        """Start and end of each contact, s; an unfinished contact ends with the trace."""
         ends = np.minimum(self.history.partings, self.history.now)
         return list(zip(self.history.touches.tolist(), ends.tolist(), strict=True))
 
     def until(self, end: float) -> Columns:
-        """Return the time histories up to `end` (s), or to the end of the trace if that is earlier."""
+        """Return the time histories up to `end` (s) or the end of the trace, whichever is earlier."""
         end, time = min(end, self.history.now), self.history.time
         before = (time < end) & np.append(True, np.diff(time) > 0.0)  # a trace has two rows at each event
         columns = {name: self.history.columns[name] for name in COLUMNS}
@@ -144,7 +144,7 @@ class Run:
 def clock(runs: Sequence[Run], end: float, coarse: float = 1.0) -> list[list[float]]:
     """Return [start (s), slow-motion factor] of each stretch of a film until `end` (s): the largest factor of all runs.
 
-    Factors are those of the environment's own films, taken at every picture, or `coarse` times less often.
+    The factors are those of the environment's own films, read at each picture, or `coarse` times less often.
     """
     time, stretches = 0.0, list[list[float]]()
     while time < end:
@@ -164,11 +164,11 @@ def films(
 
     Args:
         contestants: by name, the baseline first.
-        numbers: of scenarios, by phrase, as `choose` returns.
+        numbers: scenario numbers by phrase, as `choose` returns.
         played: results of `ScenarioBatch(...).play(...)` under the same names.
-        seed: of scenario 0; that of `frozen` takes precedence.
+        seed: seed of scenario 0, if there is no `frozen` set.
         frozen: the set from which the scenarios were taken, if they were not drawn.
-        environment: arguments of the environment but for its time weight.
+        environment: arguments of the environment; a time weight in them is ignored.
         time_weight: m/s per s.
 
     Raises:
@@ -193,7 +193,7 @@ def films(
 def play(
     controller: Controller, seed: int, number: int, record: Mapping[str, float], options: Mapping[str, Any]
 ) -> Run:
-    """Play scenario `number` as `ScenarioBatch` does, in a batch of one, with its trace until it has settled."""
+    """Play scenario `number` as `ScenarioBatch` does, with its trace until all has settled."""
     env = ImpactApproachEnv(record_trace=True, **options)
     observation, info = env.reset(seed=seed + number, options={"record": dict(record)})
     state, start, ended = None, np.ones(1, np.bool_), False
@@ -209,7 +209,7 @@ def play(
 def scene_of(runs: Mapping[str, Run], coarse: float = 1.0) -> dict[str, Any]:
     """Return one scenario: its clock, the common scales of all panels, and the contestants' histories.
 
-    For a film that must be there soon, errors may be `coarse` times larger.
+    Errors may be `coarse` times larger, for a film that the reader waits for.
     """
     ends = [run.contacts[-1][1] + AFTER if run.contacts else run.history.now for run in runs.values()]
     end = round(max(ends), DECIMALS["time"])

@@ -15,8 +15,8 @@ function watch(root, gone) {
       : run.alarm !== null && state.time >= run.alarm ? "; alarm given" : "";
     const of = run.contacts.length > 1 && state.contacts ? ` ${state.contacts} of ${run.contacts.length}` : "";
     if (state.contact >= 0) return `in contact${of}, ${newtons(state.force)} N${alarm}`;
-    if (!state.contacts) return `approaching, tool at ${three(state.tool_velocity)} m/s`;
-    return `apart${of ? ` after contact${of}` : ""}, object at ${three(state.object_velocity)} m/s${alarm}`;
+    if (!state.contacts) return `approaching, tool ${three(state.tool_velocity)} m/s`;
+    return `apart${of ? ` after contact${of}` : ""}, object ${three(state.object_velocity)} m/s${alarm}`;
   }
 
   // Milliseconds, with the digits that change at this speed.
@@ -87,7 +87,7 @@ function watch(root, gone) {
     waiting = setTimeout(() => say(true), 400);
   }
 
-  // Instant of the still picture: middle of the first contact, of the first contestant with one.
+  // Instant of the still picture: the largest force in the first contact, for the first contestant that touches.
   function poster() {
     const touching = scene.runs.find((run) => run.contacts.length);
     if (!touching) return clock.length;
@@ -109,8 +109,8 @@ function watch(root, gone) {
     const late = 1000 * (policy.approach_time - baseline.approach_time);
     const when = Math.abs(late) < 0.5 ? "at the same time"
       : `${Math.abs(late).toFixed(0)} ms ${late > 0 ? "later" : "sooner"}`;
-    const than = policy.object_velocity < baseline.object_velocity ? "slower" : "faster";
-    return `In this scenario the object leaves ${share} % ${than} with the ${policy.name}, touched ${when}.`;
+    const than = policy.object_velocity < baseline.object_velocity ? "slower (gentler)" : "faster (less gentle)";
+    return `Here the object leaves ${share} % ${than} with the ${policy.name}; touch ${when}.`;
   }
 
   function marks() {
@@ -159,11 +159,11 @@ function watch(root, gone) {
       const box = html("article", {class: `igw-panel igw-who-${k}`}, where);
       const head = html("header", {}, box);
       html("h3", {}, head, each.name);
-      const slides = each.slide === undefined ? `leaves it at ${three(each.object_velocity)} m/s`
-        : `it slides ${centimetres(each.slide)}, done after ${each.done_time.toFixed(1)} s`;
-      html("strong", {}, head, each.missed ? "missed" : slides);
-      html("p", {class: "igw-facts"}, head, each.contacts.length ? `touch ${Math.round(1000 * each.approach_time)} ms`
-        + ` \u00b7 peak ${newtons(each.peak_force)} N`
+      const slides = each.slide === undefined ? `object's final speed ${three(each.object_velocity)} m/s`
+        : `object slides ${centimetres(each.slide)}, done after ${each.done_time.toFixed(1)} s`;
+      html("strong", {}, head, each.missed ? "object missed" : slides);
+      html("p", {class: "igw-facts"}, head, each.contacts.length ? `touch after ${Math.round(1000 * each.approach_time)} ms`
+        + ` \u00b7 peak force ${newtons(each.peak_force)} N`
         + ` \u00b7 ${each.contact_count} contact${each.contact_count === 1 ? "" : "s"}` : "");
       if (each.sentence) html("p", {class: "igw-sentence"}, head, each.sentence);
       const chain = node("svg", {class: "igw-chain", role: "img"}, box);

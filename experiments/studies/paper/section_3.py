@@ -46,8 +46,9 @@ def _numbers_figure_11(frame: pl.DataFrame) -> Numbers:
 def figure_12() -> pl.DataFrame:
     """Read the approach of the shipped robot model."""
     approach = default_approach()
-    names = ("position", "x", "held", "damping", "stiffness", "effective", "effective_stiffness")
-    columns = {name: np.array(getattr(approach, name)) for name in names}
+    columns = {"position": approach.position, "x": approach.start[0] + approach.position * approach.direction[0]}
+    names = ("held", "damping", "stiffness", "effective", "effective_stiffness")
+    columns |= {name: getattr(approach, name) for name in names}
     return pl.DataFrame({**columns, "at_impact": approach.position == IMPACT})
 
 

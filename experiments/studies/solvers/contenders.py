@@ -33,7 +33,7 @@ SLOW = 0.2  # s: a longer call is made in the first round only
 
 
 @contextmanager
-def limited(seconds: float | None) -> Iterator[None]:
+def limited(seconds: float) -> Iterator[None]:
     """Raise TimeoutError after `seconds` more of this process's processor time."""
 
     def late(*_: Any) -> None:
@@ -41,7 +41,7 @@ def limited(seconds: float | None) -> Iterator[None]:
 
     before = signal.signal(signal.SIGPROF, late)
     # repeated every 0.01 s, as an error that is raised in a destructor is lost
-    signal.setitimer(signal.ITIMER_PROF, seconds or 0.0, 0.01)
+    signal.setitimer(signal.ITIMER_PROF, seconds, 0.01)
     try:
         yield
     finally:
