@@ -1,4 +1,4 @@
-"""The command `impact-gym`: each name runs a module, which reads its own arguments.
+"""The command `impact-gym NAME`: each name runs a module, which reads its own arguments.
 
 Packages that a command needs are looked for first. If some are not installed, the command says so in one line.
 """

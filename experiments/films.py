@@ -126,7 +126,7 @@ class Films:
 
 
 def instants(runs: list[Run]) -> Iterator[tuple[float, float]]:
-    """Yield instant (s) and slow-motion factor of each picture: the largest factor of all runs, SECONDS in all."""
+    """Yield time (s) and slow-motion factor of each picture: the largest factor of all runs, scaled to last SECONDS."""
     touches = [run.contacts[0][0] for run in runs if run.contacts]
     end = min(max(run.history.now for run in runs), max(touches, default=np.inf) + AFTER)
     if runs[0].history.task.operator:
@@ -183,7 +183,7 @@ def _draw(canvas: Canvas, row: Row, run: Run, view: chain.Camera, time: float, s
 
 
 def film(rows: tuple[Row, ...]) -> bytes:
-    """Return a film of these rows as WebP, which repeats."""
+    """Return a film of these rows as WebP, which plays in a loop."""
     first, *rest = pictures(rows)
     lengths = [round(1000 / RATE)] * len(rest) + [round(1000 * HOLD)]
     file = io.BytesIO()

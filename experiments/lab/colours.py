@@ -1,4 +1,4 @@
-"""The palette on a page: custom properties for its style sheet, and drawings that follow the page, light or dark."""
+"""The palette as CSS custom properties of a page, and drawings that become light or dark with the page."""
 
 import re
 

@@ -39,7 +39,7 @@ class Place(NamedTuple):
     change: str  # in words
     environment: Mapping[str, Any]  # arguments of the environment, without time weight
     labels: Mapping[str, Any] = {}  # further columns of its rows
-    scenarios: Mapping[str, Any] | None = None  # instead of the grid's scenarios
+    scenarios: Mapping[str, Any] | None = None  # scenarios to play here instead of the grid's
 
 
 def seeds_of(setup: str, name: str) -> list[Contestant]:

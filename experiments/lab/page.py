@@ -20,7 +20,7 @@ POWER = re.compile(r"\^(?:\(([^()]+)\)|(-?\d+(?:\.\d+)?))")
 
 
 def factor(value: float) -> str:
-    """Return a ratio in words: two digits, or one decimal below ten."""
+    """Return a ratio as text: two digits, or one decimal below ten."""
     return f"{value:.1f}" if value < 10 else f"{float(f'{value:.2g}'):,.0f}"
 
 

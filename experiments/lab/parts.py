@@ -15,7 +15,7 @@ LONG = 80  # characters; a cell with more holds a sentence, whose column stays w
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of words; the first column names the row."""
+    """A table of texts; the first column names the row."""
 
     caption: str
     head: Sequence[str]
@@ -43,7 +43,7 @@ class Heat(NamedTuple):
     """A cell of a heat map."""
 
     value: str
-    note: str  # under it
+    note: str  # shown under the value
     ratio: float  # to the reference of the heat map; below 1 is better
 
 
@@ -65,7 +65,7 @@ class Picture:
     alternative: str  # text alternative
     caption: str = ""
     heading: str = ""
-    wide: bool = True  # whether it is alone in its row
+    wide: bool = True  # whether the picture is alone in its row
 
 
 @dataclass(frozen=True)

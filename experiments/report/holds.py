@@ -22,7 +22,7 @@ WORDS = {
     "scenario": "objects outside the training ranges",
 }
 """Plain names of changed arguments; other arguments have the name of their quantity."""
-SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # unit and scale in which a quantity is printed
+SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # unit and factor with which a quantity is printed
 Row = dict[str, Any]
 
 
@@ -81,8 +81,8 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
     """Return a row for each contestant under each change; the median seed is the policy.
 
     Columns: means of V_p (m/s), T (s) and the cost `loss` (m/s); the number of objects `missed`, and the number `of`
-    objects played; `more`, the cost of `controller` minus that of this contestant (m/s), 0 within two standard errors;
-    `off`, the size of the change.
+    objects played; `more`, the cost of `controller` minus that of this contestant (m/s), 0 if it is within two standard
+    errors; `off`, the size of the change.
     """
     if not played.varied:
         numbers = dict.fromkeys(("value", "off", "missed", "of", "more"), float)
@@ -105,7 +105,7 @@ def where_it_fails(played: Played, name: str) -> Failing:
     """Return the changes under which a contestant is worse than paper's rule, rival or policy, or misses objects.
 
     A contestant that is not played under changes is replaced by the policy. The worst change is the one with most
-    misses, else the one with the largest loss to the rule, else to the rival, else to the policy.
+    misses, if these are too many; else the one under which the rule is better by most, else the rival, else the policy.
     """
     rival, shown = played.matchup.rival, {each.name for each in played.matchup.rivals}
     controller = POLICY if name == played.matchup.chosen or name not in shown else name
@@ -144,7 +144,7 @@ def heat_map(played: Played) -> HeatMap:
     usual = {row["contestant"]: row for row in frame.filter("same").unique("contestant", keep="first").to_dicts()}
     for name, run in {PAPER: played.paper, rival.name: played.rival, POLICY: played.policy}.items():
         means = {**run.means(weight), "loss": float(run.loss(weight).mean()), "of": played.count}
-        usual.setdefault(name, means)  # needed if no change tries the unchanged value
+        usual.setdefault(name, means)  # needed if no change has the unchanged value among its values
     measure = usual[PAPER]["loss"]
 
     def cell(mean: Row, note: str) -> Heat:
