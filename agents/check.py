@@ -41,7 +41,7 @@ def _spread(values: Sequence[float], form: str = ".3g") -> str:
 
 
 def lag(task: Task) -> float:
-    """Return how far the tool lags behind the imposed motion at full constant acceleration, m, after vibrations.
+    """Return how far (m) the tool lags behind the imposed motion at full acceleration, once vibrations have decayed.
 
     It is the sum of two deflections, of the coupling and of the robot: acceleration times the mass that the spring
     accelerates, divided by the stiffness.

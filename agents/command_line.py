@@ -35,7 +35,7 @@ def read_command(
 ) -> Options:
     """Return the options in `arguments`, the words after `impact-gym NAME`; None: the arguments of this process.
 
-    `default`: values of options that are not given, instead of those of the dataclass. The help shows SETUP, NAME,
+    `default` replaces the default values of the dataclass. The help shows SETUP, NAME,
     NUMBER and PATH instead of types.
     """
     import tyro  # not needed to play
@@ -112,7 +112,8 @@ def command_line(name: str, after: str = "the same command continues") -> Iterat
 def command_of(name: str, options: Any, default: Any = None, *first: str) -> str:
     """Return the command line `impact-gym NAME ...` from which `read_command` reads `options`.
 
-    Options that equal those of `default` are left out; without `default`, those that equal their own defaults. The
+    Options that equal those of `default` are left out; without `default`, options with the
+    default value of their dataclass. The
     words in `first` come before the options.
     """
     positional, named = _words(options, default)

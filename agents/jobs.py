@@ -128,7 +128,7 @@ def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: s
     if module == "__main__":  # a command runs a module as a script
         module = getattr(sys.modules["__main__"].__spec__, "name", "")
     if not module or not name.isidentifier():
-        raise ValueError(f"function {name} is not importable elsewhere: put it into a module, at its top level")
+        raise ValueError(f"other processes cannot import the function {name}: put it into a module, at its top level")
     try:
         inspect.signature(function).bind(**arguments)
         return Call(f"{module}:{name}", json.dumps(arguments, sort_keys=True), depends, json.dumps(arguments))

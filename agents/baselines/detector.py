@@ -25,9 +25,10 @@ DETECTOR = (
 )
 """Parameters of the cumulative sum in `DetectorRule.touched`.
 
-Each step subtracts the two allowances from the sum. A touch is detected when the sum exceeds the two detection numbers
-together. "per noise": the number is multiplied by the standard deviation of the force readings (N). "share that a
-deflection keeps": the ratio of one deflection to the one before, in free critically damped motion.
+Each step subtracts `allowance` and `allowance per noise` from the sum. A touch is detected when the sum exceeds
+`detection` plus `detection per noise`. "per noise": the number is multiplied by the standard deviation of the force
+readings (N). "share that a deflection keeps": the ratio of one deflection to the one before, in free critically damped
+motion.
 """
 
 

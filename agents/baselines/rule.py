@@ -19,8 +19,8 @@ Floats = NDArray[np.float64]
 CONTROL_PERIOD: float = Task.control_period  # s
 DISTANCES = ScenarioRanges().distance
 """Default range of the objects' distances, m. Positions in rules' parameters are for this range, see `Rule.placed`."""
-LEAST_STRETCH = 0.01  # m, smallest nearest distance, and smallest width of a range, that `Rule.placed` uses
-SLOWEST = 1e-9  # m/s, replaces a slower operator's command as a divisor
+LEAST_STRETCH = 0.01  # m, lower limit of a range's near end and width in `Rule.placed`
+SLOWEST = 1e-9  # m/s, smallest operator's speed by which a rule divides
 CLOCK = 1e-6  # s, resolution of the observed time
 
 
@@ -35,9 +35,9 @@ class Parameter(NamedTuple):
 
 
 class View:
-    """Observations in SI units: of an array (..., n_obs), `view[id]` returns the numbers (...) with this id.
+    """Observations (..., n_obs), read by id: `view[id]` is the observed number (...) in SI units.
 
-    `own` holds numbers by id that a rule has computed; they come before observed numbers with the same id.
+    `own` holds numbers by id that a rule has computed; they replace observed numbers with the same id.
     """
 
     def __init__(self, observation: ArrayLike, spec: ObservationSpec, **own: Floats) -> None:

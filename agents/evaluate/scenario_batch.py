@@ -53,7 +53,7 @@ class Episodes:
         return self.object_velocity + time_weight * self.approach_time
 
     def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the cost plus the environment's charge for a missed object, m/s; an episode's return is minus this."""
+        """Return the cost plus the environment's charge for a missed object, m/s: the negative of an episode's return."""
         return self.cost(time_weight) + self.missed_cost * self.missed
 
 
@@ -177,7 +177,8 @@ class Validation:
 
 
 WITHIN_STEP = (0.25, 0.5, 0.75, 1.0)
-"""Fractions of a control step at which `Travel` evaluates the tool's deflection, on the cubic that fits both ends."""
+"""Fractions of a control step at which `Travel` evaluates the tool's deflection, by a cubic with the deflections
+and rates at both ends."""
 
 
 class Travel:

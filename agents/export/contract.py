@@ -89,7 +89,7 @@ class Subject:
 
     @cached_property
     def contract(self) -> dict[str, str]:
-        """The entries of the contract by name, as JSON that can stand in a comment in C; see `_plain`."""
+        """The entries of the contract by name, as JSON that is safe inside a comment in C; see `_plain`."""
         content = {name: _plain(value) for name, value in self._entries()}
         digest = hashlib.sha256(json.dumps(content).encode())
         arrays = [self.controller.parameters] if isinstance(self.controller, Rule) else []

@@ -71,7 +71,7 @@ class Network:
 
     @cached_property
     def block(self) -> int:
-        """Number of rows in a block: the largest for which the position of a row changes no bit, in every layer."""
+        """Number of rows in a block: the largest for which no layer's result depends on the row's position."""
         return next(rows for rows in BLOCKS if all(layer.rounds_alike(rows) for layer in self.layers()))
 
     @property

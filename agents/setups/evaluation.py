@@ -55,7 +55,7 @@ class Evaluation:
     """Frozen set that the report plays. If the environment has its own `scenario` ranges, scenarios are drawn from
     these ranges instead."""
     scenarios: int = 2000
-    """Number of scenarios to play: the first of the set."""
+    """Number of scenarios that are played, from the first of the set on."""
     varied: Mapping[str, Any] = field(default_factory=lambda: usual({}, COMPLIANT))
     """Arguments, by dotted name, that are changed one at a time to test robustness. Each has a list of values, or a
     table {times = [...]} of multiples of the set-up's value; `scenario` has a list of names of frozen sets."""
@@ -70,8 +70,8 @@ class Evaluation:
         """Return the evaluation in a file's table for an environment; for `robot` see `usual`.
 
         Raises:
-            TypeError, ValueError: a key is unknown, a value is out of range, or the environment refuses a change; names
-                the key.
+            TypeError, ValueError: a key is unknown, a value is out of range, or the environment refuses a change. The
+                message names the key.
         """
         known("evaluation.", content, [item.name for item in fields(cls)])
         known("evaluation.nominal.", table(content, "nominal", "evaluation."), SET_UP_ARGUMENTS)
@@ -126,7 +126,7 @@ class Change:
 
     argument: str  # dotted
     label: str
-    value: float  # in the argument's unit, or a multiple; nan: not a number
+    value: float  # in the argument's unit, or a multiple; nan: the value is not a number
     multiple: bool  # whether `value` is a multiple of the environment's own value
     environment: Mapping[str, Any]  # all arguments, after the change
     scenarios: str = ""  # name of a frozen set, if the change is to play it

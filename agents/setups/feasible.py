@@ -10,15 +10,15 @@ from impact_gym.task import QUANTITIES, ObservationSpec, Task
 from impact_gym.task.task import MOUNT_IDS
 
 OVERSHOOT = 2.0
-"""Ratio of the largest acceleration of a compliant robot's flange to the commanded acceleration: that of an undamped
-spring after one step from rest. Several steps at the robot's natural frequency reach more."""
+"""How many times the commanded acceleration a compliant robot's flange can reach: the factor for an undamped spring
+after one step from rest. Several steps at the robot's natural frequency reach more."""
 
 
 def warnings(task: Task) -> list[str]:
     """Return a sentence for each problem that some episodes have, except problems of which `Task` itself warns.
 
     Raises:
-        ValueError: all episodes have the problem; names the field.
+        ValueError: all episodes have the problem; the message names the field.
     """
     (near, far), most = task.scenario.distance, task.acceleration_range[1]
     observed = ObservationSpec(task).scale("position").high
@@ -62,7 +62,7 @@ def held(task: Task) -> float:
 
 
 def corners(task: Task) -> Iterator[Task]:
-    """Yield a task for each combination of the ends of the ranges of tool, coupling and robot.
+    """Yield tasks with the drawn numbers of tool, coupling and robot at the ends of their ranges, all combinations.
 
     Other drawn numbers are at the middle of their ranges.
     """

@@ -47,7 +47,7 @@ class Tuned(NamedTuple):
     rule: str  # one of RULES
     rtol: float = Task.rtol  # tolerance of the simulation during the search; validation uses the environment's rtol
     clean_alarm: bool = False  # whether the search uses an alarm without errors, as a teacher does
-    jitter: float = 0.0  # standard deviation of errors that the search adds to actions, over an action's range
+    jitter: float = 0.0  # standard deviation of errors that the search adds to actions, as a fraction of their range
     scenarios: int = 300  # number of scenarios that each candidate plays
 
 
@@ -168,7 +168,7 @@ def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
 def _setup(path: Path, content: dict[str, Any]) -> Setup:
     version = content.get("version", VERSION)
     if version != VERSION:
-        raise ValueError(f"version must be {VERSION}, got {version!r}: the set-up is one of another version of agents")
+        raise ValueError(f"version must be {VERSION}, got {version!r}: the file is for another version of agents")
     known("", content, ("version", "title", "about", "fails", "extends", *TABLES))
     environment, training, baselines, evaluation = (table(content, name) for name in TABLES)
     known("environment.", environment, SET_UP_ARGUMENTS)

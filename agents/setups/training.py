@@ -106,7 +106,7 @@ class Training:
             QUANTITIES["rtol"].check(self.rtol)
 
     def _fits_memory(self) -> None:
-        """Raise ValueError if networks or rollout need more memory than this machine has, by a lower bound of the need.
+        """Raise ValueError if networks or rollout surely need more memory than this machine has.
 
         Actor and critic need four numbers for each weight: the weight, its gradient and Adam's two moments. A rollout
         keeps at least FEWEST numbers for each step.

@@ -96,7 +96,7 @@ class TrainingCallback(BaseCallback):
         self._count_time()
 
     def _count_time(self) -> None:
-        """Add the time since the last call: seconds by the clock, and of the processor."""
+        """Add the seconds since the last call, by the clock and of the processor, to `kept`."""
         self.kept["seconds"] += time.perf_counter() - self._begun
         self.kept["processor"] += time.process_time() - self._processor
         self._start_clock()

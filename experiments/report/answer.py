@@ -26,7 +26,7 @@ class Answer:
     matchup: str
     reduction: Estimate  # of V_p at the paper's mean approach time, as a fraction
     each: tuple[float, ...]  # reduction of each seed; empty if a seed's front does not reach the paper's time
-    reached: bool  # whether the policy's front reaches the paper's time; if not, `reduction` is at the nearest end of the front
+    reached: bool  # whether the policy's front reaches that time; if not, `reduction` is at the front's nearest end
     later: float  # (time at that end - the paper's time) / the paper's time; below 0: less time
     needed: float  # time weight, m/s per s, at which the extrapolated front would reach that time; or nan
     sooner: Estimate  # reduction of the approach time at the paper's mean V_p, as a fraction
@@ -76,7 +76,7 @@ def answer(played: Played) -> Answer:
 def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
     """Return the time weight at which the mean approach times (k,) would reach `time` (s).
 
-    The time is extrapolated linearly in the logarithm of the weight. nan: that weight is below 0.01 or above 100 m/s per s.
+    The time is extrapolated linearly in the logarithm of the weight. nan: the weight is not within 0.01 and 100.
     """
     order = np.argsort(weights)[-2:] if times.min() > time else np.argsort(weights)[:2]
     (first, last), ends = np.log(np.asarray(weights)[order]), times[order]
