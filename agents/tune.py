@@ -31,7 +31,7 @@ from impact_gym.validation import distinct, nearest, number, whole
 SETUPS = shipped()
 BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1
 BOUND_RTOL = 1e-5  # tolerance of the simulation during the search; the error of V_p is below 1e-6 m/s
-NEAR = 0.005  # s, largest difference between the rule's mean approach time and the two times that enclose it
+NEAR = 0.005  # s, largest difference between the mean approach time of the paper's rule and those that enclose it
 MOST_TRIED = 8  # most time weights that `tune_at_rule_time` adds to a baseline
 LEAST_WEIGHT, LARGEST_WEIGHT = 0.125, 32.0  # m/s per s, limits of the observed time weight
 LOCK = ".lock"  # name of a file in the folder of the tuned baselines

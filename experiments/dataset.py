@@ -44,7 +44,7 @@ PLAYERS = {
 SEED = 70_000_000  # of the first episode; training, tuning and evaluation use other seeds
 ROOT = "MINARI_DATASETS_PATH"
 Players = Callable[[float], Controller]
-"""A controller for the time weight of an episode, m/s per s."""
+"""Function from the time weight of an episode, m/s per s, to the controller that plays it."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class DatasetOptions:
     episodes: Annotated[int, arg(metavar="N")] = 1000
     """Episodes of each player."""
     seed: Annotated[int, arg(metavar="N")] = SEED
-    """Seed of the first episode; the others follow."""
+    """Seed of the first episode; each next episode has the next seed."""
     operator: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: make a dataset)")] = None
     """Write an operator that replays a random try in each episode, as TOML for a set-up's [environment]."""
     include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False

@@ -31,7 +31,7 @@ HAND = {
     "friction": 0.3, "uplink": {"delay": 0.1}, "downlink": {"delay": 0.1},
     "operator": {"type": "Trapezoid", "speed": 0.4},
 }  # fmt: skip
-"""A steady hand with 200 ms of delay (both ways), which stops as soon as it can once it sees the touch."""
+"""A steady hand with 200 ms of delay (100 ms each way), which stops as soon as it can once it sees the touch."""
 SHIPPED = Path("docs/films")
 SECONDS, HOLD, RATE = 6.0, 2.0, 20  # s of motion, s for which the result stays, pictures per s
 AFTER = 0.25  # s, shown after the last touch
@@ -45,7 +45,7 @@ ABOUT = {
     "brake": "the arm itself stops the tool at the touch",
 }
 """What each controller does, in a line below its name."""
-EFFORT = 80  # of 100, to compress a film without losses
+EFFORT = 80  # 0 to 100, effort of the lossless compression
 
 
 class Row(NamedTuple):

@@ -53,7 +53,7 @@ class Episodes:
         return self.object_velocity + time_weight * self.approach_time
 
     def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the cost plus the environment's charge for a missed object, m/s: the negative of an episode's return."""
+        """Return the cost plus the environment's charge for a missed object, m/s; the return is minus this loss."""
         return self.cost(time_weight) + self.missed_cost * self.missed
 
 

@@ -38,7 +38,7 @@ class Place(NamedTuple):
     setup: str
     change: str  # in words
     environment: Mapping[str, Any]  # arguments of the environment, without time weight
-    labels: Mapping[str, Any] = {}  # further columns of its rows
+    labels: Mapping[str, Any] = {}  # additional columns of the rows
     scenarios: Mapping[str, Any] | None = None  # scenarios to play here instead of the grid's
 
 

@@ -1,4 +1,4 @@
-"""Pages: one file with embedded figures, from the template of all pages or a template that extends it."""
+"""Write pages: one file with embedded figures, from the template of all pages or a template that extends it."""
 
 import base64
 import re
@@ -25,7 +25,7 @@ def factor(value: float) -> str:
 
 
 def typeset(text: str) -> Markup:
-    """Return a text with subscripts and powers (V_p, N/m^1.5) as elements and its intervals unbroken."""
+    """Return a text as HTML: subscripts and powers (V_p, N/m^1.5) are elements, and no line breaks in an interval."""
     unbroken = INTERVAL.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), str(escape(text)))
     return Markup(POWER.sub(r"<sup>\1\2</sup>", SYMBOL.sub(r"\1<sub>\2</sub>", unbroken)))
 

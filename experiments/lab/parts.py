@@ -30,7 +30,7 @@ class Table:
 
     @property
     def classes(self) -> list[str]:
-        """CSS class of each column: "" if half its cells are numbers or intervals, "left", or "left words" if long."""
+        """CSS class of each column: "" if half of its cells are numbers or intervals, "left", or "left words" if long."""
         found = []
         for column in zip(*self.rows, strict=False):
             numbers = sum(bool(re.match(r"([-+\d]|at (least|most) \d).{,40}$", cell)) for cell in column)
@@ -44,7 +44,7 @@ class Heat(NamedTuple):
 
     value: str
     note: str  # shown under the value
-    ratio: float  # to the reference of the heat map; below 1 is better
+    ratio: float  # of the cell's value to the heat map's reference value; below 1 is better
 
 
 @dataclass(frozen=True)

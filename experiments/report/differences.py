@@ -70,7 +70,7 @@ def measures(played: Played) -> Table:
 
 
 def paired(played: Played, field: str) -> Figure:
-    """Return the chart of cost differences between policy and rival, by groups of scenarios with similar `field`."""
+    """Return the chart of cost differences between policy and rival; scenarios are grouped by their value of `field`."""
     weight, rival, values = played.matchup.typical, played.matchup.rival.label, played.paper[field]
     label, ours, theirs = f"{POLICY} minus {rival}", played.losses(weight), played.rival.loss(weight)
     data = pl.DataFrame([
@@ -104,7 +104,7 @@ def paired(played: Played, field: str) -> Figure:
 
 
 def approach(played: Played) -> Figure:
-    """Return velocity over position before the contact, of the policy, its rival and the paper's rule."""
+    """Return the chart of velocity over position before the contact, for the policy, its rival and the paper's rule."""
     matchup, ahead = played.matchup, played.paper["distance"]
     data = pl.concat(
         pl.DataFrame({"contestant": matchup.labels[name], "w": weight, "x": run["position"], "velocity": velocity})

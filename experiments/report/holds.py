@@ -56,7 +56,7 @@ def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
 def factor(argument: str, by_reading: bool = False) -> str:
     """Return an argument of the environment in plain words.
 
-    `by_reading`: whether the force sensor raises the alarm, which its noise then affects.
+    `by_reading`: whether the force sensor raises the alarm; its noise then affects the alarm.
     """
     words = WORDS.get(argument) or (QUANTITIES[argument].words if argument in QUANTITIES else argument)
     alarm = "which raises the alarm" if by_reading else "the alarm is a switch without noise"
@@ -104,8 +104,9 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
 def where_it_fails(played: Played, name: str) -> Failing:
     """Return the changes under which a contestant is worse than paper's rule, rival or policy, or misses objects.
 
-    A contestant that is not played under changes is replaced by the policy. The worst change is the one with most
-    misses, if these are too many; else the one under which the rule is better by most, else the rival, else the policy.
+    Only rule, rival and policy play under changes; for any other `name` the result is about the policy. The worst
+    change is the one with most misses, if these are too many. Else it is the one with the largest advantage of the
+    rule; if the rule has none, of the rival; and then of the policy.
     """
     rival, shown = played.matchup.rival, {each.name for each in played.matchup.rivals}
     controller = POLICY if name == played.matchup.chosen or name not in shown else name

@@ -27,7 +27,7 @@ PLAYING = (*grid.PLAYED, __name__, "experiments.lab.player.films", grid.__name__
 FAR = 0.36  # m, just beyond the farthest object: the approach figure shows no contact
 NEAR = 0.25  # m, distance of the object in the approach figure of controllers with an estimate
 FEWER = 500  # scenarios for each change of the environment, and for deflections
-HALVINGS = 9  # how often a bisection halves the range of weights on a logarithmic scale: the weight is exact to 1 %
+HALVINGS = 9  # of the range of weights, on a logarithmic scale, by a bisection: it finds a weight to 1 %
 CALIBRATION_SCENARIOS = 500  # largest number that is played to find a weight
 
 

@@ -18,7 +18,7 @@ from impact_gym.task.evaluation_sets import EvaluationSet
 
 MOST = 200  # points of a history
 POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005
-"""Allowed errors of thinned traces, as shares of the largest position, speed, force and penetration."""
+"""Allowed errors of thinned traces, as fractions of the largest position, speed, force and penetration."""
 
 
 def thin(
