@@ -58,7 +58,7 @@ def tuned_table(content: Mapping[str, Any]) -> tuple[list[float], Rule]:
     weights, names = (
         sorted(tuned),
         [parameter["name"] for parameter in content["parameters"]],
-    )  # the entries in "weights" may list them in another order
+    )  # an entry in "weights" may list these names in another order
     table = [[tuned[weight][name] for name in names] for weight in weights]
     return weights, RULES[content["rule"]].of(table).for_task(Task(**content["environment"]))
 

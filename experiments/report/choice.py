@@ -34,7 +34,7 @@ class Choice:
 
 
 def scenarios(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the scenarios of the choice: drawn from the ranges of the report's scenarios; a table is returned unchanged."""
+    """Return the scenarios of the choice: drawn from the ranges of the report's; a table is returned unchanged."""
     if "table" in given:
         return dict(given)
     ranges = given["ranges"] if "ranges" in given else pairs(given["set"] if given["set"] in NAMED else "test")

@@ -70,7 +70,7 @@ def measures(played: Played) -> Table:
 
 
 def paired(played: Played, field: str) -> Figure:
-    """Return the chart of cost differences between policy and rival; scenarios are grouped by their value of `field`."""
+    """Return the chart of cost differences between policy and rival, with scenarios grouped by a `field`."""
     weight, rival, values = played.matchup.typical, played.matchup.rival.label, played.paper[field]
     label, ours, theirs = f"{POLICY} minus {rival}", played.losses(weight), played.rival.loss(weight)
     data = pl.DataFrame([
