@@ -81,7 +81,7 @@ class Rule:
         self.parameters = np.array(parameters, np.float64)
         if self.parameters.ndim not in (1, 2) or self.parameters.shape[-1] != len(self.names()):
             raise WrongTypeError(
-                f"{kind.__name__} has the parameters {self.names()}, got the shape {self.parameters.shape}"
+                f"{kind.__name__} has the parameters {self.names()}, got shape {self.parameters.shape}"
             )
         for parameter, values in zip(self.PARAMETERS, np.moveaxis(self.parameters, -1, 0), strict=True):
             for value in (values.min(), values.max()):

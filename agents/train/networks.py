@@ -106,7 +106,7 @@ class _TwoViews(MlpExtractor):
 
 
 class FastTanh(torch.nn.Module):
-    """tanh by NumPy: equal to torch.nn.Tanh within rounding, but eight times faster where torch is slow (MKL)."""
+    """tanh by NumPy: equal to torch.nn.Tanh within rounding, but eight times faster if torch uses a slow path."""
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
         """Return tanh of `values`."""

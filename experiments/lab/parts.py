@@ -30,7 +30,7 @@ class Table:
 
     @property
     def classes(self) -> list[str]:
-        """CSS class of each column: "" if half of it is numbers or intervals, else "left", or "left words" if it is long."""
+        """CSS class of each column: "" if half of it is numbers or intervals, else "left", or "left words" if long."""
         found = []
         for column in zip(*self.rows, strict=False):
             numbers = sum(bool(re.match(r"([-+\d]|at (least|most) \d).{,40}$", cell)) for cell in column)

@@ -62,11 +62,7 @@ def assisted(played: Played, intervals: bool = False) -> str:
 def chart(answer: Answer, played: Played) -> Figure:
     """Return the chart of the paper's rule, the best tuned baseline and the policy, each labelled in place."""
     rival = played.matchup.rival.plain
-    runs = {
-        POLICY: played.policy,
-        PAPER: played.paper,
-        rival: played.rival,
-    }  # without other baselines, the rule is the rival
+    runs = {POLICY: played.policy, PAPER: played.paper, rival: played.rival}  # a sole baseline, the rule, is the rival
     data = pl.DataFrame([
         {"contestant": name, "w": weight, **run.means(weight)} for name, run in runs.items() for weight in run.weights
     ])  # fmt: skip

@@ -30,7 +30,7 @@ class Run:
         return self.arrays[name]
 
     def at(self, weight: float) -> Episodes:
-        """Return the results at a weight (m/s per s); if it has only one weight, they hold at any weight."""
+        """Return the results at a weight (m/s per s); a contestant with one weight has them at all weights."""
         if len(self.weights) > 1 and weight not in self.weights:
             raise ValueError(f"it was not played at a weight of {weight:g}, only at {self.weights}")
         place = self.weights.index(weight) if weight in self.weights else 0
