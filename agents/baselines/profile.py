@@ -80,7 +80,7 @@ KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315,
 AHEAD: Floats = np.array([-0.2, -0.12, -0.08, -0.05, -0.035, -0.02, -0.01, 0.0, 0.01, 0.025, 0.05])
 """Positions (m) of the corners of `RangedProfile`, relative to the estimated place of the object."""
 GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
-"""Gaps (m) between tool and object at the corners of `Clairvoyant`; below 0 the coupling or the object is compressed."""
+"""Gaps (m) between tool and object at the corners of `Clairvoyant`; below 0 coupling or object is compressed."""
 
 
 class BlindProfile(ReactingRule):
