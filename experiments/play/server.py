@@ -151,7 +151,7 @@ class Site:
                 session.handle(client, await client.receive())
             why = "the page did not read"
         except ValueError as problem:
-            session.refused[why := str(problem).partition(", got ")[0][:120]] += 1  # without the page's own text
+            session.refused[why := str(problem).partition(", got ")[0][:120]] += 1  # without the page's text
         except ConnectionClosed as gone:
             why = STOPPED if gone.sent and gone.sent.code == RESTART else why
         finally:

@@ -1,4 +1,4 @@
-"""Drawing of figures: panels and texts from statements.toml, and layouts of several figures."""
+"""Drawing of figures: panels and texts from statements.toml, and layouts that several figures share."""
 
 from collections.abc import Callable, Sequence
 from typing import Any

@@ -1,10 +1,11 @@
 """Whole approaches by integrators of other libraries, which share no code with our solver.
 
-A contact runs in its own scales delta0 = (M v_in^2/k_c)^0.4, v_in and t0 = delta0/v_in. As in our solver, the variable
-is the root s of the penetration, with dt = t0 s dsigma. In it Hertz' law is a polynomial, so methods of high order keep
-their order from onset to separation. Flight runs in SI units, with the penetration itself. Whatever ends a smooth piece
-is a terminal event: onset and separation, a change of the flange's acceleration, the alarm, the peak of the force, the
-instant at which the force is clamped at zero, a stop that begins or ceases to push, the slider's alignment.
+A contact is integrated in its own scales delta0 = (M v_in^2/k_c)^0.4, v_in and t0 = delta0/v_in. As in our solver, the
+penetration is replaced by its square root s, and the time by sigma with dt = t0 s dsigma. Hertz' law is a polynomial in
+s, so methods of high order keep their order from onset to separation. Flight is integrated in SI units, with the
+penetration itself. Whatever ends a smooth piece is a terminal event: onset and separation, a change of the flange's
+acceleration, the alarm, the peak of the force, the instant at which the force is clamped at zero, a stop that begins or
+ceases to push, the slider's alignment.
 
 The equations are written once, for all libraries: see `equations`. `peers` integrates a piece.
 """

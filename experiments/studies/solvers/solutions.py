@@ -28,7 +28,7 @@ class Solution:
 
     @classmethod
     def of(cls, outcome: Any, duration: float) -> "Solution":
-        """Return the answer in an outcome of ours, or of the reference, of a run over `duration` (s)."""
+        """Return the answer in an outcome of our solver or of the reference, for a run of `duration` (s)."""
         lasted = sum((duration if contact.end is None else contact.end) - contact.start for contact in outcome.contacts)
         detection = math.nan if outcome.detection_time is None else outcome.detection_time
         counts = len(outcome.contacts), len(outcome.snap_through), getattr(outcome, "steps", 0)
@@ -62,7 +62,7 @@ def failure(solution: Solution, truth: Solution, allowed: float) -> str:
 
 
 def true_row(approach: str) -> list[Row]:
-    """Return the truth of a named approach, and how far Radau's answer is from it."""
+    """Return the reference solution of a named approach (DOP853), and how far Radau's solution is from it."""
     found = approach_of(approach)
     best, second = (
         Solution.of(reference.simulate(*found.run, rtol=rtol, method=method), found.duration)

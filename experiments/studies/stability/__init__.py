@@ -37,12 +37,12 @@ def cells_of_truth(quick: bool, frames: Frames) -> Iterator[Cell]:
 
 
 def unknown_row(labels: Row) -> Row:
-    """Return the row of a scene that was not finished."""
+    """Return the columns that describe a scene whose run did not finish."""
     return approaches.storm(labels["scene"]).about
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
-    """Compare the storm with the promises."""
+    """Judge whether the runs of the storm keep the promises."""
     storm, judging = frames["storm"], frames["truth"]
     judged, unknown = promises.agreement(storm, judging), judging.filter(~promises.FINISHED)
     broken, apart = promises.failures(storm), judged.filter(pl.col("apart") != "")

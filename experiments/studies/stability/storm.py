@@ -10,7 +10,8 @@ The first term is known to rounding from a `ContactRecord`. The second is a sum 
 follows from the velocities at two points and from friction, so that a may jump. The doubt of the sum is its change when
 every second point is left out. If the tool is fixed to a robot whose mass varies, M varies with it.
 
-Friction slows the object by at most mu g: the momentum budget may differ by that.
+Friction decelerates the object by at most mu g: the contact's impulse may exceed the object's gain in momentum by the
+impulse of friction.
 """
 
 import math
@@ -119,7 +120,7 @@ def finite(outcome: ig.Outcome) -> bool:
 
 
 def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
-    """Return CHECKS of the contact records and, if there is one, of the trace of a run."""
+    """Return the values of CHECKS for a run, from its contact records and, if it has one, its trace."""
     if not outcome.contacts:
         return dict.fromkeys(CHECKS, 0.0)
     budgets, energies, pulls, fall = [], [], [0.0], 0.0
