@@ -15,7 +15,7 @@ from experiments.design.pads import Pad
 from impact_gym.validation import number
 
 WITHIN = 0.95
-"""Share of the episodes in which peak force and energy must keep their limits; deflection and stroke must in all."""
+"""Share of the episodes that must keep the limits of peak force and energy; all must keep deflection and stroke."""
 UNITS = {"deflection": "m", "stroke": "m", "peak_force": "N", "release": "J", "energy": "J", "touched_once": "-"}
 
 

@@ -61,7 +61,7 @@ class DesignOptions:
         whole("processes", self.processes, at_least=0)
         identifier("setup", f"{self.arm.name}-designed")  # the name of the result
         if not self.times:
-            raise ValueError("times must name an approach time, as a multiple of the mean one of the paper's rule")
+            raise ValueError("times must name an approach time, as a multiple of that of the paper's rule")
         for time in self.times:
             number("times", time, "-", above=0)
         distinct("times", self.times)

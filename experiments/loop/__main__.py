@@ -20,7 +20,7 @@ from experiments.loop.arm import MAGIC, SILENCE, serve
 from impact_gym.files import write_file
 from impact_gym.validation import number
 
-SEED = 8_000_000  # of the first approach
+SEED = 8_000_000  # seed of the first approach
 
 
 @dataclass(frozen=True)

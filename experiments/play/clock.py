@@ -1,6 +1,6 @@
 """The clock of tries runs in its own process, so that each step is played on time however busy the server is.
 
-The server sends the player's input; it receives frames with their downlink delay, and the result of each try. If the
+The server sends the player's input. It receives frames, each with its downlink delay, and results of tries. If the
 server is killed, the clock stops the arm and saves the try. If the clock is killed as well, a journal keeps the try.
 """
 

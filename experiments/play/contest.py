@@ -19,7 +19,7 @@ from experiments.play.tries import Live, Try, replayed
 from impact_gym.render.film import History
 
 SECONDS, FIRST_SECONDS = 7.0, 10.0  # length of a film, and of the film before anything is played
-COARSE = 5.0  # factor on the errors that films elsewhere may have; with it a film is ready at once
+COARSE = 5.0  # factor on the allowed drawing errors, so that the film is ready at once
 BEFORE = 0.4  # s, shown before the first touch
 FIRST_FILM_SEED = TEST_SEED + 11
 SENTENCES = {
@@ -71,7 +71,7 @@ def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Tr
 
 
 def _without_delay(this: Try) -> Try:
-    """Return the try as if without delay: commands sent between a touch and the time of seeing it are left out.
+    """Return the try as if without delay: commands between the touch and the time the player saw it are left out.
 
     The arm then touches earlier by the uplink's delay, and the player sees the touch earlier by the downlink's delay.
     """

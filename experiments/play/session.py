@@ -20,7 +20,7 @@ MAX_ON_CHART = 200  # tries
 
 
 class Session:
-    """One page steers and the others watch; one try at a time."""
+    """One page steers the tool, the other pages watch; one try is in progress at a time."""
 
     def __init__(self, setup: Setup, assist: str, folder: Path) -> None:
         """Read the tries in a folder and start the clock.

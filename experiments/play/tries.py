@@ -35,7 +35,7 @@ class Try:
     operator: dict[str, Any] = field(default_factory=PERSON.copy)  # once begun, a person's is a Replay of the commands
     slow: float = 1.0  # times slower than real time
     environment: dict[str, Any] = field(default_factory=dict)  # arguments except the operator
-    actions: list[list[float]] = field(default_factory=list)  # of the assistance, one for each step
+    actions: list[list[float]] = field(default_factory=list)  # actions of the assistance, one for each step
     late: list[float] = field(default_factory=list)  # s, delay of each step, less the delay of the step before
     marks: list[str] = field(default_factory=list)  # why the try does not count: interrupted, late
     motion: dict[str, list[float]] = field(default_factory=dict)  # executed by the flange: fields of `ig.Motion`

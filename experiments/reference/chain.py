@@ -17,9 +17,9 @@ from experiments.reference.laws import BistableForce, StoppedSpring, damping_fac
 
 # Slacks, in the scales of the contact: how far a gauge must pass zero to switch. Without slack, rounding would switch
 # gauges that tend to zero.
-SLACK = 1e-12  # of the sign and slope of the contact force, in a contact with little restitution that ends slowly
-STEADY = 1e-9  # of the contact force minus friction, while an object is pushed along
-POSITION_SLACK = 1e-16  # m, of the slider
+SLACK = 1e-12  # for the sign and the slope of the contact force; contacts with small restitution end slowly
+STEADY = 1e-9  # for the contact force minus friction, while an object is pushed along
+POSITION_SLACK = 1e-16  # m, for the position of the slider
 G = 9.80665  # m/s^2
 
 
@@ -218,7 +218,7 @@ class System:
         return watched
 
     def _sign_of_force(self, _: float, y: list[float]) -> float:
-        """Return a number with the sign of the contact force: the force over the lower one of delta^m and delta^n."""
+        """Return a number with the sign of the contact force: the force divided by delta^m or delta^n."""
         u, m, n = max(y[0], 0.0), self.m, self.n
         return float(u ** (m - n) + self.d * y[1] if n < m else 1 + self.d * u ** (n - m) * y[1])
 

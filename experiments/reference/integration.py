@@ -133,7 +133,7 @@ def _root(switch: Switch, dense: Any, times: list[float], g: list[float]) -> flo
 def fly(A: Vector, z: Vector, t: float, t_end: float) -> tuple[float, Vector, bool]:
     """Solve z' = A z by the matrix exponential from t until z[0] rises through zero, or to `t_end`.
 
-    Returns the time, the state and whether z[0] rose.
+    Returns the time, the state and whether z[0] rose through zero.
     """
     n = ceil(max(8, 5 * (t_end - t) * np.abs(np.linalg.eigvals(A)).max()))  # 5 steps per time constant
     h = (t_end - t) / n

@@ -136,7 +136,7 @@ class BistableForce:
         limits = (0.0, self.k * self.L0 / self.k_s)
         held = brentq(lambda p: self.spring(coupling.front_stop + p) - self.k_s * p, *limits, **tight)
         self.p_front = float(held)  # m, penetration of the front stop at rest
-        self.x0 = float(coupling.front_stop + self.p_front)  # m, position of the slider at rest, from the alignment
+        self.x0 = float(coupling.front_stop + self.p_front)  # m, distance of the slider from its alignment at rest
         self.p_rear = float(coupling.rear_stop - self.x0)  # m, penetration of the rear stop at rest: negative
 
     def spring(self, x: float) -> float:

@@ -24,7 +24,7 @@ class ContactRecord:
     separation_velocity: float | None  # v_p - v_t at the end
     peak_force: float  # N
     impulse: float  # N s, given to the object
-    object_velocity: float  # at the end
+    object_velocity: float  # at the end of the contact
 
 
 class Motion:
@@ -46,17 +46,17 @@ class Motion:
         self.t = 0.0  # s
         self.peak_force = 0.0  # N
         self.unread_force = 0.0  # N, largest since the sensor was last read
-        self.records: list[ContactRecord] = []  # of the contacts that are over
+        self.records: list[ContactRecord] = []  # of finished contacts
         self.past_impulse = self.coupling_impulse = (
             0.0  # N s, of past contacts: on the object, of the coupling on the tool
         )
         self.snap_through: list[float] = []  # s
         self.contacts, self.first_contact = 0, inf  # number begun, start of the first (s)
-        self.contact_seconds = 0.0  # of processor time
+        self.contact_seconds = 0.0  # processor time in contacts
         self.top_speed = 0.0  # m/s, of the object
         self.stop_hits = 0
         self.fastest = max(chain.slow_rate, chain.stop_rate)  # 1/s
-        # a stop turns the rounding of a position into an error of velocity, so no tolerance may be below that
+        # a stop turns the rounding of a position into an error of velocity; no tolerance may be below this error
         self.flight_atol = FLIGHT_ATOL * np.tile([1.0, max(1.0, chain.stop_rate)], 4)
         self._go_on(UNITS, np.array([-distance, 0.0, 0.0, 0.0, 0.0, 0.0]), touching=False)
 

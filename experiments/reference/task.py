@@ -30,7 +30,7 @@ SERVED = (
     "range_noise", "range_bias", "observe_range_noise", "deflection_sensor", "privileged", "velocity_range",
     "acceleration_range", "friction", "reference_velocity", "horizon", "after_alarm",
 )  # fmt: skip
-RTOL = 1e-10  # of contacts
+RTOL = 1e-10  # tolerance in contacts
 FLOOR = 1e-12  # m/s, least v_in, as in the environment
 PATIENCE = 3000  # evaluations of an explicit method in a phase of a contact; a phase that needs more is stiff
 ROUNDING = 1e-9  # s, rounding of the clock
@@ -191,7 +191,7 @@ def _at_rest(task: Task, scenario: Mapping[str, float], rtol: float) -> Motion:
 
 
 def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float]:
-    """Return the times of observations and of the end (s). An alarm by force restarts the clock; one by reading not."""
+    """Return the times of observations and of the end (s). An alarm by force restarts the clock."""
     end, period = task.horizon if alarm == inf else alarm + task.after_alarm, task.control_period
     start = 0.0 if alarm == inf or by_reading else alarm
     before = [] if start == 0.0 else [k * period for k in range(1, 1 + int((alarm - ROUNDING) / period))] + [alarm]

@@ -129,7 +129,7 @@ MEASURES = {
 
 
 def worlds(quick: bool, _: Frames) -> Iterable[Cell]:
-    """Yield a cell for each shipped controller in each world."""
+    """Yield a cell for each shipped controller in each of WORLDS."""
     scenarios = {"set": "test", "count": QUICK_SEARCH["tested"] if quick else SEARCH["tested"]}
     for setup in map(load_setup, SETUPS):
         places, coupling = [], setup.environment.get("coupling", {})

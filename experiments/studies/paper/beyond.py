@@ -26,15 +26,15 @@ DELAYS = np.array([0, 4, 8, 12, 16, 20, 30, 40, 50, 75, 100, 125, 150, 200, 250,
 STIFFNESS = np.logspace(2, 8, 25)  # N/m^1.5
 RESTITUTIONS = np.round(np.arange(0.1, 1.001, 0.05), 2)
 MIDDLE_STIFFNESS, SMALL_RESTITUTION = 1e5, 0.1  # N/m^1.5, -: the value of one while the other varies
-NEVER = -1.0  # s, a delay that stands for no brake
+NEVER = -1.0  # s, the value of `delay` in rows without a brake
 PERSON = 0.2  # s, simple reaction time of a person
 FROM_TOUCH = np.round(np.arange(0.002, 0.1001, 0.002), 3)  # s, from the touch to the start of braking
 MASSES = np.unique(np.append(np.geomspace(0.1, scenes.HEAVY_MASS, 41), OBJECT_MASS))  # kg
 SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # radius over that of the paper's object: k_c (N/m^1.5)
 CHANGES = np.linspace(0.9, 1.1, 9)  # factors of H and of the front stop
-ENOUGH = 40.0  # %, least reduction; 'about 50 %' to one digit would be 45 %
+ENOUGH = 40.0  # %, a reduction that counts as enough; 'about 50 %' to one digit would be 45 %
 SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s
-CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s, of constant speed in Fig. 23
+CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s at constant speed in Fig. 23
 
 
 def beyond_delay() -> list[Row]:
@@ -202,7 +202,7 @@ def _numbers_beyond_objects(frame: pl.DataFrame) -> Numbers:
         "changed": changed.to_numpy(), "changed_ends": [changed.min(), changed.max()],
         "unchanged_ends": [unchanged.min(), unchanged.max()],
         "stuck": rows.filter(pl.col("snap_count") != 1)["object_mass"].max() or 0.0,
-        "lightest": rows.filter(pl.col("changed") >= ENOUGH)["object_mass"].min(),  # kg, at the most favourable size
+        "lightest": rows.filter(pl.col("changed") >= ENOUGH)["object_mass"].min(),  # kg, smallest over all sizes
         "least": rows["changed"].min(),
     }  # fmt: skip
 

@@ -80,14 +80,14 @@ class Run:
         self.impulse = rows["impulse"][-1]  # N s, eq. 21, integrated by the simulation
         self.final_velocity = self.trace.object_velocity[-1]  # m/s, V_p
         self.peak_force = self.trace.contact_force.max()  # N
-        self.impact_velocity = first.tool_velocity[0]  # m/s, of the tool at the first touch
-        self.duration = 1e3 * np.ptp(first.time)  # ms, of the first contact
+        self.impact_velocity = first.tool_velocity[0]  # m/s, velocity of the tool at the first touch
+        self.duration = 1e3 * np.ptp(first.time)  # ms, duration of the first contact
         self.deceleration = (during.contact_force - during.coupling_force).max() / TOOL_MASS  # m/s^2; paper, eq. 17
         rate = first.tool_velocity - first.object_velocity
         self.restitution = -rate[-1] / rate[0]  # of the first contact: separation over approach velocity
         behind = first.command_position - first.tool_position
-        self.deflection = 1e3 * (behind.max() - behind[0])  # mm, of the robot, caused by the contact
-        self.way = 1e3 * np.ptp(first.command_position)  # mm, of the imposed motion during the contact
+        self.deflection = 1e3 * (behind.max() - behind[0])  # mm, deflection of the robot caused by the contact
+        self.way = 1e3 * np.ptp(first.command_position)  # mm, path of the imposed motion during the contact
 
     def part(self, rows: NDArray[np.bool_]) -> ig.Trace:
         """Return the points of the trace at which `rows` is true."""

@@ -22,7 +22,7 @@ from impact_gym.physics import impact
 
 OF_MASSES = (0.0, 0.25, 0.5, 0.75, 1.0)  # restitutions of Fig. 3
 MASSES = np.logspace(-2.0, 1.0, 121)  # kg
-STIFFNESS, RESTITUTION = 1e5, 0.5  # of Fig. 5
+STIFFNESS, RESTITUTION = 1e5, 0.5  # contact of Fig. 5
 STIFFNESSES = np.logspace(3.0, 6.0, 25).tolist()  # N/m^1.5
 RESTITUTIONS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)  # as given to eq. 7
 CUT = 1e5  # N/m^1.5, stiffness at which more restitutions are simulated
@@ -143,7 +143,7 @@ def _sweep(pairs: Iterable[tuple[float, float]]) -> list[Row]:
 
 
 def _grids(frame: pl.DataFrame, column: str) -> Array:
-    """Return `column` over (fixed and free tool, restitution, contact stiffness)."""
+    """Return `column` as an array (fixed or free tool, restitution, contact stiffness)."""
     on_grid = frame.filter(pl.col("restitution").is_in(RESTITUTIONS), pl.col("contact_stiffness").is_in(STIFFNESSES))
     ordered = on_grid.sort("free", "restitution", "contact_stiffness")[column]
     return ordered.to_numpy().reshape(2, len(RESTITUTIONS), len(STIFFNESSES))

@@ -77,7 +77,7 @@ def curves(
 
 
 def _velocities(frame: pl.DataFrame, **line: Any) -> Array:
-    """Return V_p (contact stiffness, coupling stiffness of the grid); `line` are arguments of `curves`."""
+    """Return V_p as an array (contact stiffness, coupling stiffness of the grid); `line`: arguments of `curves`."""
     points = frame.filter(pl.col("coupling_stiffness").is_in(COUPLING_STIFFNESSES.tolist()))
     return np.array([rows["object_velocity"] for rows in curves(points, **line)])
 

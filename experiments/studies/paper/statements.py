@@ -60,8 +60,8 @@ class Said:
     rule: str = "none"  # the conditions in words; "none": the statement cannot be decided
     ours: str = ""  # format string of our result
     why: str = ""  # format string: reason of a disagreement, or remark
-    source: str = ""  # of numbers that are not computed by this study
-    reading: Mapping[str, Any] = field(default_factory=dict)  # another reading of the text: its text, holds and ours
+    source: str = ""  # where numbers come from that this study does not compute
+    reading: Mapping[str, Any] = field(default_factory=dict)  # another reading of the passage: its text, holds, ours
 
 
 SAID = {

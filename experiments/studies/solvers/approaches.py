@@ -44,7 +44,7 @@ OTHERS = {
     "robot damping": (1.0, 1e3),  # N s/m
     "friction": (1e-3, 3.0),  # between object and ground
     "reference velocity": (0.01, 5.0),  # m/s, at which a fixed damping has its restitution
-    "stroke over rest": (1.01, 30.0),  # travel of a tool on a spring over its deflection under the acceleration
+    "stroke over rest": (1.01, 30.0),  # travel of a tool on a spring, divided by its deflection at the acceleration
 }
 """The other random numbers of a scene, with ranges that we chose."""
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))

@@ -29,7 +29,7 @@ LEAST = 5e-3  # s of one timing, so that the resolution of the clock does not ma
 MOST_CALLS = 10_000
 TURNS, CALLS = 10, 10  # timings of each of our contacts, and calls in each timing
 TIMES = ("microseconds", "contact_microseconds")
-SLOW = 0.2  # s: a longer call is made in the first round only
+SLOW = 0.2  # s: if a call takes longer, it is timed in the first round only
 
 
 @contextmanager

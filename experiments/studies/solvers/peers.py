@@ -12,7 +12,7 @@ import numpy as np
 from experiments.studies.solvers.pieces import BESIDE, GAUGES, PARAMETERS, STATE, Advance, Backend, equations, watched
 
 ABSOLUTE = 1e-2  # absolute tolerance divided by the relative one; states are of order one
-AHEAD = 1e-9  # of the independent variable: here the sign of a gauge that begins at zero is read
+AHEAD = 1e-9  # step of the independent variable, after which the sign of a gauge that begins at zero is read
 STEPS = 16_384  # most steps of diffrax in one piece
 
 

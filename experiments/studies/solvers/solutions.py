@@ -11,7 +11,7 @@ from experiments.studies.solvers.approaches import approach_of
 ERRORS = ("velocity_error", "peak_error", "duration_error", "detection_error")
 """Columns of the tables: errors of V_p (m/s), peak force (relative), duration of contact (relative), alarm (s)."""
 MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
-TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, whose answer is the truth, and of Radau, which is compared with it
+TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, which gives the truth, and of Radau, which is compared with it
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,8 @@ class Solution:
     contact_duration: float = math.nan  # s, sum over all contacts; an unfinished one counts up to the end
     detection_time: float = math.nan  # s, nan if there was no alarm
     contacts: int = 0
-    passes: int = 0  # of a slider through its alignment
-    steps: int = 0  # of the integrator, 0 if unknown
+    passes: int = 0  # times that the slider passes its alignment
+    steps: int = 0  # steps of the integrator, 0 if unknown
 
     @classmethod
     def of(cls, outcome: Any, duration: float) -> "Solution":

@@ -20,7 +20,7 @@ from experiments.studies.stability.storm import storm_row, truth_row
 
 SCENES, QUICK_SCENES = 10_000, 200
 HANG = 120.0  # s, limit of one scene
-EVERY, FIRST = 50, 17  # the independent solver judges every 50th scene; the scenes are random themselves
+EVERY, FIRST = 50, 17  # the independent solver judges scenes 17, 67, 117, ...: the scenes are random already
 PATIENCE = 60.0  # s of processor time for each method of the independent solver
 SHOWN = 200  # failures on the page
 

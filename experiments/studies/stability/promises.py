@@ -6,11 +6,11 @@ import numpy as np
 import polars as pl
 
 SLOWEST = 50.0  # ms
-MOMENTUM = 1e-9  # over the impulse of the contact
-ENERGY = 1e-6  # over the energy exchanged in the contact, beyond the doubt of the quadrature
-PULL = 1e-12  # over the peak force, or over the speed of the tool: rounding
-FALL = 1e-8  # over the speed of the tool: rtol
-AGREEMENT = 1e-6  # of V_p, relative
+MOMENTUM = 1e-9  # share of the contact's impulse
+ENERGY = 1e-6  # share of the energy exchanged in the contact, beyond the doubt of the quadrature
+PULL = 1e-12  # share of the peak force, or of the tool's speed: rounding
+FALL = 1e-8  # share of the tool's speed: rtol
+AGREEMENT = 1e-6  # relative difference of V_p
 FINISHED = pl.col("failure") == ""
 TRACED = FINISHED & pl.col("traced")
 
