@@ -38,8 +38,8 @@ class Place(NamedTuple):
     setup: str
     change: str  # in words
     environment: Mapping[str, Any]  # arguments of the environment, without time weight
-    labels: Mapping[str, Any] = {}  # further columns of its rows
-    scenarios: Mapping[str, Any] | None = None  # instead of the grid's scenarios
+    labels: Mapping[str, Any] = {}  # additional columns of the rows
+    scenarios: Mapping[str, Any] | None = None  # scenarios to play here instead of the grid's
 
 
 def seeds_of(setup: str, name: str) -> list[Contestant]:

@@ -103,12 +103,12 @@ class Task:
         drawn: dict[str, Range] = {}
         self._put("scenario", ScenarioRanges.of(self.scenario))
         for name, kinds in PARTS.items():
-            if getattr(self, name) is not None:
+            if self._is_given(name):
                 record, ranges = ranged_record(name, getattr(self, name), kinds)
                 self._put(name, record)
                 drawn |= ranges
         for row in SET_UP:
-            if "." not in row.id and getattr(self, row.id) is not None:
+            if "." not in row.id and self._is_given(row.id):
                 low, high = row.interval(getattr(self, row.id))
                 self._put(row.id, row.middle(low, high))
                 drawn |= {row.id: (low, high)} if low < high else {}
@@ -198,6 +198,10 @@ class Task:
         if self.max_episode_steps is not None:
             self._put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
             number("max_episode_steps", self.max_episode_steps, "-", at_most=MOST_STEPS)
+
+    def _is_given(self, name: str) -> bool:
+        """Return whether an argument has a value to check: None is allowed only where it is the default."""
+        return getattr(self, name) is not None or getattr(Task, name) is not None
 
     def _check_reach(self) -> None:
         """Refuse a range of objects all out of reach; warn if a part is, and if a stroke is too short."""
