@@ -1,6 +1,6 @@
 """The clock of tries runs in its own process, so that each step is played on time however busy the server is.
 
-The server sends the player's input; it receives frames with their downlink delay, and the result of each try. If the
+The server sends the player's input. It receives frames, each with its downlink delay, and results of tries. If the
 server is killed, the clock stops the arm and saves the try. If the clock is killed as well, a journal keeps the try.
 """
 
@@ -27,7 +27,7 @@ from impact_gym.render.chain import object_radius
 from impact_gym.teleop.channels import CUT
 
 STOPPED = "the server was stopped"
-SILENT = 0.25  # s without a message, after which the velocity is 0
+SILENT = 0.25  # s: if the player sends nothing for longer, the velocity is 0
 HOLD = 1e-5  # m/s, sent instead of 0 before the touch; 0 would end the try
 
 
@@ -51,7 +51,7 @@ class Stick:
         self.let_go = True
 
     def at(self, moment: float) -> float:
-        """Return the velocity (m/s) to send at a time (s)."""
+        """Return the velocity (m/s) that the operator sends to the arm at `moment` (s)."""
         inputs = tuple(self.inputs)
         came, velocity = next((each for each in reversed(inputs) if each[0] <= moment), inputs[0])
         if self.let_go or moment - came > SILENT:
@@ -125,12 +125,12 @@ class Clock:
             live.step(velocity, now - due - behind)
             self._record(journal, repr(velocity))
             behind = now - due
-            if behind > slow * PERIOD:  # after a suspension the clock continues from here
+            if behind > slow * PERIOD:  # after a pause, e.g. of the machine, lost steps are not caught up
                 start, behind = start + behind, 0.0
             self._send_frame(live, seen, rng)
 
     def _record(self, journal: IO[bytes], line: str) -> None:
-        """Write a line to the journal; if the disk is full, the arm stops."""
+        """Write a line to the journal; if that fails, the arm stops."""
         try:
             journal.write(f"{line}\n".encode())
         except OSError:

@@ -14,7 +14,7 @@ from impact_gym.validation import choice, number, numbers, one_of
 
 RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "taken", "missed"
 SLOWEST = 16.0  # times slower than real time
-MAX_TEXT, MAX_NUMBER, MAX_BYTES = 4096, 2.0**64, 1 << 23  # characters of a text, size of a number, of a file
+MAX_TEXT, MAX_NUMBER, MAX_BYTES = 4096, 2.0**64, 1 << 23  # characters of a text, size of a number, bytes of a file
 FORMAT = "impact_gym try 2"
 SPARE = 3  # ticks between the horizon and the next recording of an operator
 

@@ -17,7 +17,7 @@ POSITIONS = np.linspace(-0.06, 0.06, 241)  # m, within the stroke of every H
 
 
 def figure_22() -> list[Row]:
-    """Evaluate eq. 23-24."""
+    """Evaluate the force of eq. 23-24 over the slider's position, for each height H."""
     rows: list[Row] = []
     for height in HEIGHTS:
         mechanism = ig.Bistable(MECHANISM.stiffness, MECHANISM.free_length, height)
@@ -52,12 +52,12 @@ def _numbers_figure_22(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_23() -> pl.DataFrame:
-    """Simulate both."""
+    """Simulate Fig. 23a (mechanism) and 23b (spring and damper)."""
     return histories({"a": scene(1e3, 0.1, MECHANISM), "b": scene(1e3, 0.1, LINEAR)})
 
 
 def _slider(trace: ig.Trace) -> tuple[Array, float]:
-    """Return the slider's position from the alignment (m), and the time at which it first passes it (s)."""
+    """Return the slider's positions, measured from the alignment (m), and when it first passes the alignment (s)."""
     # at t = 0 the preload presses the slider slightly into its stop; the trace begins there
     start = MECHANISM.front_stop + float(MECHANISM.force(MECHANISM.front_stop)) / MECHANISM.stop_stiffness
     x = start + trace.tool_position - trace.flange_position
