@@ -39,7 +39,7 @@ PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-p
 class ReportOptions:
     """Compare policies and baselines in the same scenarios, on a page.
 
-    Default: all seeds of the set-ups in the README.
+    Default: all trained policies of linear-blind, linear-ranged, bistable-blind and paper-limits.
     """
 
     setups: tyro.conf.Positional[tuple[str, ...]] = ()
@@ -55,9 +55,9 @@ class ReportOptions:
     """With --policy: baselines besides the paper's rule, names of tuned baselines or module:object. The object has
     `predict`, or is a function or class that returns such an object. Default: the baselines of the policy's set-up."""
     scenarios: str | None = None
-    """Scenarios instead of those of the set-ups: a frozen set by name or file (CSV), or a JSON file
-    {"ranges": {...}, "seed": s, "count": n, "environment": {...}} with some of these keys; the environment holds
-    arguments of gym.make, such as your tool and coupling."""
+    """Scenarios to use instead of the set-ups' own: the name or the CSV file of a frozen set, or a JSON file
+    {"ranges": {...}, "seed": s, "count": n, "environment": {...}}. Every key may be left out. The key "environment"
+    holds arguments of gym.make, for example your tool and coupling."""
     count: int | None = None
     """Number of scenarios. Default: as in the set-up, or all of `scenarios`."""
     time_weight: float | None = None

@@ -8,22 +8,22 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     """An operator commands the tool with a delay; an assistance at the arm corrects the commands at once.
 
     ## Description
-    As `ImpactApproach`, except that an operator commands the velocity of the flange over one channel, and sees the arm
-    over another. The controller is an assistance at the arm, between the operator's commands and the flange. It can
+    Like `ImpactApproach`, but an operator commands the velocity of the flange over one channel, and sees the arm over
+    another channel. The controller is an assistance at the arm, between the operator's commands and the flange. It can
     slow down the approach, and after a touch it can stop and withdraw. It does not know where the object is. It acts
-    without delay, the operator's commands arrive late. The task is done when the object rests again.
+    without delay, but the operator's commands arrive late. The task is done when the object rests again.
 
     ## Operators and Channels
-    `operator` is a record of `ig.operators`, or a dict with its name as "type": `Replay`, `Person`, `Trapezoid`,
-    `Reach`, `SecondOrderLag`, `Tracker`; their docstrings have equations and sources. Operators assume the object
-    `place_error` farther away than it is. `uplink` and `downlink` are `Channel` records. In each control period one
-    packet is sent over each channel, on the operator's clock. Each packet has its own delay; the receiver uses the
-    newest packet that has arrived. Two packets are sent at once, between these times: the operator's stop, and the
-    arm's first touch. Operators see the touch in the first packet to arrive that was sent at the touch or later. They
-    stop `reaction` later: from then on they command 0. A `Tracker` sees the position of the flange in these packets. A
-    `Person` sends the velocity last passed to `command(velocity)` of the unwrapped environment. A call before a step
-    sets what is sent at the tick in that step or at its end. A `Replay` of the velocities sent at the ticks repeats
-    the episode to the bit.
+    `operator` is an object of a class in `ig.operators`, or a dict with the name of the class as "type": `Replay`,
+    `Person`, `Trapezoid`, `Reach`, `SecondOrderLag` or `Tracker`. The docstrings of the classes have equations and
+    sources. Operators assume the object `place_error` farther away than it is. `uplink` and `downlink` are `Channel`
+    records. In each control period one packet is sent over each channel, on the operator's clock. Each packet has its
+    own delay; the receiver uses the newest packet that has arrived. Two packets are sent at once, between these times:
+    the operator's stop, and the arm's first touch. Operators see the touch in the first packet to arrive that was sent
+    at the touch or later. They stop `reaction` later: from then on they command 0. A `Tracker` sees the position of the
+    flange in these packets. A `Person` sends the velocity last passed to `command(velocity)` of the unwrapped
+    environment. A call before a step sets what is sent at the tick in that step or at its end. A `Replay` of the
+    velocities sent at the ticks repeats the episode to the bit.
 
     ## Action Space
     `Box(-1, 1, (3,), float32)`. Values outside the box are clipped. With the operator's command u, the flange is sent
@@ -41,8 +41,8 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     refused before anything moves.
 
     ## Observation Space
-    That of `ImpactApproach`, and five numbers of the command, see the rows with `operator`. The place that the operator
-    assumes for the object is not observed.
+    The observation of `ImpactApproach`, and five numbers about the operator's commands (the rows with `operator`). The
+    place that the operator assumes for the object is not observed.
 
     OBSERVATION_TABLE
 
@@ -65,12 +65,12 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     `info` of each step has the values at its end of `command` (m/s, the newest that has arrived) and `command_age` (s).
     It also has, for the last command executed in the step, `teleop_action` (u, 0 if that was too old) and
     `intervene_action` (v), arrays (1,) in m/s, and `is_intervention`, whether u and v differ by more than 1 mm/s.
-    Unlike in HIL-SERL, every step has an `intervene_action`; the flag says whether it is an intervention. A batch has
-    these entries for the slots that played in the step; with SAME_STEP, those of a finished episode are in its final
-    info. The final info has `object_velocity` (m/s), `slide` (m), `touch_time`, `done_time` (s; the horizon if the task
-    was not done), `late` (s, mean time from a touch until the operator's stop reaches the arm), `peak_force` (N),
-    `contact_count`, `taken` (the share of the operator's motion that was withheld before the touch), `missed`,
-    `record`, and the other entries of `ImpactApproach`.
+    Unlike in HIL-SERL, every step has an `intervene_action`; the flag says whether it is an intervention. In a batch,
+    these entries are valid for the environments that played in the step. With SAME_STEP, the entries of a finished
+    episode are in `final_info`. The final info has `object_velocity` (m/s), `slide` (m), `touch_time`, `done_time` (s;
+    the horizon if the task was not done), `late` (s, mean time from a touch until the operator's stop reaches the arm),
+    `peak_force` (N), `contact_count`, `taken` (the share of the operator's motion that was withheld before the touch),
+    `missed`, `record`, and the other entries of `ImpactApproach`.
 
     ## Arguments
     See `ImpactApproach`. `ImpactTeleop-v0` has a `Reach`, and channels of 0.1 s each way.
