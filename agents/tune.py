@@ -174,7 +174,7 @@ def next_weight(times: Mapping[float, float], target: float) -> float | None:
 
 
 def tune_at_rule_time(options: Tune) -> None:
-    """Tune each baseline for more time weights, see `Tune.at_rule_time`; its file keeps the results of all."""
+    """Tune each baseline for more time weights, see `Tune.at_rule_time`; its file keeps the results of all weights."""
     for name, setup in options.baselines().items():
         batch = ScenarioBatch.of("validation", task=setup.task, threads=1)
         target = float(batch.play(PaperTrapezoid().for_task(setup.task)).approach_time.mean())

@@ -1,4 +1,4 @@
-"""Rules that follow a speed profile until the alarm, and then command a velocity for each time since the alarm.
+"""Rules that follow a speed profile until the alarm, then command a velocity that depends on the time since the alarm.
 
 A profile gives the speed for each position of the flange, for each estimated distance or for each true distance. No
 real controller knows the true distance: a rule that uses it is a bound for the others.

@@ -65,7 +65,7 @@ def read_options(arguments: Sequence[str]) -> TrainOptions:
 
 
 def default_options(setup: str) -> TrainOptions:
-    """Return the options of `impact-gym train SETUP` without other options."""
+    """Return the options of the command `impact-gym train SETUP`, which gives no other option."""
     return TrainOptions(setup, load_setup(setup).training)
 
 

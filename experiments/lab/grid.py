@@ -21,7 +21,7 @@ from impact_gym.task.task import MISSED_COST
 
 PLAYED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.policies.networks", "agents.policies.policy",
           "agents.setups.evaluation")  # fmt: skip
-"""Modules that the result of an episode depends on; set-ups, policies and tuned baselines are arguments."""
+"""Modules that the result of an episode depends on, besides the arguments: set-ups, policies and tuned baselines."""
 
 
 class Contestant(NamedTuple):

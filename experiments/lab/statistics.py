@@ -46,8 +46,8 @@ class Resamples:
     def means(self, values: Floats) -> Floats:
         """Return the mean of `values` (seeds, ..., scenarios) over seeds and scenarios in each resample: (1 + n, ...).
 
-        Values (scenarios,) belong to one seed. Seeds are resampled independently of scenarios, and identically in all
-        calls with the same number of seeds.
+        Values (scenarios,) count as those of one seed. Seeds are resampled independently of scenarios, and identically
+        in all calls with the same number of seeds.
         """
         values = np.atleast_2d(values).astype(np.float64)
         seeds = len(values)

@@ -29,7 +29,7 @@ from impact_gym.validation import number, whole
 
 RESULTS = "results.json"
 MARK = ".impact_gym"
-"""Lock file that marks a folder of a report, which another report may overwrite."""
+"""Lock file. It marks the folder of a report: another report may overwrite such a folder."""
 DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")
 """Packages whose change makes the page outdated."""
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-python", "polars", "jinja2")

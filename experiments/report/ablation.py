@@ -58,7 +58,7 @@ class Step:
 
 
 def links(played: Played) -> list[Link]:
-    """Return the sequence up to the policy; an addition without a baseline is merged into the next step."""
+    """Return the sequence up to the policy; what no baseline adds alone is merged into the next step."""
     tuned = [baseline for baseline in played.matchup.baselines if "tuned" in baseline.controller]
     by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}  # the first wins
     task = Task(**played.matchup.environment)

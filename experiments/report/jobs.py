@@ -23,7 +23,7 @@ from impact_gym.task import Task
 
 JSON = Mapping[str, Any]
 PLAYING = (*grid.PLAYED, __name__, "experiments.lab.player.films", grid.__name__)
-"""Modules that results depend on; set-ups, policies and tuned baselines are arguments of the jobs."""
+"""Modules that results depend on, besides the arguments of the jobs: set-ups, policies and tuned baselines."""
 FAR = 0.36  # m, just beyond the farthest object: the approach figure shows no contact
 NEAR = 0.25  # m, distance of the object in the approach figure of controllers with an estimate
 FEWER = 500  # scenarios for each change of the environment, and for deflections
