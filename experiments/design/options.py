@@ -84,7 +84,7 @@ class DesignOptions:
 
     @cached_property
     def searched(self) -> dict[str, Any]:
-        """The set-up's environment, with a range for each variable."""
+        """The set-up's environment, in which each searched number has its range LOW to HIGH."""
         return searched_environment(self.arm, self.variables, self.limits.deflection)
 
     @cached_property

@@ -24,7 +24,7 @@ PADS = {"norbornene": 0.01, "neoprene": 0.01, "memory-foam": 0.04}
 
 
 class Pad(NamedTuple):
-    """A dome of one material on the tool; its mass counts as the tool's."""
+    """A dome of one material on the tool; the tool's mass includes that of the dome."""
 
     stiffness: float  # N/m^1.5, in contact with a rigid body
     restitution: float  # -, in contact with a body that loses no energy
@@ -39,7 +39,7 @@ def pad_of(material: str) -> Pad:
     """
     known("--pad ", [material], PADS)
     measured, radius = MATERIALS[material], PADS[material]
-    assert measured.restitution is not None  # all materials of PADS have one
+    assert measured.restitution is not None  # all materials of PADS have a measured restitution
     stiffness = hertz(radius, math.sqrt(math.prod(measured.young)), sum(measured.poisson) / 2.0, *RIGID)
     return Pad(stiffness, measured.restitution[1], radius)
 

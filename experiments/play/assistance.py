@@ -18,9 +18,9 @@ NAMES = {
     "none": "nobody", "brake": "a brake at the arm", "limit": "a tuned speed limit", "policy": "the learned policy",
     "rule": "the paper's rule",
 }  # fmt: skip
-"""Assistances, with their labels on the page."""
+"""Names of assistances, with the labels that the page shows."""
 COUPLINGS = {"rigid": "tool fixed", "spring": "on a spring", "bistable": "bistable"}
-"""Couplings, with their labels on the page; a shipped set-up is called FAMILY-COUPLING."""
+"""Names of couplings, with the labels that the page shows; a shipped set-up is called FAMILY-COUPLING."""
 PERSON = {"type": "Person"}
 PERIOD: float = Task.control_period  # s
 RANGES = {"delay": ("s", 0.0, 1.0), "jitter": ("s", 0.0, 0.05), "stiffness": ("N/m", 20.0, 2000.0)}
@@ -96,7 +96,7 @@ def record_of(settings: Mapping[str, float]) -> dict[str, float]:
 
 
 def assistance(name: str, setup: Setup) -> Controller:
-    """Return an assistance for a set-up; ValueError: it is unknown, or was not tuned or trained for this set-up."""
+    """Return an assistance for a set-up; ValueError: it is unknown, or none was tuned or trained for this set-up."""
     if name not in NAMES:
         raise ValueError(f"assist must be one of {', '.join(NAMES)}, got {name!r:.80}")
     if name == "policy":

@@ -69,7 +69,7 @@ class Clock:
     stick: Stick = field(default_factory=Stick)
     gone: bool = False  # whether the server has ended
     wanted: queue.SimpleQueue[tuple[Try, Path, bool] | None] = field(default_factory=queue.SimpleQueue)
-    unsaved: list[tuple[Path, Try]] = field(default_factory=list)  # tries for which the disk was full
+    unsaved: list[tuple[Path, Try]] = field(default_factory=list)  # tries still to be written, as on a full disk
 
     def listen(self) -> None:
         """Handle messages of the server until it ends."""
@@ -143,7 +143,7 @@ class Clock:
         late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)
         touched = bool(then.touched[0])
         places = [np.round(np.ravel(each[1:4]), 6).tolist() for each in (now, then)]  # flange, tool, object, m
-        if not (seen or touched or live.ended):  # a missed object is shown at the end
+        if not (seen or touched or live.ended):  # when the try has ended, a missed object is shown, too
             places = [[*chain, None] for *chain, _ in places]
         self.send(
             kind="frame", n=len(live.kept.actions), t=round(live.time, 4), touched=touched, wait=late * slow,

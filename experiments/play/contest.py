@@ -18,7 +18,7 @@ from experiments.play.assistance import COUPLINGS, PERIOD, record_of, related, u
 from experiments.play.tries import Live, Try, replayed
 from impact_gym.render.film import History
 
-SECONDS, FIRST_SECONDS = 7.0, 10.0  # length of a film, and of the film before anything is played
+SECONDS, FIRST_SECONDS = 7.0, 10.0  # length of a film; length of the film before any input
 COARSE = 5.0  # factor on the allowed drawing errors, so that the film is ready at once
 BEFORE = 0.4  # s, shown before the first touch
 FIRST_FILM_SEED = TEST_SEED + 11
@@ -40,7 +40,7 @@ class Variant(NamedTuple):
 
 
 def scripted(setup: str, kind: str, seed: int, record: Mapping[str, float]) -> Try:
-    """Return a try of the set-up's operator with an assistance, in the scenario of a seed."""
+    """Return a finished try of the set-up's operator, with the assistance `kind`, in the scenario of a seed."""
     operator = dict(load_setup(setup).environment["operator"])
     return Live(Try(setup, kind, seed, dict(record), operator)).finished()
 
@@ -86,7 +86,7 @@ def _without_delay(this: Try) -> Try:
 
 
 def beside(this: Try) -> dict[str, Variant]:
-    """Return a try, and the same scenario with a scripted operator and the paper's rule or the learned policy."""
+    """Return a try, and tries of a scripted operator with the paper's rule and with the policy in the same scenario."""
     found = {}
     for name, kind in {"paper's rule": "rule", "learned policy": "policy"}.items():
         with suppress(ValueError):  # no policy was trained for this set-up

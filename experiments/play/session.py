@@ -1,4 +1,4 @@
-"""Between pages and clock: decides which page steers, checks requests, and forwards messages of the clock."""
+"""Between the pages and the clock: says which page steers, checks pages' messages, forwards the clock's messages."""
 
 import asyncio
 import multiprocessing
@@ -29,7 +29,7 @@ class Session:
             ValueError: unknown assistance, or another server uses the folder.
         """
         assistance(assist, setup)
-        self._lock = ExitStack()  # the clock holds it too, as it is forked from this process
+        self._lock = ExitStack()  # the clock's process, a fork of this one, holds the lock, too
         self._lock.enter_context(locked(folder / ".lock", wait=False))
         self.setup, self.assist, self.folder = setup.called, assist, folder
         self.clients: list[Any] = []  # the player is the first
@@ -41,7 +41,7 @@ class Session:
             -1,
         )  # time at which the try's last frame is shown, s; number of the newest frame shown
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
-        self.left_out = try_files.recover(folder)  # why files in the folder are not shown
+        self.left_out = try_files.recover(folder)  # for each file in the folder that is not shown, why
         for path in sorted(folder.glob("*.json")):
             try:
                 name = identifier(f"name of {path}", path.stem)

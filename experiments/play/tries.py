@@ -40,7 +40,7 @@ class Try:
     marks: list[str] = field(default_factory=list)  # why the try does not count: interrupted, late
     motion: dict[str, list[float]] = field(default_factory=dict)  # executed by the flange: fields of `ig.Motion`
     result: dict[str, float] = field(default_factory=dict)  # from `simulate` with `motion`; times: from the episode
-    made: dict[str, Any] = field(default_factory=dict)  # versions of the code; no time, no machine
+    made: dict[str, Any] = field(default_factory=dict)  # versions of the code, but neither time nor machine
 
 
 def advance(batch: Batch, action: ArrayLike) -> None:
@@ -73,7 +73,7 @@ def corners(trace: Trace) -> ig.Motion:
         if time <= before[0]:
             continue
         least, most = ((velocity - velocities[-1] + side) / (time - times[-1]) for side in (-BEND, BEND))
-        if least > high or most < low:  # no line from the last corner passes through all later points
+        if least > high or most < low:  # one line cannot pass all points: a new corner
             times.append(before[0])
             velocities.append(before[1])
             low, high = ((velocity - before[1] + side) / (time - before[0]) for side in (-BEND, BEND))

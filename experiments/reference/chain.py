@@ -76,7 +76,7 @@ class Chain:
         nodes = getattr(robot, "position", ())  # of a table of robot parameters
         self.command.nodes = np.array(nodes)
         self.linear = self.bistable is None and not len(nodes) and not self.friction
-        slow, fast = [0.0], [0.0]  # 1/s, rates of the chain's oscillations and of its stops
+        slow, fast = [0.0], [0.0]  # 1/s, rates of the chain's oscillations; of its stops' motion
         if robot is not None:
             slow.append(float(np.sqrt(np.max(np.divide(robot.stiffness, robot.mass)))))
         if self.bistable is not None:

@@ -121,7 +121,7 @@ def _root(switch: Switch, dense: Any, times: list[float], g: list[float]) -> flo
                 continue
             low = float(lowest.x)
         high = next((s for s in times[j - 1 :: -1] if gauge(s) > 0), None)
-        if high is None:  # below zero from the beginning
+        if high is None:  # the gauge is negative from the beginning
             return times[0]
         if gauge(low) < 0:
             return float(brentq(gauge, high, low, xtol=1e-300, **TIGHT))

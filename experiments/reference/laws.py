@@ -1,4 +1,4 @@
-"""Laws of the dissipation of a contact, of the robot's parameters, and of mechanisms with stops."""
+"""Laws of a contact's dissipation, of the robot's parameters, and of couplings with stops."""
 
 from collections.abc import Callable, Mapping
 from functools import cache, cached_property
@@ -85,7 +85,7 @@ def _unequal_exponents(e: float, m: float, n: float) -> float:
 
 
 def _isolated_restitution(d: float, m: float, n: float) -> float:
-    """Return the separation speed of u'' = -max(0, u^m + d u^n u'), u(0) = 0, u'(0) = 1.
+    """Return the speed of separation, which is the restitution, of u'' = -max(0, u^m + d u^n u'), u(0) = 0, u'(0) = 1.
 
     For n < m the force is clamped once and stays zero, as u^(m-n) + d u' falls while u returns at constant speed. For
     n >= m it is never clamped.

@@ -51,7 +51,7 @@ class Motion:
             0.0  # N s, of past contacts: on the object, of the coupling on the tool
         )
         self.snap_through: list[float] = []  # s
-        self.contacts, self.first_contact = 0, inf  # number begun, start of the first (s)
+        self.contacts, self.first_contact = 0, inf  # number of contacts begun; start of the first, s
         self.contact_seconds = 0.0  # processor time in contacts
         self.top_speed = 0.0  # m/s, of the object
         self.stop_hits = 0
@@ -94,7 +94,7 @@ class Motion:
             return False
         chain, law = self.chain, self.chain.bistable
         delta, _, u, u_dot, w, w_dot = self.state.tolist()
-        if chain.friction:  # the object slows down but does not return: only the distance counts
+        if chain.friction:  # a sliding object never returns, so only the distance to it counts
             swing = 0.0 if chain.rigid else sqrt(u**2 + u_dot**2 * chain.m_t / chain.k_t)
             return not chain.on["sliding"] and swing + u < -delta
         m_r, k_r, _ = (0.0, 0.0, 0.0) if chain.robot is None else chain.robot(x_r)

@@ -135,7 +135,7 @@ def worlds(quick: bool, _: Frames) -> Iterable[Cell]:
         places, coupling = [], setup.environment.get("coupling", {})
         for world, changes in WORLDS.items():
             if "coupling" in changes and not setup.name.startswith("linear"):
-                continue  # a mechanism has stops already
+                continue  # a bistable mechanism already has stops
             changed = {"coupling": {**coupling, "stroke": STROKE}} if "coupling" in changes else changes
             places.append(Place(setup.name, world, {**setup.environment, **changed}))
         contestants = [

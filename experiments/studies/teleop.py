@@ -1,6 +1,6 @@
 """Which assistance helps an operator who acts late? All are compared at every coupling, delay, operator and channel.
 
-An operator steers towards an object over a channel with a delay. Their belief about its place is up to 5 cm wrong, and
+An operator steers towards an object over a channel with a delay. Their belief where the object is may be 5 cm off, and
 they stop one reaction time after they see the touch. An assistance at the arm senses the touch without delay.
 """
 

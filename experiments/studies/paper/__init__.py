@@ -48,7 +48,7 @@ def answer(statements: pl.DataFrame) -> str:
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
-    """Judge the statements about all measured figures, and show figures and statements."""
+    """Judge the statements about all figures that were computed; show figures and statements."""
     statements = judged({name: MADE[f"_numbers_{name}"](frame) for name, frame in frames.items()})
     apart = statements.filter(~pl.col("verdict").is_in(AGREEING))
     misprints = Table.of("", DATA["misprints"], {"Where": "{place}", "What is wrong with it": "{correction}"})

@@ -30,7 +30,7 @@ NEVER = -1.0  # s, the value of `delay` in rows without a brake
 PERSON = 0.2  # s, simple reaction time of a person
 FROM_TOUCH = np.round(np.arange(0.002, 0.1001, 0.002), 3)  # s, from the touch to the start of braking
 MASSES = np.unique(np.append(np.geomspace(0.1, scenes.HEAVY_MASS, 41), OBJECT_MASS))  # kg
-SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # radius over that of the paper's object: k_c (N/m^1.5)
+SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # radius, as a multiple of that of the paper's object: k_c (N/m^1.5)
 CHANGES = np.linspace(0.9, 1.1, 9)  # factors of H and of the front stop
 ENOUGH = 40.0  # %, a reduction that counts as enough; 'about 50 %' to one digit would be 45 %
 SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s
@@ -112,7 +112,7 @@ def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
     time = trace.time - outcome.contacts[0].start
     change = np.abs(trace.coupling_force - np.interp(0.0, time, trace.coupling_force))
     if isinstance(approach.coupling, ig.Rigid):
-        change = trace.contact_force  # the tool is fixed to the robot
+        change = trace.contact_force  # a robot with a fixed tool feels the contact force
     felt = [force > scenes.THRESHOLD for force in (trace.contact_force, change)]
     by_tool, by_robot = (float(time[(time >= 0.0) & above][0]) for above in felt)
     return by_tool, by_robot
@@ -214,7 +214,7 @@ def _row(coupling: str, speed: float) -> Row:
     outcome = ig.simulate(approach, replace(MOTION, speed=speed), duration=2.0)
     return {
         "coupling": coupling, "speed": float(speed), "object_velocity": outcome.object_velocity,
-        "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),  # of the slider through its alignment
+        "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),  # passes of the alignment
         "alarm": int(outcome.detection_time is not None),
     }  # fmt: skip
 

@@ -13,7 +13,7 @@ from experiments.studies.paper.runs import runs_of
 from experiments.studies.paper.statements import DATA
 
 SCALE = 0.8  # factor on the size of all figures, so that text is legible if two figures are side by side
-WIDE = 11.0  # inches, unscaled; a wider figure is alone in its row
+WIDE = 11.0  # inches, before scaling; a wider figure is alone in its row of the page
 Panels = Any
 """Axes of matplotlib, or an array of them."""
 

@@ -15,7 +15,7 @@ from impact_gym.physics import impact
 
 Array = NDArray[np.float64]
 Numbers = dict[str, Any]
-"""Numbers, arrays or words that the statements about a figure name."""
+"""Numbers, arrays or words by the name that the statements about a figure use."""
 WIDTH = 1e-6  # width of an interval of `enclose_changes`, in the unit of the parameter
 
 
@@ -96,7 +96,7 @@ class Run:
     def running_impulse(self) -> tuple[Array, Array]:
         """Return the time since the first contact began (s) and the impulse of the coupling so far (N s; eq. 21).
 
-        Computed by the trapezoidal rule during contacts; between contacts the impulse is constant.
+        During contacts the force is integrated by the trapezoidal rule; between contacts the impulse is constant.
         """
         time, force, contact = self.trace.time, self.trace.coupling_force, self.contact
         within = (contact[1:] > 0) & (contact[1:] == contact[:-1])
@@ -112,5 +112,5 @@ class Run:
 
 
 def runs_of(frame: pl.DataFrame) -> tuple[Run, Run]:
-    """Return the cases a and b."""
+    """Return the runs of the cases "a" and "b"."""
     return Run(frame, "a"), Run(frame, "b")

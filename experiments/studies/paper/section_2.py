@@ -24,7 +24,7 @@ OF_MASSES = (0.0, 0.25, 0.5, 0.75, 1.0)  # restitutions of Fig. 3
 MASSES = np.logspace(-2.0, 1.0, 121)  # kg
 STIFFNESS, RESTITUTION = 1e5, 0.5  # contact of Fig. 5
 STIFFNESSES = np.logspace(3.0, 6.0, 25).tolist()  # N/m^1.5
-RESTITUTIONS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)  # as given to eq. 7
+RESTITUTIONS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)  # nominal: arguments of eq. 7
 CUT = 1e5  # N/m^1.5, stiffness at which more restitutions are simulated
 CUT_RESTITUTIONS = np.round(np.arange(0.05, 1.0001, 0.025), 3)
 VANISHING = (0.05, 0.02, 0.01, 0.005)  # restitutions below those of the curves
@@ -124,7 +124,7 @@ def _numbers_figure_05(frame: pl.DataFrame) -> Numbers:
 def _sweep(pairs: Iterable[tuple[float, float]]) -> list[Row]:
     """Simulate the fixed and the free tool for every pair of contact stiffness and restitution.
 
-    The free tool is simulated as in Fig. 5. The impulse on the object of reduced mass is that on the free object.
+    The free tool is simulated as in Fig. 5: the impulse on an object of the reduced mass equals that on the real one.
     """
     rows: list[Row] = []
     for stiffness, restitution in pairs:

@@ -28,7 +28,7 @@ COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
 SETTLED_STIFFNESSES = COUPLING_STIFFNESSES[::5]  # N/m
 SETTLED = 4.0  # m, distance at which the swing from the acceleration has decayed at every k_t
 CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m: fixed along a curve
-RESTITUTION = 0.1  # of Fig. 18 to 20
+RESTITUTION = 0.1  # restitution in Fig. 18 to 20
 INELASTIC = {"a": decoupled(1e5, RESTITUTION, 150.0), "b": decoupled(1e3, RESTITUTION, 150.0)}  # Fig. 19 and 20
 
 
@@ -89,7 +89,7 @@ def _rising_from(frame: pl.DataFrame) -> Array:
 
 
 def _places(holds: NDArray[np.bool_]) -> str:
-    """Return the number of points of the grid at which a condition holds, and the range in which it fails, in words."""
+    """Return in words at how many values of k_t a condition holds, and the range of k_t in which it fails."""
     broken = COUPLING_STIFFNESSES[~holds]
     where_not = f"; not at {broken.min():g} to {broken.max():g} N/m" if broken.size else ""
     return f"holds at {holds.sum()} of {holds.size} values of k_t{where_not}"
@@ -172,7 +172,7 @@ def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
     return {
         "a": a, "b": b, "peaks": [len(find_peaks(run.trace.contact_force, 0.1 * run.peak_force)[0]) for run in runs],
         "lag": -stretch.min(), "ahead_most": stretch.max(),
-        "faster_share": 100 * np.mean(ahead > 0.0),  # the trace has a point a millisecond in flight
+        "faster_share": 100 * np.mean(ahead > 0.0),  # in flight the trace has one point per millisecond
         "faster_most": ahead.max(), "faster_last": ahead[-1],
         "compressions": [values.max() for values in compressions], "reached": reached,
         "restitution_error": max(abs(run.restitution - 1.0) for run in runs),

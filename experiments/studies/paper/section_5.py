@@ -86,9 +86,9 @@ def _numbers_figure_23(frame: pl.DataFrame) -> Numbers:
     first_phase = (time >= time[touch]) & (time < snap)
     slowed = int(np.argmax(first_phase & (tool <= 0.4)))
     settling = first_phase & (time >= time[slowed])  # between 0.4 m/s and the alignment
-    steady = settling & np.append(np.diff(time) > 0.0, False)  # the trace has events twice
+    steady = settling & np.append(np.diff(time) > 0.0, False)  # the trace has two points at an event
     rate = np.abs(np.diff(tool)[steady[:-1]] / np.diff(time)[steady[:-1]])
-    plateau = tool[steady][np.argmin(rate)]  # m/s, where the velocity changes least
+    plateau = tool[steady][np.argmin(rate)]  # m/s, tool velocity where it changes least
     at_stop = int(np.argmax((time > snap) & (x <= MECHANISM.rear_stop)))
     ahead = np.abs(tool - trace.flange_velocity)
     gap = (trace.object_position - trace.tool_position)[np.flatnonzero(run.contact)[-1] + 1 :]

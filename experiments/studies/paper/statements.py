@@ -1,4 +1,4 @@
-"""Statements of the paper, our results, and verdicts by stated rules.
+"""Compares statements of the paper with our results, and judges them by stated rules.
 
 Our number agrees with a printed number to n digits if it differs by at most half a unit of the n-th significant digit.
 If the text says 'about', it may differ by one unit of the last printed digit. A trend or a comparison has its own rule.
@@ -145,10 +145,10 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
 
 
 def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> pl.DataFrame:
-    """Judge all statements about the measured figures; return a row for each, as `judge` does.
+    """Judge all statements about the figures in `numbers`; return a row for each, as `judge` does.
 
     Args:
-        numbers: numbers of each measured figure.
+        numbers: numbers of each figure that was computed, by the figure's name.
         statements: by FIGURE.KEY. A statement with `agree` is left out if a statement named there is not judged.
     """
     found = dict[str, dict[str, Any]]()

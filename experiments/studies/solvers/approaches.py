@@ -30,7 +30,7 @@ RANGES = {
     "damping ratio": (0.0, 3.0),  # of a spring and damper or of a stop
     "deceleration": (0.5, 50.0),  # m/s^2, of the brake
 }
-"""The ranges that the storm must cover."""
+"""Random numbers of a scene, with the ranges that the storm must cover."""
 OTHERS = {
     "tool mass": (0.01, 10.0),  # kg
     "acceleration": (0.5, 50.0),  # m/s^2
@@ -174,7 +174,7 @@ def storm(number: int) -> Approach:
 
 
 def roughened(smooth: ig.Scene, acceleration: float, draw: _Draw) -> ig.Scene:
-    """Return the scene with friction, fixed damping and limited travel of its spring, each with probability ROUGH."""
+    """Add friction, fixed damping and limited travel of the spring to a scene, each with probability ROUGH."""
     target, contact, coupling = smooth.object, smooth.contact, smooth.coupling
     if draw.share(0, 1) < ROUGH:
         target = replace(target, friction=draw.value("friction"))

@@ -70,7 +70,7 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
 
 
 def contacts_alone(approach: Approach, rtol: float) -> float:
-    """Return our processor time of all contacts (s): runs up to the end of each less runs up to its start."""
+    """Return our processor time of all contacts (s): that of runs up to each end less that up to each start."""
     marks = [
         mark
         for contact in ig.simulate(*approach.run, rtol).contacts
@@ -105,7 +105,7 @@ def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Ro
         seconds, contacts = seconds / calls, contacts / calls
         if name == OURS:
             contacts = contacts_alone(approach, setting)
-    except Exception as problem:  # of any kind: a failure is a result here
+    except Exception as problem:  # any error: that a contender fails is a result here
         return {
             "microseconds": math.inf, "failure": f"{GAVE_UP}: {type(problem).__name__}: {problem}".replace("\n", " ")
         }  # fmt: skip
@@ -120,7 +120,7 @@ def timed(approach: str, truth: Mapping[str, Any], settings: Sequence[tuple[str,
     In each round all settings are timed in turn.
     """
     found, true, load = approach_of(approach), Solution(**truth), os.getloadavg()[0]
-    solved(found, OURS, 1e-8)  # loads what the first call loads, before anything is timed
+    solved(found, OURS, 1e-8)  # a first call, which loads modules and tables, before anything is timed
     rows: dict[tuple[str, float], Row] = {}
     for _ in range(rounds):
         for contender, setting in settings:

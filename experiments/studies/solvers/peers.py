@@ -32,7 +32,7 @@ def heyoka(kind: int, touching: bool, tolerance: float) -> Advance:
 
     def advance(state: list[float], parameters: list[float], limit: float) -> tuple[str, list[float]]:
         nonlocal held
-        if state is not held:  # otherwise it continues behind an event, which must not be found again
+        if state is not held:  # else it continues after an event, which must not be found again
             integrator.time, integrator.state[:] = 0.0, state
             integrator.reset_cooldowns()
         integrator.pars[:] = parameters[: len(integrator.pars)]

@@ -27,7 +27,7 @@ GAUGES = ("touching", "peak", "pressed", "alarm", "cut", "alignment", "front_on"
 DIRECTIONS = (1, -1, 0, 1, 1, 0, 1, 0, 1, 0)  # 1: the gauge rises through zero; -1: it falls; 0: either
 FOREVER = 1e6  # limit of a contact in its own units; an event ends it before
 BESIDE = 1e-20  # penetration at which a piece begins: an event at exactly zero might be missed
-ROUNDING = 1e-12  # m, of the slider's position
+ROUNDING = 1e-12  # m, rounding of the slider's position
 Advance = Callable[[list[float], list[float], float], tuple[str, list[float]]]
 """Integrates from a state (STATE) with parameters (PARAMETERS) to the first event, or to a limit of the independent
 variable. Returns the event's name ("cut" at the limit) and the state there."""

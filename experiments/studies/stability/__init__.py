@@ -1,7 +1,7 @@
 """`impact-gym study stability`: robustness on 10,000 random scenes.
 
     `storm`     a row for each scene: our run, and physical checks of it
-    `promises`  what is promised of these runs, and whether it is kept; agreement with the independent solver
+    `promises`  promises about these runs, and whether they are kept; agreement with the independent solver
 
 A scene on which a solver hangs or crashes has a row, too.
 """

@@ -19,9 +19,9 @@ class Promise(NamedTuple):
     """A promise about rows of the storm. A row in which the number is missing breaks it."""
 
     text: str
-    number: pl.Expr  # shown of each row that breaks it
+    number: pl.Expr  # shown for each row that breaks the promise
     kept: pl.Expr
-    about: pl.Expr = FINISHED  # rows to which it applies
+    about: pl.Expr = FINISHED  # rows to which the promise applies
 
     def broken(self, rows: pl.DataFrame) -> pl.DataFrame:
         """Return scene, promise, reason and description of the rows that break the promise."""
@@ -80,7 +80,7 @@ def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
     known = truths.filter(FINISHED).select(
         "scene", true_velocity="velocity", true_contacts="contacts", true_passes="passes"
     )
-    size = pl.max_horizontal(pl.col("true_velocity").abs(), 1e-6 * pl.col("speed"))  # at rest only rounding is left
+    size = pl.max_horizontal(pl.col("true_velocity").abs(), 1e-6 * pl.col("speed"))  # V_p = 0: only rounding is left
     error = (pl.col("object_velocity") - pl.col("true_velocity")).abs() / size
     alike = (pl.col("velocity_error") <= AGREEMENT) & (pl.col("passes") == pl.col("true_passes"))
     numbers = [

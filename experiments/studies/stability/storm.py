@@ -8,7 +8,7 @@ force, the contact force is F = M (a - delta''), so the contact takes from the b
 This must not be negative: a finished contact has returned less than it took, and an unfinished one still stores some.
 The first term is known to rounding from a `ContactRecord`. The second is a sum over the points of a `Trace`. There M a
 follows from the velocities at two points and from friction, so that a may jump. The doubt of the sum is its change when
-every second point is left out. If the tool is fixed to a robot whose mass varies, M varies with it.
+every second point is left out. If the tool is fixed to a robot whose mass varies, M varies, too.
 
 Friction decelerates the object by at most mu g: the contact's impulse may exceed the object's gain in momentum by the
 impulse of friction.
@@ -31,7 +31,7 @@ from experiments.studies.solvers.contenders import limited
 from experiments.studies.solvers.solutions import Solution
 from impact_gym.physics.impact import GRAVITY
 
-NEVER = 1e6  # s, end of an unfinished contact
+NEVER = 1e6  # s, stands for the end of an unfinished contact
 AGAIN_OVER = 20.0  # ms: a longer run is repeated, so that what is loaded at first use does not count
 LONGEST_TRACE = 50_000  # steps; a longer trace would fill the memory
 FINER = 1e-10  # rtol of a second run of each scene with a trace
@@ -154,7 +154,7 @@ def _worst(*values: float) -> float:
 
 
 def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple[float, float]:
-    """Return the energy that a contact has created, and its doubt, over all energy exchanged in it."""
+    """Return the energy that a contact has created, and its doubt, both divided by all energy exchanged in it."""
     first = int(np.searchsorted(trace.time, contact.start, side="right")) - 1
     last = np.searchsorted(trace.time, math.inf if contact.end is None else contact.end, side="left")
     inside = slice(first, int(last) + 1)
