@@ -35,8 +35,7 @@ NEAR = 0.005  # s, largest difference between the mean approach time of the pape
 MOST_TRIED = 8  # most time weights that `tune_at_rule_time` adds to a baseline
 LEAST_WEIGHT, LARGEST_WEIGHT = 0.125, 32.0  # m/s per s, limits of the observed time weight
 LOCK = ".lock"  # name of a file in the folder of the tuned baselines
-CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}
-"""Arguments that give an environment an alarm without errors."""
+CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}  # an alarm without errors
 SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")
 """Sources on which the result of a search depends."""
 

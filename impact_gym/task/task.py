@@ -101,14 +101,16 @@ class Task:
 
     def __post_init__(self) -> None:
         drawn: dict[str, Range] = {}
+        optional = [name for name in ARGUMENTS if getattr(Task, name) is None]  # other arguments must not be None
+        checked = [name for name in ARGUMENTS if name not in optional or getattr(self, name) is not None]
         self._put("scenario", ScenarioRanges.of(self.scenario))
         for name, kinds in PARTS.items():
-            if self._is_given(name):
+            if name in checked:
                 record, ranges = ranged_record(name, getattr(self, name), kinds)
                 self._put(name, record)
                 drawn |= ranges
         for row in SET_UP:
-            if "." not in row.id and self._is_given(row.id):
+            if row.id in checked:
                 low, high = row.interval(getattr(self, row.id))
                 self._put(row.id, row.middle(low, high))
                 drawn |= {row.id: (low, high)} if low < high else {}
@@ -198,10 +200,6 @@ class Task:
         if self.max_episode_steps is not None:
             self._put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
             number("max_episode_steps", self.max_episode_steps, "-", at_most=MOST_STEPS)
-
-    def _is_given(self, name: str) -> bool:
-        """Return whether an argument has a value to check: None is allowed only where it is the default."""
-        return getattr(self, name) is not None or getattr(Task, name) is not None
 
     def _check_reach(self) -> None:
         """Refuse a range of objects all out of reach; warn if a part is, and if a stroke is too short."""
