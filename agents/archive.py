@@ -1,4 +1,7 @@
-"""Archives of arrays and JSON with a checksum, the file format of policies and checkpoints. Reading runs no code."""
+"""Read and write archives: arrays and JSON in one file with a checksum, the file format of policies and checkpoints.
+
+Reading an archive runs no code from it.
+"""
 
 import hashlib
 import io
@@ -23,7 +26,7 @@ DAMAGE = (
     *(ArithmeticError, AttributeError, EOFError, LookupError, MemoryError, OSError, RuntimeError, SyntaxError),
     *(TypeError, ValueError, tokenize.TokenError, zipfile.BadZipFile, zlib.error, struct.error),
 )
-"""Errors that reading another kind of file, or a damaged archive, may raise."""
+"""Errors that `load` may raise if a file is damaged or is not an archive."""
 
 
 def write_archive(path: Path, kind: str, content: Mapping[str, Any], arrays: Arrays) -> None:
@@ -39,7 +42,7 @@ def save(file: IO[bytes], kind: str, content: Mapping[str, Any], arrays: Arrays)
 
 
 def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of an archive; ValueError: the file is no archive of this kind, or is damaged."""
+    """Return content and arrays of an archive; ValueError: the file is damaged, or its format is not `kind`."""
     try:
         with path.open("rb") as file:
             return load(file, kind)
@@ -52,15 +55,16 @@ def load(file: IO[bytes], kind: str) -> tuple[dict[str, Any], dict[str, NDArray[
     """Return content and arrays of an archive in an open file.
 
     Raises:
-        DAMAGE: the file is no archive of this kind, or is damaged.
+        DAMAGE: the file is damaged, or its format is not `kind`.
     """
     size = file.seek(0, io.SEEK_END)
     with NpzFile(file, allow_pickle=False) as archive:
-        parts = archive.zip.infolist()  # type: ignore[union-attr]  # it is None once closed
+        parts = archive.zip.infolist()  # type: ignore[union-attr]  # None after closing
         if (unpacked := sum(part.file_size for part in parts)) > size:
             raise ValueError(f"it would unpack from {size:,} to {unpacked:,} bytes")
+        # a small compressed part could unpack to any size
         if packed := [part.filename for part in parts if part.compress_type != zipfile.ZIP_STORED]:
-            raise ValueError(f"{shown(packed[0])} is compressed; an archive is not")  # unpacking may ask for any memory
+            raise ValueError(f"{shown(packed[0])} is compressed; an archive is not")
         header = json.loads(str(archive["header"]))
         if header["format"] != kind:
             raise ValueError(f"its format is {header['format']!r}, this version reads {kind!r}")

@@ -29,7 +29,7 @@ class Check:
     """Check a set-up and print what follows from it."""
 
     setup: tyro.conf.Positional[str]
-    """A name or a file."""
+    """Set-up, by name or file."""
     picture: Path | None = None
     """File for the picture of the chain, a PNG to scale. Needs the extra `render`. Default: reports/setups/NAME.png."""
 
@@ -41,9 +41,10 @@ def _spread(values: Sequence[float], form: str = ".3g") -> str:
 
 
 def lag(task: Task) -> float:
-    """Return the tool's lag behind the imposed motion at full acceleration, m, in equilibrium.
+    """Return how far (m) the tool lags behind the imposed motion at full acceleration, once vibrations have decayed.
 
-    It is the sum for coupling and robot of the force on the masses that the spring accelerates, over its stiffness.
+    It is the sum of two deflections, of the coupling and of the robot: acceleration times the mass that the spring
+    accelerates, divided by the stiffness.
     """
     spring = task.tool_mass / task.coupling.stiffness if isinstance(task.coupling, SpringDamper) else 0.0
     arm = (task.robot.mass + task.tool_mass) / task.robot.stiffness if task.robot else 0.0

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 Options = TypeVar("Options")
-LINE_EVERY = 30.0  # s, between lines about progress in a log
+LINE_EVERY = 30.0  # s, time between two lines about progress in a log
 FORM = "{desc}: {n_fmt} of {total_fmt} after {elapsed}, {remaining} left"
 
 
@@ -33,9 +33,10 @@ def run_command(
 def read_command(
     name: str, options: type[Options], arguments: Sequence[str] | None = None, default: Options | None = None
 ) -> Options:
-    """Return the options that `arguments` give, the words after `impact-gym NAME`; default: those of this process.
+    """Return the options in `arguments`, the words after `impact-gym NAME`; None: the arguments of this process.
 
-    The help shows SETUP, NAME, NUMBER and PATH instead of types.
+    `default` replaces the default values of the dataclass. The help shows SETUP, NAME,
+    NUMBER and PATH instead of types.
     """
     import tyro  # not needed to play
     from tyro import constructors
@@ -43,7 +44,7 @@ def read_command(
     registry, inside = constructors.ConstructorRegistry(), list[object]()
 
     def of_tyro(look_up: Callable[[Any], Any], info: object) -> Any:
-        """Return the specification that tyro would use; it asks the two rules below again, which then return None."""
+        """Return the specification that tyro would use; while tyro looks it up, the two rules below return None."""
         if inside:
             return None
         inside.append(info)
@@ -53,7 +54,7 @@ def read_command(
 
     @registry.primitive_rule
     def plain_words(info: constructors.PrimitiveTypeInfo) -> constructors.PrimitiveConstructorSpec[Any] | None:
-        """Read a value as tyro does; in the help "PATH" stands for "{None}|PATH", "NAME ..." for "[STR [STR ...]]"."""
+        """Read a value as tyro does; the help has "PATH" for "{None}|PATH", and "NAME ..." for "[STR [STR ...]]"."""
         spec = of_tyro(registry.get_primitive_spec, info)
         if not isinstance(spec, constructors.PrimitiveConstructorSpec):
             return None
@@ -111,7 +112,8 @@ def command_line(name: str, after: str = "the same command continues") -> Iterat
 def command_of(name: str, options: Any, default: Any = None, *first: str) -> str:
     """Return the command line `impact-gym NAME ...` from which `read_command` reads `options`.
 
-    Options that equal those of `default` are left out; without `default`, those that equal their own defaults. The
+    Options that equal those of `default` are left out; without `default`, options with the
+    default value of their dataclass. The
     words in `first` come before the options.
     """
     positional, named = _words(options, default)

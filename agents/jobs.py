@@ -1,9 +1,9 @@
-"""Independent calls in parallel, on this machine or on a Ray cluster, with stored results; their bits never differ.
+"""Run independent calls in parallel, on this machine or on a Ray cluster, and store their results.
 
-`cached` calls a function once for each of many arguments. The calling process stores each result at once with
-joblib.Memory. So a command that was stopped, even killed, continues when it is run again, and the nodes of a cluster
-need no common disk. Stored results are pickles, and reading a pickle can run code: give `cached` only a folder that
-`cached` has written, for the same user.
+A result has the same bits wherever it is computed. `cached` calls a function once for each of many arguments. The
+calling process stores each result at once with joblib.Memory. So a command that was stopped, even killed, continues
+when it is run again, and the nodes of a cluster need no common disk. Stored results are pickles, and reading a pickle
+can run code: give `cached` only a folder that `cached` has written, for the same user.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ from impact_gym.files import DiskFullError, writing
 from impact_gym.validation import WrongTypeError, number, whole
 
 Workers = Callable[[Sequence[Call]], Answers]
-SHOWN = 10  # failed calls that an error names
+SHOWN = 10  # number of failed calls that the error lists
 
 
 class JobsFailedError(RuntimeError):
@@ -62,12 +62,13 @@ def cached(
             address.
         seconds: time limit of a call by the clock, without the start of its process. A call that exceeds it fails, and
             its process is ended. Not allowed on a cluster; without effect if `processes` is 0.
-        failed: function from the arguments of a failed call and the reason to a replacement for its result. The
-            failure is stored, and the call is not repeated.
+        failed: function that gets the arguments of a failed call and the reason, and returns a replacement for the
+            result. The failure is stored, and the call is not repeated.
         done: function that this process calls with index and result of each call, stored results first.
 
     Raises:
-        JobsFailedError: without `failed`, after all other calls: calls raised, took too long or lost their process.
+        JobsFailedError: `failed` is None, and calls raised an error, took too long or lost their process. It is raised
+            after all other calls.
         DiskFullError: the disk has no room for a result, or for a file that a call writes.
         RuntimeError: there is no such cluster, or Ray is not installed.
         TypeError, ValueError: other processes cannot import the function, or it does not take the arguments.
@@ -89,7 +90,7 @@ def cached(
         for call, pickled in answers:
             bar.update(len(places[call]))
             for place in places[call]:
-                result = pickle.loads(pickled)  # equal calls each get a copy
+                result = pickle.loads(pickled)  # calls with equal arguments each get a copy
                 if isinstance(result, Failure):
                     if failed is None:
                         failures[call] = result
@@ -127,7 +128,7 @@ def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: s
     if module == "__main__":  # a command runs a module as a script
         module = getattr(sys.modules["__main__"].__spec__, "name", "")
     if not module or not name.isidentifier():
-        raise ValueError(f"function {name} is not importable elsewhere: put it into a module, at its top level")
+        raise ValueError(f"other processes cannot import the function {name}: put it into a module, at its top level")
     try:
         inspect.signature(function).bind(**arguments)
         return Call(f"{module}:{name}", json.dumps(arguments, sort_keys=True), depends, json.dumps(arguments))
@@ -159,7 +160,7 @@ class _Store:
         return None
 
     def write(self, call: Call, pickled: bytes) -> None:
-        """Store a result, whole or not at all."""
+        """Store a result atomically."""
         from joblib.memory import CacheWarning
 
         with writing(f"a result of {call.function} into {self._folder}"), warnings.catch_warnings():

@@ -31,12 +31,11 @@ from impact_gym.validation import distinct, nearest, number, whole
 SETUPS = shipped()
 BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1
 BOUND_RTOL = 1e-5  # tolerance of the simulation during the search; the error of V_p is below 1e-6 m/s
-NEAR = 0.005  # s, largest difference between the rule's mean approach time and the two times that enclose it
-MOST_TRIED = 8  # largest number of further weights for each baseline
+NEAR = 0.005  # s, largest difference between the mean approach time of the paper's rule and those that enclose it
+MOST_TRIED = 8  # most time weights that `tune_at_rule_time` adds to a baseline
 LEAST_WEIGHT, LARGEST_WEIGHT = 0.125, 32.0  # m/s per s, limits of the observed time weight
 LOCK = ".lock"  # name of a file in the folder of the tuned baselines
-CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}
-"""Arguments of an environment whose alarm has no errors."""
+CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}  # an alarm without errors
 SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")
 """Sources on which the result of a search depends."""
 
@@ -61,10 +60,10 @@ class Tune:
     """Seed of the search."""
     bound: bool = False
     """Also search the best approach of a controller that knows the object, unless the set-up uses the bound of another
-    one."""
+    set-up."""
     at_rule_time: bool = False
-    """Tune for further weights until two mean approach times enclose the time of the paper's rule, both within 5 ms, so
-    that the front can be read at the rule's time."""
+    """Add time weights until one has a mean approach time that is up to 5 ms longer than the paper's rule's, and one up
+    to 5 ms shorter, so that the baseline's V_p at the rule's time can be interpolated."""
     processes: int = 2
     """Number of parallel searches on this machine, each on one core; 0: search in this process."""
     cluster: str | None = None
@@ -143,14 +142,14 @@ def tune(options: Tune) -> list[Path]:
 
 
 def next_weight(times: Mapping[float, float], target: float) -> float | None:
-    """Return the next time weight (m/s per s) to tune, until two approach times enclose `target` (s) within NEAR.
+    """Return the time weight (m/s per s) to tune next, so that two approach times enclose `target` (s) within NEAR.
 
     Args:
         times: mean approach time (s) at each weight; a larger weight has a shorter time.
         target: s.
 
     Returns:
-        None: two times enclose the target, or no further weight can be tried.
+        None: two times within NEAR enclose the target, or no other weight can be tried.
     """
     weights = sorted(times)
     gaps = [times[weight] - target for weight in weights]
@@ -160,21 +159,21 @@ def next_weight(times: Mapping[float, float], target: float) -> float | None:
         weight = 1.5 * weights[-1]
     elif (sooner := -max(gap for gap in gaps if gap <= 0.0)) <= NEAR and min(gap for gap in gaps if gap > 0.0) <= NEAR:
         return None
-    else:  # between neighbours where the front crosses the target
+    else:  # interpolate between two neighbouring weights whose times enclose the target
         place = next((k for k, gap in enumerate(gaps[:-1]) if gap > 0.0 >= gaps[k + 1]), None)
-        if place is None:  # the time increases with the weight
+        if place is None:  # the target is only crossed where the time increases with the weight
             return None
         pair, ends = [gaps[place + 1], gaps[place]], [weights[place + 1], weights[place]]
-        aim = math.copysign(0.6 * NEAR, NEAR - sooner)  # first a shorter time
+        aim = math.copysign(0.6 * NEAR, NEAR - sooner)  # first aim at a time below the target
         weight = math.exp(np.interp(aim, pair, np.log(ends)))
         if min(abs(math.log(weight / end)) for end in ends) < 0.1 * math.log(ends[0] / ends[1]):
-            weight = math.sqrt(ends[0] * ends[1])  # the front is steep or has a gap there
+            weight = math.sqrt(ends[0] * ends[1])  # too near a tuned weight, as times change steeply: bisect
     weight = float(f"{weight:.3g}")
     return weight if LEAST_WEIGHT <= weight <= LARGEST_WEIGHT and weight not in times else None
 
 
 def tune_at_rule_time(options: Tune) -> None:
-    """Tune each baseline for further weights, see `Tune.at_rule_time`, and keep all of them."""
+    """Tune each baseline for more time weights, see `Tune.at_rule_time`; its file keeps the results of all weights."""
     for name, setup in options.baselines().items():
         batch = ScenarioBatch.of("validation", task=setup.task, threads=1)
         target = float(batch.play(PaperTrapezoid().for_task(setup.task)).approach_time.mean())
@@ -232,7 +231,7 @@ def tune_one(
 
 
 def scores(rule: Rule, weight: float) -> dict[str, float]:
-    """Return the means over the validation set, and the number of missed objects."""
+    """Return a rule's mean loss, V_p and approach time on the validation set, and the number of missed objects."""
     played = ScenarioBatch.of("validation", task=rule.task, time_weight=[weight], threads=1).play(rule)
     means = {name: float(getattr(played, name).mean()) for name in ("object_velocity", "approach_time")}
     return {"loss": float(played.loss(weight).mean()), **means, "missed": int(played.missed.sum())}

@@ -1,8 +1,8 @@
 """Workers that run independent calls: processes of this machine or nodes of a Ray cluster; see `agents.jobs`.
 
-Processes come from pebble, which can end a late call, and for which a lost process fails only its own call. joblib's
-pool, loky, starts in 2.6 s instead of 0.9 s, and one lost process ends all calls. joblib's Ray backend returns all
-results at the end: a killed command would lose them.
+The processes are started by pebble: it can end a call that takes too long, and if a process dies, only its own call
+fails. joblib's pool, loky, starts in 2.6 s instead of 0.9 s for pebble, and if one process dies, all calls end.
+joblib's Ray backend returns results only after the last call: a killed command would lose all of them.
 """
 
 import json
@@ -26,7 +26,7 @@ from agents.provenance import origin_of
 from impact_gym.files import DiskFullError
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-"""Environment variables of workers. One thread each: the rounding of sums must not depend on the number of cores."""
+"""Environment variables that give a worker one thread: the rounding of sums must not depend on the number of cores."""
 
 
 class Failure(NamedTuple):
@@ -43,7 +43,7 @@ class Call:
     function: str
     arguments: str  # with sorted keys
     depends: str
-    given: str = field(default="", compare=False)  # the arguments in their own order
+    given: str = field(default="", compare=False)  # arguments as JSON, in the order of the caller
 
 
 Answers = Generator[tuple[Call, bytes], None, None]
@@ -57,7 +57,9 @@ def perform(call: Call, versions: Mapping[str, str]) -> bytes:
     """
     try:
         if (here := {name: version(name) for name in versions}) != versions:
-            raise RuntimeError(f"the node has {here}, the calling process {versions}: install the same on all")
+            raise RuntimeError(
+                f"the node has {here}, the calling process {versions}: install the same versions on all nodes"
+            )
         with warnings.catch_warnings(action="ignore", category=UserWarning):  # the calling process has warned already
             result = pkgutil.resolve_name(call.function)(**json.loads(call.given or call.arguments))
         return pickle.dumps(result, protocol=5)

@@ -1,4 +1,4 @@
-"""The command `impact-gym`: each name runs a module, which reads its own arguments.
+"""The command `impact-gym NAME`: each name runs a module, which reads its own arguments.
 
 Packages that a command needs are looked for first. If some are not installed, the command says so in one line.
 """
@@ -89,7 +89,7 @@ def main() -> None:
         remedy = f"pip install 'impact-gym[{','.join(command.extras)}]'"
         sys.exit(f"impact-gym {name} needs {', '.join(absent)}: {remedy}")
     sys.argv[1:] = arguments
-    sys.path.append("")  # for `module:object` of the report; last, as users often have a folder `experiments`
+    sys.path.append("")  # for the report's `module:object`; last, as users may have their own folder `experiments`
     runpy.run_module(command.module, run_name="__main__", alter_sys=True)
 
 

@@ -39,7 +39,7 @@ class ControllerOptions:
     """A first look in a few minutes: less tuning, three seeds of a million steps, 200 scenarios. Use another folder
     than for the full run."""
     processes: int = 2
-    """Tunings and trainings at the same time on this machine; each uses one core."""
+    """Number of parallel tunings and trainings on this machine; each uses one core."""
     time_weight: float | None = None
     """What a second of approach costs, m/s of the object's velocity. The controller with the lowest cost is exported.
     Default: the typical weight of the set-up, 2 unless its file has another."""
@@ -53,10 +53,10 @@ class ControllerOptions:
 def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
     """Return the copy of the set-up's file in `out`, which all stages read.
 
-    The settings in MADE_FOR must not change between runs; texts, rivals, the bound and the variations may.
+    The settings in MADE_FOR must not change between runs; all other parts of the file may change.
 
     Raises:
-        ValueError: the folder holds other files or results of other settings.
+        ValueError: the folder holds other files, or results of other settings.
     """
     copy, sign = out / f"{setup.path.stem}.toml", out / "quick"
     if out.exists() and not out.is_dir():

@@ -44,7 +44,7 @@ PLAYERS = {
 SEED = 70_000_000  # of the first episode; training, tuning and evaluation use other seeds
 ROOT = "MINARI_DATASETS_PATH"
 Players = Callable[[float], Controller]
-"""A controller for the time weight of an episode, m/s per s."""
+"""Function from the time weight of an episode, m/s per s, to the controller that plays it."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class DatasetOptions:
     episodes: Annotated[int, arg(metavar="N")] = 1000
     """Episodes of each player."""
     seed: Annotated[int, arg(metavar="N")] = SEED
-    """Seed of the first episode; the others follow."""
+    """Seed of the first episode; each next episode has the next seed."""
     operator: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: make a dataset)")] = None
     """Write an operator that replays a random try in each episode, as TOML for a set-up's [environment]."""
     include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
@@ -104,14 +104,14 @@ def players(name: str, setup: Setup) -> Players:
         spec = {"tuned": read_tuned(tuned, setup.folder / "tuned", setup if tuned in setup.tuned else None)}
     else:
         names = ", ".join(dict.fromkeys((*PLAYERS, *setup.tuned, *FIXED)))
-        raise ValueError(f"who must be of {names}, another tuned baseline or module:object, got {name!r:.80}")
+        raise ValueError(f"who must be one of {names}, another tuned baseline or module:object, got {name!r:.80}")
     return lambda weight: controller_of(spec, weight, setup.task)
 
 
 def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], play: Players) -> EpisodeBuffer:
     """Play an episode and return it. Its options hold the full record, so a reset with them repeats the episode.
 
-    The infos of each step are those of `sensors` in SI units, and the current values of the final info.
+    The infos of each step are the values of `sensors` in SI units, and those of `episode_info` at this step.
     """
     bare: Any = env.unwrapped
 
@@ -224,7 +224,7 @@ def check(name: str) -> int:
     """Replay a dataset of Minari; return the number of its episodes.
 
     Raises:
-        ValueError: the dataset is missing, or its replay differs; says where.
+        ValueError: the dataset is missing, or its replay differs; the message says where.
     """
     if not get_dataset_path(name).is_dir():
         known = ", ".join(minari.list_local_datasets()) or "none"

@@ -31,7 +31,7 @@ HAND = {
     "friction": 0.3, "uplink": {"delay": 0.1}, "downlink": {"delay": 0.1},
     "operator": {"type": "Trapezoid", "speed": 0.4},
 }  # fmt: skip
-"""A steady hand with 200 ms of delay (both ways), which stops as soon as it can once it sees the touch."""
+"""A steady hand with 200 ms of delay (100 ms each way), which stops as soon as it can once it sees the touch."""
 SHIPPED = Path("docs/films")
 SECONDS, HOLD, RATE = 6.0, 2.0, 20  # s of motion, s for which the result stays, pictures per s
 AFTER = 0.25  # s, shown after the last touch
@@ -45,7 +45,7 @@ ABOUT = {
     "brake": "the arm itself stops the tool at the touch",
 }
 """What each controller does, in a line below its name."""
-EFFORT = 80  # of 100, to compress a film without losses
+EFFORT = 80  # 0 to 100, effort of the lossless compression
 
 
 class Row(NamedTuple):
@@ -126,7 +126,7 @@ class Films:
 
 
 def instants(runs: list[Run]) -> Iterator[tuple[float, float]]:
-    """Yield instant (s) and slow-motion factor of each picture: the largest factor of all runs, SECONDS in all."""
+    """Yield time (s) and slow-motion factor of each picture: the largest factor of all runs, scaled to last SECONDS."""
     touches = [run.contacts[0][0] for run in runs if run.contacts]
     end = min(max(run.history.now for run in runs), max(touches, default=np.inf) + AFTER)
     if runs[0].history.task.operator:
@@ -183,7 +183,7 @@ def _draw(canvas: Canvas, row: Row, run: Run, view: chain.Camera, time: float, s
 
 
 def film(rows: tuple[Row, ...]) -> bytes:
-    """Return a film of these rows as WebP, which repeats."""
+    """Return a film of these rows as WebP, which plays in a loop."""
     first, *rest = pictures(rows)
     lengths = [round(1000 / RATE)] * len(rest) + [round(1000 * HOLD)]
     file = io.BytesIO()

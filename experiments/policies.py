@@ -1,4 +1,4 @@
-"""Cards of policies: `impact-gym policies [NAME ...]`."""
+"""Print a card for each policy, with purpose, failures and results: `impact-gym policies [NAME ...]`."""
 
 import argparse
 from collections.abc import Iterator, Sequence
@@ -35,7 +35,7 @@ def card(name: str) -> Iterator[str]:
 
 
 def _mean(values: Sequence[float]) -> str:
-    """Return the mean over seeds with its interval."""
+    """Return the mean over seeds with its 95 % interval."""
     middle, count = np.mean(values), len(values)
     if count < 2:
         return f"{middle:.3f}"

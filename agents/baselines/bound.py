@@ -1,6 +1,6 @@
-"""The clairvoyant bound: for each scenario, the lowest cost of a controller that knows the scenario.
+"""Files of the clairvoyant bound: for each scenario, the parameters of the `Clairvoyant` rule with the lowest cost.
 
-A search finds it among the rules of one kind, so a controller of another kind could do better.
+`impact-gym tune --bound` searches these parameters. Another kind of controller could reach a lower cost.
 """
 
 from collections.abc import Mapping
@@ -13,18 +13,18 @@ from agents.baselines.rule import Floats
 from agents.setups import TUNED, Setup
 from impact_gym.task import Task
 
-GENERATIONS = 150  # of the search in each scenario
+GENERATIONS = 150  # generations of the search in each scenario
 FORMAT = "impact_gym clairvoyant 2"
 FROZEN = "test"
 
 
 def path_of(setup: Setup, folder: Path = TUNED) -> Path:
-    """Return the path of a set-up's bound."""
+    """Return the path of the file with a set-up's bound."""
     return folder / f"clairvoyant-{setup.name}.npz"
 
 
 def _search_of(setup: Setup, generations: int) -> dict[str, Any]:
-    """Return the settings of a search, which its file keeps."""
+    """Return the settings of a search; the file stores them, and `read_bound` compares them."""
     settings = {"set": FROZEN, "parameters": Clairvoyant.names(), "generations": generations}
     return {"environment": dict(setup.environment), **settings}
 
@@ -39,11 +39,11 @@ def write_bound(
 
 
 def read_bound(setup: Setup, folder: Path = TUNED, generations: int = GENERATIONS) -> dict[float, Floats]:
-    """Return the parameters (scenarios, k) of a set-up's bound by time weight, m/s per s.
+    """Return a set-up's bound: for each time weight (m/s per s) the best parameters (scenarios, k).
 
     Raises:
-        ValueError: the file is missing or damaged, or its search had another environment, other parameters or another
-            length.
+        ValueError: the file is missing or damaged, or the search had another environment, other parameters or another
+            number of generations.
     """
     path, remedy = path_of(setup, folder), f"impact-gym tune {setup.called} --bound"
     try:
@@ -58,7 +58,7 @@ def read_bound(setup: Setup, folder: Path = TUNED, generations: int = GENERATION
 
 
 def bound_of(setup: Setup, folder: Path = TUNED) -> dict[float, Floats]:
-    """Return the parameters (scenarios, k) at each weight of the set-up's evaluation; empty if any is missing."""
+    """Return the best parameters (scenarios, k) at each time weight of the evaluation; empty if one is missing."""
     if not path_of(setup, folder).is_file():
         return {}
     by_weight, weights = read_bound(setup, folder), setup.evaluation.weights

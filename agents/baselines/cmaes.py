@@ -1,6 +1,6 @@
-"""Search for a rule's parameters with CMA-ES. Many problems run side by side, so that one batch plays all candidates.
+"""Search for a rule's parameters with CMA-ES. One batch plays the candidates of all problems.
 
-N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772. He also wrote the package `cma`.
+N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772. The package `cma` is by the same author.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,7 @@ import numpy as np
 from agents.baselines.rule import Floats, Parameter
 
 SIGMA = 0.2
-"""Initial standard deviation over the range of each parameter."""
+"""Initial standard deviation, as a fraction of the range of each parameter."""
 
 Losses = Callable[[Floats], Floats]
 """Function from candidates (population, problems, k) to their losses (population, problems)."""
@@ -29,12 +29,12 @@ def minimise(
     losses: Losses, parameters: tuple[Parameter, ...], problems: int = 1, population: int = 20, generations: int = 150,
     seed: int = 0,
 ) -> Minimum:  # fmt: skip
-    """Search within the limits of `parameters`, from their start values, in each of the `problems` separately.
+    """Search the lowest loss of each problem, from the start values of `parameters` and within their limits.
 
-    Each generation calls `losses` once, with `population` candidates of each problem, until all searches have
-    converged. The result depends on the arguments alone.
+    Each generation calls `losses` once, with `population` candidates of each problem. The search ends after
+    `generations`, or when it has converged for all problems. The result depends on the arguments alone.
     """
-    import cma  # not needed to play
+    import cma  # imported here, as playing a rule does not need it
 
     low, high, start = np.array([(each.low, each.high, each.start) for each in parameters]).T
     best, lowest, generation = np.tile(start, (problems, 1)), np.full(problems, np.inf), 0
@@ -46,7 +46,7 @@ def minimise(
         generation += 1
         shares = [search.ask() for search in searches]
         candidates = low + np.clip(np.moveaxis(np.array(shares), 0, 1), 0.0, 1.0) * (high - low)
-        candidates = np.clip(candidates, low, high)  # rounding
+        candidates = np.clip(candidates, low, high)  # the line above may round beyond the limits
         values = losses(candidates)
         for search, share, value in zip(searches, shares, values.T, strict=True):
             search.tell(share, value.tolist())

@@ -44,21 +44,24 @@ class ConstantSpeed(Rule):
 
 
 class PaperTrapezoid(ConstantSpeed):
-    """The paper's rule: 1 m/s at 8 m/s^2, braked at 8 m/s^2 from the alarm, 16 ms after 1 N (section 3.2)."""
+    """The paper's rule (section 3.2): accelerate at 8 m/s^2 to 1 m/s; at the alarm, brake at 8 m/s^2 to rest.
+
+    In the default environment the alarm comes 16 ms after the contact force reaches 1 N.
+    """
 
     def __init__(self) -> None:
         super().__init__(speed=1.0, acceleration=8.0)
 
 
 class LocalBrake(ConstantSpeed):
-    """The operator's command until the alarm, then a brake at the arm's full deceleration."""
+    """Follow the operator's command until the alarm, then brake to rest at the arm's largest deceleration."""
 
     def __init__(self) -> None:
         super().__init__(VELOCITY_RANGE[1], *ACCELERATION_RANGE[1:], ACCELERATION_RANGE[1])
 
 
 class ConstantGain(Rule):
-    """The operator's command times a constant gain."""
+    """Multiply the operator's command by a constant gain."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {
         "operator": {"type": "Trapezoid"}, "velocity_range": (-0.3, 0.5), "horizon": 8.0, "friction": 0.3,
@@ -69,12 +72,12 @@ class ConstantGain(Rule):
     )
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return the reduced command as a speed (m/s), and the acceleration (m/s^2)."""
+        """Return the gain times the operator's speed (m/s), and the acceleration (m/s^2)."""
         return self["gain"] * np.maximum(np.abs(view["command"]), SLOWEST), self["acceleration"]
 
 
 class OperatorAlone(ConstantGain):
-    """The operator's command, unchanged."""
+    """Follow the operator's command unchanged."""
 
     def __init__(self) -> None:
         super().__init__([1.0, ACCELERATION_RANGE[1]])

@@ -1,8 +1,8 @@
-"""Rules that do not trust the alarm: they detect the touch in the sensors' readings themselves.
+"""Rules that detect the touch from the sensors' readings instead of using the environment's alarm.
 
-If noisy readings raise the alarm (`alarm="reading"`) and the threshold is within their noise, the alarm is on most of
-the time. A detector learns the noise and sums up the readings beyond it: the rule of cumulative sums
-(E. S. Page, Continuous inspection schemes, Biometrika 41, 1954).
+With `alarm="reading"` the noise of the force sensor can raise the alarm; if the threshold is not above the noise, the
+alarm is on most of the time. A detector estimates the noise, and adds up by how much the readings exceed it: the method
+of cumulative sums (E. S. Page, Continuous inspection schemes, Biometrika 41, 1954).
 """
 
 from collections.abc import Mapping
@@ -23,22 +23,29 @@ DETECTOR = (
     Parameter("force per kick", "N/m", 0.0, 5e3, 200.0),
     Parameter("share that a deflection keeps", "-", 0.0, 1.0, 0.7),
 )
-"""Parameters of the cumulative sum: allowance of each step, threshold of a touch, weights of the readings."""
+"""Parameters of the cumulative sum in `DetectorRule.touched`.
+
+Each step subtracts `allowance` and `allowance per noise` from the sum. A touch is detected when the sum exceeds
+`detection` plus `detection per noise`. "per noise": the number is multiplied by the standard deviation of the force
+readings (N). "share that a deflection keeps": the ratio of one deflection to the one before, in free critically damped
+motion.
+"""
 
 
 class DetectorRule(ReactingRule):
-    """A reacting rule with an alarm of its own: Page's cumulative sum of force and deflection beyond their noise.
+    """A `ReactingRule` with its own alarm, which a cumulative sum over the readings of force and deflection raises.
 
-    It learns mean and standard deviation of the force while no alarm is on. A touch kicks the tool back: the kick is
-    the change of the deflection beyond that of a critically damped tool. The alarm ends after the time `after_alarm` of
-    the environment, so a false alarm costs no more than that time.
+    While its alarm is off, the rule estimates mean and standard deviation of the force readings. A touch pushes the
+    tool back: the `kick` is the deflection minus the value that the last two readings predict for a critically damped
+    tool without a touch. The alarm ends the time `after_alarm` of the environment after it began, so a false alarm
+    costs no more than that time.
     """
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"deflection_sensor": True, "past_readings": 2}
-    MEMORY = 4  # the sum; count, mean and sum of squared deviations of the force readings without an alarm
+    MEMORY = 4  # cumulative sum; count, mean and sum of squared deviations of force readings while the alarm is off
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return the view with the rule's own alarm, and the next state: time of the alarm (s) and `memory`."""
+        """Return the view with the rule's own alarm, and the next state: begin of the alarm (s) and `memory`."""
         time, start = view["time"], state is None or (episode_start is not None and episode_start)
         raised, *memory = np.zeros((1 + self.MEMORY, *np.shape(time))) if state is None else state
         cleared = start | (time > raised + self.task.after_alarm - CLOCK)
@@ -52,7 +59,7 @@ class DetectorRule(ReactingRule):
         return own, (raised, *memory)
 
     def touched(self, view: View, memory: list[Floats], quiet: Flags) -> tuple[Flags, list[Floats]]:
-        """Return whether a touch is detected now, and the next memory; `quiet` says where no alarm is on."""
+        """Return whether a touch is detected now, and the next memory; `quiet`: rows whose alarm is off."""
         total, count, mean, squares = memory
         force, noise = view["force"], np.sqrt(squares / np.maximum(count - 1.0, 1.0))
         now, before, earlier = view["deflection"], view["deflection_1"], view["deflection_2"]
@@ -75,7 +82,7 @@ class DetectorProfile(DetectorRule, BlindProfile):
 
 
 class DetectorRanged(DetectorRule, StretchedProfile):
-    """`StretchedProfile` with the alarm of a detector; it observes the standard deviation of the estimate."""
+    """`StretchedProfile` with the alarm of a detector; it observes the standard deviation of the estimated distance."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {
         **DetectorRule.NEEDS,

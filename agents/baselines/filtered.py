@@ -1,9 +1,9 @@
 """Rules for a range sensor: a filter estimates the object's place from all readings, and a profile uses the estimate.
 
-Each reading, with the flange's position and the tool's deflection at the time of the reading, is a measurement of the
-object's place. The filter weighs the measurements by the inverse of their variance; before the first one, the estimate
-is the set-up's range of distances. The filter uses the set-up's sensor and coupling. If episodes draw these numbers, it
-uses the middle of each range.
+The sum of a reading, the flange's position and the tool's deflection at the time of the reading is a measurement of the
+object's place. The estimate begins at the middle of the set-up's range of distances, with the variance of this range;
+each measurement is weighted by the inverse of its variance. The filter knows the set-up's range sensor, tool mass and
+coupling. If episodes draw one of these numbers, the filter uses the middle of its range.
 """
 
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ KEPT = 32  # control steps whose tool position the filter remembers, for delayed
 
 
 class FilteredProfile(StretchedProfile):
-    """`StretchedProfile` over the estimate of a filter of range readings."""
+    """`StretchedProfile` with the distance that a filter estimates from the range readings."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_sensor": {"noise": 0.01}}
     KNOWS = ("range_sensor", "tool_mass", "coupling")
@@ -30,9 +30,10 @@ class FilteredProfile(StretchedProfile):
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
         """Return the view with the filter's estimate and its standard deviation, `spread` (m), and the next state.
 
-        The state holds the weight (1/m^2) and the place (m) of the estimate, the number of readings in it, the time of
-        the newest one (s), and the tool's deflection (m) and its rate (m/s) by the coupling's equation. For the last
-        KEPT control steps it also holds the time (s), the flange's velocity (m/s) and the tool's position (m).
+        The state holds the weight of the estimate (1 / variance, 1/m^2), the estimated place (m), the number of
+        readings used, the time of the newest reading (s), and the tool's deflection (m) and its rate (m/s), computed
+        from the coupling's equation. For the last KEPT control steps it also holds the time (s), the flange's velocity
+        (m/s) and the tool's position (m).
         """
         time, position, velocity = view["time"], view["position"], view["velocity"]
         near, far = self.task.scenario.distance
@@ -63,10 +64,10 @@ class FilteredProfile(StretchedProfile):
         ), state
 
     def swing(self, deflection: Floats, rate: Floats, gained: Floats) -> tuple[Floats, Floats]:
-        """Return deflection (m) and rate (m/s) a control step later; meanwhile the flange gains `gained` (m/s).
+        """Return the tool's deflection (m) and its rate (m/s) after a step in which the flange gains `gained` (m/s).
 
         It solves the equation of the coupling for a constant acceleration of the flange (paper, eq. 17). Without a
-        spring both stay 0.
+        spring, deflection and rate stay 0.
         """
         coupling, period = self.task.coupling, self.task.control_period
         if not isinstance(coupling, SpringDamper):
@@ -78,6 +79,6 @@ class FilteredProfile(StretchedProfile):
 
 
 class FirstReadingProfile(FilteredProfile):
-    """`FilteredProfile` with the first reading alone."""
+    """`FilteredProfile` that uses only the first reading of an episode."""
 
     READINGS = 1

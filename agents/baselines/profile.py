@@ -1,10 +1,10 @@
-"""Rules that follow a speed profile until the alarm, and then react with a velocity over the time since the alarm.
+"""Rules that follow a speed profile until the alarm, then command a velocity that depends on the time since the alarm.
 
-A profile is a speed over the flange's position, over an estimated distance, or over the true distance. The last one is
-a bound: no controller can know the true distance.
+A profile gives the speed for each position of the flange, for each estimated distance or for each true distance. No
+real controller knows the true distance: a rule that uses it is a bound for the others.
 
-A reaction that also depends on the sensed force was tried, without gain: the best reaction is to retreat at full
-acceleration, whatever the force.
+A reaction that also depends on the sensed force was tried and did not help: the best reaction is to retreat at full
+acceleration, whatever the force is.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,17 +23,17 @@ REACTION = (
     Parameter("acceleration after the alarm", "m/s^2", *ACCELERATION_RANGE, 15.0),
 )
 ACCELERATION = Parameter("acceleration", "m/s^2", *ACCELERATION_RANGE, 15.0)
-"""Largest acceleration and deceleration while following a profile: more can push a bistable mechanism off its stop."""
-USUAL_SPREAD, LEAST_SPREAD = 1e-2, 1e-3  # m, standard deviation of an estimated distance
+"""Limit of acceleration and deceleration on a profile: above it a bistable mechanism can leave its stop."""
+USUAL_SPREAD, LEAST_SPREAD = 1e-2, 1e-3  # m, usual and smallest standard deviation of an estimated distance
 
 
 class ReactingRule(Rule):
-    """A speed profile over position until the alarm; then a reaction. The reaction's parameters, REACTION, are last.
+    """Follow a speed profile until the alarm, then command the velocities of the parameters REACTION.
 
-    Without the parameter ACCELERATION a rule follows its profile with the environment's default limit.
+    A rule without the parameter ACCELERATION follows its profile with accelerations up to ACCELERATION_RANGE[1].
     """
 
-    OVER = "position"  # observed number at which the profile is read; a distance ahead is a negative position
+    OVER = "position"  # observed number that the profile is a function of; a distance counts as a negative position
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the command of `approach` until the alarm, and then the command of the reaction."""
@@ -45,7 +45,7 @@ class ReactingRule(Rule):
         )
 
     def approach(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return the profile's velocity (m/s) one control period ahead, and the acceleration (m/s^2) towards it."""
+        """Return the profile's velocity (m/s) one control period later, and the acceleration (m/s^2) to reach it."""
         most = self[ACCELERATION.name] if ACCELERATION in self.PARAMETERS else ACCELERATION_RANGE[1]
         position = view[self.OVER] if self.OVER == "position" else -view[self.OVER]
         return follow(self.profile(view), position, view["velocity"], most, self.task.control_period)
@@ -63,10 +63,10 @@ def follow(
     speed: Callable[[Floats], Floats], position: Floats, velocity: Floats,
     acceleration: ArrayLike = ACCELERATION_RANGE[1], period: float = CONTROL_PERIOD,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """Return the command after which the flange has the profile's `speed` one control `period` (s) from now.
+    """Return the command with which the flange has the profile's `speed` at the end of a control `period` (s).
 
-    The position at that time follows from the mean of the velocities now and then, and the velocity then is read from
-    the profile ahead. `acceleration` (m/s^2) limits both.
+    The position at the end is predicted twice: from the present velocity alone; then from the mean of the present
+    velocity and the profile's speed at the first prediction. `acceleration` (m/s^2) limits this speed and the command.
     """
     ahead = speed(position + velocity * period)
     reach = np.asarray(acceleration) * period
@@ -76,15 +76,15 @@ def follow(
 
 
 KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315, 0.35])
-"""Positions (m) of the profile's corners, see `Rule.placed`. Before the first corner the arm is still accelerating."""
+"""Positions (m) of the corners of `BlindProfile`, see `Rule.placed`. Before the first one the arm is accelerating."""
 AHEAD: Floats = np.array([-0.2, -0.12, -0.08, -0.05, -0.035, -0.02, -0.01, 0.0, 0.01, 0.025, 0.05])
-"""Positions (m) of the corners of a profile, relative to the estimated place of the object."""
+"""Positions (m) of the corners of `RangedProfile`, relative to the estimated place of the object."""
 GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
-"""Gaps (m) between tool and object at the corners of `Clairvoyant`; below 0 coupling or object are compressed."""
+"""Gaps (m) between tool and object at the corners of `Clairvoyant`; below 0 coupling or object is compressed."""
 
 
 class BlindProfile(ReactingRule):
-    """Follow a speed profile over the flange's position, a broken line, until the alarm; then react."""
+    """Follow a broken line of speeds over the flange's position until the alarm; then react."""
 
     PARAMETERS = (
         *(Parameter(f"speed at {1e3 * knot:g} mm", "m/s", 0.01, VELOCITY_RANGE[1], 0.6) for knot in KNOTS),
@@ -98,7 +98,7 @@ class BlindProfile(ReactingRule):
 
 
 class ConstantDeceleration(ReactingRule):
-    """Brake with constant deceleration towards a place before which every object should have been met.
+    """Brake with constant deceleration to the `lowest speed` at the position `end`, where all objects should be met.
 
     This is best for a rigid tool if all distances in a range are equally likely.
     """
@@ -120,7 +120,7 @@ class ConstantDeceleration(ReactingRule):
 
 
 class Ranged(ReactingRule):
-    """Brake with constant deceleration to the contact speed a margin before the estimated distance; keep that speed."""
+    """Brake steadily to the `contact speed`, reach it a `margin` before the estimated distance, and keep it."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_noise": 0.01}
     PARAMETERS = (
@@ -159,7 +159,7 @@ class RangedProfile(ReactingRule):
 
 
 class StretchedProfile(RangedProfile):
-    """`RangedProfile`, longer and slower the larger the standard deviation of the estimate is."""
+    """`RangedProfile` that becomes longer and slower when the standard deviation of the estimate grows."""
 
     PARAMETERS = (
         *RangedProfile.PARAMETERS,
@@ -169,16 +169,19 @@ class StretchedProfile(RangedProfile):
     SPREAD = "range_noise"  # name of the standard deviation (m) in the view
 
     def profile(self, view: View) -> Callable[[Floats], Floats]:
-        """Return the profile with positions multiplied and speeds divided by powers of the standard deviation."""
+        """Return the profile with positions times `spread ** stretch` and speeds divided by `spread ** slowing`.
+
+        `spread` is the standard deviation of the estimate divided by USUAL_SPREAD.
+        """
         spread = np.maximum(view[self.SPREAD], LEAST_SPREAD) / USUAL_SPREAD
         stretch, slowing = spread ** self["stretch"], spread ** self["slowing"]
         return lambda place: np.clip(self.speed(place / stretch) / slowing, 0.01, VELOCITY_RANGE[1])
 
 
 class Clairvoyant(ReactingRule):
-    """Follow a velocity profile over the true gap, with parameters for this scenario; then react.
+    """Follow a velocity profile over the true gap between tool and object until the alarm; then react.
 
-    It needs the environment's option `privileged`, and parameters that were optimised for the scenario.
+    It needs the environment's argument `privileged`, and parameters that were optimised for the scenario it plays.
     """
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"privileged": True}
@@ -191,7 +194,10 @@ class Clairvoyant(ReactingRule):
     OVER = "distance"
 
     def speed(self, position: Floats) -> Floats:
-        """Return the velocity (m/s) at the tool's `position` (m) relative to the object; before all GAPS it brakes."""
+        """Return the velocity (m/s) at the tool's `position` (m) relative to the object.
+
+        At a larger gap than all GAPS, the tool brakes with the parameter `deceleration`.
+        """
         corners = self.columns(self.PARAMETERS[0].name, len(GAPS))
         far = np.maximum(-position - GAPS[-1], 0.0)
         near = interpolate(GAPS, corners, -position)

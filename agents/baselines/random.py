@@ -13,7 +13,7 @@ class RandomActions:
     """Draw every action uniformly from the action space of a task."""
 
     def __init__(self, seed: int = 0, task: Task | None = None) -> None:
-        """Make a controller from the seed of its draws; default task: that of `ImpactApproach-v0`."""
+        """Make a controller; `seed` is the seed of its draws. Default task: that of `ImpactApproach-v0`."""
         self._rng, self._size = np.random.default_rng(seed), len(ActionSpec(task or Task()))
 
     def for_task(self, task: Task) -> "RandomActions":
@@ -28,19 +28,19 @@ class RandomActions:
 
 
 class Jittery:
-    """A rule with random errors on its actions; all candidates in a scenario get the same errors.
+    """A rule with random errors on its actions, for a search; in a scenario all candidates get the same errors.
 
-    So a search does not choose parameters that need exactly followed commands.
+    The search then finds no parameters that work only if commands are followed exactly.
     """
 
     def __init__(self, rule: Controller, jitter: float, scenarios: int, rng: np.random.Generator) -> None:
-        """Wrap a rule; `jitter` is a standard deviation over an action's range, whose width is 2."""
+        """Wrap a rule; `jitter` is the standard deviation of the errors, as a fraction of an action's range of 2."""
         self._rule, self._scale, self._scenarios, self._rng = rule, 2.0 * jitter, scenarios, rng
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, Any]:
-        """Return the actions (n, k), and the rule's next state."""
+        """Return the rule's actions (n, k) with errors, and its next state."""
         actions, state = self._rule.predict(observation, state, episode_start, deterministic)
         off = self._rng.normal(0.0, self._scale, (self._scenarios, actions.shape[-1]))
         return actions + np.tile(off, (len(actions) // self._scenarios, 1)), state

@@ -1,6 +1,6 @@
-"""The base of all baselines: a rule with a few parameters, from observations to commands, both in SI units.
+"""The base class of most baselines: a rule with a few parameters that turns observations (SI units) into commands.
 
-A rule has one set of parameters, or one set for each row of a batch. So one compiled batch plays many candidates.
+A rule has one set of parameters, or one set for each row of a batch; so one batch can play many candidates.
 """
 
 import copy
@@ -18,9 +18,9 @@ Floats = NDArray[np.float64]
 
 CONTROL_PERIOD: float = Task.control_period  # s
 DISTANCES = ScenarioRanges().distance
-"""Default distances of objects, m. The positions in the parameters of rules are for these, see `Rule.placed`."""
-LEAST_STRETCH = 0.01  # m
-SLOWEST = 1e-9  # m/s, smallest divisor in place of an operator's command
+"""Default range of the objects' distances, m. Positions in rules' parameters are for this range, see `Rule.placed`."""
+LEAST_STRETCH = 0.01  # m, lower limit of a range's near end and width in `Rule.placed`
+SLOWEST = 1e-9  # m/s, smallest operator's speed by which a rule divides
 CLOCK = 1e-6  # s, resolution of the observed time
 
 
@@ -35,9 +35,9 @@ class Parameter(NamedTuple):
 
 
 class View:
-    """Observations (..., n_obs) in SI units: `view[id]` is an array (...).
+    """Observations (..., n_obs), read by id: `view[id]` is the observed number (...) in SI units.
 
-    Numbers in `own`, which a rule has computed, replace or extend the observed ones.
+    `own` holds numbers by id that a rule has computed; they replace observed numbers with the same id.
     """
 
     def __init__(self, observation: ArrayLike, spec: ObservationSpec, **own: Floats) -> None:
@@ -66,7 +66,7 @@ class Rule:
     NEEDS: ClassVar[Mapping[str, Any]] = {}
     """Arguments of the environment that add the observations which the rule needs."""
     KNOWS: ClassVar[tuple[str, ...]] = ()
-    """Arguments of the environment whose values for tuning the rule keeps when it plays in another environment."""
+    """Arguments of the environment that the rule knows. In another environment it keeps the values it was tuned for."""
 
     def __init__(self, parameters: ArrayLike) -> None:
         """Make a controller.
@@ -75,12 +75,14 @@ class Rule:
             parameters: (k,), in the order and units of PARAMETERS; or (rows, k), for batches of that many rows.
 
         Raises:
-            ValueError: there are more or fewer parameters, or one is out of its limits; names it.
+            ValueError: the number of parameters is wrong, or one is out of its limits; the message names it.
         """
         kind: Any = type(self)
         self.parameters = np.array(parameters, np.float64)
         if self.parameters.ndim not in (1, 2) or self.parameters.shape[-1] != len(self.names()):
-            raise WrongTypeError(f"{kind.__name__} has the parameters {self.names()}, got {self.parameters.shape}")
+            raise WrongTypeError(
+                f"{kind.__name__} has the parameters {self.names()}, got shape {self.parameters.shape}"
+            )
         for parameter, values in zip(self.PARAMETERS, np.moveaxis(self.parameters, -1, 0), strict=True):
             for value in (values.min(), values.max()):
                 number(parameter.name, value, parameter.unit, at_least=parameter.low, at_most=parameter.high)
@@ -118,7 +120,7 @@ class Rule:
         return twin
 
     def placed(self, position: Floats) -> Floats:
-        """Return a position (m) of the rule for this task: DISTANCES are mapped to the distances of its objects."""
+        """Return a rule's position (m) in this task: the range DISTANCES is mapped to the task's range of distances."""
         (near, far), (low, high) = DISTANCES, self.task.scenario.distance
         if (low, high) == DISTANCES:
             return position
@@ -142,7 +144,7 @@ class Rule:
         velocity, acceleration = self.command(view)
         if self.task.operator is None:
             return ActionSpec(self.task).encode(velocity, acceleration), state
-        # an assistance: the rule's velocity limits the operator's command; below 0 it is a withdrawal
+        # with an operator, the rule's velocity limits the operator's command; a velocity below 0 is a withdrawal
         velocity, fast = np.asarray(velocity), np.maximum(np.abs(view["command"]), SLOWEST)
         wanted = np.clip(velocity / fast, 0.0, 1.0), acceleration, np.maximum(-velocity, 0.0)
         return np.clip(ActionSpec(self.task).encode(*wanted), -1.0, 1.0), state
@@ -157,7 +159,10 @@ class Rule:
 
 
 def interpolate(knots: Floats, values: Floats, at: Floats) -> Floats:
-    """Return at `at` (n,) the broken line through `values` (k,) or (n, k) over `knots` (k,), level beyond its ends."""
+    """Return the height at `at` (n,) of the broken line through `values` (k,) or (n, k) at `knots` (k,).
+
+    Beyond its ends the line is level.
+    """
     place = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
     share = np.clip((at - knots[place]) / (knots[place + 1] - knots[place]), 0.0, 1.0)
     table = np.broadcast_to(values, (*np.shape(at), len(knots)))

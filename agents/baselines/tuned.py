@@ -1,4 +1,4 @@
-"""The baselines by name. Each tuned baseline is a JSON file with a checksum."""
+"""Load baselines by name; read and write the files of tuned baselines, JSON with a checksum."""
 
 import hashlib
 import json
@@ -26,8 +26,8 @@ FIXED: dict[str, Any] = {name: resolve_name(f"agents.baselines:{kind}") for name
 def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> Controller:
     """Return a baseline for `time_weight` (m/s per s).
 
-    A file holds parameters for several weights. Between them, parameters are interpolated over the logarithm of the
-    weight. Beyond them, they are those of the nearest weight.
+    The file of a tuned baseline holds parameters for several weights. Between two of these weights, the parameters are
+    interpolated over the logarithm of the weight; beyond all of them, those of the nearest weight are used.
 
     Raises:
         ValueError: there is no such baseline; or its file is missing or altered, or was made for other parameters or
@@ -58,7 +58,7 @@ def tuned_table(content: Mapping[str, Any]) -> tuple[list[float], Rule]:
     weights, names = (
         sorted(tuned),
         [parameter["name"] for parameter in content["parameters"]],
-    )  # the order in the JSON may differ
+    )  # an entry in "weights" may list these names in another order
     table = [[tuned[weight][name] for name in names] for weight in weights]
     return weights, RULES[content["rule"]].of(table).for_task(Task(**content["environment"]))
 
@@ -70,7 +70,7 @@ def interpolated(weights: Sequence[float], table: Floats, time_weight: ArrayLike
 
 
 def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> dict[str, Any]:
-    """Return the content of a tuned baseline's file; "weights" has the result of each time weight.
+    """Return the content of a tuned baseline's file; its entry "weights" has the result for each time weight.
 
     The file must fit `setup`; default: the shipped set-up that tunes this baseline, if there is one.
 
@@ -101,7 +101,7 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
 
 
 def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Path = TUNED) -> Path:
-    """Write the result of each weight atomically, and return the path."""
+    """Write the file of a baseline, with the result for each weight, atomically; return its path."""
     ordered = {key: weights[key] for key in sorted(weights, key=float)}
     made_for = {**_description(name, setup.tuned[name].rule), "environment": dict(setup.environment)}
     content = json.loads(json.dumps({**made_for, "weights": ordered}))
@@ -110,7 +110,7 @@ def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Pat
 
 
 def _description(name: str, rule: str) -> dict[str, Any]:
-    """Return what a tuned file says of itself: format, baseline, rule and parameters."""
+    """Return the entries that identify a tuned file: format, baseline, rule, and its parameters with their limits."""
     fields = ("name", "unit", "low", "high")
     limits = [{field: getattr(parameter, field) for field in fields} for parameter in RULES[rule].PARAMETERS]
     return {"format": FORMAT, "baseline": name, "rule": rule, "parameters": limits}

@@ -1,6 +1,6 @@
-"""Controllers from plain data, which a job can send to another machine.
+"""Make controllers from plain data, which a job can send to another machine.
 
-Each is a mapping with one key. `{"policy": text}`: a policy's file in base 64. `{"baseline": name}`: a shipped
+The data is a mapping with one key. `{"policy": text}`: a policy's file in base 64. `{"baseline": name}`: a shipped
 baseline. `{"tuned": content}`: the content of a tuned baseline's file. `{"rule": [name, parameters]}`: a rule of
 `agents.baselines`. `{"clairvoyant": {weight: parameters}}`: a `Clairvoyant` for the scenarios of a set-up. `{"object":
 "module:name"}`: an object with `predict`, or a function or class that returns one.
@@ -29,11 +29,11 @@ from impact_gym.task import Task
 def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None = None) -> Controller:
     """Return the controller that `spec` describes, for a time weight (m/s per s) and a task.
 
-    A tuned baseline keeps the arguments in KNOWS of the environment for which it was tuned. If the task has the default
-    scenario, it also keeps the positions for which it was tuned.
+    A tuned baseline keeps those arguments of the environment for which it was tuned that its class lists in KNOWS. If
+    the task has the default scenario, the baseline also keeps the range of distances for which it was tuned.
 
     Raises:
-        ValueError: there is no such controller, or it cannot `predict`; says why.
+        ValueError: there is no such controller, or it has no method `predict`; the message says why.
     """
     ((kind, value),) = spec.items()
     if kind not in KINDS:
@@ -83,7 +83,7 @@ def try_out(name: str, controller: Controller, observations: NDArray[np.float32]
     """Call a controller once with a batch of observations (n, n_obs), as the evaluation does.
 
     Raises:
-        ValueError: the call fails, or does not return n finite actions of `action_size` numbers; names the controller.
+        ValueError: the call fails, or does not return n finite actions of `action_size` numbers.
     """
     start = np.ones(len(observations), np.bool_)
     try:
@@ -92,4 +92,4 @@ def try_out(name: str, controller: Controller, observations: NDArray[np.float32]
     except Exception as error:
         raise ValueError(f"{name!r} fails on a batch of observations: {error!r}") from error
     if actions.shape != (shape := (len(observations), action_size)) or not np.isfinite(actions).all():
-        raise ValueError(f"{name!r} must return actions {shape}, finite; got {actions!r}")
+        raise ValueError(f"{name!r} must return actions of shape {shape}, all finite; got {actions!r}")

@@ -1,8 +1,8 @@
-"""Jobs that play a controller through scenarios, each a piece of an evaluation grid.
+"""Let a controller play scenarios; all arguments are plain data, so that a job can send them to another machine.
 
-Scenarios are plain data. `{"set": name, "count": n}`: the first n of a shipped frozen set. `{"table": {field: values},
-"seed": s, "count": n}`: given numbers. `{"ranges": {field: pair}, "seed": s, "count": n}`: the first draws of
-environments seeded s, s + 1, ...; instead of ranges, the name of shipped ranges will do.
+Scenarios are given in one of three forms. `{"set": name, "count": n}`: the first n of a shipped frozen set. `{"table":
+{field: values}, "seed": s, "count": n}`: the scenarios in the table. `{"ranges": {field: pair}, "seed": s, "count":
+n}`: the first draws of environments seeded s, s + 1, ...; "ranges" may also be the name of shipped ranges.
 """
 
 import warnings
@@ -30,10 +30,10 @@ def play(
 ) -> dict[str, NDArray[Any]]:
     """Return the results (weights, scenarios) at each time weight (m/s per s), and the scenarios' fields (scenarios,).
 
-    `controller` is described as in `agents.evaluate.controllers`. `environment` has no scenario and no time weight. For
-    `lenient` see `ScenarioBatch`.
+    `controller` is described as in `agents.evaluate.controllers`. `environment` must hold no scenario and no time
+    weight. For `lenient` see `ScenarioBatch`.
     """
-    with warnings.catch_warnings(action="ignore", category=UserWarning):  # of scenarios that are hard on purpose
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # about scenarios that are hard on purpose
         task = Task(**(environment or {}))
         played = [
             scenario_batch_of(scenarios, weight, task, lenient).play(controller_of(controller, weight, task))
@@ -48,8 +48,8 @@ def environment_and_scenarios(
 ) -> tuple[dict[str, Any], Mapping[str, Any]]:
     """Return the arguments of an environment without its scenario, and the scenarios to play in it.
 
-    If the environment has ranges of its own, the scenarios are drawn from these, with the seeds and the number of the
-    requested frozen set. The set `hard` is played as it is.
+    If the environment has its own `scenario` ranges, the scenarios are drawn from these ranges, with the seed of the
+    frozen set named in `scenarios`, and with the same count. The set `hard` is played unchanged.
     """
     arguments = {name: value for name, value in environment.items() if name != "scenario"}
     if "scenario" not in environment or scenarios.get("set", "hard") == "hard":
@@ -59,7 +59,7 @@ def environment_and_scenarios(
 
 
 def pairs(ranges: Any) -> dict[str, list[float]]:
-    """Return ranges of scenarios, given as such or by name, as plain data."""
+    """Return ranges of scenarios, given as a mapping or by name, as plain data: field to [low, high]."""
     return {name: list(pair) for name, pair in asdict(ScenarioRanges.of(ranges)).items()}
 
 

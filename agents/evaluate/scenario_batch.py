@@ -19,13 +19,13 @@ from impact_gym.task.task import MISSED_COST
 VALIDATION_SEED = 1_000_000
 TEST_SEED = 2_000_000
 TUNING_SEED = 4_000_000
-"""Scenario k of a set is the first draw of an environment seeded with the set's seed + k. The third set is for tuning
-baselines. Trainings have larger seeds, from `agents.train.ppo.FIRST_SEED` on."""
+"""Scenario k of a set is the first draw of an environment seeded with the set's seed + k. TUNING_SEED is for
+tuning baselines. Trainings have larger seeds, from `agents.train.ppo.FIRST_SEED` on."""
 
 
 RESULTS = tuple(row.id for row in quantities.RESULTS)
 MEASURED = (*RESULTS, *SLIDE, *LINKED)
-"""Names of the results of an episode, see `Episodes`; the last ones need friction or an operator."""
+"""Names of the results of an episode, see `Episodes`. Those in SLIDE need friction, those in LINKED an operator."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Episodes:
         return self.object_velocity + time_weight * self.approach_time
 
     def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the cost plus the environment's charge for a miss, m/s: minus the return."""
+        """Return the cost plus the environment's charge for a missed object, m/s; the return is minus this loss."""
         return self.cost(time_weight) + self.missed_cost * self.missed
 
 
@@ -65,7 +65,7 @@ class ScenarioBatch:
         time_weight: Sequence[float] | None = None, frozen: evaluation_sets.EvaluationSet | None = None,
         threads: int | None = None, quiet: bool = False, lenient: bool = False, max_steps: int = MAX_STEPS,
     ) -> None:  # fmt: skip
-        """Make a batch of `copies * count` rows: row k holds scenario `k % count` of its copy.
+        """Make a batch of `copies * count` rows: row k plays scenario `k % count`.
 
         Args:
             seed: seed of the first scenario; scenario k is the first draw of an environment seeded `seed + k`.
@@ -110,14 +110,15 @@ class ScenarioBatch:
     ) -> Episodes:
         """Play every row to its end.
 
-        The result of a row depends only on its scenario and the controller, if the controller's action for a row does
-        not depend on the other rows. For a `Policy` it does not; a matrix product of BLAS would round differently in
-        batches of different size. A policy that was trained for another environment warns once.
+        If the controller's action for a row does not depend on the other rows, the row's result depends only on the
+        scenario and the controller. A `Policy` fulfils this: it uses no matrix product of all rows, which BLAS would
+        round differently in batches of different size. A policy that was trained for another environment warns once.
 
         Args:
             controller: controller that plays.
             record: numbers (copies * count,) that replace drawn ones, by the name in an episode's record, such as
-                `coupling.stiffness`. A number of the set-up must be drawn from a range.
+                `coupling.stiffness`. A number of tool, coupling or robot can be replaced only if the task has a range
+                for it.
             watch: function that gets the motion of the bodies before each control step.
 
         Raises:
@@ -155,7 +156,7 @@ class ScenarioBatch:
 class Validation:
     """The frozen validation set at several time weights. Its score selects the best policy and judges trainings.
 
-    The test set of the report is another one. The score is the mean loss: V_p + w T, plus the charge for a miss.
+    The report plays another set, the test set. The score is the mean loss: V_p + w T, plus the charge for a miss.
     Episodes that do not settle, as with half-trained policies, count as missed.
     """
 
@@ -166,7 +167,7 @@ class Validation:
         self.batch = ScenarioBatch.of("validation", count, task, **options)
 
     def score(self, controller: Controller) -> dict[str, Any]:
-        """Return the means over the scenarios at each time weight, and the mean loss, the `score` (m/s)."""
+        """Return the means over the scenarios at each time weight, and the mean loss over all as `score` (m/s)."""
         played = self.batch.play(controller)
         columns = {"cost": played.loss(np.repeat(self.weights, self.batch.count))}
         columns |= {name: getattr(played, name) for name in ("object_velocity", "approach_time", "missed")}
@@ -176,7 +177,8 @@ class Validation:
 
 
 WITHIN_STEP = (0.25, 0.5, 0.75, 1.0)
-"""Fractions of a control step at which `Travel` evaluates the tool's deflection, on the cubic through both ends."""
+"""Fractions of a control step at which `Travel` evaluates the tool's deflection, by a cubic with the deflections
+and rates at both ends."""
 
 
 class Travel:

@@ -1,1 +1,1 @@
-"""Export of controllers, both forms checked: a C header with the whole controller, and ONNX of a policy's network."""
+"""Export a controller as a C header, and the network of a policy also as ONNX; check the exported files."""

@@ -1,8 +1,8 @@
 """Export controllers: `impact-gym export linear-blind --out DIR` writes a C header, and for a policy also ONNX.
 
-Both are checked. The controller in a header replays episodes of the environment; the time of one call is printed beside
-the control period. A network, in C or ONNX, is compared with the policy on NumPy for 10,000 observations, drawn
-uniformly from the observation space. If something cannot be checked here, a line says so.
+The files are checked. The controller in a header replays episodes of the environment; the time of one call is printed
+beside the control period. A network, in C or ONNX, is compared with the policy on NumPy for 10,000 observations, drawn
+uniformly from the observation space. If this machine cannot check a file, a line says so.
 """
 
 import importlib
@@ -26,7 +26,7 @@ from impact_gym.validation import whole
 Floats = NDArray[np.float32]
 AGREEMENT = 1e-6
 """Allowed difference of actions in -1 ... 1, in addition to the policy's own rounding to float32."""
-SAME_COMMANDS = 1e-5  # allowed difference of commands over their range
+SAME_COMMANDS = 1e-5  # allowed difference of commands, as a fraction of their range
 OBSERVATIONS = 10_000
 
 
@@ -35,18 +35,18 @@ class Export:
     """Write a controller as a C header, and a policy also as ONNX."""
 
     controller: tyro.conf.Positional[str]
-    """Name of a shipped policy or of a baseline, or the file of one, or a run folder; with --all a set-up. A tuned
-    baseline is written for all time weights for which it was tuned: the header takes the weight at reset."""
+    """Policy or baseline: the name of a shipped one, or a file, or a run folder; with --all a set-up. A tuned baseline
+    is written for all time weights for which it was tuned: NAME_reset in the header takes the weight."""
     out: Path
     """Folder for the files."""
     setup: str | None = None
-    """Set-up, by name or file. A rule without parameters is written for this set-up, and the set-up's own baselines can
-    be named."""
+    """Set-up, by name or file. A rule without parameters is written for the environment of this set-up, and
+    CONTROLLER may also name a baseline of this set-up."""
     all: bool = False
     """Write all controllers of a set-up: its policy, its tuned baselines, and the rules without parameters."""
     folder: Path | None = None
-    """With --all: folder with `policies` and `tuned` of the set-up. Default: the folder into which train and tune write
-    them."""
+    """With --all: folder that contains the subfolders `policies` and `tuned` of the set-up. Default: where train and
+    tune write them."""
     episodes: int = 10_000
     """Number of episodes that the controller in C replays."""
     calls: int = 1_000_000
@@ -68,7 +68,7 @@ def network_in_onnx(path: Path, observed: Floats) -> Floats | None:
 
 
 def rounding(policy: Policy, observed: Floats, actions: Floats) -> float:
-    """Return the largest difference of the policy's `actions` (n, k) from its network in double precision."""
+    """Return the largest difference of the policy's `actions` (n, k) from those of its network in double precision."""
     values, network = observed.astype(np.float64), policy.network
     for layer in network.hidden:
         sums = values @ layer.weight.T.astype(np.float64) + layer.bias
@@ -81,8 +81,8 @@ def run(options: Export) -> list[Path]:
     """Write the files, check them, and return their paths.
 
     Raises:
-        ValueError: there is no such controller, a package is missing, or a file computes something other than the
-            controller.
+        ValueError: there is no such controller, a package is missing, or an exported file computes something other
+            than the controller.
     """
     if options.all:
         found = of_setup(load_setup(options.controller), options.folder)
@@ -115,10 +115,12 @@ def export(subject: Subject, options: Export, name: str) -> list[Path]:
 
 
 def judged(path: Path, computed: Floats | None, missing: str, actions: Floats, allowed: float) -> str:
-    """Return a sentence about the actions that the network in a file `computed`, or that something is `missing`.
+    """Return a sentence that compares the actions `computed` by an exported network with the policy's `actions` (n, k).
+
+    If `computed` is None, the network could not run, and the sentence says what is `missing`.
 
     Raises:
-        ValueError: they differ from the policy's `actions` (n, k) by more than is allowed.
+        ValueError: the actions differ by more than `allowed`.
     """
     if computed is None:
         return f"{path}: its network is not checked, {missing}"

@@ -1,7 +1,8 @@
 """A controller as a C header for a control loop: C99 or C++, no memory allocation, only math.h and string.h.
 
-The header holds a network, `NAME_act`, or a rule. Around it is the whole controller, `NAME_reset` and `NAME_step`: from
-the readings of the sensors to the command, both in SI units. Its text is in controller.h.jinja and rule.h.jinja.
+The header holds a policy's network, `NAME_act`, or a rule. `NAME_reset` and `NAME_step` are the whole controller, which
+computes the command from the readings of the sensors, both in SI units. The header's text is in controller.h.jinja and
+rule.h.jinja.
 """
 
 import re
@@ -115,12 +116,12 @@ def c_text(template: str, folder: Path = Path(__file__).parent, **content: Any) 
 
 
 def has_controller(subject: Subject) -> bool:
-    """Whether sensors measure all observed values: the header then holds a controller, else a network alone."""
+    """Whether sensors measure all observed values; if not, the header holds only the network."""
     return set(subject.spec.ids) <= set(values(subject.spec))
 
 
 def values(spec: ObservationSpec) -> dict[str, str]:
-    """Return C expressions, in SI units, of the observed numbers that the controller has, by id."""
+    """Return the C expressions (SI units), by id, of the observed numbers that a controller in C can know."""
     now = {name: f"now->{name}" for name in spec.sensors}
     before = {name: name.rpartition("_") for name, entry in zip(spec.ids, spec.entries, strict=True)
               if entry.argument == "past_readings"}  # fmt: skip
@@ -129,14 +130,14 @@ def values(spec: ObservationSpec) -> dict[str, str]:
 
 
 def _scale(entry: Entry, value: str) -> tuple[str, float, float, float]:
-    """Return the C expression of an entry's value on its curve, and the entry's low end, gain and scaled low end."""
+    """Return the C expression of `value` on its entry's curve, and the entry's low end, gain and scaled low end."""
     low, gain = entry.affine
     bent = value if entry.scale.curve == "linear" else f"{entry.scale.curve}({value})"
     return bent, low, gain, entry.scale.scaled_low
 
 
 def _seen(entry: Entry, value: str, name: str) -> str:
-    """Return the C expression of a value that was scaled to an observation and back, as by `ObservationSpec.decode`."""
+    """Return the C expression of a value that was scaled to an observation and decoded as by `ObservationSpec`."""
     bent, low, gain, scaled_low = _scale(entry, value)
     curve = CURVES[entry.scale.curve]
     begin, end = (float(curve.of(each)) for each in (entry.scale.low, entry.scale.high))

@@ -1,4 +1,4 @@
-"""Controllers to export, and their contract: facts for the user, in the same words in every exported file."""
+"""Controllers to export, and their contract: what a user must know, in the same words in every exported file."""
 
 import copy
 import hashlib
@@ -89,7 +89,7 @@ class Subject:
 
     @cached_property
     def contract(self) -> dict[str, str]:
-        """The entries of the contract by name, as JSON that can stand in a comment in C; see `_plain`."""
+        """The entries of the contract by name, as JSON that is safe inside a comment in C; see `_plain`."""
         content = {name: _plain(value) for name, value in self._entries()}
         digest = hashlib.sha256(json.dumps(content).encode())
         arrays = [self.controller.parameters] if isinstance(self.controller, Rule) else []
@@ -158,7 +158,7 @@ def of_name(name: str, setup: Setup | None = None) -> Subject:
     """Return the controller with this name: a baseline, the file of a tuned one, or a policy as for `load_policy`.
 
     Raises:
-        ValueError: there is no such controller, or it cannot be exported; says why.
+        ValueError: there is no such controller, or it cannot be exported; the message says why.
     """
     if name in FIXED or name in shipped_baselines():
         return of_baseline(name, setup if name in FIXED else None)
@@ -174,7 +174,7 @@ def of_name(name: str, setup: Setup | None = None) -> Subject:
 
 
 def of_setup(setup: Setup, folder: Path | None = None) -> dict[str, Subject]:
-    """Return all controllers of a set-up by name: its policy and tuned baselines in `folder`, and the other rules.
+    """Return all controllers of a set-up by name: policy and tuned baselines in `folder`, and rules without parameters.
 
     A controller that does not exist yet, or cannot play the set-up, is left out, and a line says so.
     """

@@ -1,4 +1,4 @@
-"""Checks of a header: it is compiled, and its controller replays episodes of the environment, call by call."""
+"""Check an exported header: compile it, and let its controller replay episodes of the environment, call by call."""
 
 import ctypes
 import shutil
@@ -35,7 +35,7 @@ class Replay(NamedTuple):
 
     episodes: int
     calls: int
-    difference: float  # largest difference of a command over its range
+    difference: float  # largest difference of a command, as a fraction of its range
     usual: float  # s, time that 99.9 % of the calls do not exceed
     worst: float  # s, time of the slowest call
 
@@ -103,7 +103,7 @@ def network_in_c(program: ctypes.CDLL, observed: NDArray[np.float32], size: int)
 
 
 def replay(subject: Subject, program: ctypes.CDLL, log: Log, calls: int) -> Replay:
-    """Play a log through the controller of a compiled program, and time this number of calls."""
+    """Let the controller of a compiled program replay a log; compare its commands, and time `calls` calls."""
     steps = log.steps.astype(np.int32)
     commands, seconds = np.zeros_like(log.commands), np.zeros(calls)
     arrays = log.sensors.ctypes, steps.ctypes, log.time_weight.ctypes

@@ -1,8 +1,9 @@
 """The small networks of policies, computed on NumPy.
 
-The result of a row has the same bits whatever the other rows are. For this, rows are multiplied in blocks of one size;
-the last block is filled with zeros. In a product of the whole batch, the order of summation would depend on the size of
-the batch. It would also vary in a block that is larger than the machine's BLAS kernel.
+The result of a row has the same bits whatever other rows are in the batch. To achieve this, rows are multiplied in
+blocks of one size, and the last block is filled with zeros. In a product of the whole batch, the order of summation
+would depend on the size of the batch. In a block that is larger than the machine's BLAS kernel, it would depend on the
+position of the row.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
-BLOCKS = (16, 8, 4, 2, 1)  # candidate numbers of rows of a product, see `Network.block`
+BLOCKS = (16, 8, 4, 2, 1)  # numbers of rows in a block that `Network.block` tries
 CHUNK = 512  # rows that pass through all layers together: few enough for the processor's cache
 ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
     "tanh": np.tanh,
@@ -24,7 +25,7 @@ ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
 
 
 class Affine:
-    """inputs @ weight.T + bias."""
+    """A layer: inputs @ weight.T + bias."""
 
     def __init__(self, name: str, weight: Floats, bias: Floats) -> None:
         """Make a layer from `weight` (outputs, inputs), in torch's order, and `bias` (outputs,)."""
@@ -70,7 +71,7 @@ class Network:
 
     @cached_property
     def block(self) -> int:
-        """Number of rows of a product: the largest for which this machine rounds alike in every layer."""
+        """Number of rows in a block: the largest for which no layer's result depends on the row's position."""
         return next(rows for rows in BLOCKS if all(layer.rounds_alike(rows) for layer in self.layers()))
 
     @property
@@ -104,7 +105,7 @@ class Network:
 
 def from_arrays(description: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Network:
     """Return the network with this `description` and with arrays named as in `to_arrays`."""
-    # no name from the file: exported C code contains these names
+    # layers get new names: exported C code contains them, and no text of the file may get into code
     places = {name: f"hidden_{place}" for place, name in enumerate(description["layers"])}
     places |= {name: name for name in ("mean", "log_std")}
     made = {name: Affine(place, arrays[f"{name}.weight"], arrays[f"{name}.bias"]) for name, place in places.items()}

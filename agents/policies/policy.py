@@ -1,6 +1,6 @@
 """Policies, the results of trainings, as plain arrays, which run without torch.
 
-A policy file is an archive of arrays and JSON. It holds the weights of a small network for each seed of a training, the
+A policy file is an archive of arrays and JSON. It holds the weights of a small network for each training seed, the
 scales of observation and action, and the provenance. Reading one runs no code.
 """
 
@@ -24,7 +24,7 @@ from impact_gym.validation import array, shown, whole
 SHIPPED = Path(__file__).parent
 FORMAT = "impact_gym policies 3"
 MAY_DIFFER = ("scenario", "time_weight", "privileged", "rtol", "max_episode_steps")
-"""Arguments of an environment that may differ from those of the training without a warning."""
+"""Arguments in which an environment may differ from the one of the training without a warning."""
 
 
 class Controller(Protocol):
@@ -66,8 +66,8 @@ class Policy:
     ) -> tuple[NDArray[np.float32], Any]:
         """Return the action for an observation (n_obs,), or the actions for a batch (n, n_obs), and `state`.
 
-        A policy has no memory: `state` and `episode_start` have no effect. Actions are deterministic by default, as in
-        the evaluation of stable-baselines3 but not in its `predict`.
+        A policy has no memory: `state` and `episode_start` have no effect. Actions are deterministic by default; those
+        of `predict` in stable-baselines3 are not.
         """
         with np.errstate(over="ignore"):  # a number too large for float32 becomes infinite
             seen = array("observation", observation).astype(np.float32, copy=False)
@@ -83,7 +83,7 @@ class Policy:
         return np.clip(action, np.float32(-1.0), np.float32(1.0)), state
 
     def differs_in(self, task: Task) -> list[str]:
-        """Return the names of the arguments in which a task differs from the training's task; see MAY_DIFFER."""
+        """Return the names of the arguments in which a task differs from the training's task, except MAY_DIFFER."""
         return [name for name in self.task.differs_in(task) if name not in MAY_DIFFER]
 
     def warn_if_elsewhere(self, task: Task) -> None:

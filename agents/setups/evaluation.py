@@ -47,21 +47,21 @@ class Evaluation:
     weights: tuple[float, ...] = WEIGHTS
     """Time weights, m/s per s, for which baselines are tuned, and at which policies are validated and compared."""
     curve: tuple[float, ...] = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
-    """Time weights, m/s per s, at which a policy plays for the trade-off curve; weights beyond its training are left
-    out."""
+    """Time weights, m/s per s, at which a policy plays for the trade-off curve; weights outside the range of its
+    training are left out."""
     typical: float = 2.0
     """Time weight, m/s per s, for results at a single weight."""
     set: str = "test"
-    """Frozen set of the report. For an environment with a scenario of its own, the same number is drawn from its own
-    ranges."""
+    """Frozen set that the report plays. If the environment has its own `scenario` ranges, scenarios are drawn from
+    these ranges instead."""
     scenarios: int = 2000
-    """Number of scenarios of the set."""
+    """Number of scenarios that are played, from the first of the set on."""
     varied: Mapping[str, Any] = field(default_factory=lambda: usual({}, COMPLIANT))
-    """Arguments that are changed one at a time, to test robustness. Each dotted name has a list of values, or a table
-    {times = [...]} of multiples; `scenario` has names of frozen sets."""
+    """Arguments, by dotted name, that are changed one at a time to test robustness. Each has a list of values, or a
+    table {times = [...]} of multiples of the set-up's value; `scenario` has a list of names of frozen sets."""
     nominal: Mapping[str, Any] = field(default_factory=dict)
-    """Fixed arguments from which these changes start, in place of ranges. In a file, robot = "rigid" means no robot
-    compliance."""
+    """Fixed arguments that replace ranges of the set-up; the changes in `varied` start from them. In a file, robot =
+    "rigid" means no robot compliance."""
 
     @classmethod
     def of_table(
@@ -70,8 +70,8 @@ class Evaluation:
         """Return the evaluation in a file's table for an environment; for `robot` see `usual`.
 
         Raises:
-            TypeError, ValueError: a key is unknown, a value is out of range, or the environment refuses a change; names
-                the key.
+            TypeError, ValueError: a key is unknown, a value is out of range, or the environment refuses a change. The
+                message names the key.
         """
         known("evaluation.", content, [item.name for item in fields(cls)])
         known("evaluation.nominal.", table(content, "nominal", "evaluation."), SET_UP_ARGUMENTS)
@@ -100,9 +100,9 @@ class Evaluation:
 def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return the default variations of an environment: VARIED, with the environment's own numbers.
 
-    If the environment has no robot compliance, it is varied with `robot`; if its spring has no stops, with a stroke
-    that is too short; if its objects come from the default ranges, with the frozen set `hard`, which lies outside of
-    these.
+    Three variations depend on the environment. If it has no robot compliance, `robot` is tried. If its spring has no
+    stops, a stroke that is too short is tried. If its objects come from the default ranges, the frozen set `hard` is
+    tried, which lies outside these ranges.
     """
     with warnings.catch_warnings(action="ignore", category=UserWarning):
         task = Task(**environment)
@@ -126,15 +126,15 @@ class Change:
 
     argument: str  # dotted
     label: str
-    value: float  # in the argument's unit, or a multiple; nan: not a number
+    value: float  # in the argument's unit, or a multiple; nan: the value is not a number
     multiple: bool  # whether `value` is a multiple of the environment's own value
-    environment: Mapping[str, Any]  # the changed arguments
-    scenarios: str = ""  # frozen set, if the change is another set
+    environment: Mapping[str, Any]  # all arguments, after the change
+    scenarios: str = ""  # name of a frozen set, if the change is to play it
     same: bool = False  # whether the value equals the environment's own
 
 
 def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Change]:
-    """Return all changes of `evaluation`, argument by argument; those that `environment` does not have are left out."""
+    """Return all changes of `evaluation`, by argument; arguments that `environment` does not have are left out."""
     begun = {**environment, **evaluation.nominal}
     return [change for name, values in evaluation.varied.items() for change in changes(name, values, begun)]
 
@@ -143,7 +143,7 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
     """Yield the changes of one argument; values that the environment refuses are left out, unless `strict`.
 
     Raises:
-        TypeError, ValueError: there is no list of values; or, if `strict`, the argument is unknown or the environment
+        TypeError, ValueError: `values` holds no list; or, if `strict`, the argument is unknown or the environment
             refuses a value. Names the argument.
     """
     where = f"evaluation.varied.{name}"
@@ -169,7 +169,7 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
         return
     for value in listed:
         try:
-            with within(where), warnings.catch_warnings(action="ignore", category=UserWarning):  # of hard values
+            with within(where), warnings.catch_warnings(action="ignore", category=UserWarning):  # about hard values
                 other = None if value == "rigid" else value
                 if multiples:
                     factor, own = number("times", value, "-", above=0), given[name]

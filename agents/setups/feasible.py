@@ -10,15 +10,15 @@ from impact_gym.task import QUANTITIES, ObservationSpec, Task
 from impact_gym.task.task import MOUNT_IDS
 
 OVERSHOOT = 2.0
-"""Largest acceleration of a compliant robot's flange over the commanded one: the response of an undamped spring to a
-step from rest. Several steps at the robot's own frequency reach more."""
+"""How many times the commanded acceleration a compliant robot's flange can reach: the factor for an undamped spring
+after one step from rest. Several steps at the robot's natural frequency reach more."""
 
 
 def warnings(task: Task) -> list[str]:
-    """Return a sentence for each problem that some episodes have, except those of which a `Task` itself warns.
+    """Return a sentence for each problem that some episodes have, except problems of which `Task` itself warns.
 
     Raises:
-        ValueError: all episodes have the problem; names the field.
+        ValueError: all episodes have the problem; the message names the field.
     """
     (near, far), most = task.scenario.distance, task.acceleration_range[1]
     observed = ObservationSpec(task).scale("position").high
@@ -62,7 +62,10 @@ def held(task: Task) -> float:
 
 
 def corners(task: Task) -> Iterator[Task]:
-    """Yield the task at each corner of the ranges of tool, coupling and robot."""
+    """Yield tasks with the drawn numbers of tool, coupling and robot at the ends of their ranges, all combinations.
+
+    Other drawn numbers are at the middle of their ranges.
+    """
     names = [name for name in task.drawn if name in MOUNT_IDS]
     middles = {name: QUANTITIES[name].middle(*pair) for name, pair in task.drawn.items()}
     for ends in product(*(task.drawn[name] for name in names)):

@@ -11,7 +11,7 @@ from impact_gym.validation import distinct, shown
 
 @contextmanager
 def within(place: str) -> Iterator[None]:
-    """Replace an error that is raised inside by a ValueError whose message begins with `place`."""
+    """Turn a TypeError or ValueError raised inside into a ValueError whose message begins with `place`."""
     try:
         yield
     except (TypeError, ValueError) as error:
@@ -45,7 +45,7 @@ def text(content: Mapping[str, Any], name: str, otherwise: str, prefix: str = ""
 
 
 def names(field_name: str, given: Any) -> tuple[str, ...]:
-    """Return a list of names, which must be different."""
+    """Return `given` as a tuple; it must be a list of names without repetition."""
     if not isinstance(given, list) or not all(isinstance(name, str) for name in given):
         raise ValueError(f"{field_name} must be a list of names, got {given!r}")
     distinct(field_name, given)

@@ -25,7 +25,7 @@ VERSION = 1
 TABLES = ("environment", "training", "baselines", "evaluation")
 INHERITED = ("environment", "training", "evaluation")
 """Tables whose keys a set-up inherits from the set-up that it extends."""
-BUDGET = 4800  # default number of candidates for each time weight
+BUDGET = 4800  # default number of candidates that tuning tries for each time weight
 SEEDS, MOST_SEEDS = 10, 10_000  # default and largest number of trainings of a set-up
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 """Set-ups in the README, and the default of `impact-gym report`."""
@@ -45,9 +45,9 @@ class Tuned(NamedTuple):
     """A baseline that is tuned for a set-up."""
 
     rule: str  # one of RULES
-    rtol: float = Task.rtol  # tolerance of the simulation during the search; scores use the environment's
-    clean_alarm: bool = False  # whether the alarm has no errors, as for a teacher
-    jitter: float = 0.0  # standard deviation of an error on each command during the search, over the action's range
+    rtol: float = Task.rtol  # tolerance of the simulation during the search; validation uses the environment's rtol
+    clean_alarm: bool = False  # whether the search uses an alarm without errors, as a teacher does
+    jitter: float = 0.0  # standard deviation of errors that the search adds to actions, as a fraction of their range
     scenarios: int = 300  # number of scenarios that each candidate plays
 
 
@@ -66,11 +66,11 @@ class Setup:
     tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines by name
     against: tuple[str, ...] = ()  # baselines for comparison, besides the paper's rule; the first is the main rival
     bound: str = ""  # set-up whose clairvoyant bound also applies here
-    budget: int = BUDGET  # candidates for each time weight in tuning
+    budget: int = BUDGET  # number of candidates that tuning tries for each time weight
     evaluation: Evaluation = field(default_factory=Evaluation)
     fails: str = UNSAID  # where its policy fails, in words
     path: Path = Path()
-    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # shares of the training, each with changed arguments
+    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # fraction of the environments, arguments that differ there
     seeds: int = SEEDS  # number of trainings, with seeds from 0 on
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:
@@ -88,17 +88,17 @@ class Setup:
 
     @property
     def shipped(self) -> bool:
-        """Whether its file is in this folder."""
+        """Whether the set-up's file is in this folder."""
         return self.path.parent == SHIPPED
 
     @property
     def called(self) -> str:
-        """The word for it on a command line: its name if it is shipped, else its path."""
+        """How a command line names the set-up: by its name if it is shipped, else by its path."""
         return self.name if self.shipped else str(self.path)
 
     @property
     def folder(self) -> Path:
-        """Default folder of its results, with the subfolders `policies` and `tuned`."""
+        """Default folder of the set-up's results, with the subfolders `policies` and `tuned`."""
         return SHIPPED.parent if self.shipped else Path("runs") / self.name
 
     def describes(self, task: Task) -> bool:
@@ -122,7 +122,7 @@ def shipped_baselines() -> tuple[str, ...]:
 
 
 def owner(baseline: str) -> Setup | None:
-    """Return the shipped set-up for which `baseline` is tuned."""
+    """Return the shipped set-up for which `baseline` is tuned; None if there is none."""
     return next((setup for setup in map(load_setup, shipped()) if baseline in setup.tuned), None)
 
 
@@ -130,7 +130,8 @@ def load_setup(name_or_path: str | Path) -> Setup:
     """Return a shipped set-up, by name, or a set-up from a file.
 
     Raises:
-        ValueError: there is no such set-up, or the file has a mistake: names file, key, value and the allowed values.
+        ValueError: there is no such set-up, or the file has a mistake. The message names file, key, value and allowed
+        values.
     """
     path = named_file("set-up", name_or_path, SHIPPED, ".toml")
     return deepcopy(_loaded(path.resolve(), path.stat().st_mtime_ns))
@@ -145,7 +146,7 @@ def _loaded(path: Path, _: int) -> Setup:
 
 
 def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Return a file's tables; the INHERITED tables also have the keys of the set-up that the file extends."""
+    """Return the content of a file; its INHERITED tables also have the keys of the set-up that it extends."""
     content: dict[str, Any] = parsed(path, "TOML", tomllib.loads)
     with within(str(path)):
         _read_delays(table(content, "environment"), path.parent)
@@ -168,7 +169,7 @@ def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
 def _setup(path: Path, content: dict[str, Any]) -> Setup:
     version = content.get("version", VERSION)
     if version != VERSION:
-        raise ValueError(f"version must be {VERSION}, got {version!r}: the set-up is one of another version of agents")
+        raise ValueError(f"version must be {VERSION}, got {version!r}: the file is for another version of agents")
     known("", content, ("version", "title", "about", "fails", "extends", *TABLES))
     environment, training, baselines, evaluation = (table(content, name) for name in TABLES)
     known("environment.", environment, SET_UP_ARGUMENTS)
@@ -188,7 +189,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         number("seeds", seeds, "-", at_most=MOST_SEEDS)
         settings = Training().changed(training)
         shares = settings.nominal + sum(share for share, _ in mixed)
-        number("nominal and the shares of what is mixed, in all,", shares, "-", at_most=1)
+        number("nominal and the shares in mixed, added up,", shares, "-", at_most=1)
     asked = Evaluation.of_table(evaluation, environment, COMPLIANT if path.parent == SHIPPED else None)
     if settings.nominal and not asked.nominal:
         raise ValueError(f"training.nominal must be 0 without a table [evaluation.nominal], got {settings.nominal!r}")
@@ -213,7 +214,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
 
 
 def _read_delays(environment: dict[str, Any], folder: Path) -> None:
-    """Replace the names of delay files, relative to the set-up's folder, by their rows."""
+    """Replace the name of each delay file, a path relative to the set-up's `folder`, by the rows of the file."""
     for way in WAYS:
         if isinstance(channel := environment.get(way), dict) and isinstance(trace := channel.get("trace"), str):
             with within(f"environment.{way}"):
@@ -221,7 +222,7 @@ def _read_delays(environment: dict[str, Any], folder: Path) -> None:
 
 
 def _mixed(given: Any, task: Task) -> tuple[tuple[float, Mapping[str, Any]], ...]:
-    """Return the shares of a training that have changed arguments, each with these arguments."""
+    """Check the entries of `training.mixed`; return each entry's share of environments and changed arguments."""
     parts = []
     for place, part in enumerate(given):
         name = f"training.mixed[{place}]"

@@ -33,15 +33,15 @@ class Training:
     """Cost of a second of approach, in m/s of object velocity. Each episode draws it log-uniformly, and the policy
     observes it, so that one policy covers the whole trade-off."""
     weight_power: float = 0.5
-    """Rewards are divided by (1 + time weight) to this power, so that episodes with a large weight do not dominate."""
+    """Rewards are divided by (1 + time_weight) ** weight_power, so that no large weight dominates."""
     envs: int = 512
     """Number of parallel environments."""
     batch: int = 2048
-    """Samples of a gradient step."""
+    """Number of samples of each gradient step."""
     rollout: int = 64
     """Steps of each environment between two updates; an episode has about 30."""
     epochs: int = 3
-    """Passes over a rollout."""
+    """Number of passes over the samples of each rollout."""
     gae_lambda: float = 1.0
     """Trade-off between bias and variance of the advantage. The discount is always 1."""
     entropy: float = 0.0
@@ -57,9 +57,9 @@ class Training:
     imitation_steps: int = 1_000_000
     """Environment steps of imitation."""
     learning_rate: float = 7e-4
-    """Initial learning rate; it falls linearly."""
+    """Initial learning rate; during the training it falls linearly to final_rate times this value."""
     final_rate: float = 0.1
-    """Final learning rate over the initial one."""
+    """Final learning rate, as a fraction of the initial one."""
     width: int = 64
     """Neurons in each hidden layer."""
     depth: int = 2
@@ -67,13 +67,14 @@ class Training:
     activation: Activation = "tanh"
     """Activation function of the hidden layers."""
     nominal: float = 0.0
-    """Share of the environments that play the set-up's [evaluation.nominal], in which few numbers are drawn."""
+    """Fraction of the environments that use the fixed arguments of the set-up's [evaluation.nominal]."""
     rtol: float | None = None
-    """Relative tolerance of the simulation during training. Default: the environment's; validation always uses that."""
+    """Relative tolerance of the simulation during training. Default: the environment's, which
+    validation always uses."""
     threads: int = 1
     """Threads of torch. A second one helps only if a core is free."""
     simulation_threads: int | None = None
-    """Threads of the environments. They do not change the result. Default: one for each core."""
+    """Threads of the environments. Their number does not change the result. Default: one for each core."""
     validate_every: int = 1_000_000
     """Steps between two validations; the policy with the best score is kept."""
     validation_scenarios: int = 1000
@@ -105,7 +106,7 @@ class Training:
             QUANTITIES["rtol"].check(self.rtol)
 
     def _fits_memory(self) -> None:
-        """Refuse networks or rollouts that need more memory than this machine has, by a lower bound of their memory.
+        """Raise ValueError if networks or rollout surely need more memory than this machine has.
 
         Actor and critic need four numbers for each weight: the weight, its gradient and Adam's two moments. A rollout
         keeps at least FEWEST numbers for each step.
@@ -124,7 +125,7 @@ class Training:
 
     @property
     def round(self) -> int:
-        """Environment steps of a rollout of all environments."""
+        """Number of environment steps in one rollout of all environments."""
         return self.envs * self.rollout
 
     @property

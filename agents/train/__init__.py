@@ -1,1 +1,1 @@
-"""Training with stable-baselines3; read `ppo` from top to bottom."""
+"""Training with stable-baselines3; begin reading with the module `ppo`."""

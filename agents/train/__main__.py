@@ -1,4 +1,4 @@
-"""Train a policy: `impact-gym train [SETUP]`, or with `--seeds` several policies, the median of which is shipped."""
+"""Train a policy: `impact-gym train [SETUP]`; with `--seeds` train several, whose median represents the set-up."""
 
 import sys
 from collections.abc import Sequence
@@ -17,14 +17,14 @@ from impact_gym.validation import whole
 
 @dataclass(frozen=True)
 class TrainOptions:
-    """Train a policy on ImpactApproach-v0, or with --seeds several policies, the median of which is shipped."""
+    """Train a policy on ImpactApproach-v0; with --seeds train several policies, whose median represents the set-up."""
 
     setup: tyro.conf.Positional[str] = "linear-blind"
     """Set-up, by name or file. It determines the defaults of the settings."""
     training: Annotated[Training, tyro.conf.arg(name="")] = field(default_factory=Training)
     """Settings."""
     seed: int = 0
-    """Seed of scenarios, network and exploration. No seed draws the scenarios of the evaluation."""
+    """Seed of scenarios, network and exploration. The scenarios of the evaluation have other seeds."""
     seeds: int | None = None
     """Number of seeds to train, from 0 on. The policies of all seeds are written into one file; the median by the
     validation score represents them. Finished seeds are kept; run the same command again to train the remaining
@@ -55,7 +55,7 @@ def read_options(arguments: Sequence[str]) -> TrainOptions:
     """Return the options on a command line; the set-up determines the defaults of the settings.
 
     Raises:
-        ValueError: there is no such set-up, or --resume has other options beside it.
+        ValueError: there is no such set-up, or --resume is combined with other options.
     """
     default = default_options(read_command("train", TrainOptions, arguments).setup)
     options = read_command("train", TrainOptions, arguments, default)
@@ -65,7 +65,7 @@ def read_options(arguments: Sequence[str]) -> TrainOptions:
 
 
 def default_options(setup: str) -> TrainOptions:
-    """Return the options of `impact-gym train SETUP` without further options."""
+    """Return the options of the command `impact-gym train SETUP`, which gives no other option."""
     return TrainOptions(setup, load_setup(setup).training)
 
 

@@ -28,7 +28,7 @@ OnValidation = Callable[[int, dict[str, Any]], None]
 ROWS = 200  # largest number of rows of a learning curve
 NEARLY_ALL = 0.99  # share of objects missed; a policy above it touches an object only by accident
 COLLAPSED = 3  # validations in a row with nearly all objects missed: the training has collapsed
-BEGINNING = 0.1  # first share of a training, in which a policy may miss all objects
+BEGINNING = 0.1  # fraction of a training at its begin, in which a policy may miss all objects
 
 
 class CollapsedError(RuntimeError):
@@ -96,7 +96,7 @@ class TrainingCallback(BaseCallback):
         self._count_time()
 
     def _count_time(self) -> None:
-        """Add the time since the last call: seconds by the clock, and of the processor."""
+        """Add the seconds since the last call, by the clock and of the processor, to `kept`."""
         self.kept["seconds"] += time.perf_counter() - self._begun
         self.kept["processor"] += time.process_time() - self._processor
         self._start_clock()
@@ -111,7 +111,7 @@ class TrainingCallback(BaseCallback):
         """Play the validation set, save the policy if it is the best so far, and return the policy.
 
         Raises:
-            CollapsedError: the policy misses nearly all objects, as in the validations before.
+            CollapsedError: the policy misses nearly all objects, for the COLLAPSED-th validation in a row.
         """
         steps = self.num_timesteps
         policy = self._policy()

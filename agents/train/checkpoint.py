@@ -1,4 +1,4 @@
-"""Checkpoints: the state with which a training resumes, and ends as if it had not been interrupted.
+"""Write and restore checkpoints: a training resumed from one ends as if it had not been interrupted.
 
 A checkpoint is taken between two rollouts, when the rollout buffer is empty. It holds the networks, optimisers and
 counters, the random states of torch, NumPy and Python, the environments with their generators, and the values that the
@@ -22,7 +22,7 @@ from agents.setups import Training
 from agents.train.scaling import ScaledRewards
 
 FORMAT = "impact_gym checkpoint 2"
-# stable-baselines3 2.9 has no public access to these; a test resumes from them to the bit
+# stable-baselines3 2.9 has no public access to these attributes; a test checks that resuming changes no bit
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
 
 

@@ -19,13 +19,16 @@ from impact_gym.task import ActionSpec, ObservationSpec
 
 
 class Teacher:
-    """A baseline to imitate; a tuned one uses the parameters with the best score at an episode's time weight."""
+    """A baseline to imitate.
+
+    A tuned baseline plays each episode with those of its parameters that score best at the episode's time weight.
+    """
 
     def __init__(self, setup: Setup, name: str) -> None:
         """Make a teacher from a baseline without parameters, or from a tuned one of the set-up or a shipped one.
 
         Raises:
-            ValueError: there is no such baseline, or the set-up does not observe a number that it needs.
+            ValueError: there is no such baseline, or the set-up does not observe a number that the baseline needs.
         """
         rules, means, self.checksum = [FIXED[name]()] if name in FIXED else [], [(0.0, 0.0)], name
         if not rules:

@@ -1,7 +1,7 @@
-"""Networks of a training: an actor with the controller's observation, and a critic that also sees the true scenario.
+"""Networks of a training: an actor, which sees the observation, and a critic, which also sees the true scenario.
 
-Any critic that does not see the action leaves the mean of the advantage unchanged. A critic that knows mass and
-distance of the object reduces its variance (Pinto et al. 2018, asymmetric actor critic).
+A critic that does not depend on the action does not bias the policy gradient, whatever else it sees. A critic that
+knows mass and distance of the object reduces the variance of the gradient (Pinto et al. 2018, asymmetric actor critic).
 """
 
 import re
@@ -27,7 +27,7 @@ CENTRE_AND_SPREAD = {
     "force": (0.05, 0.1),
     "force_peak": (0.15, 0.25),
     "time_weight": (0.0, 0.3),
-    "distance_estimate": (0.05, 0.1),  # narrower than its range: its error, 10 mm, must matter
+    "distance_estimate": (0.05, 0.1),  # narrower than the range, so that the estimate's error of 10 mm matters
     "range_noise": (0.3, 0.2),
     "deflection": (0.0, 0.2),
     "object_mass": (0.15, 0.3),
@@ -36,13 +36,14 @@ CENTRE_AND_SPREAD = {
     "distance": (0.1, 0.3),
 }
 """Approximate centre and spread of the observed numbers during a training. The networks get standardised numbers,
-because they would learn small differences late. The weights of an exported policy include the standardisation."""
+because they would learn small differences late. In a saved policy the standardisation is part of the weights."""
 
 
 def standardisation(tasks: Sequence[Task]) -> NDArray[np.float64]:
     """Return centres and spreads (2, n_obs) of the common observation of tasks.
 
-    For a number that is not in the table they are mean and standard deviation of its range; without a range, 0 and 1.
+    For a number that is not in CENTRE_AND_SPREAD, they are mean and standard deviation of the range from which it is
+    drawn; if it is not drawn, 0 and 1.
     """
     spec, pairs = ObservationSpec.of_rows(tasks), []
     drawn = {name: pair for task in reversed(tasks) for name, pair in task.ranges.items() if pair[0] < pair[1]}
@@ -60,7 +61,7 @@ def standardisation(tasks: Sequence[Task]) -> NDArray[np.float64]:
 
 
 class Standardised(BaseFeaturesExtractor):
-    """(observation - centre) / spread, of each number."""
+    """A layer that standardises each number: (observation - centre) / spread."""
 
     centre: torch.Tensor  # (n_obs,)
     spread: torch.Tensor  # (n_obs,)
@@ -105,7 +106,7 @@ class _TwoViews(MlpExtractor):
 
 
 class FastTanh(torch.nn.Module):
-    """Equal to torch.nn.Tanh within rounding, but by NumPy: eight times faster if torch uses a slow path of MKL."""
+    """tanh by NumPy: equal to torch.nn.Tanh within rounding, but eight times faster if torch uses a slow path."""
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
         """Return tanh of `values`."""

@@ -1,9 +1,9 @@
-"""PPO from top to bottom: settings, environments, model, learning, policy. Each training has a run folder.
+"""Train a policy with PPO: settings, environments, model, learning, policy, in this order.
 
-The folder holds `config.json` (settings, versions, command), `progress.csv` and events for TensorBoard, `best.npz` (the
-policy with the best validation score), `final.npz`, and `metrics.json` (with the speed of the training). Until the end
-it also holds `checkpoint.npz`, from which `resume` reaches the same result to the bit. If a training has collapsed,
-`collapsed.txt` gives the reason.
+Each training writes a run folder. It holds `config.json` (settings, versions, command), `progress.csv` and events for
+TensorBoard, `best.npz` (the policy with the best validation score), `final.npz`, and `metrics.json` (with the speed of
+the training). Until the training ends, the folder also holds `checkpoint.npz`, from which `resume` reaches the same
+result to the bit. If a training has collapsed, `collapsed.txt` gives the reason.
 """
 
 import json
@@ -61,7 +61,7 @@ class Run:
 
     @property
     def training_task(self) -> Task:
-        """The task with the training's tolerance, and with the true scenario for an informed critic."""
+        """`task` with the training's tolerance; for an informed critic, the true scenario is observed, too."""
         faster = {} if self.training.rtol is None else {"rtol": self.training.rtol}
         return self.task.changed({**faster, "privileged": self.training.informed_critic})
 
@@ -72,19 +72,19 @@ class Run:
 
     @property
     def slots(self) -> list[dict[str, Any]]:
-        """Changed arguments of each environment: first none, then those of the set-up's `mixed`, then `nominal`."""
+        """Arguments that each environment changes in `task`: first none, then the set-up's `mixed`, then `nominal`."""
         shares = (*self.setup.mixed, (self.training.nominal, self.setup.evaluation.nominal))
         others = [dict(changes) for share, changes in shares for _ in range(round(share * self.training.envs))]
         return [{} for _ in range(self.training.envs - len(others))] + others
 
     @property
     def command(self) -> str:
-        """The shortest command of this training."""
+        """The shortest command line that starts this training."""
         seed = ["--seed", str(self.seed)] if self.seed else []
         return command_of("train", self.training, self.setup.training, self.setup.called, *seed)
 
     def made_for(self) -> dict[str, Any]:
-        """Return everything that determines the result, as values that JSON returns."""
+        """Return everything that determines the result, in the form in which JSON returns it."""
         evaluation, training = self.setup.evaluation, self.training
         settings = {"setup": self.setup.called, "seed": self.seed, **asdict(training)}
         made = {"settings": settings, "environment": self.task.arguments(), "weights": evaluation.weights}

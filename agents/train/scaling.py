@@ -13,7 +13,7 @@ from impact_gym.sb3 import ImpactVecEnv
 
 
 class ScaledRewards(VecEnvWrapper):
-    """Divides rewards by (1 + time weight) to a power."""
+    """Divides rewards by (1 + time weight) ** power."""
 
     def __init__(self, envs: ImpactVecEnv, power: float) -> None:
         super().__init__(envs)
@@ -27,7 +27,7 @@ class ScaledRewards(VecEnvWrapper):
         return observations
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Play a step; the time weight of the episode that made a reward scales it."""
+        """Play a step; each reward is scaled by the time weight of the episode to which it belongs."""
         observations, rewards, ended, infos = self.venv.step_wait()
         rewards = rewards * self._scale
         self._see(observations)

@@ -1,7 +1,7 @@
-"""Trainings of a set-up with several seeds: all policies are kept, and the median one is shipped.
+"""Trainings of a set-up with several seeds: all policies are kept, and the median one represents the set-up.
 
-Finished trainings are stored by `agents.jobs`, and a killed training resumes from its checkpoint. On a cluster this
-needs run folders under the same path on all nodes; otherwise a training on a lost node starts again.
+Finished trainings are stored by `agents.jobs`, and a killed training resumes from its checkpoint. On a cluster,
+resuming needs run folders under the same path on all nodes; otherwise the training of a lost node starts again.
 """
 
 import json
@@ -26,7 +26,7 @@ def train_seeds(
     setup: Setup, training: Training, seeds: int, out: Path, policies: Path, processes: int | None = None,
     cluster: str | None = None,
 ) -> Path:  # fmt: skip
-    """Train the seeds from 0 on, except finished ones in `out`; return the file of all policies in folder `policies`.
+    """Train `seeds` seeds from 0 on, except those finished in `out`; return the file with all policies, in `policies`.
 
     Raises:
         ValueError: a run in `out` has other settings.
@@ -73,10 +73,10 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> dict[str, bytes]:
         except OSError:
             run = Path(elsewhere) / run.name
         if (run / "config.json").is_file():
-            _refuse_another(str(run), made_for)  # only this node of a cluster may see the folder
+            _refuse_another(str(run), made_for)  # on a cluster, `train_seeds` may not see this folder
             resume(run)
         else:
-            shutil.rmtree(run, ignore_errors=True)  # of a training that was killed before it began
+            shutil.rmtree(run, ignore_errors=True)  # left by a training that was killed before it began
             train(Run.of_record(made_for["settings"]), run)
         return {name: (run / name).read_bytes() for name in KEPT}
 

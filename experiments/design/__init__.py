@@ -1,5 +1,5 @@
-"""Search for the coupling that, with its best controller, leaves the object slowest at each approach time.
+"""Search, at each approach time, for the coupling that leaves the object slowest with its best controller.
 
 `impact-gym design SETUP --free NAME=LOW:HIGH ... --out DIR` searches coupling and controller together by CMA-ES on
-training scenarios, keeps finished searches in DIR, and plays the chosen design on the test set.
+training scenarios, keeps finished searches in DIR, and plays the found designs on the test set.
 """

@@ -1,4 +1,4 @@
-"""The result of a search for a design: a row for each design and coupling, their gains, the front as a chart."""
+"""The page of `impact-gym design`: compares the designs and other couplings with the paper's rule on the test set."""
 
 import json
 from collections.abc import Sequence
@@ -17,9 +17,9 @@ from experiments.lab.study import Findings, Frames
 from impact_gym.quantities import QUANTITIES
 
 LABELS = {FRONT: "best design for each approach time", CHOSEN: "chosen design"}
-BINS = 5  # of distances
+BINS = 5  # groups of test scenarios by the object's distance, equally many scenarios in each
 ENTRY = ("line", "allowed", "seed", "loss", "rule", "design", "parameters")
-"""Columns that identify an entry; design and parameters are JSON."""
+"""Columns that identify an `Entry` of the study; `design` and `parameters` are JSON."""
 
 
 def mean(rows: pl.DataFrame, name: str) -> float:
@@ -28,7 +28,7 @@ def mean(rows: pl.DataFrame, name: str) -> float:
 
 
 def summary(frame: pl.DataFrame) -> list[dict[str, Any]]:
-    """Return a row for each entry of the test set, in the order of the lines and their approach times."""
+    """Return a row for each `Entry` that was played on the test set, ordered by line and then by mean approach time."""
     paper = mean(frame.filter(line=PAPER), "object_velocity")
     rows = []
     for labels, played in grid.groups(frame, *ENTRY):
@@ -53,7 +53,7 @@ def with_unit(name: str, value: float) -> str:
 
 
 def reduction(line: pl.DataFrame, paper: pl.DataFrame) -> Estimate:
-    """Return the share by which a line's V_p is below the paper's rule's, at the mean approach time of that rule."""
+    """Return 1 - (V_p of `line` / V_p of the paper's rule), both at the mean approach time of the paper's rule."""
     resamples = Resamples(len(paper))
 
     def front(rows: pl.DataFrame) -> Front:
@@ -68,7 +68,7 @@ def reduction(line: pl.DataFrame, paper: pl.DataFrame) -> Estimate:
 
 
 def chart(rows: Sequence[dict[str, Any]]) -> Figure:
-    """Return a figure of V_p against approach time, each design of the front with its largest deflection."""
+    """Return a figure of mean V_p against mean approach time; the front's designs are labelled with deflections."""
     figure = Figure(figsize=(8.4, 4.8))
     axes = figure.subplots()
     lines: dict[str, list[dict[str, Any]]] = {}

@@ -1,7 +1,7 @@
-"""The limits of a design.
+"""The limits that a design must keep.
 
-The deflection of the tool from the flange counts until the first touch, so only the arm's own motion causes it. The
-stroke is the deflection of the whole episode, with contact and retreat.
+`deflection` is the largest deflection of the tool from the flange before the first touch, so only the arm's own motion
+causes it. `stroke` is the largest deflection in the whole episode, contact and retreat included.
 """
 
 import math
@@ -15,7 +15,7 @@ from experiments.design.pads import Pad
 from impact_gym.validation import number
 
 WITHIN = 0.95
-"""Share of the episodes that keep the limits of peak force and energy. Deflection and stroke are kept in all."""
+"""Share of the episodes that must keep the limits of peak force and energy; all must keep deflection and stroke."""
 UNITS = {"deflection": "m", "stroke": "m", "peak_force": "N", "release": "J", "energy": "J", "touched_once": "-"}
 
 
@@ -26,15 +26,15 @@ class Limits:
     deflection: float | None = 0.05
     """m, largest deflection of the tool from the flange before the first touch."""
     stroke: float | None = None
-    """m, largest deflection in the whole episode."""
+    """m, largest deflection of the tool from the flange in the whole episode."""
     peak_force: float | None = None
-    """N, of the contact."""
+    """N, largest contact force."""
     release: float | None = None
-    """J, energy that a mechanism releases when it snaps through."""
+    """J, energy that a bistable coupling releases when it snaps through."""
     energy: float | None = None
-    """J, kinetic energy of the object in the end."""
+    """J, kinetic energy of the object at the end of the episode."""
     touched_once: float | None = None
-    """Least share of the scenarios without a second touch, such as 0.95."""
+    """Least share of the scenarios that must have no second touch, such as 0.95."""
 
     def __post_init__(self) -> None:
         for name, unit in UNITS.items():
@@ -42,14 +42,14 @@ class Limits:
                 number(name, getattr(self, name), unit, above=0, at_most=1.0 if name == "touched_once" else math.inf)
 
     def excess(self, played: Episodes, travel: Travel, release: Floats, pad: Pad | None = None) -> Floats:
-        """Return the excess of each candidate over the limits, as shares of the limits, summed; 0 within them.
+        """Return for each candidate the sum of (value / limit - 1) over the limits that it exceeds; 0 if it keeps all.
 
         Args:
-            played: episodes of all candidates, equally many of each, one candidate after the other.
-            travel: of their tools.
-            release: energy released by each candidate (n,), J.
-            pad: Hertz's law holds for small penetrations, so the pad's may be at most half its radius, in the share
-                WITHIN of the episodes.
+            played: episodes, the same number for each candidate, sorted by candidate.
+            travel: deflection and stroke of the tool in these episodes.
+            release: energy that the coupling of each candidate releases (n,), J.
+            pad: pad on the tool. Hertz's law holds for small penetrations, so in the share WITHIN of the episodes the
+                penetration of the pad may be at most half its radius.
         """
         count = len(release)
         loads = played.peak_force, kinetic(played)

@@ -1,4 +1,4 @@
-"""The options of `impact-gym design`, and the file of the chosen design."""
+"""The options of `impact-gym design`, and the set-up file of the chosen design."""
 
 import tomllib
 from collections.abc import Mapping
@@ -21,41 +21,41 @@ from impact_gym.task import Task
 from impact_gym.validation import distinct, identifier, number, whole
 
 PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"
-"""Lines of the trade-off, besides those of the compared couplings."""
+"""Lines on the chart of V_p against approach time. Each compared coupling adds a line under its own name."""
 LIMITED = (FRONT, CHOSEN)
 
 
 @dataclass(frozen=True)
 class DesignOptions:
-    """Search for the coupling that, with its best controller, leaves the object slowest at each approach time.
+    """Search, at each approach time, for the coupling that leaves the object slowest with its best controller.
 
     The limits of deflection and stroke hold in all scenarios of the search, those of peak force and energy in 95 %.
     """
 
     setup: tyro.conf.Positional[str]
-    """A name or a file."""
+    """Name or file of the set-up."""
     free: tuple[str, ...]
-    """NAME=LOW:HIGH of each free number: tool_mass or a number of the coupling, such as coupling.stiffness=10:300."""
+    """NAME=LOW:HIGH for each searched number: tool_mass or one of the coupling, such as coupling.stiffness=10:300."""
     out: Path
-    """Folder of all results. Finished searches are kept there; the same command continues."""
+    """Folder of all results. It keeps finished searches: after an interruption, repeat the command to continue."""
     pad: str = ""
-    """A pad on the tool: memory-foam, neoprene or norbornene. Its mass counts as the tool's."""
+    """Pad on the tool: memory-foam, neoprene or norbornene; empty: no pad. The tool's mass includes that of the pad."""
     times: tuple[float, ...] = (0.9, 1.0, 1.15, 1.35)
-    """Approach times, over the mean of the paper's rule with the paper's spring."""
+    """Mean approach times that designs may take, as multiples of that of the paper's rule with the paper's spring."""
     limits: Annotated[Limits, tyro.conf.arg(name="")] = field(default_factory=Limits)
     search: Annotated[SearchBudget, tyro.conf.arg(name="")] = field(default_factory=SearchBudget)
     against: tuple[str, ...] = ("bistable-blind", "bistable-paper")
-    """Set-ups whose couplings are compared, each with its own controller."""
+    """Set-ups with whose couplings the design is compared; a controller is searched for each coupling."""
     seeds: int = 2
-    """Searches for each approach time. The best on the validation set is used."""
+    """Searches of a design for each approach time. The design that is best on the validation set is used."""
     processes: int = 2
-    """Searches at the same time, each on one core; 0: all in this process."""
+    """Searches that run at the same time, each on one core; 0: one after the other in this process."""
 
     def checked(self) -> "DesignOptions":
         """Return the options with sorted times.
 
         Raises:
-            ValueError: an option is out of range, or a design cannot be searched.
+            ValueError: an option is out of range, or the designs in the ranges cannot be searched.
         """
         whole("seeds", self.seeds, at_least=1)
         whole("processes", self.processes, at_least=0)
@@ -69,7 +69,7 @@ class DesignOptions:
         if self.pad:
             pad_of(self.pad)
         options = replace(self, times=tuple(sorted(self.times)))
-        _ = options.searched, options.others  # both refuse invalid designs
+        _ = options.searched, options.others  # computing these two raises ValueError for invalid designs
         return options
 
     @cached_property
@@ -79,17 +79,17 @@ class DesignOptions:
 
     @cached_property
     def variables(self) -> list[SearchVariable]:
-        """The free numbers."""
+        """The numbers that are searched."""
         return search_variables(self.free, self.arm)
 
     @cached_property
     def searched(self) -> dict[str, Any]:
-        """The set-up's environment, with a range for each variable."""
+        """The set-up's environment, in which each searched number has its range LOW to HIGH."""
         return searched_environment(self.arm, self.variables, self.limits.deflection)
 
     @cached_property
     def others(self) -> dict[str, dict[str, Any]]:
-        """The environments with the compared couplings, by name."""
+        """The set-up's environment with the paper's spring, and with the coupling of each set-up in `against`."""
         couplings = {name: load_setup(name).environment["coupling"] for name in self.against}
         compared = {name: {**self.arm.environment, "coupling": coupling} for name, coupling in couplings.items()}
         return {"paper's spring": with_papers_spring(self.arm.environment)} | compared
@@ -101,26 +101,26 @@ class DesignOptions:
 
     @property
     def rule(self) -> str:
-        """Name of the controller: a profile, or with a range sensor one that uses the estimate."""
+        """The controller's rule: `Ranged`, which uses the distance estimate, if there is a range sensor."""
         return "BlindProfile" if Task(**self.arm.environment).range_noise is None else "Ranged"
 
     @property
     def typical(self) -> float:
-        """The approach time that is nearest to that of the paper's rule."""
+        """The one of `times` that is nearest to 1, the approach time of the paper's rule."""
         return min(self.times, key=lambda allowed: abs(allowed - 1.0))
 
     def limits_of(self, line: str) -> Limits:
-        """Return the limits of a line; compared couplings have none."""
+        """Return the limits for a line; the paper's rule and the compared couplings have no limits."""
         return self.limits if line in LIMITED else Limits(deflection=None)
 
 
 def with_papers_spring(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of an environment with the default coupling, the paper's spring."""
+    """Return an environment's arguments without `coupling`, whose default is the paper's spring."""
     return {name: value for name, value in environment.items() if name != "coupling"}
 
 
 OF_TEACHER = ("teacher", "imitation_steps")
-"""Settings of training that depend on a baseline of the original set-up."""
+"""Settings of [training] that refer to a baseline of the original set-up; the design's set-up leaves them out."""
 DRAWN = (
     "this file draws stiffness and restitution of the contact independently from the ranges that the pad leaves, "
     "where on the pad both follow from the object's own: the softer it is, the more it keeps of its own restitution"
@@ -128,9 +128,9 @@ DRAWN = (
 
 
 def write_setup(path: Path, setup: Setup, candidate: Candidate, command: str) -> Path:
-    """Write a design, found by `command`, as a set-up to `path`, and return the path.
+    """Write a design as a set-up file to `path`, with `command` as its first line; return the path.
 
-    With a pad the ranges of the contact are those through the pad; see DRAWN.
+    With a pad, the ranges of contact stiffness and restitution are those of contacts through the pad; see DRAWN.
     """
     content = parsed(setup.path, "TOML", tomllib.loads)
     environment = Task(**setup.environment).changed(candidate.design).arguments()
@@ -156,7 +156,7 @@ def write_setup(path: Path, setup: Setup, candidate: Candidate, command: str) ->
 
 
 def _on_pad(environment: Mapping[str, Any], pad: str) -> dict[str, list[float]]:
-    """Return the ranges of the scenario, those of contact stiffness and restitution through the pad."""
+    """Return the scenario's ranges; those of contact stiffness and restitution are those through the pad."""
     ranges = {name: list(ends) for name, ends in Task(**environment).scenario.by_id().items()}
     corners = on_pad(pad, *np.meshgrid(*(ranges[name] for name in CONTACT)))
     return ranges | {name: [float(v.min()), float(v.max())] for name, v in zip(CONTACT, corners, strict=True)}

@@ -1,12 +1,12 @@
-"""Pads on the tool: a dome of soft material between tool and object, as two Hertz springs in series.
+"""Contact through a pad: a dome of soft material on the tool. Pad and object act as two Hertz springs in series.
 
-Both carry the same force F = k_i delta_i^1.5, so the penetrations add up to that of one spring with
+Both springs carry the same force F = k_i delta_i^1.5, so their penetrations add up to that of one spring with
 
     k^(-2/3) = k_pad^(-2/3) + k_object^(-2/3),
 
-and spring i stores 2/5 F delta_i, the share k_i^(-2/3) / k^(-2/3) of the energy. It loses the share 1 - e_i^2 of its
-energy, so 1 - e^2 is the mean of these shares, weighted by the stored energy. The object's own stiffness and
-restitution are those of its contact with a tool without a pad, which is far stiffer than any pad.
+Spring i stores 2/5 F delta_i, that is, the share k_i^(-2/3) / k^(-2/3) of the energy, and loses the share 1 - e_i^2 of
+what it stores. So 1 - e^2 is the mean of 1 - e_i^2, weighted by the stored energies. k_object and e_object are those of
+the contact with a tool without a pad; such a tool is far stiffer than any pad.
 """
 
 import math
@@ -18,13 +18,13 @@ from agents.baselines.rule import Floats
 from agents.setups.keys import known
 from impact_gym.physics.hertz import MATERIALS, hertz
 
-RIGID = (1e30, 0.0)  # Pa, Poisson's ratio: far stiffer than any pad
+RIGID = (1e30, 0.0)  # Young's modulus (Pa) and Poisson's ratio of a body that is far stiffer than any pad
 PADS = {"norbornene": 0.01, "neoprene": 0.01, "memory-foam": 0.04}
-"""Materials of pads, of `impact_gym.MATERIALS`, with the radius of the dome (m)."""
+"""Radius of the dome (m) for each material of a pad; `impact_gym.MATERIALS` has these materials."""
 
 
 class Pad(NamedTuple):
-    """A dome of one material on the tool; its mass counts as the tool's."""
+    """A dome of one material on the tool; the tool's mass includes that of the dome."""
 
     stiffness: float  # N/m^1.5, in contact with a rigid body
     restitution: float  # -, in contact with a body that loses no energy
@@ -32,20 +32,20 @@ class Pad(NamedTuple):
 
 
 def pad_of(material: str) -> Pad:
-    """Return the pad of a material, with the middle of its measured stiffness and the largest restitution.
+    """Return the pad of a material, with the geometric mean of its measured moduli and its largest restitution.
 
     Raises:
         ValueError: no pad is made of this material.
     """
     known("--pad ", [material], PADS)
     measured, radius = MATERIALS[material], PADS[material]
-    assert measured.restitution is not None  # all materials of PADS have one
+    assert measured.restitution is not None  # all materials of PADS have a measured restitution
     stiffness = hertz(radius, math.sqrt(math.prod(measured.young)), sum(measured.poisson) / 2.0, *RIGID)
     return Pad(stiffness, measured.restitution[1], radius)
 
 
 def on_pad(name: str, stiffness: Floats, restitution: Floats) -> tuple[Floats, Floats]:
-    """Return the stiffness (N/m^1.5) and restitution (-) of contacts through the pad, any shape."""
+    """Return stiffness (N/m^1.5) and restitution (-) of contacts through a pad, from those without it (any shape)."""
     pad = pad_of(name)
     of_pad, of_object = pad.stiffness ** (-2.0 / 3.0), np.asarray(stiffness) ** (-2.0 / 3.0)
     share = of_pad / (of_pad + of_object)

@@ -1,7 +1,8 @@
 """One search over design and controller together, for the least V_p with a limited mean approach time.
 
-A design must be judged with its own best controller. Finding that takes a few hundred generations. One search over both
-takes about twice as many; a search of designs would need a search of the controller for each design.
+A design must be judged with its own best controller. Finding this controller takes a few hundred generations. A search
+over design and controller together takes about twice as many generations; a search over designs alone would need a
+search for the controller for every design.
 """
 
 import json
@@ -25,13 +26,13 @@ from impact_gym.scene import Bistable
 from impact_gym.task import Task
 from impact_gym.validation import number, whole
 
-RTOL = 1e-5  # of the simulation while searching: V_p is within 1e-6 m/s
+RTOL = 1e-5  # rtol of the simulation in a search: the error of V_p is below 1e-6 m/s
 PENALTY = 2.0
-"""m/s for each share by which a limit or the approach time is exceeded. V_p gains less by it, so that the optimum is
-within the limits."""
+"""m/s, penalty for exceeding a limit or the approach time by 100 %, in proportion for less. V_p gains less than the
+penalty by the same excess, so the optimum keeps the limits."""
 MARGIN = 1.2
-"""Factor on the tolerance in a search. A search uses few scenarios: a mechanism that barely holds its tool in all of
-them lets go in others."""
+"""A search draws the errors of built numbers from the tolerance times this factor. It uses few scenarios, and a
+mechanism that barely holds its tool in all of them may release it in others."""
 CONTACT = ("contact_stiffness", "restitution")
 
 
@@ -40,9 +41,9 @@ class Candidate:
     """One coupling with one controller, as plain data."""
 
     environment: Mapping[str, Any]  # arguments of the environment
-    rule: str  # name of the controller
-    parameters: Sequence[float] = ()  # of the controller
-    design: Mapping[str, float] = field(default_factory=dict)  # numbers that differ from the environment
+    rule: str  # name of the controller's rule
+    parameters: Sequence[float] = ()  # of the rule
+    design: Mapping[str, float] = field(default_factory=dict)  # numbers of the design, by name
     pad: str = ""  # material of the pad on the tool; empty: no pad
 
     @cached_property
@@ -52,22 +53,22 @@ class Candidate:
 
     @cached_property
     def soft(self) -> Pad | None:
-        """The pad on the tool."""
+        """The pad on the tool; None: no pad."""
         return pad_of(self.pad) if self.pad else None
 
     def controller(self, parameters: ArrayLike | None = None) -> Rule:
-        """Return the controller, with its own or with other parameters, (k,) or (rows, k)."""
+        """Return the controller with `parameters`, (k,) or (rows, k); None: the candidate's own parameters."""
         return RULES[self.rule].of(self.parameters if parameters is None else parameters).for_task(self.task)
 
     def contact(self, stage: ScenarioBatch) -> dict[str, Floats]:
-        """Return stiffness and restitution of each scenario's contact through the pad; nothing without a pad."""
+        """Return contact stiffness and restitution of each scenario through the pad; empty without a pad."""
         if not self.pad:
             return {}
-        scenario = stage.play(self.controller()).scenario  # a play draws the scenarios
+        scenario = stage.play(self.controller()).scenario  # the scenarios are drawn when they are played
         return dict(zip(CONTACT, on_pad(self.pad, *(scenario[name] for name in CONTACT)), strict=True))
 
     def released(self, design: Mapping[str, Floats], count: int) -> Floats:
-        """Return the energy (J) that each of `count` designs releases from its front stop to its rear stop (count,)."""
+        """Return the energy (J) that the mechanism of each of `count` designs releases between its stops, (count,)."""
         coupling = self.task.coupling
         if not isinstance(coupling, Bistable):
             return np.zeros(count)
@@ -82,14 +83,14 @@ class SearchBudget:
     """Size of a search."""
 
     tolerance: float = 0.05
-    """Share by which each number of a design may differ when it is built. In search and test it differs in each
-    scenario; without a tolerance the search finds mechanisms that barely hold their tool."""
+    """Largest relative error of each number of a design when it is built. Search and test draw such errors for each
+    scenario; without them the search finds mechanisms that barely hold their tool."""
     scenarios: int = 500
     """Training scenarios for each candidate."""
     budget: int = 7200
-    """Candidates of each search."""
+    """Candidates that each search plays."""
     population: int = 18
-    """Candidates of a generation, which are played together."""
+    """Candidates in a generation; they are played together."""
 
     def __post_init__(self) -> None:
         number("tolerance", self.tolerance, "-", at_least=0.0, at_most=0.5)
@@ -104,16 +105,17 @@ def objective(
     limits: Limits,
     budget: SearchBudget,
 ) -> Losses:
-    """Return a function from candidates (population, 1, k), designs and controllers, to losses (population, 1), m/s.
+    """Return the loss function of a search, from candidates (population, 1, k) to losses (population, 1), m/s.
 
-    All are played in the same training scenarios. Arguments as in `search`.
+    A candidate is an array of the design's variables and then of the rule's parameters. All candidates are played in
+    the same training scenarios. The arguments are those of `search`, as objects.
     """
     population, scenarios = budget.population, budget.scenarios
     task = candidate.task.changed({"rtol": RTOL})
     stage = ScenarioBatch(TUNING_SEED, scenarios, task, copies=population, lenient=True, threads=1)
     contact = candidate.contact(ScenarioBatch(TUNING_SEED, scenarios, task, threads=1))
     off, rng = MARGIN * budget.tolerance, np.random.default_rng((TUNING_SEED, 1))
-    errors = rng.uniform(1.0 - off, 1.0 + off, (len(variables), scenarios))  # factors, as built
+    errors = rng.uniform(1.0 - off, 1.0 + off, (len(variables), scenarios))  # factors on the designed numbers
 
     def losses(candidates: Floats) -> Floats:
         searched, of_rule = np.split(candidates[:, 0], [len(variables)], axis=1)
@@ -136,16 +138,16 @@ def search(
     candidate: Mapping[str, Any], variables: Sequence[Sequence[Any]], approach_time: float,
     limits: Mapping[str, float | None], budget: Mapping[str, Any], seed: int,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Return one row: the best `design` and the `parameters` of its rule as JSON, and their `loss` (m/s).
+    """Search, and return one row: the best `design` and the `parameters` of its rule as JSON, and their `loss` (m/s).
 
     Args:
-        candidate: fields of a `Candidate`. Its environment has a range for each variable, the search starts at its
-            parameters.
+        candidate: fields of a `Candidate`. Its environment has a range for each variable. The search starts at its
+            `parameters`.
         variables: fields of each `SearchVariable`; if empty, only the controller is searched.
-        approach_time: largest mean over the scenarios, s.
+        approach_time: largest mean approach time over the scenarios, s.
         limits: fields of `Limits`.
         budget: fields of `SearchBudget`.
-        seed: of the search.
+        seed: seed of CMA-ES.
     """
     begin, free, much = Candidate(**candidate), [SearchVariable(*each) for each in variables], SearchBudget(**budget)
     of_rule = zip(RULES[begin.rule].PARAMETERS, begin.parameters, strict=True)
@@ -160,14 +162,14 @@ def search(
 
 
 def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any]) -> pl.DataFrame:
-    """Return a row for each scenario of a frozen set: scenario, results, deflection and stroke of the tool (m).
+    """Play a candidate on a frozen set; return a row for each scenario: its numbers and the results.
 
-    The `excess` over the limits concerns all scenarios together and is the same in each row.
+    Deflection and stroke are in m. `excess` is that of `Limits.excess` over all scenarios, the same in each row.
 
     Args:
         candidate: fields of a `Candidate`.
-        tolerance: largest share by which each number of the design differs, drawn anew in each scenario.
-        name: of the set.
+        tolerance: largest relative error of each number of the design; errors are drawn for each scenario.
+        name: name of the frozen set.
         limits: fields of `Limits`.
     """
     player = Candidate(**candidate)

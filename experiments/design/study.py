@@ -1,7 +1,8 @@
 """The study of `impact-gym design`: searches, choice on the validation set, results on the test set.
 
-For each approach time the design is the best of its seeds on the validation set. The design at the approach time of the
-paper's rule is chosen, and its controller is searched for the other times. The test set chooses nothing.
+For each approach time, the front has the best design of all seeds, as judged on the validation set. The chosen design
+is the front's design at the approach time nearest to that of the paper's rule. For the other approach times only the
+controller of the chosen design is searched again. Nothing is chosen on the test set.
 """
 
 import json
@@ -29,23 +30,23 @@ DEPENDS = (
 )  # fmt: skip
 PAPERS_RULE = "ConstantSpeed", [1.0, 8.0, 8.0]  # paper, section 3.2
 STARTS = {("BlindProfile", False): "blind-profile", ("BlindProfile", True): "bistable-blind-profile"}
-"""Tuned baseline whose parameters start a search, by rule and whether the coupling is bistable; otherwise "ranged"."""
+"""Tuned baseline at which a search starts, by rule and by whether the coupling is bistable; by default "ranged"."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A candidate on a line of the trade-off."""
+    """A candidate on a line of the chart of V_p against approach time."""
 
     line: str  # PAPER, FRONT, CHOSEN, or a name of `DesignOptions.others`
-    allowed: float  # approach time, over that of the paper's rule
+    allowed: float  # largest mean approach time, as a multiple of that of the paper's rule
     candidate: Candidate
     seed: int = 1
-    loss: float = np.nan  # m/s, V_p on the scenarios of the search, with the penalty for exceeded limits
+    loss: float = np.nan  # m/s, mean V_p in the search, plus penalties for exceeded limits and time
 
 
 @dataclass(frozen=True)
 class Search:
-    """The cells of each table, which depend on the options and on earlier tables."""
+    """The cells of each table of the study; they depend on the options and on earlier tables."""
 
     options: DesignOptions
 
@@ -55,7 +56,7 @@ class Search:
         return Entry(PAPER, 1.0, Candidate(with_papers_spring(self.options.arm.environment), *PAPERS_RULE))
 
     def searches(self, _: bool, __: Frames) -> Iterator[Cell]:
-        """Yield the searches of designs, and of controllers for the compared couplings."""
+        """Yield cells that search designs, and controllers of the compared couplings."""
         options = self.options
         designs = Candidate(options.searched, options.rule, pad=options.pad)
         entries = [
@@ -69,18 +70,18 @@ class Search:
         yield from self._searched(entries)
 
     def validation(self, _: bool, frames: Frames) -> Iterator[Cell]:
-        """Yield plays of the paper's rule and of all designs on the validation set."""
+        """Yield cells that play the paper's rule and the designs of all seeds on the validation set."""
         yield from self._played([self.paper, *self._front_of(frames)], "validation")
 
     def controllers(self, _: bool, frames: Frames) -> Iterator[Cell]:
-        """Yield the searches of the chosen design's controller for the other approach times."""
+        """Yield cells that search the chosen design's controller for each approach time but `typical`."""
         chosen = self.chosen(frames)
-        built = replace(chosen.candidate, design={})  # its environment has the design
+        built = replace(chosen.candidate, design={})  # its environment already has the design's numbers
         others = [time for time in self.options.times if time != self.options.typical]
         yield from self._searched([Entry(CHOSEN, time, built) for time in others], chosen.candidate.parameters)
 
     def designs(self, _: bool, frames: Frames) -> Iterator[Cell]:
-        """Yield plays on the test set: the paper's rule, the front, the chosen design and the compared couplings."""
+        """Yield cells that play paper's rule, front, chosen design and compared couplings on the test set."""
         options, chosen = self.options, self.chosen(frames)
         curve = [chosen]
         for row in frames["controllers"].to_dicts() if "controllers" in frames else ():
@@ -95,7 +96,7 @@ class Search:
         yield from self._played([self.paper, *self.front(frames), *curve, *compared], "test")
 
     def chosen(self, frames: Frames) -> Entry:
-        """Return the design at the approach time of the paper's rule; its environment draws the numbers as built."""
+        """Return the front's design at the approach time `typical`; its environment draws the numbers as built."""
         options = self.options
         entry = next(entry for entry in self.front(frames) if entry.allowed == options.typical)
         built = as_built(entry.candidate.design, MARGIN * options.search.tolerance)
@@ -105,7 +106,7 @@ class Search:
     def front(self, frames: Frames) -> list[Entry]:
         """Return for each approach time the design with the lowest V_p on the validation set.
 
-        Misses, exceeded limits and a later approach are penalised as in a search.
+        Missed objects, exceeded limits and a too long approach time are penalised as in a search.
         """
         played = dict(grid.groups(frames["validation"], "line", "allowed", "seed"))
         paper = mean(played[PAPER, 1.0, 1], "approach_time")
@@ -121,7 +122,7 @@ class Search:
         return [min((e for e in entries if e.allowed == allowed), key=cost) for allowed in self.options.times]
 
     def _front_of(self, frames: Frames) -> list[Entry]:
-        """Return the designs of all seeds."""
+        """Return an entry for each searched design: every approach time and every seed."""
         designs = Candidate(self.options.searched, self.options.rule, pad=self.options.pad)
         return [
             Entry(FRONT, row["allowed"],
@@ -131,9 +132,9 @@ class Search:
         ]  # fmt: skip
 
     def _searched(self, entries: Sequence[Entry], start: Sequence[float] = ()) -> Iterator[Cell]:
-        """Yield searches; controllers start at `start`, or else at a shipped one.
+        """Yield a cell that searches each entry; controllers start at the parameters `start`, or else at shipped ones.
 
-        On the line FRONT design and controller are searched, on others only the controller.
+        For entries of FRONT, design and controller are searched; for all others only the controller.
         """
         options, papers_rule = self.options, self.paper.candidate
         batch = ScenarioBatch(TUNING_SEED, options.search.scenarios, papers_rule.task, threads=1)
@@ -148,7 +149,7 @@ class Search:
             })  # fmt: skip
 
     def _played(self, entries: Sequence[Entry], name: str) -> Iterator[Cell]:
-        """Yield plays of entries on a frozen set."""
+        """Yield a cell that plays each entry on the frozen set `name`."""
         for entry in entries:
             candidate, limits = entry.candidate, asdict(self.options.limits_of(entry.line))
             written = json.dumps(dict(candidate.design)), json.dumps(list(candidate.parameters))
@@ -160,7 +161,7 @@ class Search:
 
 
 def start_of(candidate: Candidate, approach_time: float) -> list[float]:
-    """Return the parameters of the shipped controller with the same rule and the nearest approach time (s)."""
+    """Return the parameters of the shipped tuning whose approach time on the validation set is nearest (s)."""
     bistable = isinstance(candidate.task.coupling, Bistable)
     weights = read_tuned(STARTS.get((candidate.rule, bistable), "ranged"))["weights"].values()
     nearest = min(weights, key=lambda tuned: abs(tuned["validation"]["approach_time"] - approach_time))
@@ -168,7 +169,7 @@ def start_of(candidate: Candidate, approach_time: float) -> list[float]:
 
 
 def study_of(options: DesignOptions) -> Study:
-    """Return the study of checked options."""
+    """Return the study for options that `DesignOptions.checked` returned."""
     search_for = Search(options)
     return Study("design", f"Which coupling, with its best controller, for {options.arm.name}?", (
         Measurement("searches", search_for.searches, search, DEPENDS),

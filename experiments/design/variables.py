@@ -17,7 +17,7 @@ from impact_gym.task import Task
 from impact_gym.validation import number
 
 WIDE = 10.0
-"""A range whose ends differ by this factor is searched on a logarithmic scale, as stiffness and mass always are."""
+"""A range whose ends differ by at least this factor is searched on a logarithmic scale; stiffness and mass always."""
 
 
 class SearchVariable(NamedTuple):
@@ -26,30 +26,30 @@ class SearchVariable(NamedTuple):
     name: str  # dotted, such as coupling.stiffness
     low: float
     high: float
-    start: float = np.nan  # of the search
+    start: float = np.nan  # where the search starts
 
     @property
     def logarithmic(self) -> bool:
-        """Whether it is searched on a logarithmic scale."""
+        """Whether this number is searched on a logarithmic scale."""
         return QUANTITIES[self.name].by_ratio(self.low) or 0.0 < WIDE * self.low <= self.high
 
     def parameter(self) -> Parameter:
-        """Return the search's parameter. It starts in the middle of the range if `start` is outside."""
+        """Return the parameter of the search; it starts in the middle of the range if `start` is outside the range."""
         low, high = float(self.searched(self.low)), float(self.searched(self.high))
         begin = float(self.searched(self.start)) if self.low <= self.start <= self.high else 0.5 * (low + high)
         return Parameter(self.name, QUANTITIES[self.name].unit, low, high, begin)
 
     def searched(self, value: ArrayLike) -> Floats:
-        """Return physical values (any shape) on the scale of the search."""
+        """Convert physical values (any shape) to the scale of the search."""
         return np.log(value) if self.logarithmic else np.asarray(value, np.float64)
 
     def value(self, searched: Floats) -> Floats:
-        """Return the physical values of numbers of the search (any shape)."""
+        """Convert values on the scale of the search (any shape) to physical values within the range."""
         return np.clip(np.exp(searched) if self.logarithmic else searched, self.low, self.high)
 
 
 def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]:
-    """Return the variables of texts `NAME=LOW:HIGH`. They start at the set-up's own value, the mean of a drawn one.
+    """Return a variable for each text `NAME=LOW:HIGH`. The search starts at the set-up's value (its mean if drawn).
 
     Raises:
         ValueError: there are no texts, a text has another form, a name is repeated or is no number of the set-up's
@@ -69,7 +69,7 @@ def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]
 
 
 def _read(text: str, own: Mapping[str, float]) -> SearchVariable:
-    """Return the variable in a text; it starts at the set-up's `own` value."""
+    """Return the variable in a text; the search starts at its value in `own`, the set-up's numbers."""
     name, _, ends = text.partition("=")
     try:
         low, high = map(float, ends.split(":"))
@@ -83,25 +83,25 @@ def _read(text: str, own: Mapping[str, float]) -> SearchVariable:
 
 
 def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[float]]:
-    """Return the numbers of a design as ranges: a share `tolerance` to either side."""
+    """Return for each number of a design the range from 1 - `tolerance` to 1 + `tolerance` times its value."""
     return {name: sorted([value * (1.0 - tolerance), value * (1.0 + tolerance)]) for name, value in design.items()}
 
 
 def searched_environment(setup: Setup, variables: Sequence[SearchVariable], deflection: float | None) -> dict[str, Any]:
-    """Return the set-up's arguments with a range for each variable, as for drawn numbers.
+    """Return the set-up's environment with the range of each variable, as if the number were drawn in each episode.
 
     Raises:
-        ValueError: an end of a range is no valid coupling, or no design in the ranges holds the tool within
+        ValueError: the coupling is invalid at an end of a range, or no design in the ranges holds the tool within
             `deflection` (m).
     """
     with within("--free"):
         task = Task(**setup.environment).changed({each.name: [each.low, each.high] for each in variables})
         warnings(task)
         springs = [corner for corner in corners(task) if isinstance(corner.coupling, SpringDamper)]
-        # in equilibrium the tool lags by m a / k
+        # at a constant acceleration a, the tool lags behind the flange by m a / k
         lag = task.acceleration_range[0] * min((c.tool_mass / c.coupling.stiffness for c in springs), default=0.0)
         if deflection is not None and lag > deflection:
             raise ValueError(f"no design in these ranges holds the tool within {1e3 * deflection:g} mm: even at the "
                              f"arm's least acceleration, {task.acceleration_range[0]:g} m/s^2, the tool lags "
-                             f"{1e3 * lag:.3g} mm behind with the stiffest")  # fmt: skip
+                             f"{1e3 * lag:.3g} mm behind the flange with the stiffest spring")  # fmt: skip
     return task.arguments()

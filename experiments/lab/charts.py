@@ -38,7 +38,7 @@ mpl.rcParams.update(
 RULE, POLICY, PROFILE, PERSON = palette.RULE, palette.POLICY, palette.PROFILE, palette.PERSON
 FLANGE, TOOL, OBJECT, FORCE = palette.FLANGE, palette.TOOL, palette.OBJECT, palette.FORCE
 SERIES = (RULE, POLICY, PROFILE, PERSON, palette.WARNING, FORCE)
-OTHERS = FLANGE  # if no colour of SERIES is left
+OTHERS = FLANGE  # for series beyond the colours of SERIES
 
 
 def save(figure: Figure, path: Path) -> Path:
@@ -55,7 +55,7 @@ def save(figure: Figure, path: Path) -> Path:
 
 
 def velocities(axes: Axes, trace: Trace) -> None:
-    """Velocities of flange, tool and object against time, as in the paper's Fig. 13 to 25."""
+    """Draw velocities of flange, tool and object against time, as in the paper's Fig. 13 to 25."""
     axes.plot(trace.time, trace.flange_velocity, color=FLANGE, linestyle=(0, (4, 2)), label="flange")
     axes.plot(trace.time, trace.tool_velocity, color=TOOL, label="tool")
     axes.plot(trace.time, trace.object_velocity, color=OBJECT, label="object")

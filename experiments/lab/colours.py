@@ -1,4 +1,4 @@
-"""The palette on a page: custom properties for its style sheet, and drawings that follow the page, light or dark."""
+"""The palette as CSS custom properties of a page, and drawings that become light or dark with the page."""
 
 import re
 
@@ -10,7 +10,7 @@ SERIES = "rule", "policy", "profile", "person", "object", "tool", "flange", "for
 def css() -> str:
     """Return the colours as custom properties `--NAME`; the reader's system or a button chooses light or dark.
 
-    Drawings in the page with colours of the light palette as attributes follow that choice.
+    SVG drawings in the page whose attributes are colours of the light palette follow this choice.
     """
     block = ":root:not([data-theme=light])"
     dark = f"@media screen and (prefers-color-scheme: dark) {{ {_block(block, 1)} }}"
@@ -21,7 +21,7 @@ def css() -> str:
 
 
 def adaptive(drawing: str) -> str:
-    """Return an SVG drawing in colours of the light palette so that it is light or dark like the page around it."""
+    """Return an SVG drawing whose colours of the light palette become light or dark with the page around it."""
     names = {light.lower(): name for name, light in palette.LIGHT.items()}
     pattern = re.compile("|".join(names), re.IGNORECASE)
     drawing = pattern.sub(lambda found: f"var(--{names[found[0].lower()]}, {found[0]})", drawing)

@@ -21,7 +21,7 @@ from impact_gym.task.task import MISSED_COST
 
 PLAYED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.policies.networks", "agents.policies.policy",
           "agents.setups.evaluation")  # fmt: skip
-"""Modules that the result of an episode depends on; set-ups, policies and tuned baselines are arguments."""
+"""Modules that the result of an episode depends on, besides the arguments: set-ups, policies and tuned baselines."""
 
 
 class Contestant(NamedTuple):
@@ -38,8 +38,8 @@ class Place(NamedTuple):
     setup: str
     change: str  # in words
     environment: Mapping[str, Any]  # arguments of the environment, without time weight
-    labels: Mapping[str, Any] = {}  # further columns of its rows
-    scenarios: Mapping[str, Any] | None = None  # instead of the grid's scenarios
+    labels: Mapping[str, Any] = {}  # additional columns of the rows
+    scenarios: Mapping[str, Any] | None = None  # scenarios to play here instead of the grid's
 
 
 def seeds_of(setup: str, name: str) -> list[Contestant]:

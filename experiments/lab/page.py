@@ -1,4 +1,4 @@
-"""Pages: one file with embedded figures, from the template of all pages or a template that extends it."""
+"""Write pages: one file with embedded figures, from the template of all pages or a template that extends it."""
 
 import base64
 import re
@@ -20,12 +20,12 @@ POWER = re.compile(r"\^(?:\(([^()]+)\)|(-?\d+(?:\.\d+)?))")
 
 
 def factor(value: float) -> str:
-    """Return a ratio in words: two digits, or one decimal below ten."""
+    """Return a ratio as text: two digits, or one decimal below ten."""
     return f"{value:.1f}" if value < 10 else f"{float(f'{value:.2g}'):,.0f}"
 
 
 def typeset(text: str) -> Markup:
-    """Return a text with subscripts and powers (V_p, N/m^1.5) as elements and its intervals unbroken."""
+    """Return a text as HTML: subscripts and powers (V_p, N/m^1.5) become elements, an interval stays in one line."""
     unbroken = INTERVAL.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), str(escape(text)))
     return Markup(POWER.sub(r"<sup>\1\2</sup>", SYMBOL.sub(r"\1<sub>\2</sub>", unbroken)))
 

@@ -15,7 +15,7 @@ LONG = 80  # characters; a cell with more holds a sentence, whose column stays w
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of words; the first column names the row."""
+    """A table of texts; the first column names the row."""
 
     caption: str
     head: Sequence[str]
@@ -30,7 +30,7 @@ class Table:
 
     @property
     def classes(self) -> list[str]:
-        """CSS class of each column: "" if half its cells are numbers or intervals, "left", or "left words" if long."""
+        """CSS class of each column: "" if half of it is numbers or intervals, else "left", or "left words" if long."""
         found = []
         for column in zip(*self.rows, strict=False):
             numbers = sum(bool(re.match(r"([-+\d]|at (least|most) \d).{,40}$", cell)) for cell in column)
@@ -43,8 +43,8 @@ class Heat(NamedTuple):
     """A cell of a heat map."""
 
     value: str
-    note: str  # under it
-    ratio: float  # to the reference of the heat map; below 1 is better
+    note: str  # shown under the value
+    ratio: float  # of the cell's value to the heat map's reference value; below 1 is better
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Picture:
     alternative: str  # text alternative
     caption: str = ""
     heading: str = ""
-    wide: bool = True  # whether it is alone in its row
+    wide: bool = True  # whether the picture is alone in its row
 
 
 @dataclass(frozen=True)

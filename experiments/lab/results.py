@@ -30,8 +30,8 @@ def csv_of(frame: pl.DataFrame) -> str:
 def recorded_run(folder: Path, command: str, packages: Iterable[str]) -> Iterator[list[dict[str, Any]]]:
     """Record a run of a study in `folder`/results.json; yield the records of all runs, this run last.
 
-    A record has the command, the circumstances, the load before the run, and its duration in seconds, None if the run
-    was stopped. If the folder keeps no results, earlier records are dropped.
+    A record has the command, the circumstances, the machine's load before the run, and the run's duration in seconds,
+    None if it was stopped. If the folder keeps no results, earlier records are dropped.
     """
     log = folder / "results.json"
     runs: list[dict[str, Any]] = (

@@ -1,8 +1,8 @@
 """Intervals over training seeds and scenarios by bootstrap, and comparisons of two contestants.
 
-All contestants play the same scenarios, so all have the same resamples (common random numbers). A training is
-replicated by its seeds. For the probability of improvement see R. Agarwal et al., Deep Reinforcement Learning at the
-Edge of the Statistical Precipice, NeurIPS 2021.
+All contestants play the same scenarios, so all have the same resamples (common random numbers). The seeds of a training
+are its replicates. For the probability of improvement see R. Agarwal et al., Deep Reinforcement Learning at the Edge of
+the Statistical Precipice, NeurIPS 2021.
 """
 
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class Estimate:
 
 
 class Resamples:
-    """Share of each scenario in each resample; resample 0 is the sample itself."""
+    """Bootstrap resamples of scenarios and seeds; resample 0 is the sample itself."""
 
     def __init__(self, scenarios: int, resamples: int = RESAMPLES, seed: int = 0) -> None:
         self._seed, self.scenarios, self.count = seed, scenarios, resamples
@@ -46,8 +46,8 @@ class Resamples:
     def means(self, values: Floats) -> Floats:
         """Return the mean of `values` (seeds, ..., scenarios) over seeds and scenarios in each resample: (1 + n, ...).
 
-        Values (scenarios,) belong to one seed. Seeds are resampled independently of scenarios, and identically in all
-        calls with the same number of seeds.
+        Values (scenarios,) count as those of one seed. Seeds are resampled independently of scenarios, and identically
+        in all calls with the same number of seeds.
         """
         values = np.atleast_2d(values).astype(np.float64)
         seeds = len(values)
@@ -118,7 +118,7 @@ def quantile_groups(values: Floats, count: int) -> list[tuple[NDArray[np.bool_],
 class Comparison:
     """Bootstrap values (1 + n,) of one measure for two contestants; lower is better; entry 0 is the full sample.
 
-    Both have the same resamples, so common variation cancels.
+    Both contestants have the same resamples, so the variation that they share cancels.
     """
 
     ours: Floats

@@ -92,7 +92,8 @@ class StudyOptions:
     only: tuple[str, ...] = ()
     """Measure only these tables of the study, and the tables that they or the page need."""
     processes: int | None = None
-    """Cells at the same time on this machine. Default: one cell per core; 0: all cells in this process."""
+    """Number of cells measured in parallel on this machine. Default: one cell per core; 0: all cells in this
+    process."""
     cluster: str | None = None
     """Measure on a Ray cluster instead of this machine: "ray" for the cluster that runs here, or an address."""
 

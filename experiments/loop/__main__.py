@@ -20,7 +20,7 @@ from experiments.loop.arm import MAGIC, SILENCE, serve
 from impact_gym.files import write_file
 from impact_gym.validation import number
 
-SEED = 8_000_000  # of the first approach
+SEED = 8_000_000  # seed of the first approach
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class Loop:
     out: Path
     """Folder for the header, the loop in C, its program, and the measurements."""
     seconds: float = 60.0
-    """Time during which approaches begin, s."""
+    """Duration, s. An approach that begins within this time is played to its end."""
     time_weight: float = 2.0
-    """What a second of approach costs, m/s per s."""
+    """Cost of a second of approach, m/s per s."""
 
     def __post_init__(self) -> None:
         number("seconds", self.seconds, "s", above=0.0, at_most=900.0)
@@ -42,15 +42,15 @@ class Loop:
 
 
 def compiled(subject: Subject, name: str, out: Path) -> Path:
-    """Write header and loop.c to `out`, compile them, and return the program.
+    """Write header and loop.c to `out`, compile them, and return the path of the program.
 
     Raises:
-        ValueError: the simulated arm lacks a sensor that the controller needs, or there is no C compiler.
+        ValueError: the controller needs what the simulated arm does not have, or there is no C compiler.
     """
     task, name = subject.task, identifier(name)
     if task.operator or task.range_sensor or task.past_readings or task.alarm != "force":
         raise ValueError(f"{name} needs an operator, a range sensor, past readings or an alarm by readings: "
-                         "the arm of this loop has no such sensor")  # fmt: skip
+                         "the arm of this loop has none of these")  # fmt: skip
     if (compiler := shutil.which("cc") or shutil.which("gcc")) is None:
         raise ValueError("the loop needs a C compiler: there is no cc and no gcc")
     write_header(subject, out / f"{name}.h")
@@ -63,7 +63,7 @@ def compiled(subject: Subject, name: str, out: Path) -> Path:
 
 
 def start(subject: Subject, weight: float, seconds: float, out: Path) -> tuple[Any, int]:
-    """Start the arm, and return its process and port; at the end it writes its approaches to `out`, JSON."""
+    """Start the arm's process; return it and its port. When it ends, it writes its approaches to `out` (JSON)."""
     ours, theirs = multiprocessing.Pipe(duplex=False)
     arguments = subject.task.arguments(), weight, SEED, seconds, out, theirs
     out.unlink(missing_ok=True)
@@ -74,9 +74,9 @@ def start(subject: Subject, weight: float, seconds: float, out: Path) -> tuple[A
 
 
 def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -> dict[str, float]:
-    """Return the age of the arm's commands (s), and V_p (m/s) of the arm and of the environment in the same scenarios.
+    """Return statistics of the age of commands (s), and the mean V_p (m/s) of the arm and of the environment.
 
-    The environment is also played with a reaction delay that is longer by the median age.
+    The environment plays the same scenarios twice: with its own reaction delay, and with one longer by the median age.
     """
     ages, velocity = (np.hstack([each[name] for each in played]) for name in ("ages", "object_velocity"))
     age, delay = float(np.median(ages)), subject.task.ranges["reaction_delay"]
@@ -91,7 +91,7 @@ def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -
 
 
 def run(options: Loop) -> None:
-    """Play, print the measurements and write them; RuntimeError: the watchdog of one side stopped the loop."""
+    """Run the loop, print and write measurements; RuntimeError: a watchdog stopped it, or no approach was played."""
     subject = of_name(options.controller)
     program = compiled(subject, Path(options.controller).stem, options.out)
     written = options.out / "arm.json"

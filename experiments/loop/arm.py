@@ -1,4 +1,4 @@
-"""The simulated arm: the environment in steps of 1 ms by the wall clock; stops after SILENCE without good packets."""
+"""The simulated arm: plays the environment in steps of 1 ms in real time; SILENCE without a good packet stops it."""
 
 import json
 import math
@@ -21,12 +21,12 @@ from impact_gym.task import Task
 MAGIC = b"IGLOOP01"
 PERIOD, SILENCE = 1e-3, 0.1  # s
 COMMAND = struct.Struct("8s4d")  # MAGIC, sequence, stamp (s), velocity (m/s), acceleration (m/s^2)
-EARLY = 1e-3  # s, by which a stamp may be ahead of the arm's clock
-WAIT = 10.0  # s, for which the arm waits for a controller's first packet
+EARLY = 1e-3  # s, how far a stamp may be ahead of the arm's clock
+WAIT = 10.0  # s, how long the arm waits for a controller's first packet
 
 
 class Line:
-    """The arm's end of the line: sends readings, returns the newest good command, and counts why others are refused."""
+    """The arm's UDP socket: sends readings, returns the newest good command, and counts refused packets by reason."""
 
     def __init__(self, task: Task) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -34,7 +34,7 @@ class Line:
         self.socket.setblocking(False)
         self.task, self.sent, self.last, self.begun = task, 0, -1.0, 0.0
         self.refused: Counter[str] = Counter()
-        self.peer: Any = None  # address of the controller: the first that sends a good packet
+        self.peer: Any = None  # address of the controller: that of the first good packet
 
     def send(self, approach: int, time_weight: float, readings: Mapping[str, Any]) -> None:
         """Send readings, arrays (1,), to the controller."""
@@ -55,10 +55,10 @@ class Line:
                 continue
             _, self.last, *command = COMMAND.unpack(packet)
             self.peer = peer
-            found = (command[0], command[1], command[2]) if self.last > 0.0 else found  # 0 is a greeting
+            found = (command[0], command[1], command[2]) if self.last > 0.0 else found  # sequence 0 is a greeting
 
     def refusal(self, packet: bytes, peer: Any, now: float) -> str:
-        """Return why a packet is no good command at `now` (s), "" if it is a good one."""
+        """Return why a packet that is received at `now` (s) is refused; "": it is good."""
         if self.peer not in (None, peer):
             return "from another address"
         if len(packet) != COMMAND.size or packet[:8] != MAGIC:
@@ -78,9 +78,10 @@ class Line:
 
 
 def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) -> dict[str, Any]:
-    """Play an approach by the wall clock; return V_p (m/s), ages of commands (s), and the stop of the watchdog.
+    """Play an approach in real time; return V_p (m/s), the age of the command in force at each step (s), and `stop`.
 
-    After a stop the flange brakes as fast as it can, and later commands have no effect.
+    `stop` says when and why the watchdog stopped the arm; it is empty if it did not. After a stop the flange brakes as
+    fast as it can, and later commands have no effect.
     """
     batch.begin_seeded(seed + number, {"time_weight": weight})
     begun = good_at = stamp = line.begun = time.monotonic()
@@ -108,9 +109,10 @@ def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) ->
 
 
 def serve(environment: Mapping[str, Any], weight: float, seed: int, seconds: float, out: Path, port: Any) -> None:
-    """Send the arm's port to the connection `port`, play approaches for some seconds, and write them to `out`, JSON.
+    """Send the arm's UDP port through the pipe `port`, play approaches, and write them to `out` (JSON).
 
-    Each approach draws its scenario from the next seed; all have the time `weight` (m/s per s). A stop is the last.
+    New approaches begin for `seconds`; each draws its scenario from the next seed. All have the time weight `weight`
+    (m/s per s). After an approach that the watchdog stopped no other begins.
     """
     task = Task(**{**environment, "control_period": PERIOD, "time_weight": weight})
     line, batch, played = Line(task), Batch(1, task, threads=1), list[dict[str, Any]]()

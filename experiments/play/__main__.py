@@ -20,7 +20,7 @@ class Play:
     """
 
     setup: Annotated[Positional[str], arg(metavar="[SETUP]")] = "teleop-rigid"
-    """Set-up with an operator, whose place the player takes: a name or a file."""
+    """Name or file of a set-up with an operator; the player takes the operator's place."""
     assist: Annotated[str, arg(metavar="NAME")] = "none"
     """Assistance at the arm: none, brake, limit, policy or rule."""
     port: Annotated[int, arg(metavar="PORT")] = 8765
@@ -32,7 +32,7 @@ class Play:
 
 
 def work(options: Play) -> None:
-    """Serve the page until it is stopped."""
+    """Serve the page until the command is stopped."""
     from experiments.play import assistance, server, session
 
     setup = assistance.playable(options.setup)

@@ -18,9 +18,9 @@ NAMES = {
     "none": "nobody", "brake": "a brake at the arm", "limit": "a tuned speed limit", "policy": "the learned policy",
     "rule": "the paper's rule",
 }  # fmt: skip
-"""Assistances, with their labels on the page."""
+"""Names of assistances, with the labels that the page shows."""
 COUPLINGS = {"rigid": "tool fixed", "spring": "on a spring", "bistable": "bistable"}
-"""Couplings, with their labels on the page; a shipped set-up is called FAMILY-COUPLING."""
+"""Names of couplings, with the labels that the page shows; a shipped set-up is called FAMILY-COUPLING."""
 PERSON = {"type": "Person"}
 PERIOD: float = Task.control_period  # s
 RANGES = {"delay": ("s", 0.0, 1.0), "jitter": ("s", 0.0, 0.05), "stiffness": ("N/m", 20.0, 2000.0)}
@@ -43,7 +43,7 @@ def playable(name: str) -> Setup:
 
 
 def related(setup: Setup) -> dict[str, str]:
-    """Return set-ups by their coupling: of a shipped set-up the three that differ only in it, else only itself."""
+    """Return names of set-ups by coupling: if shipped, the three that differ only in the coupling; else only itself."""
     family, _, kind = setup.called.rpartition("-")
     if setup.shipped and kind in COUPLINGS:
         return {each: f"{family}-{each}" for each in COUPLINGS}
@@ -51,9 +51,10 @@ def related(setup: Setup) -> dict[str, str]:
 
 
 def environment_of(setup: Setup) -> dict[str, Any]:
-    """Return a set-up's arguments without the operator, with the ranges of the page's settings.
+    """Return a set-up's environment without the operator; delays, jitter and stiffness have the page's RANGES.
 
-    The record of an episode holds the values of the settings, so tries with one kind of coupling share an environment.
+    The values that the player chose are in the episode's record, so all tries with one kind of coupling have the same
+    environment.
     """
     environment = {name: value for name, value in setup.environment.items() if name != "operator"} | {"rtol": RTOL}
     for way in WAYS:
@@ -67,7 +68,7 @@ def environment_of(setup: Setup) -> dict[str, Any]:
 def usual(setup: Setup) -> dict[str, float]:
     """Return the initial settings: delay of the round trip (s), jitter (s), stiffness of a spring (N/m).
 
-    They are the middles of the set-up's values, within RANGES.
+    They are the set-up's values (of a range, its middle), limited to RANGES.
     """
     parts = {"delay": WAYS, "jitter": ("uplink",), "stiffness": ("coupling",)}
     if setup.environment.get("coupling", {}).get("type") != "SpringDamper":
@@ -81,7 +82,7 @@ def usual(setup: Setup) -> dict[str, float]:
 
 
 def about(setup: Setup) -> dict[str, Any]:
-    """Return a set-up for the page: settings, mechanism, ranges of distance (m) and velocity (m/s), horizon (s)."""
+    """Return data for the page: initial settings, mechanism, ranges of distance (m) and velocity (m/s), horizon (s)."""
     task = Task(**environment_of(setup), operator=PERSON)
     return {"usual": usual(setup), "chain": chain_of(task), "distance": task.scenario.distance,
             "horizon": task.horizon, "speeds": task.velocity_range}  # fmt: skip
@@ -95,7 +96,7 @@ def record_of(settings: Mapping[str, float]) -> dict[str, float]:
 
 
 def assistance(name: str, setup: Setup) -> Controller:
-    """Return an assistance for a set-up; ValueError: it is unknown, or was not tuned or trained for this set-up."""
+    """Return an assistance for a set-up; ValueError: it is unknown, or none was tuned or trained for this set-up."""
     if name not in NAMES:
         raise ValueError(f"assist must be one of {', '.join(NAMES)}, got {name!r:.80}")
     if name == "policy":

@@ -1,6 +1,6 @@
 """The clock of tries runs in its own process, so that each step is played on time however busy the server is.
 
-The server sends the player's input; it receives frames with their downlink delay, and the result of each try. If the
+The server sends the player's input. It receives frames, each with its downlink delay, and results of tries. If the
 server is killed, the clock stops the arm and saves the try. If the clock is killed as well, a journal keeps the try.
 """
 
@@ -27,7 +27,7 @@ from impact_gym.render.chain import object_radius
 from impact_gym.teleop.channels import CUT
 
 STOPPED = "the server was stopped"
-SILENT = 0.25  # s without a message, after which the velocity is 0
+SILENT = 0.25  # s: if the player sends nothing for longer, the velocity is 0
 HOLD = 1e-5  # m/s, sent instead of 0 before the touch; 0 would end the try
 
 
@@ -51,7 +51,7 @@ class Stick:
         self.let_go = True
 
     def at(self, moment: float) -> float:
-        """Return the velocity (m/s) to send at a time (s)."""
+        """Return the velocity (m/s) that the operator sends to the arm at `moment` (s)."""
         inputs = tuple(self.inputs)
         came, velocity = next((each for each in reversed(inputs) if each[0] <= moment), inputs[0])
         if self.let_go or moment - came > SILENT:
@@ -69,7 +69,7 @@ class Clock:
     stick: Stick = field(default_factory=Stick)
     gone: bool = False  # whether the server has ended
     wanted: queue.SimpleQueue[tuple[Try, Path, bool] | None] = field(default_factory=queue.SimpleQueue)
-    unsaved: list[tuple[Path, Try]] = field(default_factory=list)  # tries for which the disk was full
+    unsaved: list[tuple[Path, Try]] = field(default_factory=list)  # tries still to be written, as on a full disk
 
     def listen(self) -> None:
         """Handle messages of the server until it ends."""
@@ -125,12 +125,12 @@ class Clock:
             live.step(velocity, now - due - behind)
             self._record(journal, repr(velocity))
             behind = now - due
-            if behind > slow * PERIOD:  # after a suspension the clock continues from here
+            if behind > slow * PERIOD:  # after a pause, e.g. of the machine, lost steps are not caught up
                 start, behind = start + behind, 0.0
             self._send_frame(live, seen, rng)
 
     def _record(self, journal: IO[bytes], line: str) -> None:
-        """Write a line to the journal; if the disk is full, the arm stops."""
+        """Write a line to the journal; if that fails, the arm stops."""
         try:
             journal.write(f"{line}\n".encode())
         except OSError:
@@ -143,7 +143,7 @@ class Clock:
         late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)
         touched = bool(then.touched[0])
         places = [np.round(np.ravel(each[1:4]), 6).tolist() for each in (now, then)]  # flange, tool, object, m
-        if not (seen or touched or live.ended):  # a missed object is shown at the end
+        if not (seen or touched or live.ended):  # when the try has ended, a missed object is shown, too
             places = [[*chain, None] for *chain, _ in places]
         self.send(
             kind="frame", n=len(live.kept.actions), t=round(live.time, 4), touched=touched, wait=late * slow,

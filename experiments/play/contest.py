@@ -1,6 +1,6 @@
-"""Films of a try: the same hand with other help, other couplings and no delay.
+"""Films that compare a try with variants: the same commands with another assistance, another coupling, or no delay.
 
-Beside them, in a fold of the page, the paper's rule and the learned policy in the same scenario.
+A second film compares the try with the paper's rule and the learned policy in the same scenario.
 """
 
 import math
@@ -18,8 +18,8 @@ from experiments.play.assistance import COUPLINGS, PERIOD, record_of, related, u
 from experiments.play.tries import Live, Try, replayed
 from impact_gym.render.film import History
 
-SECONDS, FIRST_SECONDS = 7.0, 10.0  # length of a film, and of the film before anything is played
-COARSE = 5.0  # factor on the allowed errors of other films, so that the film is ready at once
+SECONDS, FIRST_SECONDS = 7.0, 10.0  # length of a film; length of the film before any input
+COARSE = 5.0  # factor on the allowed drawing errors, so that the film is ready at once
 BEFORE = 0.4  # s, shown before the first touch
 FIRST_FILM_SEED = TEST_SEED + 11
 SENTENCES = {
@@ -40,13 +40,13 @@ class Variant(NamedTuple):
 
 
 def scripted(setup: str, kind: str, seed: int, record: Mapping[str, float]) -> Try:
-    """Return a try of the set-up's operator with an assistance, in the scenario of a seed."""
+    """Return a finished try of the set-up's operator, with the assistance `kind`, in the scenario of a seed."""
     operator = dict(load_setup(setup).environment["operator"])
     return Live(Try(setup, kind, seed, dict(record), operator)).finished()
 
 
 def again(this: Try, who: str = "You") -> dict[str, Variant]:
-    """Return a try and its variants by name: the same commands with other help, other couplings and without delay."""
+    """Return a try and its variants by name: the same commands with another assistance or coupling, or no delay."""
     hand = "Your hand" if who == "You" else "Same hand"
     other, label = ("brake", "brake on") if this.assist == "none" else ("none", "no help")
     found = {who: Variant(this), f"{hand}, {label}": Variant(_changed(this, assist=other), SENTENCES[other])}
@@ -71,7 +71,7 @@ def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Tr
 
 
 def _without_delay(this: Try) -> Try:
-    """Return the try of the same hand without delay: its commands between the touch and seeing it are left out.
+    """Return the try as if without delay: commands between the touch and the time the player saw it are left out.
 
     The arm then touches earlier by the uplink's delay, and the player sees the touch earlier by the downlink's delay.
     """
@@ -86,7 +86,7 @@ def _without_delay(this: Try) -> Try:
 
 
 def beside(this: Try) -> dict[str, Variant]:
-    """Return a try, and the same scenario with a scripted operator and the paper's rule or the learned policy."""
+    """Return a try, and tries of a scripted operator with the paper's rule and with the policy in the same scenario."""
     found = {}
     for name, kind in {"paper's rule": "rule", "learned policy": "policy"}.items():
         with suppress(ValueError):  # no policy was trained for this set-up
@@ -95,7 +95,7 @@ def beside(this: Try) -> dict[str, Variant]:
 
 
 def film(variants: Mapping[str, Variant], seconds: float = SECONDS, compact: bool = True) -> dict[str, Any]:
-    """Return a slow-motion film of `seconds` for the page: `html`, and by name how far the object slides, m.
+    """Return a slow-motion film of `seconds` for the page: `html`, and `slides`, how far the object slides (m) by name.
 
     A compact film has neither enlarged faces nor time histories.
     """
@@ -112,7 +112,7 @@ def film(variants: Mapping[str, Variant], seconds: float = SECONDS, compact: boo
 
 
 def _fitted(scene: Mapping[str, Any], seconds: float) -> list[list[float]]:
-    """Return the clock of a scene, stretched to a film of `seconds`; a tenth of it passes until BEFORE a touch."""
+    """Return a scene's clock, scaled to a film of `seconds`, whose first tenth ends BEFORE (s) the first touch."""
     touches = [run["contacts"][0][0] for run in scene["runs"] if run["contacts"]]
     cut = max(min(touches, default=0.0) - BEFORE, 0.0)
     starts, slower = np.array(scene["clock"]).T
@@ -124,6 +124,6 @@ def _fitted(scene: Mapping[str, Any], seconds: float) -> list[list[float]]:
 
 
 def first_film(setup: str, latest: Try | None) -> dict[str, Any]:
-    """Return the film that the page shows before any input, of the latest try or else of the set-up's operator."""
+    """Return the film that the page shows before any input: of the latest try, or, without one, of a scripted one."""
     this = latest or scripted(setup, "none", FIRST_FILM_SEED, record_of(usual(load_setup(setup))))
     return film(again(this, "You" if latest else "A scripted hand"), FIRST_SECONDS)

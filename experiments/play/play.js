@@ -2,7 +2,7 @@
 const part = (id) => document.getElementById(id);
 const GENTLE = 0.01;  // m, below which a slide is gentle
 const IDLE = 10000;  // ms without input, after which a film is shown
-const PAUSE = 500;  // ms after a try in which arrows do not begin the next one
+const PAUSE = 500;  // ms after a try, during which arrows do not begin the next one
 const MOST_TRIES = 200;  // on the chart
 const BEAT = 60, LEAST = 6;  // ms, longest and shortest time between two messages
 const AHEAD_OF_EYES = 12;  // ms from drawing a picture until the screen shows it

@@ -27,7 +27,7 @@ HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
 SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "settings.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
 MAX_CLIENTS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # pages, bytes, messages a second
-TIME_LIMIT, FILM_LIMIT = 5.0, 60.0  # s, for a connection without a request and a page that does not read; for a film
+TIME_LIMIT, FILM_LIMIT = 5.0, 60.0  # s, for a first request, and for a page to read a message; for a film
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -151,7 +151,7 @@ class Site:
                 session.handle(client, await client.receive())
             why = "the page did not read"
         except ValueError as problem:
-            session.refused[why := str(problem).partition(", got ")[0][:120]] += 1  # without the page's own text
+            session.refused[why := str(problem).partition(", got ")[0][:120]] += 1  # without the page's text
         except ConnectionClosed as gone:
             why = STOPPED if gone.sent and gone.sent.code == RESTART else why
         finally:

@@ -1,4 +1,4 @@
-"""Between pages and clock: decides which page steers, checks requests, and forwards messages of the clock."""
+"""Between the pages and the clock: says which page steers, checks pages' messages, forwards the clock's messages."""
 
 import asyncio
 import multiprocessing
@@ -20,7 +20,7 @@ MAX_ON_CHART = 200  # tries
 
 
 class Session:
-    """One page steers and the others watch; one try at a time."""
+    """One page steers the tool, the other pages watch; one try is in progress at a time."""
 
     def __init__(self, setup: Setup, assist: str, folder: Path) -> None:
         """Read the tries in a folder and start the clock.
@@ -29,7 +29,7 @@ class Session:
             ValueError: unknown assistance, or another server uses the folder.
         """
         assistance(assist, setup)
-        self._lock = ExitStack()  # the clock holds it too, as it is forked from this process
+        self._lock = ExitStack()  # the clock's process, a fork of this one, holds the lock, too
         self._lock.enter_context(locked(folder / ".lock", wait=False))
         self.setup, self.assist, self.folder = setup.called, assist, folder
         self.clients: list[Any] = []  # the player is the first
@@ -39,9 +39,9 @@ class Session:
         self._seen_at, self._newest = (
             0.0,
             -1,
-        )  # time at which its last frame is shown, s; number of the newest frame shown
+        )  # time at which the try's last frame is shown, s; number of the newest frame shown
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
-        self.left_out = try_files.recover(folder)  # why files in the folder are not shown
+        self.left_out = try_files.recover(folder)  # for each file in the folder that is not shown, why
         for path in sorted(folder.glob("*.json")):
             try:
                 name = identifier(f"name of {path}", path.stem)
@@ -129,7 +129,7 @@ class Session:
                 if message["kind"] == "frame":
                     self._seen_at = max(self._seen_at, at)
                 elif message["kind"] in ("ended", "failed"):
-                    at = max(at, self._seen_at + 1e-6)  # calls at equal times have no order
+                    at = max(at, self._seen_at + 1e-6)  # the event loop does not order calls at equal times
                 loop.call_at(at, self._forward, message)
         except (EOFError, OSError):
             loop.remove_reader(self.pipe.fileno())

@@ -1,4 +1,4 @@
-"""A try is one episode steered by a person or an operator: its steps, its results, and replays equal to the bit."""
+"""A try is one episode that a person or an operator steers; here it is played, replayed bit for bit, and evaluated."""
 
 import math
 from dataclasses import dataclass, field
@@ -20,8 +20,8 @@ from impact_gym.task.episodes import EpisodeState
 
 LATE, MOST_LATE = 4e-3, 0.02  # s, delay above which a step is late; share of late steps above which a try is invalid
 TRACE_POINTS = 1 << 18
-BEND = 1e-13  # m/s, by which a line may miss a velocity
-ROUNDING = 1e-6  # of a control period
+BEND = 1e-13  # m/s, largest deviation of a line from the velocities between its ends
+ROUNDING = 1e-6  # share of a control period
 
 
 @dataclass(frozen=True)
@@ -32,15 +32,15 @@ class Try:
     assist: str
     seed: int
     record: dict[str, float]  # numbers of the episode's record that the seed does not draw; once begun, all numbers
-    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # a person's, once begun: a Replay of the commands
+    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # once begun, a person's is a Replay of the commands
     slow: float = 1.0  # times slower than real time
-    environment: dict[str, Any] = field(default_factory=dict)  # its arguments except the operator
-    actions: list[list[float]] = field(default_factory=list)  # of the assistance, one for each step
-    late: list[float] = field(default_factory=list)  # s, delay of each step against its plan after the step before
+    environment: dict[str, Any] = field(default_factory=dict)  # arguments except the operator
+    actions: list[list[float]] = field(default_factory=list)  # actions of the assistance, one for each step
+    late: list[float] = field(default_factory=list)  # s, delay of each step, less the delay of the step before
     marks: list[str] = field(default_factory=list)  # why the try does not count: interrupted, late
     motion: dict[str, list[float]] = field(default_factory=dict)  # executed by the flange: fields of `ig.Motion`
-    result: dict[str, float] = field(default_factory=dict)  # of `simulate` with `motion`; times of the episode
-    made: dict[str, Any] = field(default_factory=dict)  # versions of the code; no time, no machine
+    result: dict[str, float] = field(default_factory=dict)  # from `simulate` with `motion`; times: from the episode
+    made: dict[str, Any] = field(default_factory=dict)  # versions of the code, but neither time nor machine
 
 
 def advance(batch: Batch, action: ArrayLike) -> None:
@@ -49,7 +49,7 @@ def advance(batch: Batch, action: ArrayLike) -> None:
 
 
 def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
-    """Play a try again; return its trace to the end of the settling, its info, its task, and when alarm and end came.
+    """Play a try again; return its trace (settling included), its `info`, its task, and times of alarm and end.
 
     Raises:
         RuntimeError: the replayed episode does not end with the last action: the environment has changed.
@@ -73,7 +73,7 @@ def corners(trace: Trace) -> ig.Motion:
         if time <= before[0]:
             continue
         least, most = ((velocity - velocities[-1] + side) / (time - times[-1]) for side in (-BEND, BEND))
-        if least > high or most < low:  # no line from the last corner passes through all later points
+        if least > high or most < low:  # one line cannot pass all points: a new corner
             times.append(before[0])
             velocities.append(before[1])
             low, high = ((velocity - before[1] + side) / (time - before[0]) for side in (-BEND, BEND))
@@ -84,7 +84,7 @@ def corners(trace: Trace) -> ig.Motion:
 
 
 def simulated(this: Try) -> Outcome:
-    """Return the outcome of `simulate` with the recorded motion, equal to the bit each time."""
+    """Return the outcome of `simulate` with the recorded motion, the same bit for bit at each call."""
     record = this.record
     task: Any = Task(**this.environment, operator=this.operator).at(record)
     law = {"dissipation": task.dissipation, "reference_velocity": task.reference_velocity}
@@ -137,7 +137,7 @@ class Live:
         return (math.floor(self.time / PERIOD + ROUNDING) + 1) * PERIOD
 
     def step(self, velocity: float = 0.0, late: float = 0.0) -> None:
-        """Play a control step, `late` (s) after its time; a person's `velocity` (m/s) is sent at a tick within it."""
+        """Play a control step `late` (s) too late. If it contains a tick, a person's `velocity` (m/s) is sent there."""
         tick = self.next_tick
         if self.person:
             self.batch.set_operator_velocity(velocity)

@@ -14,9 +14,9 @@ from impact_gym.validation import choice, number, numbers, one_of
 
 RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "taken", "missed"
 SLOWEST = 16.0  # times slower than real time
-MAX_TEXT, MAX_NUMBER, MAX_BYTES = 4096, 2.0**64, 1 << 23  # characters of a text, size of a number, of a file
+MAX_TEXT, MAX_NUMBER, MAX_BYTES = 4096, 2.0**64, 1 << 23  # characters of a text, size of a number, bytes of a file
 FORMAT = "impact_gym try 2"
-SPARE = 3  # ticks between the horizon and the next recording of an operator
+SPARE = 3  # ticks between the end (horizon) of one recording and the begin of the next
 
 
 def from_text(text: str, ended: bool = True) -> Try:
@@ -118,10 +118,10 @@ def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
 
 
 def of_persons(folder: Path, marked: bool = False) -> list[Try]:
-    """Return the unmarked tries of persons in a folder, with `marked` also the marked tries.
+    """Return the unmarked tries of persons in a folder; with `marked=True` their marked tries, too.
 
     Raises:
-        ValueError: there are none, or their environments differ.
+        ValueError: there are no such tries, or their environments differ.
     """
     every = [this for _, this in folder_of(folder) if this.operator["type"] == "Replay"]
     found = [this for this in every if marked or not this.marks]

@@ -1,9 +1,15 @@
 """The slow, simple and independent solver, with which the fast one is compared.
 
 It shares no code with `impact_gym` and only reads the attributes of a scene and a motion. Events cut the motion into
-phases with smooth equations: touch and separation, the contact force clamped at zero or released, at the brake's
-threshold or at its peak, a stop that begins or ceases to push, the slider at its alignment, a change of the commanded
-acceleration, a node of a table of robot parameters.
+phases with smooth equations. Such events are:
+
+- touch and separation,
+- the contact force passes the brake's threshold, peaks, or begins or ceases to be clamped at zero,
+- a stop begins or ceases to push, or the slider passes its alignment,
+- the object begins or ceases to slide,
+- the commanded acceleration changes, or the commanded position reaches a node of a table of robot parameters.
+
+The modules:
 
     `laws`         dissipation of a contact, bistable mechanism, robot's table
     `command`      imposed motion of the robot, planned or steered
@@ -12,7 +18,7 @@ acceleration, a node of a table of robot parameters.
     `motion`       the motion of a chain from event to event
     `task`         whole episodes of the environment, with a controller
 
-A contact runs in its own scales,
+A contact is integrated in its own scales,
 
     tau = t/t0,  lengths in delta0,  forces in F0,
     delta0 = (M v_in^2/k_c)^(1/(m+1)),  t0 = delta0/v_in,  F0 = k_c delta0^m = M v_in/t0,
@@ -27,38 +33,39 @@ from experiments.reference.chain import Chain
 from experiments.reference.integration import SOLVERS
 from experiments.reference.motion import ContactRecord, Motion
 
-STIFF_RATES = 1e5  # -, decay rate of a stop times duration, above which flight is integrated by an implicit method
+STIFF_RATES = 1e5  # -: if decay rate of a stop times duration is larger, an implicit method integrates flight
 
 
 @dataclass(frozen=True)
 class Reference:
-    """State at the end of a run (m/s, m), and its events."""
+    """State at the end of a run (m/s, m), and the run's events."""
 
     object_velocity: float
     peak_object_velocity: float
     tool_velocity: float
-    flange_velocity: float  # of the imposed motion, or of the robot's mass if it has one
+    flange_velocity: float  # of the robot's mass, or of the imposed motion if the robot has no mass
     peak_force: float  # N
     detection_time: float | None  # s; None: the force never exceeded the brake's threshold
     contacts: tuple[ContactRecord, ...]
     coupling_impulse: float  # N s, of the coupling on the tool during the contacts (paper, eq. 21)
     snap_through: tuple[float, ...]  # s, times at which the slider passes its alignment
-    object_position: float  # of its face; 0 is the tool's face at the start
+    object_position: float  # of the object's face; 0 is the tool's face at the start
     tool_position: float
-    flange_position: float  # from its start
+    flange_position: float  # 0 at the start
     stop_hits: int  # number of times a stop begins to push
-    contact_seconds: float = field(compare=False)  # of processor time, spent in the contacts
+    contact_seconds: float = field(compare=False)  # processor time of all contacts
 
 
 def simulate(scene: Any, motion: Any, duration: float, rtol: float = 1e-11, method: str = "DOP853") -> Reference:
     """Simulate `scene` under `motion` for `duration` seconds.
 
-    `method`, any of solve_ivp's, and `rtol` concern only the contacts; flight is exact to rounding or nearly so.
+    `method`, a name that SciPy's `solve_ivp` accepts, and `rtol` apply only to contacts. Flight is exact to rounding,
+    or integrated at rtol 1e-12 where it has no closed form.
 
     Raises:
         ValueError: the method or the law of dissipation is unknown.
         NotImplementedError: the kind of coupling is unknown.
-        RuntimeError: SciPy gives up, or switches chatter without end.
+        RuntimeError: SciPy gives up, or a part goes on and off without end.
     """
     if method not in SOLVERS:
         raise ValueError(f"method must be one of {list(SOLVERS)}, got {method!r}")

@@ -1,8 +1,8 @@
 """The bodies and their connections: forces and accelerations of object, tool and flange.
 
-The state is y = (delta, delta', u, u', w, w', impulse of F, impulse of T) with the penetration delta = x_t - x_p, the
-deflections u = x_f - x_t of the coupling and w = x_r - x_f of the robot, and the forces F of the tool on the object,
-T of the coupling on the tool and R of the robot on its mass.
+The state is y = (delta, delta', u, u', w, w', impulse of F, impulse of T). delta = x_t - x_p is the penetration,
+u = x_f - x_t the deflection of the coupling, and w = x_r - x_f the deflection of the robot. F is the force of the tool
+on the object, T the force of the coupling on the tool, and R the force of the robot on its mass.
 """
 
 from dataclasses import dataclass
@@ -15,10 +15,11 @@ from experiments.reference.command import Command
 from experiments.reference.integration import Switch, Vector
 from experiments.reference.laws import BistableForce, StoppedSpring, damping_factor, robot_law
 
-# Slacks, in the scales of the contact: gauges that tend to zero would otherwise switch by rounding.
-SLACK = 1e-12  # of the sign and slope of the contact force, in a contact with little restitution that ends slowly
-STEADY = 1e-9  # of the contact force minus friction, while an object is pushed along
-POSITION_SLACK = 1e-16  # m, of the slider
+# Slacks, in the scales of the contact: how far a gauge must pass zero to switch. Without slack, rounding would switch
+# gauges that tend to zero.
+SLACK = 1e-12  # for the sign and the slope of the contact force; contacts with small restitution end slowly
+STEADY = 1e-9  # for the contact force minus friction, while an object is pushed along
+POSITION_SLACK = 1e-16  # m, for the position of the slider
 G = 9.80665  # m/s^2
 
 
@@ -44,9 +45,9 @@ class StiffError(Exception):
 
 
 class Chain:
-    """The bodies and laws of a scene (SI units), and the states of its one-sided parts.
+    """The bodies and laws of a scene (SI units), and which of its one-sided parts are `on`.
 
-    `motion` is a `Command`, or has the attributes of a trapezoid.
+    `motion` is a `Command`, or has the attributes of `impact_gym.Trapezoid`.
     """
 
     def __init__(self, scene: Any, motion: Any) -> None:
@@ -55,7 +56,7 @@ class Chain:
         self.m = float(getattr(contact, "stiffness_exponent", 1.5))
         self.n = float(getattr(contact, "damping_exponent", 1.5))
         self.d = damping_factor(getattr(contact, "dissipation", "hu-guo"), contact.restitution, self.m, self.n)
-        self.reference_velocity = getattr(contact, "reference_velocity", None)  # m/s, of a fixed chi
+        self.reference_velocity = getattr(contact, "reference_velocity", None)  # m/s, for a fixed chi
         self.friction = (getattr(scene.object, "friction", None) or 0.0) * self.m_p * G  # N
         self.on = dict.fromkeys(("pressed", "loading", "alignment", "gaining"), True)
         self.on |= {"rear": False, "sliding": False, "front": hasattr(coupling, "free_length")}
@@ -72,10 +73,10 @@ class Chain:
 
         self.command = motion if isinstance(motion, Command) else Command(motion)
         self.robot = None if robot is None else robot_law(robot)
-        nodes = getattr(robot, "position", ())  # of a table
+        nodes = getattr(robot, "position", ())  # of a table of robot parameters
         self.command.nodes = np.array(nodes)
         self.linear = self.bistable is None and not len(nodes) and not self.friction
-        slow, fast = [0.0], [0.0]  # 1/s, rates of the chain's oscillations and of its stops
+        slow, fast = [0.0], [0.0]  # 1/s, rates of the chain's oscillations; of its stops' motion
         if robot is not None:
             slow.append(float(np.sqrt(np.max(np.divide(robot.stiffness, robot.mass)))))
         if self.bistable is not None:
@@ -104,7 +105,7 @@ class Chain:
 
 
 class System:
-    """The equations of one flight or contact in its scales."""
+    """The equations of one flight or one contact, in the scales of this flight or contact."""
 
     def __init__(self, chain: Chain, scales: Scales, touching: bool, damping: float = 0.0) -> None:
         self.chain, self.scales, self.touching, self.on = chain, scales, touching, chain.on
@@ -115,7 +116,7 @@ class System:
         self.mass_unit = self.damping_unit * scales.time
         self.m_t, self.m_p = chain.m_t / self.mass_unit, chain.m_p / self.mass_unit
         self.k_t, self.c_t = chain.k_t / self.stiffness_unit, chain.c_t / self.damping_unit
-        self.patience = inf  # evaluations of the rates that are left
+        self.patience = inf  # how many more times `rates` may be called
 
     def enter(self, t: float) -> float:
         """Begin a phase at t (s); return the time at which the commanded motion must be cut next (s)."""
@@ -124,7 +125,7 @@ class System:
         return cut
 
     def robot(self, tau: float) -> tuple[float, float, float]:
-        """Return m_r, k_r, c_r, scaled, at the commanded position at tau."""
+        """Return the robot's m_r, k_r, c_r (scaled) for the commanded position at the time tau."""
         assert self.chain.robot is not None
         s = tau * self.scales.time
         m_r, k_r, c_r = self.chain.robot(self.x_r + (self.v_r + self.a * s / 2) * s)
@@ -170,7 +171,7 @@ class System:
         return float(v_r * self.scales.time / self.scales.length - y[5] - y[3] - y[1])
 
     def rates(self, tau: float, y: Vector) -> list[float]:
-        """Return `derivatives` for an integrator, at most `patience` times; nan if a trial step overflows."""
+        """Return `derivatives` for an integrator; nan if a trial step overflows; StiffError after `patience` calls."""
         self.patience -= 1
         if self.patience < 0:
             raise StiffError
@@ -217,12 +218,12 @@ class System:
         return watched
 
     def _sign_of_force(self, _: float, y: list[float]) -> float:
-        """Return the contact force over the lower power of delta."""
+        """Return a number with the sign of the contact force: the force divided by delta^m or delta^n."""
         u, m, n = max(y[0], 0.0), self.m, self.n
         return float(u ** (m - n) + self.d * y[1] if n < m else 1 + self.d * u ** (n - m) * y[1])
 
     def _slope_of_force(self, tau: float, y: list[float]) -> float:
-        """Return the rate of the contact force over the lower power of delta."""
+        """Return a number with the sign of the contact force's rate: the rate divided by a power of delta."""
         u, v, m, n, d = max(y[0], 0.0), y[1], self.m, self.n, self.d
         if d == 0:
             return v

@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 
 
 class Command:
-    """Pieces (start s, position m, velocity m/s, acceleration m/s^2) in order, the last without end.
+    """The commanded motion as pieces (start s, position m, velocity m/s, acceleration m/s^2), the last without end.
 
-    A motion accelerates from rest to its speed, until its brake. Without a motion the flange is at rest until it is
-    steered. `threshold` (N) is the contact force that is detected.
+    With a `motion`, the command accelerates from rest to the motion's speed and holds it until the motion brakes.
+    Without a motion, it is at rest until `steer` is called. A contact force above `threshold` (N) is detected.
     """
 
     def __init__(self, motion: Any = None, threshold: float = inf) -> None:
         self.pieces = [(0.0, 0.0, 0.0, 0.0)]
         self.nodes: NDArray[np.float64] = np.array(())  # m, positions at which the motion must also be cut
-        self.detection_time: float | None = None  # s, contact force first exceeds the threshold
+        self.detection_time: float | None = None  # s, when the contact force first exceeds the threshold
         self.threshold, self.brake = threshold, None if motion is None else motion.brake
         if motion is not None:
             v, a = float(motion.speed), float(motion.acceleration)
@@ -47,7 +47,7 @@ class Command:
         self.pieces += [(t, x, v, copysign(acceleration, velocity - v)), there]
 
     def detect(self, t: float) -> None:
-        """Record that the force passed the threshold at t (s). A motion with a brake stops from t + delay on."""
+        """Record that the force passed the threshold at t (s). A motion with a brake brakes from t + delay on."""
         self.detection_time = t
         if self.brake is not None:
             self.steer(t + self.delay, 0.0, self.deceleration)

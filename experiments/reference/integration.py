@@ -21,11 +21,11 @@ from scipy.optimize import brentq, minimize_scalar
 Vector = NDArray[np.float64]
 SOLVERS: dict[str, Any] = {s.__name__: s for s in (RK23, RK45, DOP853, Radau, BDF, LSODA)}
 
-# the points next to the ends show an extremum between an end and its neighbour
+# shares of a step at which gauges are computed; with points close to both ends, an extremum near an end is noticed
 POINTS = np.array([0.0, 0.001, 0.3, 0.7, 0.999, 1.0])
 LEFT, RIGHT = (1 - POINTS) ** 2, POINTS**2
 HERMITE = np.array([(1 + 2 * POINTS) * LEFT, POINTS * LEFT, RIGHT * (3 - 2 * POINTS), RIGHT * (POINTS - 1)]).T
-TIGHT = {"rtol": 4 * np.finfo(float).eps}  # of brentq
+TIGHT = {"rtol": 4 * np.finfo(float).eps}  # tolerance of brentq
 
 
 @dataclass
@@ -35,10 +35,10 @@ class Switch:
     name: str
     on: bool
     gauge: Callable[[float, list[float]], float]
-    slack: float = 0.0  # rounding of the gauge, beyond which it switches; otherwise it would chatter at zero
+    slack: float = 0.0  # how far the gauge must pass zero to switch; 0: rounding may switch it again and again
 
     def margin(self, t: float, y: list[float]) -> float:
-        """Return the distance from switching; below zero it has switched."""
+        """Return how far the gauge is from switching; a negative value means that it has switched."""
         return (self.gauge(t, y) if self.on else -self.gauge(t, y)) + self.slack
 
 
@@ -84,7 +84,7 @@ def advance(
 def _first_turn(
     solver: Any, y_old: Vector, slope_old: Vector, slope: Vector, switches: list[Switch]
 ) -> tuple[float, Switch] | None:
-    """Return the time and the switch of the first change in the last step."""
+    """Return the time of the first change of a switch in the solver's last step, and this switch; None: no change."""
     start, h = solver.t_old, solver.t - solver.t_old
     points = (HERMITE @ np.array([y_old, h * slope_old, solver.y, h * slope])).tolist()
     times = (start + h * POINTS).tolist()
@@ -100,7 +100,7 @@ def _first_turn(
 
 
 def _turns(left: float, middle: float, right: float) -> bool:
-    """Return whether the middle is a minimum so near zero, beside the changes, that the gauge may have been below."""
+    """Return whether `middle` is a minimum so close to zero that the margin may have been negative near it."""
     return middle < left and middle <= right and middle < 2 * (max(left, right) - middle)
 
 
@@ -121,7 +121,7 @@ def _root(switch: Switch, dense: Any, times: list[float], g: list[float]) -> flo
                 continue
             low = float(lowest.x)
         high = next((s for s in times[j - 1 :: -1] if gauge(s) > 0), None)
-        if high is None:  # below zero from the beginning
+        if high is None:  # the gauge is negative from the beginning
             return times[0]
         if gauge(low) < 0:
             return float(brentq(gauge, high, low, xtol=1e-300, **TIGHT))
@@ -133,9 +133,9 @@ def _root(switch: Switch, dense: Any, times: list[float], g: list[float]) -> flo
 def fly(A: Vector, z: Vector, t: float, t_end: float) -> tuple[float, Vector, bool]:
     """Solve z' = A z by the matrix exponential from t until z[0] rises through zero, or to `t_end`.
 
-    Returns the time, the state and whether z[0] rose.
+    Returns the time, the state and whether z[0] rose through zero.
     """
-    n = ceil(max(8, 5 * (t_end - t) * np.abs(np.linalg.eigvals(A)).max()))  # 5 per time constant
+    n = ceil(max(8, 5 * (t_end - t) * np.abs(np.linalg.eigvals(A)).max()))  # 5 steps per time constant
     h = (t_end - t) / n
     P = expm(A * h)
     for i in range(n):

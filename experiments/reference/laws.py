@@ -1,4 +1,4 @@
-"""Laws of the dissipation of a contact, of the robot's parameters, and of mechanisms with stops."""
+"""Laws of a contact's dissipation, of the robot's parameters, and of couplings with stops."""
 
 from collections.abc import Callable, Mapping
 from functools import cache, cached_property
@@ -27,16 +27,16 @@ RobotLaw = Callable[[float], tuple[float, float, float]]
 def damping_factor(name: str, e: float, m: float, n: float) -> float:
     """Return d of the contact force u^m + d u^n u' in the contact's own scales, for restitution e and exponents m, n.
 
-    chi = d k_c delta0^(m-n) / v_in, for m = n the usual d = chi v_in / k_c. With "exact" an isolated contact has
-    restitution e exactly.
+    The damping coefficient is chi = d k_c delta0^(m-n) / v_in; for m = n, d is the usual chi v_in / k_c. With "exact"
+    an isolated contact has restitution e exactly.
 
     Raises:
         ValueError: no law has this name.
     """
     if name in CLOSURES:
         return CLOSURES[name](e)
-    if name not in ("exact", "fixed"):  # "fixed" at its reference velocity
-        raise ValueError(f"reference: no dissipation {name!r}; there are {[*CLOSURES, 'exact', 'fixed']}")
+    if name not in ("exact", "fixed"):  # "fixed": "exact" at its reference velocity
+        raise ValueError(f"reference: dissipation must be one of {[*CLOSURES, 'exact', 'fixed']}, got {name!r}")
     if e == 1:
         return 0.0
     if m == n:
@@ -48,7 +48,10 @@ def damping_factor(name: str, e: float, m: float, n: float) -> float:
 
 
 def _equal_exponents(e: float) -> float:
-    """Return the root of ln((1+d)/(1-d e)) = d (1+e), as phi(d) = e^2 phi(-d e): no root d = 0, no cancellation."""
+    """Return the root d > 0 of ln((1+d)/(1-d e)) = d (1+e).
+
+    It is solved in the form phi(d) = e^2 phi(-d e), which has no root d = 0 and no cancellation.
+    """
 
     def phi(z: float) -> float:  # (ln(1+z) - z)/z^2
         if abs(z) > 0.1:
@@ -64,7 +67,7 @@ def _equal_exponents(e: float) -> float:
 
 
 def _linear_restitution(zeta: float) -> float:
-    """Return the restitution of a linear spring and damper, which part where x'' = 0 so that they never pull."""
+    """Return the restitution of a contact by linear spring and damper that ends where x'' = 0, so it never pulls."""
     critical = abs(zeta - 1) < 1e-9
     ratio = 1 - (zeta - 1) / 3 if critical else abs(emath.arccos(zeta) / emath.sqrt(1 - zeta**2))
     return exp(-2 * zeta * ratio)
@@ -72,7 +75,7 @@ def _linear_restitution(zeta: float) -> float:
 
 @cache
 def _unequal_exponents(e: float, m: float, n: float) -> float:
-    """Return the factor d, found by integrating isolated contacts."""
+    """Return the factor d with which an isolated contact, integrated, has the restitution e."""
     upper = 1.0
     while _isolated_restitution(upper, m, n) > e:
         upper *= 4
@@ -82,7 +85,7 @@ def _unequal_exponents(e: float, m: float, n: float) -> float:
 
 
 def _isolated_restitution(d: float, m: float, n: float) -> float:
-    """Return the separation speed of u'' = -max(0, u^m + d u^n u'), u(0) = 0, u'(0) = 1.
+    """Return the speed of separation, which is the restitution, of u'' = -max(0, u^m + d u^n u'), u(0) = 0, u'(0) = 1.
 
     For n < m the force is clamped once and stays zero, as u^(m-n) + d u' falls while u returns at constant speed. For
     n >= m it is never clamped.
@@ -102,7 +105,7 @@ def _isolated_restitution(d: float, m: float, n: float) -> float:
 
 
 def robot_law(robot: Any) -> RobotLaw:
-    """Return the robot's parameters: constant, or a spline with constant values beyond its ends (paper, eq. 16)."""
+    """Return the robot's parameters as a function of x_r: constant, or a spline, constant beyond its ends (eq. 16)."""
     if not hasattr(robot, "position"):
         constant = (float(robot.mass), float(robot.stiffness), float(robot.damping))
         return lambda _: constant
@@ -132,8 +135,8 @@ class BistableForce:
         # the spring force is below k L0 everywhere, so the stop balances it at some p < k L0 / k_s
         limits = (0.0, self.k * self.L0 / self.k_s)
         held = brentq(lambda p: self.spring(coupling.front_stop + p) - self.k_s * p, *limits, **tight)
-        self.p_front = float(held)  # m
-        self.x0 = float(coupling.front_stop + self.p_front)  # m, position of the slider at rest, from the alignment
+        self.p_front = float(held)  # m, penetration of the front stop at rest
+        self.x0 = float(coupling.front_stop + self.p_front)  # m, distance of the slider from its alignment at rest
         self.p_rear = float(coupling.rear_stop - self.x0)  # m, penetration of the rear stop at rest: negative
 
     def spring(self, x: float) -> float:

@@ -9,14 +9,14 @@ import numpy as np
 from experiments.reference.chain import UNITS, Chain, Scales, StiffError, System
 from experiments.reference.integration import Switch, Vector, advance, fly
 
-FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # -, m: of flights without a closed form
-STIFF_RTOL = 1e-8  # least rtol of the implicit method, whose order is low; stiff motion changes slowly
-MOST_STALLED = 16  # phases of no duration; after more, switches chatter without end
+FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # tolerances (-, m) of flights without a closed form
+STIFF_RTOL = 1e-8  # smallest rtol of the implicit method: its order is low, and stiff motion changes slowly
+MOST_STALLED = 16  # phases of zero duration in a row; if there are more, a part goes on and off without end
 
 
 @dataclass(frozen=True)
 class ContactRecord:
-    """One contact. Times in s, velocities in m/s; `end`, `separation_velocity` are None if unfinished."""
+    """One contact. Times in s, velocities in m/s; `end` and `separation_velocity` of an unfinished one are None."""
 
     start: float
     end: float | None
@@ -24,15 +24,15 @@ class ContactRecord:
     separation_velocity: float | None  # v_p - v_t at the end
     peak_force: float  # N
     impulse: float  # N s, given to the object
-    object_velocity: float  # at the end
+    object_velocity: float  # at the end of the contact
 
 
 class Motion:
     """A motion that starts at rest, `distance` (m) before the object. Contacts are integrated by `method` to `rtol`.
 
-    `floor` (m/s) is the least v_in in the scales and the damping of a contact. `flight_stride` is the longest step of
-    flight in sixths of a period; in a contact it is 1. If a phase of a contact takes more than `patience` evaluations,
-    it is stiff, and Radau continues.
+    Scales and damping of a contact are computed with a v_in of at least `floor` (m/s). A step of flight takes at most
+    `flight_stride` sixths of the period of the fastest oscillation, a step of a contact at most one sixth. If a phase
+    of a contact takes more than `patience` evaluations, Radau integrates the rest of the contact.
     """
 
     flight_method = "DOP853"
@@ -46,17 +46,17 @@ class Motion:
         self.t = 0.0  # s
         self.peak_force = 0.0  # N
         self.unread_force = 0.0  # N, largest since the sensor was last read
-        self.records: list[ContactRecord] = []  # of the contacts that are over
+        self.records: list[ContactRecord] = []  # of finished contacts
         self.past_impulse = self.coupling_impulse = (
             0.0  # N s, of past contacts: on the object, of the coupling on the tool
         )
         self.snap_through: list[float] = []  # s
-        self.contacts, self.first_contact = 0, inf  # number begun, start of the first (s)
-        self.contact_seconds = 0.0  # of processor time
+        self.contacts, self.first_contact = 0, inf  # number of contacts begun; start of the first, s
+        self.contact_seconds = 0.0  # processor time in contacts
         self.top_speed = 0.0  # m/s, of the object
         self.stop_hits = 0
         self.fastest = max(chain.slow_rate, chain.stop_rate)  # 1/s
-        # a stop turns the rounding of a position into an error of velocity, so no tolerance may be below that
+        # a stop turns the rounding of a position into an error of velocity; no tolerance may be below this error
         self.flight_atol = FLIGHT_ATOL * np.tile([1.0, max(1.0, chain.stop_rate)], 4)
         self._go_on(UNITS, np.array([-distance, 0.0, 0.0, 0.0, 0.0, 0.0]), touching=False)
 
@@ -77,7 +77,7 @@ class Motion:
 
     @property
     def object_velocity(self) -> float:
-        """From its impulse, or with friction from the state (m/s)."""
+        """Velocity of the object (m/s), from the impulse on it; with friction, from the state."""
         if self.chain.friction:
             _, rate, _, u_dot, _, w_dot = self.state.tolist()
             return float(self.command.at(self.t)[1] - w_dot - u_dot - rate) if self.chain.on["sliding"] else 0.0
@@ -85,16 +85,16 @@ class Motion:
         return float((self.past_impulse + scales.force * scales.time * self._y[6]) / self.chain.m_p)
 
     def over(self) -> bool:
-        """Return whether no contact is left or possible: the chain's energy cannot take the tool to the object's speed.
+        """Return whether no contact can follow: the chain's energy cannot bring the tool to the object's speed.
 
-        While the flange is at rest, this energy only falls.
+        While the commanded motion is at rest, this energy only falls.
         """
         x_r, v_r, a, cut = self.command.at(self.t)
-        if self.touching or v_r or a or cut < inf:  # the flange is not at rest for good
+        if self.touching or v_r or a or cut < inf:  # a contact, or the command moves now or later
             return False
         chain, law = self.chain, self.chain.bistable
         delta, _, u, u_dot, w, w_dot = self.state.tolist()
-        if chain.friction:  # the object slows down but does not return: only the distance counts
+        if chain.friction:  # a sliding object never returns, so only the distance to it counts
             swing = 0.0 if chain.rigid else sqrt(u**2 + u_dot**2 * chain.m_t / chain.k_t)
             return not chain.on["sliding"] and swing + u < -delta
         m_r, k_r, _ = (0.0, 0.0, 0.0) if chain.robot is None else chain.robot(x_r)
@@ -108,7 +108,7 @@ class Motion:
         return self.object_velocity >= sqrt(2 * max(energy, 0.0) / m_t)
 
     def advance(self, until: float) -> None:
-        """Move to `until` (s), or to the first instant at which the force passes the threshold."""
+        """Advance to `until` (s), or to the first instant at which the contact force passes the threshold."""
         unfelt = self.command.detection_time is None
         stalled = 0
         while self.t < until and unfelt == (self.command.detection_time is None):
@@ -117,10 +117,10 @@ class Motion:
             self.contact_seconds += 0.0 if began is None else thread_time() - began
             stalled = stalled + 1 if self.t == before else 0
             if stalled > MOST_STALLED:
-                raise RuntimeError(f"reference: switches without end at {self.t:.9g} s")
+                raise RuntimeError(f"reference: a part goes on and off without end at {self.t:.9g} s")
 
     def note_contact(self, end: float | None) -> None:
-        """Record the contact that ends now, or is unfinished."""
+        """Record the current contact, which ends at `end` (s); None: it is unfinished."""
         v_out = None if end is None else -float(self.state[1])
         scales = self._system.scales
         impulse, coupling_impulse = (scales.force * scales.time * self._y[6:]).tolist()
@@ -144,7 +144,7 @@ class Motion:
         self._go_on(self.chain.contact_scales(self.t, v_in), z, touching=True, damping=self.chain.damping(self.t, v_in))
 
     def _advance_phase(self, until: float) -> None:
-        """Move to `until` (s), or to the first instant at which the equations change."""
+        """Advance to `until` (s), or to the first instant at which the equations change."""
         system = self._system
         t_stop = min(system.enter(self.t), until)
         if self.chain.linear and not self.touching:
@@ -176,7 +176,7 @@ class Motion:
             return
         on = self.chain.on
         if name == "sliding" and on[name]:
-            self._y[1] += self.object_velocity * self._system.scales.time / self._system.scales.length  # at rest
+            self._y[1] += self.object_velocity * self._system.scales.time / self._system.scales.length  # to rest
         if name in on:
             on[name] = not on[name]
             self.stop_hits += name in ("front", "rear") and on[name]

@@ -2,7 +2,7 @@
 
 Written from the specification in `impact_gym.envs.single`, to check the environment. From `impact_gym` it imports only
 data: the options and constants of the task, the scales of the observation, the frozen scenarios. The motion is that of
-`experiments.reference`; sensing, clock and settling are written independently and as simply as possible.
+`experiments.reference`; sensing, clock and settling are written here, independently and as simply as possible.
 
 With OPENBLAS_NUM_THREADS=1, as in the workers of `agents.jobs`, an episode takes 10 to 60 ms. With more threads, linear
 algebra on matrices of 7 x 7 waits for other threads, and a linear chain takes up to 25 times as long.
@@ -30,10 +30,10 @@ SERVED = (
     "range_noise", "range_bias", "observe_range_noise", "deflection_sensor", "privileged", "velocity_range",
     "acceleration_range", "friction", "reference_velocity", "horizon", "after_alarm",
 )  # fmt: skip
-RTOL = 1e-10  # of contacts
+RTOL = 1e-10  # tolerance in contacts
 FLOOR = 1e-12  # m/s, least v_in, as in the environment
 PATIENCE = 3000  # evaluations of an explicit method in a phase of a contact; a phase that needs more is stiff
-ROUNDING = 1e-9  # s, of the clock
+ROUNDING = 1e-9  # s, rounding of the clock
 SETTLE_SLICE = 0.05  # s, between two checks whether a contact is still possible
 CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}  # of a scale
 
@@ -55,7 +55,8 @@ def play(
     """Play one episode of a scenario: object_mass (kg), contact_stiffness (N/m^1.5), restitution, distance (m).
 
     The controller has `predict` as in stable-baselines3 and gets a batch of one. `options` are arguments of the
-    environment. `time_weight` (m/s per s) is only observed. `distance_estimate` (m) is the true distance if None.
+    environment. `time_weight` (m/s per s) enters only the observation. `distance_estimate` (m) is by default the true
+    distance.
     `rtol` is the tolerance of a step in a contact.
 
     Raises:
@@ -91,15 +92,15 @@ def rescore(
 
 
 def task_of(options: Mapping[str, Any]) -> Task:
-    """Return the task of supported options."""
+    """Return the task with these options; ValueError: the reference does not support one."""
     other = [name for name in options if name not in SERVED]
     if other:
-        raise ValueError(f"the reference does not serve the options {other}; it serves {list(SERVED)}")
+        raise ValueError(f"the reference does not support the options {other}; it supports {list(SERVED)}")
     task = Task(**options)
     if isinstance(task.reaction_delay, tuple):
-        raise ValueError(f"the reference serves one reaction_delay, not a range of them, got {task.reaction_delay}")
+        raise ValueError(f"the reference supports a number as reaction_delay, not a range, got {task.reaction_delay}")
     if task.drawn:
-        raise ValueError(f"the reference serves numbers, not ranges of them, got ranges of {list(task.drawn)}")
+        raise ValueError(f"the reference supports fixed numbers, not ranges, got ranges of {list(task.drawn)}")
     return task
 
 
@@ -127,7 +128,7 @@ def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate:
     """Yield each observation and receive the action for it; return the outcome."""
     motion = _at_rest(task, scenario, rtol)
     command, delay, now = motion.command, task.reaction_delay, 0.0
-    sensed = {0.0: (0.0, 0.0, 0.0)}  # force, its peak and the deflection, by time
+    sensed = {0.0: (0.0, 0.0, 0.0)}  # (force, peak force, deflection) by time
     by_reading, raised, heard_until = task.alarm == "reading", inf, 0.0
     spec = ObservationSpec(task)
     while True:
@@ -190,7 +191,7 @@ def _at_rest(task: Task, scenario: Mapping[str, float], rtol: float) -> Motion:
 
 
 def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float]:
-    """Return the times of observations and of the end (s). An alarm by force, not by reading, restarts the clock."""
+    """Return the times of observations and of the end (s). An alarm by force restarts the clock."""
     end, period = task.horizon if alarm == inf else alarm + task.after_alarm, task.control_period
     start = 0.0 if alarm == inf or by_reading else alarm
     before = [] if start == 0.0 else [k * period for k in range(1, 1 + int((alarm - ROUNDING) / period))] + [alarm]
@@ -201,7 +202,7 @@ def _observe(
     spec: ObservationSpec, task: Task, scenario: Mapping[str, float], weight: float, estimate: float, now: float,
     alarm: float, reading: tuple[float, float, float], flange: Sequence[float],
 ) -> NDArray[np.float32]:  # fmt: skip
-    """Return the observation, each number scaled by its entry."""
+    """Return the observation, in which each number is scaled as its entry in `spec` says."""
     heard = now > alarm - ROUNDING
     x, v = flange
     force, peak, deflection = reading

@@ -29,7 +29,7 @@ from impact_gym.validation import number, whole
 
 RESULTS = "results.json"
 MARK = ".impact_gym"
-"""Lock file that marks a folder of a report, which another report may overwrite."""
+"""Lock file. It marks the folder of a report: another report may overwrite such a folder."""
 DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")
 """Packages whose change makes the page outdated."""
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-python", "polars", "jinja2")
@@ -39,7 +39,7 @@ PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-p
 class ReportOptions:
     """Compare policies and baselines in the same scenarios, on a page.
 
-    Default: all seeds of the set-ups in the README.
+    Default: all trained policies of linear-blind, linear-ranged, bistable-blind and paper-limits.
     """
 
     setups: tyro.conf.Positional[tuple[str, ...]] = ()
@@ -52,12 +52,12 @@ class ReportOptions:
     """Policies instead of set-ups: files, run folders or names of shipped policies. The page compares each policy
     with the paper's rule and the baselines."""
     baseline: tuple[str, ...] = ()
-    """Further baselines beside --policy: names of tuned baselines, or module:object. The object has `predict`, or is a
-    function or class that returns such an object. Default: the baselines of the policy's set-up."""
+    """With --policy: baselines besides the paper's rule, names of tuned baselines or module:object. The object has
+    `predict`, or is a function or class that returns such an object. Default: the baselines of the policy's set-up."""
     scenarios: str | None = None
-    """Scenarios instead of those of the set-ups: a frozen set by name or file (CSV), or a JSON file
-    {"ranges": {...}, "seed": s, "count": n, "environment": {...}} with some of these keys; the environment holds
-    arguments of gym.make, such as your tool and coupling."""
+    """Scenarios to use instead of the set-ups' own: the name or the CSV file of a frozen set, or a JSON file
+    {"ranges": {...}, "seed": s, "count": n, "environment": {...}}. Every key may be left out. The key "environment"
+    holds arguments of gym.make, for example your tool and coupling."""
     count: int | None = None
     """Number of scenarios. Default: as in the set-up, or all of `scenarios`."""
     time_weight: float | None = None
@@ -68,7 +68,7 @@ class ReportOptions:
     force: bool = False
     """Play and write everything again, even if kept results are up to date."""
     processes: int | None = None
-    """Jobs at the same time on this machine. Default: one job per core; 0: all jobs in this process."""
+    """Number of parallel jobs on this machine. Default: one job per core; 0: all jobs in this process."""
     cluster: str | None = None
     """Run the jobs on a Ray cluster instead of this machine: "ray" for the cluster that runs here, or an address. A
     module:object must be installed on its nodes."""
@@ -90,7 +90,7 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
     """Return scenarios as JSON, and changes of the environment, from `ReportOptions.scenarios`.
 
     Raises:
-        ValueError: no such set or file, or a key or value in it is unknown or out of range.
+        ValueError: there is no such set or file, or a key in the file is unknown, or a value is out of range.
     """
     path = Path(source)
     if path.suffix == ".json":
@@ -163,7 +163,7 @@ def write(options: ReportOptions) -> Path:
 
 
 def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
-    """Write the folder of these matchups, as `write` does."""
+    """Play and write the report of these matchups, as `write` does, and return the path of the page."""
     begun = time.perf_counter()
     own = {each.controller["object"].partition(":")[0]
            for matchup in matchups for each in matchup.baselines if "object" in each.controller}  # fmt: skip
@@ -176,7 +176,7 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
         playing = f"{compiled_from()} {digest_of(*PLAYING)}"
         kept = options.out.with_name(f".{options.out.name}.episodes")
         current = kept / hashlib.sha256(playing.encode()).hexdigest()[:16]
-        for folder in kept.glob("*"):  # results of other sources
+        for folder in kept.glob("*"):  # results of other versions of the sources
             if options.force or folder != current:
                 shutil.rmtree(folder, ignore_errors=True)
         depends = f"{playing} {digest_of(*own)}"
@@ -196,9 +196,9 @@ def results_of(folder: Path) -> dict[str, Any]:
 
 
 def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, begun: float) -> None:
-    """Write the folder of `Played` results. The last file is results.json, with the digest of its inputs.
+    """Write the files of the report. The last one is results.json, with the digest of the report's inputs.
 
-    Figures that only an earlier report had are deleted; a user's own files stay.
+    Figures of an earlier report that this report does not have are deleted; a user's own files stay.
     """
     from experiments.report import page
     from experiments.report.played import episodes

@@ -1,4 +1,4 @@
-"""Ablation: gain from the arm's limits, the range of distances, the profile's shape, the estimate, and learning.
+"""Ablation: the gain from the arm's limits, known distances, the profile's shape, the estimate, and learning.
 
 Each step adds one thing to the step before, so the gains add up to the whole. In another order each gain could be
 larger or smaller. Even braking uses only the known range of distances; a profile also chooses its velocity over that
@@ -21,7 +21,8 @@ from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
-"""Kind of bound on a gain: whether the contestant before the step, and the step's own, need less time than the rule."""
+"""Words for a gain. Keys: whether the contestant before the step, and the step's own, are faster than the rule at all
+their time weights. V_p at the time of the rule would then be lower than the value compared."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Link:
 
     added: str
     contestant: str
-    runs: Sequence[Run]  # a run for each seed
+    runs: Sequence[Run]  # one for each seed
 
 
 @dataclass(frozen=True)
@@ -38,13 +39,13 @@ class Gain:
     """A measure of a contestant (lower is better), and its gain over the contestant before it."""
 
     value: Estimate  # m/s
-    less: Estimate | None  # m/s; None for the first, or if nothing can be claimed
-    share: Estimate | None  # of the difference between paper's rule and policy; None if that difference may be zero
+    less: Estimate | None  # m/s; None for the first contestant, or if no gain can be claimed
+    share: Estimate | None  # gain / difference between paper's rule and policy; None if this difference may be 0
 
 
 @dataclass(frozen=True)
 class Step:
-    """A link, and its gain."""
+    """A link with its measures and gains."""
 
     added: str
     contestant: str
@@ -57,7 +58,7 @@ class Step:
 
 
 def links(played: Played) -> list[Link]:
-    """Return the sequence up to the policy; an addition without a baseline is merged into the next step."""
+    """Return the sequence up to the policy; what no baseline adds alone is merged into the next step."""
     tuned = [baseline for baseline in played.matchup.baselines if "tuned" in baseline.controller]
     by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}  # the first wins
     task = Task(**played.matchup.environment)
@@ -142,9 +143,9 @@ def _cells(gain: Gain, limit: str = "") -> list[str]:
 
 
 def sentence(steps: Sequence[Step]) -> str:
-    """Return the share of each step, or "" unless all steps have one.
+    """Return a sentence with the share of each step in the policy's gain; "" if a step has no share.
 
-    Shares are of the reduction of V_p; if a step needs more time than the paper's rule, of the reduction of V_p + w T.
+    The gain is the reduction of V_p; if a step needs more time than the paper's rule, the reduction of V_p + w T.
     """
     first, *gained = (step for step in steps if step.contestant != BOUND)
     if any(step.later > 0.0 for step in gained):

@@ -24,19 +24,17 @@ class Answer:
     """Gain of the policies of one set-up over the paper's rule."""
 
     matchup: str
-    reduction: Estimate  # of V_p at the paper's mean approach time, a share
-    each: tuple[float, ...]  # the same for each seed; empty if one seed's front does not reach that time
-    reached: (
-        bool  # whether the policy's front reaches that time; if not, `reduction` is at the nearest end of the front
-    )
-    later: float  # time at that end minus the paper's, a share of the paper's; below 0: less time
-    needed: float  # time weight at which the front would reach that time, extrapolated from its last two, m/s per s
-    sooner: Estimate  # reduction of the approach time at the paper's mean V_p, a share
-    beyond: str  # "": the front reaches that V_p; "slower", "faster": the object's V_p is so at every weight
+    reduction: Estimate  # of V_p at the paper's mean approach time, as a fraction
+    each: tuple[float, ...]  # reduction of each seed; empty if a seed's front does not reach the paper's time
+    reached: bool  # whether the policy's front reaches that time; if not, `reduction` is at the front's nearest end
+    later: float  # (time at that end - the paper's time) / the paper's time; below 0: less time
+    needed: float  # time weight, m/s per s, at which the extrapolated front would reach that time; or nan
+    sooner: Estimate  # reduction of the approach time at the paper's mean V_p, as a fraction
+    beyond: str  # "": the front reaches that V_p; "slower", "faster": V_p is below, above it at every weight
     velocity: Estimate  # m/s, V_p of the policy at the paper's mean approach time
     rival: str  # name of the best tuned baseline, or ""
-    rival_reduction: Estimate | None  # the rival's reduction of V_p; None if it takes more time at every weight
-    improvement: Estimate  # share of scenarios in which the policy touches the object and V_p is lower
+    rival_reduction: Estimate | None  # the rival's reduction of V_p; None if no weight is as fast as the rule
+    improvement: Estimate  # share of scenarios in which the policy touches the object and lowers V_p
     missed: int  # objects, of all episodes of all seeds at all weights
     episodes: int
 
@@ -76,9 +74,9 @@ def answer(played: Played) -> Answer:
 
 
 def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
-    """Return the weight at which approach times (k,) would reach `time` (s), nan if it is far from all.
+    """Return the time weight at which the mean approach times (k,) would reach `time` (s).
 
-    The time is extrapolated linearly in the logarithm of the weight.
+    The time is extrapolated linearly in the logarithm of the weight. nan: the weight is not within 0.01 and 100.
     """
     order = np.argsort(weights)[-2:] if times.min() > time else np.argsort(weights)[:2]
     (first, last), ends = np.log(np.asarray(weights)[order]), times[order]
@@ -88,13 +86,13 @@ def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
 
 
 def front(resamples: Resamples, runs: Sequence[Run]) -> Front:
-    """Return mean approach time (s) and V_p (m/s) of runs, a run for each seed, in the first scenarios."""
+    """Return mean approach time (s) and V_p (m/s) of runs, a run for each seed, in the scenarios of `resamples`."""
     times, velocities = (np.array([run[name][:, : resamples.scenarios] for run in runs]) for name in FRONT)
     return resamples.means(times), resamples.means(velocities)
 
 
 def reductions(played: Played) -> Floats:
-    """Return the reduction of V_p by each seed at the paper's mean approach time, a share (seeds,).
+    """Return the reduction of V_p by each seed at the paper's mean approach time, as a fraction (seeds,).
 
     It is empty if the front of one seed does not reach that time: the seeds would be compared at different times.
     """
@@ -127,8 +125,8 @@ def table(answer: Answer, played: Played) -> Table:
 def at_one_time(played: Played) -> Table:
     """Return mean and 95th percentile of T, V_p and peak force of each contestant.
 
-    Each plays at the weight whose mean approach time is nearest to the rule's. With friction the table also has the
-    time at which object and tool rest.
+    Each contestant plays at the weight whose mean approach time is nearest to the rule's. With friction the table also
+    has the time at which object and tool rest.
     """
     goal, labels = played.paper.front[0][0], played.matchup.labels
     contestants = {labels[name]: run for name, run in played.baselines.items()} | {
@@ -238,7 +236,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
     if answer.beyond == "faster":
         text += "; at every weight the object leaves faster than with the paper's rule."
     else:
-        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # at its fastest approach the object is slower
+        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # even at the fastest approach V_p is lower
         bound = f"{limit} " if answer.beyond == "slower" else ""
         text += f"; at the paper's V_p the approach takes {bound}{_compared(answer.sooner, 'less', 'more')} time."
     if answer.rival_reduction:

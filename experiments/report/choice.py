@@ -1,7 +1,8 @@
-"""Which controller to take at one time weight. It is chosen on other scenarios than the report's.
+"""Choose the controller to take at one time weight, on other scenarios than the report's.
 
-Of controllers whose costs cannot be told apart, the simplest is taken: first the paper's rule and other baselines
-without tuned numbers, then the tuned baseline with fewer parameters, then a user's own object, then the learned policy.
+If the costs of several controllers cannot be told apart, the simplest controller is taken: first the paper's rule and
+other baselines without tuned numbers, then the tuned baseline with fewer parameters, then a user's own object, then the
+learned policy.
 """
 
 from collections.abc import Mapping
@@ -26,14 +27,14 @@ class Choice:
     controller: str  # name of the contestant
     time_weight: float  # w, m/s per s
     cost: Estimate  # mean of V_p + w T + cost of a miss, m/s
-    below_rule: Estimate  # difference to the higher cost of the paper's rule, as a share of the rule's cost
-    above: Mapping[str, Estimate]  # for each other contestant: how far its cost lies above, a share
-    missed: int
+    below_rule: Estimate  # cost of the paper's rule minus `cost`, as a fraction of the rule's cost
+    above: Mapping[str, Estimate]  # by other contestant: its cost minus `cost`, as a fraction of `cost`
+    missed: int  # number of objects
     sentence: str = ""
 
 
 def scenarios(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the scenarios of the choice: from the ranges of the report's, or the report's own if they are a table."""
+    """Return the scenarios of the choice: drawn from the ranges of the report's; a table is returned unchanged."""
     if "table" in given:
         return dict(given)
     ranges = given["ranges"] if "ranges" in given else pairs(given["set"] if given["set"] in NAMED else "test")
@@ -47,7 +48,7 @@ def simplicity(contestant: Contestant) -> tuple[int, int]:
 
 
 def simplest(costs: Mapping[str, Floats]) -> str:
-    """Return the first name, the simplest first, whose cost (scenarios,) cannot be told from the lowest."""
+    """Return the first name whose cost (scenarios,) is not clearly above the lowest; `costs` has the simplest first."""
     least = min(costs.values(), key=lambda cost: float(cost.mean()))
     return next(name for name, cost in costs.items() if Comparison.of_means(least, cost).less.low <= 0.0)
 

@@ -1,4 +1,4 @@
-"""The learned approach, and differences between policy and rival in the same scenarios and in groups of them."""
+"""Figures and tables: the learned approach, and how policy and rival differ in the same scenarios."""
 
 from dataclasses import asdict
 from typing import Any
@@ -15,7 +15,7 @@ from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Played
 from impact_gym.quantities import QUANTITIES, SCENARIO
 
-GROUPS = 5  # equally large groups of scenarios; fewer if a group would be smaller than SMALLEST
+GROUPS = 5  # number of equally large groups of scenarios; fewer if a group would be smaller than SMALLEST
 SMALLEST = 10  # scenarios
 TITLES = {row.id: row.words + (f" ({row.unit})" if row.unit != "-" else "") for row in SCENARIO}
 
@@ -70,7 +70,7 @@ def measures(played: Played) -> Table:
 
 
 def paired(played: Played, field: str) -> Figure:
-    """Return the chart of paired differences to the rival, in groups of scenarios with similar values of a field."""
+    """Return the chart of cost differences between policy and rival, with scenarios grouped by a `field`."""
     weight, rival, values = played.matchup.typical, played.matchup.rival.label, played.paper[field]
     label, ours, theirs = f"{POLICY} minus {rival}", played.losses(weight), played.rival.loss(weight)
     data = pl.DataFrame([
@@ -104,7 +104,7 @@ def paired(played: Played, field: str) -> Figure:
 
 
 def approach(played: Played) -> Figure:
-    """Return velocity over position before the contact, of the policy, its rival and the paper's rule."""
+    """Return the chart of velocity over position before the contact, for the policy, its rival and the paper's rule."""
     matchup, ahead = played.matchup, played.paper["distance"]
     data = pl.concat(
         pl.DataFrame({"contestant": matchup.labels[name], "w": weight, "x": run["position"], "velocity": velocity})

@@ -46,7 +46,7 @@ class Figure:
     """A chart of a matchup with its texts and its data."""
 
     matchup: str
-    key: str  # part of the names of its files
+    key: str  # part of the names of the figure's files
     title: str
     caption: str
     alternative: str  # text alternative

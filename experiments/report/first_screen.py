@@ -62,7 +62,7 @@ def assisted(played: Played, intervals: bool = False) -> str:
 def chart(answer: Answer, played: Played) -> Figure:
     """Return the chart of the paper's rule, the best tuned baseline and the policy, each labelled in place."""
     rival = played.matchup.rival.plain
-    runs = {POLICY: played.policy, PAPER: played.paper, rival: played.rival}  # without a rival the rule is the rival
+    runs = {POLICY: played.policy, PAPER: played.paper, rival: played.rival}  # a sole baseline, the rule, is the rival
     data = pl.DataFrame([
         {"contestant": name, "w": weight, **run.means(weight)} for name, run in runs.items() for weight in run.weights
     ])  # fmt: skip
@@ -88,10 +88,10 @@ def chart(answer: Answer, played: Played) -> Figure:
     left = paper["T"] > 0.5 * (earliest + latest)  # the side with more room
     placing = {"align": "right", "dx": -12} if left else {"align": "left", "dx": 12}
     layers = [lines, marks, label(PAPER, paper["T"], paper["V"], PAPER, **placing)]
-    low = learned[-1][1] < 0.12 * max(velocity for _, velocity in points)  # close to the axis
+    low = learned[-1][1] < 0.12 * max(velocity for _, velocity in points)  # no room above the axis
     layers.append(label(POLICY, *learned[-1], POLICY, align="right", dy=-12 if low else 20))
     if rival != PAPER:
-        last = tuned[-1][0] > 0.3 * earliest + 0.7 * latest  # no room to the right of it
+        last = tuned[-1][0] > 0.3 * earliest + 0.7 * latest  # no room for a label on the right
         offset: dict[str, Any] = {"align": "right", "dy": -24} if last else {"align": "left", "dx": 8, "dy": -8}
         layers.append(label(rival, *tuned[-1], rival, **offset))
     if answer.reached and answer.reduction.value > 0.0:

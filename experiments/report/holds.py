@@ -22,7 +22,7 @@ WORDS = {
     "scenario": "objects outside the training ranges",
 }
 """Plain names of changed arguments; other arguments have the name of their quantity."""
-SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # unit and scale in which a quantity is printed
+SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # unit and factor with which a quantity is printed
 Row = dict[str, Any]
 
 
@@ -56,7 +56,7 @@ def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
 def factor(argument: str, by_reading: bool = False) -> str:
     """Return an argument of the environment in plain words.
 
-    `by_reading`: whether the force sensor raises the alarm, which its noise then affects.
+    `by_reading`: whether the force sensor raises the alarm; its noise then affects the alarm.
     """
     words = WORDS.get(argument) or (QUANTITIES[argument].words if argument in QUANTITIES else argument)
     alarm = "which raises the alarm" if by_reading else "the alarm is a switch without noise"
@@ -81,8 +81,8 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
     """Return a row for each contestant under each change; the median seed is the policy.
 
     Columns: means of V_p (m/s), T (s) and the cost `loss` (m/s); the number of objects `missed`, and the number `of`
-    objects played; `more`, the cost of `controller` minus that of this contestant (m/s), 0 within two standard errors;
-    `off`, the size of the change.
+    objects played; `more`, the cost of `controller` minus that of this contestant (m/s), 0 if it is within two standard
+    errors; `off`, the size of the change.
     """
     if not played.varied:
         numbers = dict.fromkeys(("value", "off", "missed", "of", "more"), float)
@@ -104,8 +104,9 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
 def where_it_fails(played: Played, name: str) -> Failing:
     """Return the changes under which a contestant is worse than paper's rule, rival or policy, or misses objects.
 
-    A contestant that is not played under changes is replaced by the policy. The worst change is the one with most
-    misses, else the one with the largest loss to the rule, else to the rival, else to the policy.
+    Only rule, rival and policy play under changes; for any other `name` the result is about the policy. The worst
+    change is the one with most misses, if these are too many. Else it is the one with the largest advantage of the
+    rule; if the rule has none, of the rival; and then of the policy.
     """
     rival, shown = played.matchup.rival, {each.name for each in played.matchup.rivals}
     controller = POLICY if name == played.matchup.chosen or name not in shown else name
@@ -144,7 +145,7 @@ def heat_map(played: Played) -> HeatMap:
     usual = {row["contestant"]: row for row in frame.filter("same").unique("contestant", keep="first").to_dicts()}
     for name, run in {PAPER: played.paper, rival.name: played.rival, POLICY: played.policy}.items():
         means = {**run.means(weight), "loss": float(run.loss(weight).mean()), "of": played.count}
-        usual.setdefault(name, means)  # needed if no change tries the unchanged value
+        usual.setdefault(name, means)  # needed if no change has the unchanged value among its values
     measure = usual[PAPER]["loss"]
 
     def cell(mean: Row, note: str) -> Heat:

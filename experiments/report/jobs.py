@@ -1,4 +1,4 @@
-"""Jobs of a report: functions of plain data, and their results by matchup."""
+"""The jobs of a report: functions whose arguments are plain data, and their results for each matchup."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,19 +23,19 @@ from impact_gym.task import Task
 
 JSON = Mapping[str, Any]
 PLAYING = (*grid.PLAYED, __name__, "experiments.lab.player.films", grid.__name__)
-"""Modules that results depend on; set-ups, policies and tuned baselines are arguments of the jobs."""
+"""Modules that results depend on, besides the arguments of the jobs: set-ups, policies and tuned baselines."""
 FAR = 0.36  # m, just beyond the farthest object: the approach figure shows no contact
 NEAR = 0.25  # m, distance of the object in the approach figure of controllers with an estimate
-FEWER = 500  # scenarios where many variants are played
-HALVINGS = 9  # of the range of weights, in its logarithm: to 1 %
-CALIBRATION_SCENARIOS = 500  # at most, to find the weight that gives a mean approach time
+FEWER = 500  # scenarios for each change of the environment, and for deflections
+HALVINGS = 9  # of the range of weights, on a logarithmic scale, by a bisection: it finds a weight to 1 %
+CALIBRATION_SCENARIOS = 500  # largest number that is played to find a weight
 
 
 class ReportJob(NamedTuple):
     """A call of `measured`, and the place of its result in `Played`."""
 
     where: str  # field of `Played`, which also selects the measurement
-    key: Any  # in that field; None if it holds a single result
+    key: Any  # key in that field; None if the field holds a single result
     arguments: Mapping[str, Any]
 
 
@@ -66,7 +66,7 @@ def play_matchups(
 
 
 def watched_at(matchup: Matchup) -> float:
-    """Return the object's distance (m) in the approach figure: mid-range if it is estimated, else just beyond reach."""
+    """Return the object's distance (m) in the approach figure: mid-range if estimated, else beyond all objects."""
     estimated = matchup.environment.get("range_noise") is not None
     if "ranges" not in matchup.scenarios:
         return NEAR if estimated else FAR
@@ -84,7 +84,7 @@ def jobs_of(matchup: Matchup) -> Iterator[ReportJob]:
         for where in ("seeds", "as_late")
     ]
     for baseline in matchup.baselines:
-        tuned = len(baseline.weights) > 1  # each weight is played with the parameters tuned for the nearest
+        tuned = len(baseline.weights) > 1  # between its tuned weights, its parameters are interpolated
         weights = sorted({*baseline.weights, *matchup.weights, typical}) if tuned else list(baseline.weights)
         jobs.append(("baselines", baseline, {"scenarios": scenarios, "weights": weights}))
     for contestant in (*matchup.baselines, matchup.policy):
@@ -138,8 +138,8 @@ def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: 
 def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
     """Return the scenarios on which a weight is chosen.
 
-    Instead of a frozen set: the validation set. Instead of ranges: the same ranges with other seeds. A table of
-    scenarios is used itself.
+    In place of a frozen set, the validation set; in place of ranges, the same ranges with other seeds. A table of
+    scenarios is returned unchanged.
     """
     count = min(CALIBRATION_SCENARIOS, scenarios["count"])
     if "set" in scenarios:
@@ -150,9 +150,9 @@ def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
 
 
 def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return the largest deflection of the coupling at a single weight, m, before the first touch and in all.
+    """Return the largest deflection of the coupling at a single weight, m: until the first touch, and in the episode.
 
-    Both are arrays (1, scenarios).
+    Both results are arrays (1, scenarios).
     """
     (weight,), task = weights, Task(**environment)
     batch = scenario_batch_of(scenarios, weight, task)
@@ -164,7 +164,7 @@ def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Seq
 def profile(controller: JSON, environment: JSON, weights: Sequence[float], distance: float) -> Arrays:
     """Return the flange's velocity (weights, k) over even positions (k,) up to an object at `distance` (m).
 
-    An estimate of the distance has no error.
+    If the controller observes an estimate of the distance, the estimate has no error.
     """
     record = {"object_mass": 0.5, "contact_stiffness": 3e4, "restitution": 0.5, "distance": distance}
     if environment.get("range_noise") is not None:
@@ -176,7 +176,7 @@ def profile(controller: JSON, environment: JSON, weights: Sequence[float], dista
         run = replay(player, seed=0, number=0, record=record, options=options)
         approach = run.history.time <= run.info["approach_time"] + 1e-12
         place, velocity = (run.history.columns[f"flange_{name}"][approach] for name in ("position", "velocity"))
-        forward = np.flatnonzero(place >= np.maximum.accumulate(place))  # a flange may step back
+        forward = np.flatnonzero(place >= np.maximum.accumulate(place))  # the flange may move back
         curves.append(np.interp(position, place[forward], velocity[forward], right=np.nan))
     return {"position": position, "velocity": np.array(curves)}
 

@@ -41,7 +41,7 @@ PLAIN = {
     "local-brake": "the local brake",
     "operator-alone": "the operator alone",
 }
-"""Plain names of baselines, by the class of a tuned baseline, by the name of another."""
+"""Plain names of baselines; the key is the class of a tuned baseline, and the name of any other."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Matchup:
     provenance: Mapping[str, Any]  # of the median seed
     note: str  # remarks for the reader
     evaluation: Evaluation = field(default_factory=Evaluation)
-    bound: Contestant | None = None  # best approaches found by search with the object known
+    bound: Contestant | None = None  # the best approaches that a search found, for a controller that knows the object
     title: str = ""
 
     @property
@@ -112,7 +112,7 @@ class Matchup:
 
     @property
     def typical(self) -> float:
-        """The typical time weight of the set-up (m/s per s), or the nearest at which the policy is played."""
+        """The typical time weight of the set-up (m/s per s), or the nearest weight at which the policy plays."""
         return min(self.policy.weights, key=lambda weight: abs(weight - self.evaluation.typical))
 
     @property
@@ -156,7 +156,7 @@ def of_setup(
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
-    """Return the bound that holds for a set-up; None if no search was made for the first of these scenarios."""
+    """Return the clairvoyant bound of a set-up; None if no search was made for the first of these scenarios."""
     its_own = setup.bound == setup.name
     parameters_at = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
     searched = min(map(len, parameters_at.values()), default=0)
@@ -192,7 +192,7 @@ def of_policies(
     replace arguments of the environment in which the policy was trained.
 
     Raises:
-        ValueError: a policy takes other observations than this environment has, or two policies have one name.
+        ValueError: a policy takes other observations than this environment has, or two policies have the same name.
     """
     matchups: dict[str, Matchup] = {}
     for path in map(Path, paths):
@@ -218,7 +218,7 @@ def of_policies(
 
 
 def typically(evaluation: Evaluation, time_weight: float | None, policy: Policy) -> Evaluation:
-    """Return an evaluation whose typical time weight is `time_weight` (m/s per s), or unchanged if that is None.
+    """Return an evaluation whose typical time weight is `time_weight` (m/s per s), or `evaluation` if it is None.
 
     Raises:
         ValueError: the policy was not trained for this weight.
@@ -256,12 +256,13 @@ def baselines(
     Tuned baselines of a `setup` are read from `folder`, others are shipped.
 
     Raises:
-        ValueError: there is no such baseline, it is named twice, or it does not fit this environment.
+        ValueError: there is no such baseline, it is named twice, it is the paper's rule, or it does not fit this
+        environment.
     """
     typical = (setup.evaluation if setup else Evaluation()).typical
     contestants = [Contestant(PAPER, {"baseline": RULE}, (typical,), "")]
     if len({*names, RULE}) <= len(names):
-        raise ValueError(f"baselines must differ, and the paper's rule is there anyway; got {list(names)}")
+        raise ValueError(f"name each baseline once, and not {RULE!r}, which is always included; got {list(names)}")
     task = Task(**environment)
     observations = np.zeros((2, len(ObservationSpec(task))), np.float32)
     for name in names:

@@ -30,7 +30,7 @@ class Run:
         return self.arrays[name]
 
     def at(self, weight: float) -> Episodes:
-        """Return the results at a weight (m/s per s); a contestant with one weight has the same results at any."""
+        """Return the results at a weight (m/s per s); a contestant with one weight has them at all weights."""
         if len(self.weights) > 1 and weight not in self.weights:
             raise ValueError(f"it was not played at a weight of {weight:g}, only at {self.weights}")
         place = self.weights.index(weight) if weight in self.weights else 0
@@ -55,15 +55,15 @@ class Run:
 
 @dataclass
 class Played:
-    """All results of one matchup; runs by the name of their contestant."""
+    """All results of one matchup; the keys of runs are the names of contestants."""
 
     matchup: Matchup
     seeds: dict[str, Run] = field(default_factory=dict)
     as_late: dict[str, Run] = field(default_factory=dict)  # each seed at the paper's mean approach time
     baselines: dict[str, Run] = field(default_factory=dict)
-    choosing: dict[str, Run] = field(default_factory=dict)  # baselines and median seed, in the scenarios of the choice
+    choosing: dict[str, Run] = field(default_factory=dict)  # baselines and median seed, in the scenarios of `choice`
     bound: Run | None = None
-    varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # of each cell of `holds.cells`
+    varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # labels, rows: `holds.cells`
     profiles: dict[str, Run] = field(default_factory=dict)
     travelled: dict[str, Run] = field(default_factory=dict)  # only with a tool on a spring
 

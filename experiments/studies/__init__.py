@@ -1,6 +1,6 @@
-"""Studies of this project itself: the paper's statements, speed, stability, what the gain is made of, operators, rates.
+"""Studies of this project itself. `impact-gym study NAME` runs one of NAMES.
 
-Each is a module or package with a `STUDY`; `impact-gym study NAME` runs it.
+Each study is a module or package with an object `STUDY`.
 """
 
 import importlib

@@ -1,6 +1,6 @@
-"""`impact-gym study bench`: steps per second beside Gymnasium's environments, and the time of an approach.
+"""`impact-gym study bench`: steps per second of our and Gymnasium's environments, and the time of an approach.
 
-The rates of batches by size tell how many environments are enough. For each set-up three rates are measured.
+The rates at several batch sizes show how large a batch should be. For each set-up three rates are measured.
 *environment*: Gymnasium's own benchmark, random actions. *environment with inference*: the shipped policy acts.
 *training*: all that `agents.train` does from the first rollout to the end, updates and validation included, as in
 `metrics.json`. Random actions play other episodes than a policy, so the first rate need not be the highest.
@@ -38,13 +38,13 @@ from impact_gym.sb3 import ImpactVecEnv
 
 ID, SCALE, BATCH_SCALE, BATCH = "ImpactApproach-v0", "Pendulum-v1", "CartPole-v1", 1024
 SIZES = (64, 256, 1024, 4096, 16384)  # environments in a batch
-LEARN_ENVS = 512  # environments of a training
+LEARN_ENVS = 512  # environments in a batch for training
 SETUPS = ("linear-blind", "bistable-blind")
-STEPS = 1_000_000  # of training
-RTOL = 1e-6  # of the batch: the largest power of ten with an error in V_p below 1e-6 m/s
-MIX = 80  # steps before a measurement: all episodes begin together, and have 20 to 75 steps
+STEPS = 1_000_000  # steps of a training
+RTOL = 1e-6  # rtol of the batch: the largest power of ten with an error in V_p below 1e-6 m/s
+MIX = 80  # steps before a measurement: episodes begin together, take 20 to 75 steps, and are then in different phases
 RULE = "paper-trapezoid"
-COUNT, SEED = 10_000, 30_000_000  # of the scenarios
+COUNT, SEED = 10_000, 30_000_000  # number and first seed of the scenarios
 RTOLS = {"1e-4": 1e-4, "1e-6": 1e-6, "1e-8 (the default)": 1e-8, "1e-10": 1e-10, "1e-12": 1e-12}
 
 Step = Callable[[], Any]
@@ -53,7 +53,7 @@ Step = Callable[[], Any]
 def rate(
     call: Step, steps: int, seconds: float, rounds: int = 3, clock: Callable[[], float] = time.perf_counter
 ) -> float:
-    """Return the steps per second of `call`, which makes `steps`: the best of `rounds`, `seconds` in all."""
+    """Return the steps per second of `call`, which makes `steps` steps: the best of `rounds`, `seconds` in all."""
     best = 0.0
     for _ in range(rounds):
         calls, spent, begun = 0, 0.0, clock()
@@ -66,7 +66,10 @@ def rate(
 
 
 def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
-    """Return a call that steps `env`, whose episodes are in all phases: by `act` of the last return, or at random."""
+    """Return a function that steps `env` once: with the action `act(what env returned last)`, or with a random one.
+
+    MIX steps have been made before, so that the episodes of the batch are in different phases.
+    """
     actions = cycle([env.action_space.sample() for _ in range(32)])  # drawn before anything is timed
     last = env.reset()
 
@@ -80,12 +83,12 @@ def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
 
 
 def batch(name: str, size: int) -> Step:
-    """Return a call that steps the native batch of `gym.make_vec(name)`."""
+    """Return a function that steps the native batch of `gym.make_vec(name)` once, with random actions."""
     return stepping(gym.make_vec(name, num_envs=size, vectorization_mode="vector_entry_point"))
 
 
 def stepped(quick: bool) -> pl.DataFrame:
-    """Return step rates beside Gymnasium's: the best of some rounds, in which all environments are timed in turn."""
+    """Return step rates of our and Gymnasium's environments: the best of some rounds, each of which times all."""
     batched, rule = gym.make_vec(ID, num_envs=BATCH, rtol=RTOL), PaperTrapezoid()
     of_library = ImpactVecEnv(LEARN_ENVS)
     alike = np.tile(of_library.action_space.sample(), (LEARN_ENVS, 1))  # the same action everywhere
@@ -106,13 +109,13 @@ def stepped(quick: bool) -> pl.DataFrame:
 
 
 def three_rates(name: str, quick: bool) -> list[Row]:
-    """Return the three rates of a set-up, in batches as large as in its training."""
+    """Return the three rates of a set-up, in batches as large as those of its training."""
     steps, threads = (STEPS // 100, {1}) if quick else (STEPS, {1, len(os.sched_getaffinity(0))})
     setup, policy, seconds = load_setup(name), load_policy(name), 0.1 if quick else 3.0
     count = setup.training.envs
     envs: list[Any] = [setup.make_vec(count) for _ in range(2)]
     row: dict[str, Any] = {"environments": count}
-    row["environment"] = benchmark_vector_step(envs[0], seconds, seed=0)  # type: ignore[arg-type]  # takes 0.1 s, too
+    row["environment"] = benchmark_vector_step(envs[0], seconds, seed=0)  # type: ignore[arg-type]  # accepts 0.1 s, too
     acting = stepping(envs[1], lambda last: policy.predict(last[0])[0])
     row["environment with inference"] = rate(acting, count, seconds)
     for number in sorted(threads):
@@ -125,7 +128,7 @@ def three_rates(name: str, quick: bool) -> list[Row]:
 
 
 def approached(environment: dict[str, Any], quick: bool) -> list[Row]:
-    """Return the processor time of an approach of the paper's rule on one core: the best of some rounds."""
+    """Return the processor time of an approach of the paper's rule on one core (µs): the best of some rounds."""
     rounds, count = (1, 500) if quick else (3, COUNT)
     scenarios = {"ranges": "test", "seed": SEED, "count": count}
 
@@ -136,7 +139,7 @@ def approached(environment: dict[str, Any], quick: bool) -> list[Row]:
 
 
 def cases() -> dict[str, dict[str, dict[str, Any]]]:
-    """Return the arguments of the environment, by the varied quantity and by case."""
+    """Return the arguments of the environment in each case, by the quantity that varies and by the case's name."""
     robot = default_approach().at(IMPACT)
     spring, bistable = IDS["ImpactApproach-v0"], IDS["ImpactApproachBistable-v0"]
     return {
@@ -163,7 +166,7 @@ def cells_of_cost(quick: bool, _: Frames) -> Iterator[Cell]:
 
 
 def words(value: Any) -> str:
-    """Return a cell of a table: numbers to three digits, nothing for None."""
+    """Return a value as text for a table: floats to three digits, an empty text for None."""
     if isinstance(value, float):
         return f"{float(f'{value:.3g}'):,.15g}"
     return "" if value is None else f"{value:,}" if isinstance(value, int) else str(value)
@@ -175,7 +178,7 @@ def table(caption: str, frame: pl.DataFrame) -> Table:
 
 
 def with_ratio(costs: pl.DataFrame) -> pl.DataFrame:
-    """Return the times of cases, each with its ratio to that of the default."""
+    """Return the times of cases, each with its ratio to the time of the default case."""
     default = pl.col("microseconds").filter(pl.col("case").str.ends_with("(the default)")).first()
     return costs.select("case", "microseconds", ratio=pl.col("microseconds") / default)
 

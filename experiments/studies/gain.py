@@ -1,10 +1,11 @@
-"""The causes of the gain over the paper's rule: the arm, knowledge of the place; and the gain in other worlds.
+"""What the gain over the paper's rule comes from, and how controllers do in conditions for which they were not made.
 
-For each range of distances, the paper's rule is compared with the best constant speed and the best profile. Both have
-the same arm and may choose the same reactions. A profile may also be faster where no object stands and slower where
-most have been met, so its gain is the value of knowing the place. In theory V_p is proportional to the speed, and the
-best speed to the root of the share of objects that are still ahead. If the remaining distance is always equally
-uncertain, a constant speed is best.
+For each distribution of the object's distance, the paper's rule is compared with the best constant speed and with the
+best profile of speed over position. Constant speed and profile have the same limits of the arm and the same choice of
+reactions to the alarm. Only a profile may be faster where no object stands and slower where most objects would have
+been met already, so its gain over constant speed is the value of knowing where objects can be. In theory V_p is
+proportional to the speed, and the best speed is proportional to the square root of the share of objects that are still
+ahead. If the remaining distance is equally uncertain at every position, a constant speed is best.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,7 +30,7 @@ from impact_gym.task.task import VELOCITY_RANGE
 
 
 class Steady(ReactingRule):
-    """One speed at every position until the alarm, then the same choice of reactions as a profile."""
+    """Rule with one speed at every position until the alarm, and then the same choice of reactions as a profile."""
 
     PARAMETERS = (Parameter("speed", "m/s", 0.01, VELOCITY_RANGE[1], 0.6), ACCELERATION, *REACTION)
 
@@ -42,8 +43,8 @@ class Prior(NamedTuple):
     """Distribution of the object's distance."""
 
     near: float  # m, from the tool
-    far: float  # m; of a memoryless distribution its 95 % quantile
-    memoryless: bool = False  # exponential: the remaining distance is always equally uncertain
+    far: float  # m, from the tool; if memoryless, the 95 % quantile
+    memoryless: bool = False  # exponential: at every position the remaining distance is equally uncertain
 
     @property
     def mean(self) -> float:
@@ -58,7 +59,7 @@ class Prior(NamedTuple):
         return f"{100 * self.near:.3g} to {100 * self.far:.3g} cm"
 
     def distances(self, seed: int, count: int) -> Floats:
-        """Return the distances of `count` objects (m), one from each of as many equally likely intervals."""
+        """Return `count` distances (m) in random order: the median of each of `count` equally likely intervals."""
         share = (np.random.default_rng(seed).permutation(count) + 0.5) / count
         away = -np.log1p(-share) / np.log(20.0) if self.memoryless else share
         return self.near + (self.far - self.near) * away
@@ -76,7 +77,7 @@ QUICK_SEARCH = {"scenarios": 40, "generations": 12, "tested": 100}
 
 
 def searches(quick: bool, _: Frames) -> Iterable[Cell]:
-    """Yield a cell for each prior, rule and weight."""
+    """Yield a cell for each prior, rule and time weight."""
     weights, search = (QUICK_WEIGHTS, QUICK_SEARCH) if quick else (WEIGHTS, SEARCH)
     for prior in [PRIORS[k] for k in (0, 3, -1)] if quick else PRIORS:
         for rule in RULES:
@@ -88,7 +89,7 @@ def searches(quick: bool, _: Frames) -> Iterable[Cell]:
 def searched(
     prior: Sequence[Any], rule: str, weight: float, scenarios: int, generations: int, tested: int, population: int = 16
 ) -> pl.DataFrame:
-    """Search the best parameters of a rule on tuning scenarios; return its results in the test scenarios."""
+    """Search the best parameters of a rule on tuning scenarios; return the rule's results in the test scenarios."""
     place, kind = Prior(*prior), RULES[rule]
     horizon = 1.2 if place.far < 0.5 else 6.0  # s, long enough for all rules
 
@@ -128,13 +129,13 @@ MEASURES = {
 
 
 def worlds(quick: bool, _: Frames) -> Iterable[Cell]:
-    """Yield a cell for each shipped controller in each world."""
+    """Yield a cell for each shipped controller in each of WORLDS."""
     scenarios = {"set": "test", "count": QUICK_SEARCH["tested"] if quick else SEARCH["tested"]}
     for setup in map(load_setup, SETUPS):
         places, coupling = [], setup.environment.get("coupling", {})
         for world, changes in WORLDS.items():
             if "coupling" in changes and not setup.name.startswith("linear"):
-                continue  # a mechanism has stops already
+                continue  # a bistable mechanism already has stops
             changed = {"coupling": {**coupling, "stroke": STROKE}} if "coupling" in changes else changes
             places.append(Place(setup.name, world, {**setup.environment, **changed}))
         contestants = [
@@ -146,7 +147,7 @@ def worlds(quick: bool, _: Frames) -> Iterable[Cell]:
 
 
 def by_prior(frame: pl.DataFrame) -> list[dict[str, Any]]:
-    """Return a row for each prior: V_p of each rule at the mean time of the paper's rule, with intervals."""
+    """Return a row for each prior: V_p of each rule at the mean approach time of the paper's rule, with intervals."""
     lines = []
     for prior, rows in grid.groups(frame, "near", "far", "memoryless"):
         of_rule = dict(grid.groups(rows, "rule"))
@@ -163,7 +164,7 @@ def by_prior(frame: pl.DataFrame) -> list[dict[str, Any]]:
 
 
 def by_world(frame: pl.DataFrame) -> list[dict[str, str]]:
-    """Return a row for each controller in each world: means of the measures with intervals, and the misses."""
+    """Return a row for each controller in each world: means of MEASURES with intervals, and the number of misses."""
     lines = []
     for (setup, world, contestant), rows in grid.groups(frame, "setup", "change", "contestant"):
         line = {"set-up": setup, "world": world, "contestant": contestant}
@@ -178,7 +179,7 @@ def by_world(frame: pl.DataFrame) -> list[dict[str, str]]:
 
 
 def priors_section(lines: Sequence[Mapping[str, Any]]) -> Section:
-    """Return the section on the value of knowing the place."""
+    """Return the section on the value of knowing where objects stand."""
     rows = [
         (
             line["prior"].words + (f" ({100 * line['missed']:.0f} % missed)" if line["missed"] > 0.01 else ""),

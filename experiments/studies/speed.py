@@ -1,4 +1,4 @@
-"""`impact-gym study speed`: work-precision diagrams, after the manner of SciMLBenchmarks (Rackauckas and others)."""
+"""`impact-gym study speed`: work-precision diagrams (time against error), as in SciMLBenchmarks (Rackauckas et al.)."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -22,11 +22,11 @@ from experiments.studies.solvers.peers import PEERS
 from experiments.studies.solvers.solutions import SECOND_RTOL, TRUE_RTOL, Solution, power, true_row
 
 COMPARED = (1e-4, 1e-6, 1e-8, 1e-10)  # m/s in V_p, at which contenders are compared
-FINE = 1e-6  # m/s, the one of these that the answer names
+FINE = 1e-6  # m/s, the one of COMPARED that the answer quotes
 RTOLS = tuple(float(f"1e-{k}") for k in range(3, 14))
 RIVALS = {CAREFUL: tuple(f"{CAREFUL} {method}" for method in METHODS)} | {name: (name,) for name in PEERS}
-"""Rivals, each with its contenders. One cell times one rival on one approach, in turn with our solver."""
-LONGEST = 400.0  # s, limit of a cell, compiling included
+"""Each rival with its contenders (SciPy: one for each method). A cell times a rival in turn with our solver."""
+LONGEST = 400.0  # s, limit of a cell, compilation included
 EDGES = (1e-16, 1e1)  # errors outside are drawn at the edge
 STYLES: dict[str, dict[str, Any]] = {
     name: {"color": colour, "marker": mark, "linestyle": line, "linewidth": width, "markersize": 4}
@@ -57,10 +57,11 @@ def cells_of_growth(quick: bool, _: Frames) -> list[Cell]:
 
 
 def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float, by: str = TIMES[0]) -> Row | None:
-    """Return the row with the least time `by` (one of TIMES) whose and all finer settings keep `error` (m/s in V_p).
+    """Return the fastest row (column `by`, one of TIMES) among settings that keep `error` (m/s in V_p).
 
-    So an error that is small at one setting by chance, because its sign changes there, does not count. Nor does a time
-    that came out negative, as the difference of two times on a busy machine.
+    A setting keeps it if V_p is within `error` there and at all finer settings. So an error that is small at one
+    setting by chance, because its sign changes there, does not count. Nor does a negative time, which can result on a
+    busy machine, as the time of contacts is a difference of two times.
     """
     keeps = (pl.col("velocity_error") <= error).fill_null(value=False).cast(pl.Int8).cum_min().over("contender") == 1
     positive = pl.col(by).is_between(0.0, math.inf, "none")
@@ -69,9 +70,9 @@ def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float, by: str = T
 
 
 def ratios(times: pl.DataFrame, errors: Sequence[float] = COMPARED) -> pl.DataFrame:
-    """Return each rival's times over ours at each error, of a whole approach and of its contacts.
+    """Return at each error each rival's time divided by ours, for a whole approach and for its contacts alone.
 
-    The time of our contacts is a small difference of times, so its median over the cells of all rivals is taken.
+    The time of our contacts is a small difference of two times, so its median over the cells of all rivals is taken.
     """
     rows, alone = [], pl.col(TIMES[1])
     median = alone.median().over("scene", "contender", "setting")
@@ -91,7 +92,7 @@ def ratios(times: pl.DataFrame, errors: Sequence[float] = COMPARED) -> pl.DataFr
 
 
 def answer(found: pl.DataFrame) -> str:
-    """Return which rivals are faster than we are, and the time of the best rival of each approach at FINE over ours."""
+    """Return in words which rivals are faster than impact_gym, and how the best rivals compare with it at FINE."""
     faster = [
         f"{row['rival']} takes {row[f'{by}_ratio']:.2f} times as long as impact_gym on {what} of '{row['scene']}' at "
         f"{power(row['error'])} m/s"
@@ -134,7 +135,7 @@ def table_of(found: pl.DataFrame, truths: pl.DataFrame) -> Table:
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
-    """Compare contenders at each error, and draw error against time and our time against what it depends on."""
+    """Compare contenders at each error; draw the error against time, and our time against the quantities of GROWTH."""
     truths, times = frames["truth"], frames["times"]
     doubt, load = truths["velocity_error_doubt"].to_numpy().max(), times["load"].drop_nulls().to_numpy()
     found = ratios(times)
@@ -167,7 +168,7 @@ def analyse(frames: Frames, quick: bool) -> Findings:
 
 
 def growth(rows: pl.DataFrame) -> Picture:
-    """Draw our time against each quantity."""
+    """Draw our time against each quantity of GROWTH."""
     figure = Figure(figsize=(11.0, 6.4))
     panels: Any = figure.subplots(2, 3, squeeze=False)
     for axes, ((name,), curve) in zip(panels.flat, rows.group_by("quantity", maintain_order=True), strict=False):
@@ -180,7 +181,7 @@ def growth(rows: pl.DataFrame) -> Picture:
 
 
 def drawn(times: pl.DataFrame, truths: pl.DataFrame, by: str) -> Picture:
-    """Draw the error of V_p against one of TIMES, a panel for each approach; grey below the doubt of the truth."""
+    """Draw the error of V_p against one of TIMES, a panel for each approach; grey: below the error of the reference."""
     lines, columns = ceil(truths.height / 3), min(truths.height, 3)
     figure = Figure(figsize=(3.6 * columns, 3.7 * lines))
     panels: Any = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
@@ -194,7 +195,7 @@ def drawn(times: pl.DataFrame, truths: pl.DataFrame, by: str) -> Picture:
         for name in reversed(here["contender"].unique(maintain_order=True).to_list()):
             style = STYLES[name if name in STYLES else CAREFUL] | {"zorder": 3 if name == OURS else 2}
             curve = here.filter(contender=name)
-            curve = curve.filter(rival=curve["rival"][0])  # ours has a curve in the cell of each rival
+            curve = curve.filter(rival=curve["rival"][0])  # ours was timed with each rival; one curve is enough
             wrong = curve.filter(pl.col("failure") != "")
             axes.plot(curve[by], curve["velocity_error"], **style)
             axes.plot(wrong[by], wrong["velocity_error"], **style | {"linestyle": ""}, mfc="white")

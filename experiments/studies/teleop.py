@@ -1,6 +1,6 @@
-"""Which assistance helps an operator who acts late? All contestants at every coupling, delay, operator and channel.
+"""Which assistance helps an operator who acts late? All are compared at every coupling, delay, operator and channel.
 
-An operator steers towards an object over a channel with a delay. Their belief about its place is up to 5 cm wrong, and
+An operator steers towards an object over a channel with a delay. Their belief where the object is may be 5 cm off, and
 they stop one reaction time after they see the touch. An assistance at the arm senses the touch without delay.
 """
 
@@ -26,11 +26,11 @@ from impact_gym.teleop.channels import FIFTH_GENERATION
 COUPLINGS = ("rigid", "spring", "bistable")
 DELAYS, TYPICAL = (0.0, 0.05, 0.1, 0.2, 0.4), 0.2  # s, there and back
 BELIEF = {"place_error": [-0.05, 0.05], "creep": [0.05, 0.15]}
-WAY, RECORDINGS, APART = 0.9, 8, 8.0  # m, of each recording; how many; s, between their starts
+WAY, RECORDINGS, APART = 0.9, 8, 8.0  # way of a recording, m; recordings; s between their starts
 
 
 def recordings() -> dict[str, Any]:
-    """Return recordings that no training used: eight random speeds in each, with two hesitations."""
+    """Return recordings that no training used: eight random speeds in each, two of them lowered to a hesitation."""
     rng, times, velocities = np.random.default_rng(0), list[float](), list[float]()
     for begin in APART * np.arange(RECORDINGS):
         speeds = np.concatenate([[0.0], rng.uniform(0.1, 0.45, 8), [0.0]])
@@ -54,23 +54,23 @@ ASSISTANCE = (ALONE, RULE, BRAKE, LIMIT, POLICY)
 GAINS = np.linspace(0.3, 1.0, 8)
 MEASURES = ("object_velocity", "slide", "done_time", "taken", "missed")
 RIVALS = {"gain": "constant gains", "brake": f"the {BRAKE}", "limit": f"the {LIMIT}"}
-"""Rivals of all contestants, by the prefix of their columns."""
+"""What each contestant is compared with, by the prefix of the columns with the differences."""
 WORSE = {f"{rival}_{name}": words.format(who) for rival, who in RIVALS.items() if rival != "limit"
          for name, words in {"slide": "slides further than with {}", "cost": "costs more than {}"}.items()}  # fmt: skip
 COLOURS = {ALONE: SERIES[3], BRAKE: SERIES[4], LIMIT: SERIES[2], POLICY: SERIES[1]}
 SHOWN = {"slide": (100.0, "slide (cm)"), "done_time": (1.0, "done (s)")}
-"""Rows of the figure: columns, factors and labels."""
+"""Rows of the figure: for each column of the table a factor and a label."""
 
 
 def environment_of(coupling: str, operator: str, link: Any) -> dict[str, Any]:
-    """Return the environment of a cell; both channels are `link`."""
+    """Return the environment of a cell; uplink and downlink have the arguments `link`."""
     setup = load_setup(f"teleop-{coupling}")
     operators = {REACH: setup.environment["operator"], SEEN: setup.mixed[0][1]["operator"], **HELD_OUT}
     return {**setup.environment, "operator": operators[operator], "uplink": link, "downlink": link}
 
 
 def places(quick: bool) -> Iterator[Place]:
-    """Yield the places: each operator at each delay, and one operator over three measured grades of 5G."""
+    """Yield all places: each coupling with each operator at each delay, and with one operator over grades of 5G."""
     delays, operators = ([TYPICAL], [REACH, "steady"]) if quick else (DELAYS, OPERATORS)
     cells = [(*cell, "") for cell in product(COUPLINGS, delays, operators)]
     grades = product(COUPLINGS, FIFTH_GENERATION)
@@ -102,10 +102,10 @@ LABELS = ("coupling", "delay", "operator", "channel")
 
 
 def cell_rows(labels: Row, rows: pl.DataFrame, weight: float, missed_cost: float) -> Iterator[dict[str, Any]]:
-    """Yield a row for each assistance in a cell: means over scenarios and seeds, and differences from its rivals.
+    """Yield a row for each assistance in a cell: means over scenarios and seeds, and differences from the RIVALS.
 
     The constant gains form a line of slide over the time until all is done. A contestant's slide is compared with this
-    line at its own time, its cost with that of the best gain.
+    line at the contestant's time, and its cost with the cost of the best gain.
     """
     rows = rows.with_columns(grid.cost(weight, missed_cost).alias("cost"))
     values: dict[str, dict[str, Floats]] = {
@@ -139,9 +139,9 @@ def table_of_cells(frames: Frames) -> list[dict[str, Any]]:
 
 
 def hurts(found: Sequence[Row]) -> Iterator[tuple[str, ...]]:
-    """Yield the assistances that are worse than a rival beyond the interval in some cells.
+    """Yield a row for each assistance and measure that is worse than a rival in a cell, with its whole 95 % interval.
 
-    Each row has the assistance, the measure, the number of cells, the largest loss, and the cells.
+    The row has the assistance, the measure, the number of such cells, the largest loss, and the cells.
     """
     for who in (POLICY, LIMIT, BRAKE, RULE):
         for column, words in WORSE.items():
@@ -158,12 +158,12 @@ def hurts(found: Sequence[Row]) -> Iterator[tuple[str, ...]]:
 
 
 def words_of(row: Row) -> str:
-    """Return a cell in words."""
+    """Return coupling, operator and delay of a cell in words."""
     return f"{row['coupling']}, {row['operator']}, {1e3 * row['delay']:.0f} ms"
 
 
 def duel(found: Sequence[Row], rival: str) -> str:
-    """Return in how many cells the policy costs clearly less and clearly more than a rival, and the extremes."""
+    """Return in words in how many cells the policy costs clearly less or more than a rival, and the extreme cells."""
     ours, column = [row for row in found if row["contestant"] == POLICY], f"{rival}_cost"
     less, more = (sum(sign * row[f"{column}_{end}"] > 0.0 for row in ours) for sign, end in ((1, "low"), (-1, "high")))
     share = 100.0 * sum(row[column] for row in ours) / sum(row["cost"] + row[column] for row in ours)
@@ -182,7 +182,7 @@ out: a tracker of the displayed object, a pointing hand, a steady speed, other r
 
 
 def chart(found: Sequence[Row]) -> Figure:
-    """Return a figure of slide and time over the delay for each coupling: means over operators, with intervals."""
+    """Return a figure of slide, and of the time until all is done, against delay: means over operators, intervals."""
     figure = Figure(figsize=(9.0, 5.4))
     panels = figure.subplots(len(SHOWN), len(COUPLINGS), sharey="row", sharex=True)
     frame = pl.DataFrame(found, infer_schema_length=None)

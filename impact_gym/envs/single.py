@@ -54,7 +54,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | 0   | velocity to go to          | -0.5  | 1.5   | m/s   | `velocity_range`     |
     | 1   | acceleration to use for it | 1     | 20    | m/s^2 | `acceleration_range` |
 
-    Commands are rounded to 1e-6 m/s and 1e-6 m/s^2, so that the paper's rule, 1 m/s at 8 m/s^2, is met exactly.
+    Commands are rounded to 1e-6 m/s and 1e-6 m/s^2, so the paper's rule (1 m/s at 8 m/s^2) can be commanded exactly.
     `action_spec` of the unwrapped environment converts both ways: `decode(action)` to SI units, `encode(velocity,
     acceleration)` to an action.
 
@@ -158,10 +158,11 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Version History
     * v0: first version; it may still change until version 0.1.0 of the package is released
 
-    As in Gymnasium, the version goes up when results are no longer comparable: when the same seed and actions lead to
-    other observations, rewards or ends, by more than `rtol` allows, or when a default changes. All ids go up together.
-    The old id then names its successor; to use the old one, install a version of the package that has it. New arguments
-    that are off by default, and faster code, do not change the version.
+    As in Gymnasium, the version goes up when results can no longer be compared: when the same seed and actions give
+    other observations, rewards or ends (by more than `rtol` allows), or when a default changes. When one id gets a new
+    version number, all do. The old id then raises an error that names its successor; to use the old id, install a
+    version of the package that has it. New arguments that are off by default, and faster code, do not change the
+    version.
     """
 
     metadata = {  # noqa: RUF012  # as in gymnasium.Env

@@ -67,8 +67,8 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     of the step. For the last command that the flange executed in the step it has `teleop_action` (u, or 0 if the
     command was too old) and `intervene_action` (v), arrays (1,) in m/s, and `is_intervention`: whether u and v differ
     by more than 1 mm/s. Unlike in HIL-SERL, every step has an `intervene_action`; `is_intervention` says whether it is
-    an intervention. A batch has these entries for the slots that played in the step; with SAME_STEP, those of a
-    finished episode are in its final info. The final info has `object_velocity` (m/s), `slide` (m), `touch_time`,
+    an intervention. In a batch these entries are valid for the environments that played in the step; with SAME_STEP,
+    the entries of a finished episode are in `final_info`. The final info has `object_velocity` (m/s), `slide` (m), `touch_time`,
     `done_time` (s; the horizon if the task was not done), `late` (s, mean time from a touch until the operator's stop
     reaches the arm), `peak_force` (N), `contact_count`, `taken` (the fraction of the operator's commanded motion that
     the assistance withheld before the touch), `missed`, `record`, and the other entries of `ImpactApproach`.

@@ -45,7 +45,7 @@ other number its value during the measurement, not a range.
     speed = 1.0                                          # m/s; or a list with a speed for each log
     acceleration = 8.0                                   # m/s^2
     brake = { threshold = 1.0, delay = 0.016 }           # N, s; leave it out if the robot does not brake
-    [sensor.force]                                       # known properties of a column, all optional
+    [sensor.force]                                       # what you know of the sensor of this column
     rate = 4000.0                                        # Hz
     low_pass = 1000.0                                    # Hz, first order
     bias = "estimated"                                   # or a number, in the column's unit

@@ -102,14 +102,16 @@ class Task:
 
     def __post_init__(self) -> None:
         drawn: dict[str, Range] = {}
+        optional = [name for name in ARGUMENTS if getattr(Task, name) is None]  # other arguments must not be None
+        checked = [name for name in ARGUMENTS if name not in optional or getattr(self, name) is not None]
         self._put("scenario", ScenarioRanges.of(self.scenario))
         for name, kinds in PARTS.items():
-            if getattr(self, name) is not None:
+            if name in checked:
                 record, ranges = ranged_record(name, getattr(self, name), kinds)
                 self._put(name, record)
                 drawn |= ranges
         for row in SET_UP:
-            if "." not in row.id and getattr(self, row.id) is not None:
+            if row.id in checked:
                 low, high = row.interval(getattr(self, row.id))
                 self._put(row.id, row.middle(low, high))
                 drawn |= {row.id: (low, high)} if low < high else {}

@@ -100,7 +100,7 @@ OURS = {"policy": ("linear-blind",)}
         (("my_rules:idle",), "no controller"), (("my_rules:nothing",), "no controller"),
         (("nowhere:x",), "no controller"), (("my_rules",), "module:object"),
         (("my_rules:Crooked",), "must return actions"), (("my_rules:Lost",), "finite"),
-        (("blind-profile", "blind-profile"), "differ"), (("paper-trapezoid",), "there anyway"),
+        (("blind-profile", "blind-profile"), "each baseline once"), (("paper-trapezoid",), "always included"),
         (("blind-profil",), "'blind-profil': blind-profile[?]"),
     )],
     *[(OURS | {"scenarios": text}, message) for text, message in (

@@ -18,7 +18,7 @@ from impact_gym.task.evaluation_sets import EvaluationSet
 
 MOST = 200  # points of a history
 POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005
-"""Allowed errors of thinned traces, as shares of the largest position, speed, force and penetration."""
+"""Allowed errors of thinned traces, as fractions of the largest position, speed, force and penetration."""
 
 
 def thin(
@@ -52,7 +52,7 @@ def thin(
 def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
     """Return the numbers of the scenarios to show, by a phrase that says why; each scenario appears once.
 
-    Of equal scenarios the first is taken.
+    If several scenarios fit a phrase equally well, the first is taken.
 
     Raises:
         ValueError: baseline and policy did not play the same scenarios.
@@ -142,7 +142,7 @@ class Run:
 
 
 def clock(runs: Sequence[Run], end: float, coarse: float = 1.0) -> list[list[float]]:
-    """Return [start (s), slow-motion factor] of each stretch of a film until `end` (s): the largest factor of all runs.
+    """Return [start (s), slow-motion factor] of each stretch of a film until `end` (s): the largest of all runs.
 
     The factors are those of the environment's own films, read at each picture, or `coarse` times less often.
     """
@@ -209,7 +209,7 @@ def play(
 def scene_of(runs: Mapping[str, Run], coarse: float = 1.0) -> dict[str, Any]:
     """Return one scenario: its clock, the common scales of all panels, and the contestants' histories.
 
-    Errors may be `coarse` times larger, for a film that the reader waits for.
+    `coarse` above 1 allows larger errors of the histories, for a film that a reader waits for.
     """
     ends = [run.contacts[-1][1] + AFTER if run.contacts else run.history.now for run in runs.values()]
     end = round(max(ends), DECIMALS["time"])

@@ -1,4 +1,4 @@
-"""The study `paper`: the paper's figures computed by our model, and the statements of its text about them, judged.
+"""The study `paper`: computes the paper's figures by our model, and judges the statements of its text about them.
 
 Each section of the paper has a module. For each figure the module computes a table (figure_02), draws it
 (_draw_figure_02), and computes the numbers that statements.toml names (_numbers_figure_02).
@@ -22,7 +22,7 @@ DEPENDS = (*SOLVER, "experiments.lab.scenes", "experiments.studies.paper.runs")
 
 
 def _words(row: dict[str, Any]) -> tuple[str, str, str, str]:
-    """Return a statement, the verdict with the agreeing digits, our result, and the reason."""
+    """Return a row of a page's table: statement, verdict with the agreeing digits, our result, rule and reason."""
     place = f"section {row['section']}" + f", {ABOUT[row['figure']]['heading']}" * row["figure"].startswith("figure")
     digits = "" if row["digits"] is None else f", {row['digits']} digit{'s' * (row['digits'] != 1)}"
     basis = f" ({row['basis']})" * (row["basis"] != Basis.TEST)
@@ -48,7 +48,7 @@ def answer(statements: pl.DataFrame) -> str:
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
-    """Judge the statements about all measured figures, and show figures and statements."""
+    """Judge the statements about all figures that were computed; show figures and statements."""
     statements = judged({name: MADE[f"_numbers_{name}"](frame) for name, frame in frames.items()})
     apart = statements.filter(~pl.col("verdict").is_in(AGREEING))
     misprints = Table.of("", DATA["misprints"], {"Where": "{place}", "What is wrong with it": "{correction}"})

@@ -1,4 +1,4 @@
-"""Claims of sections 1 and 6 without a figure: other speeds, objects and delays, and the sensor of the impact."""
+"""Claims of the paper's sections 1 and 6 that no figure shows: other speeds, objects and delays, sensing the impact."""
 
 from dataclasses import replace
 from functools import partial
@@ -25,20 +25,20 @@ OBJECTS = {"light": 0.25, "heavy": 1.0}  # kg
 DELAYS = np.array([0, 4, 8, 12, 16, 20, 30, 40, 50, 75, 100, 125, 150, 200, 250, 300, 400, 500]) / 1000  # s
 STIFFNESS = np.logspace(2, 8, 25)  # N/m^1.5
 RESTITUTIONS = np.round(np.arange(0.1, 1.001, 0.05), 2)
-MIDDLE_STIFFNESS, SMALL_RESTITUTION = 1e5, 0.1  # N/m^1.5, -: one is fixed while the other varies
-NEVER = -1.0  # s, a delay that stands for no brake
+MIDDLE_STIFFNESS, SMALL_RESTITUTION = 1e5, 0.1  # N/m^1.5, -: the value of one while the other varies
+NEVER = -1.0  # s, the value of `delay` in rows without a brake
 PERSON = 0.2  # s, simple reaction time of a person
 FROM_TOUCH = np.round(np.arange(0.002, 0.1001, 0.002), 3)  # s, from the touch to the start of braking
 MASSES = np.unique(np.append(np.geomspace(0.1, scenes.HEAVY_MASS, 41), OBJECT_MASS))  # kg
-SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # radius over that of the paper's object: k_c (N/m^1.5)
+SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # radius, as a multiple of that of the paper's object: k_c (N/m^1.5)
 CHANGES = np.linspace(0.9, 1.1, 9)  # factors of H and of the front stop
-ENOUGH = 40.0  # %, least reduction; 'about 50 %' to one digit would be 45 %
+ENOUGH = 40.0  # %, a reduction that counts as enough; 'about 50 %' to one digit would be 45 %
 SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s
-CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s, of constant speed in Fig. 23
+CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s at constant speed in Fig. 23
 
 
 def beyond_delay() -> list[Row]:
-    """Simulate all delays and no brake, over contact stiffness and restitution, for each coupling and object."""
+    """Simulate each coupling and object, over contact stiffness and over restitution, with all DELAYS and no brake."""
     rows: list[Row] = []
     braking = replace(MOTION, brake=replace(BRAKE, delay=0.0))
     lines = {
@@ -61,7 +61,7 @@ def beyond_delay() -> list[Row]:
 
 
 def _ratios(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return the table with V_p over the rigid tool's, and over V_p without a brake."""
+    """Return the rows with a brake, with V_p divided by that of the rigid tool, and by V_p without a brake."""
     velocity, scenario = pl.col("object_velocity"), ("object", "over", "stiffness", "restitution")
     rigid, free = velocity.filter(coupling="rigid").first(), velocity.filter(delay=NEVER).first()
     return frame.with_columns(
@@ -107,19 +107,22 @@ def _numbers_beyond_delay(frame: pl.DataFrame) -> Numbers:
 
 
 def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
-    """Return when the contact force exceeds 1 N and the coupling's has changed by 1 N, from the touch on (s)."""
+    """Return how long after the touch (s) the contact force is above 1 N, and the coupling's has changed by 1 N."""
     outcome, trace = scenes.simulate_with_trace(approach, STEADY)
     time = trace.time - outcome.contacts[0].start
     change = np.abs(trace.coupling_force - np.interp(0.0, time, trace.coupling_force))
     if isinstance(approach.coupling, ig.Rigid):
-        change = trace.contact_force  # the tool is fixed to the robot
+        change = trace.contact_force  # a robot with a fixed tool feels the contact force
     felt = [force > scenes.THRESHOLD for force in (trace.contact_force, change)]
     by_tool, by_robot = (float(time[(time >= 0.0) & above][0]) for above in felt)
     return by_tool, by_robot
 
 
 def beyond_detection() -> list[Row]:
-    """Simulate all delays, and those of a sensor on the tool and of the robot; a brake's delay counts from 1 N."""
+    """Simulate a grid of delays from touch to braking, and braking 16 ms after the touch is noticed.
+
+    A sensor on the tool notices it, or the robot itself. `Brake.delay` counts from when the contact force exceeds 1 N.
+    """
     rows: list[Row] = []
     for name, coupling in COUPLINGS.items():
         approach = scene(1e3, 0.1, coupling)
@@ -159,7 +162,7 @@ def _numbers_beyond_detection(frame: pl.DataFrame) -> Numbers:
 
 
 def beyond_objects() -> pl.DataFrame:
-    """Simulate the fixed tool, the mechanism, and all its small changes that hold the tool."""
+    """Simulate the fixed tool, the mechanism, and all small CHANGES of the mechanism that still hold the tool."""
     height, stop = MECHANISM.height, MECHANISM.front_stop
     candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
     holding = [coupling for coupling in candidates if coupling.holding_force >= scenes.HOLD]
@@ -177,7 +180,7 @@ def beyond_objects() -> pl.DataFrame:
 
 
 def _reductions(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return the table with velocities as reductions from the fixed tool's, in per cent."""
+    """Return the table with each velocity replaced by its reduction from the fixed tool's, in per cent."""
     return frame.with_columns((pl.col("as_it_is", "changed") / pl.col("rigid") - 1.0) * -100.0)
 
 
@@ -199,7 +202,7 @@ def _numbers_beyond_objects(frame: pl.DataFrame) -> Numbers:
         "changed": changed.to_numpy(), "changed_ends": [changed.min(), changed.max()],
         "unchanged_ends": [unchanged.min(), unchanged.max()],
         "stuck": rows.filter(pl.col("snap_count") != 1)["object_mass"].max() or 0.0,
-        "lightest": rows.filter(pl.col("changed") >= ENOUGH)["object_mass"].min(),  # kg, at the most favourable size
+        "lightest": rows.filter(pl.col("changed") >= ENOUGH)["object_mass"].min(),  # kg, smallest over all sizes
         "least": rows["changed"].min(),
     }  # fmt: skip
 
@@ -211,13 +214,13 @@ def _row(coupling: str, speed: float) -> Row:
     outcome = ig.simulate(approach, replace(MOTION, speed=speed), duration=2.0)
     return {
         "coupling": coupling, "speed": float(speed), "object_velocity": outcome.object_velocity,
-        "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),  # of the slider through its alignment
+        "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),  # passes of the alignment
         "alarm": int(outcome.detection_time is not None),
     }  # fmt: skip
 
 
 def beyond_speed() -> list[Row]:
-    """Simulate all couplings, with intervals around the changes of contacts, passes and alarm."""
+    """Simulate all couplings over the speed; bisection encloses each change of contacts, passes and alarm."""
     counts = ("contacts", "passes", "alarm")
     return [row for name in COUPLINGS for row in enclose_changes(SPEEDS, partial(_row, name), "speed", *counts)]
 
@@ -249,7 +252,7 @@ def _numbers_beyond_speed(frame: pl.DataFrame) -> Numbers:
     fixed = where(frame, coupling="rigid", speed=MOTION.speed)["object_velocity"][0]
     return {
         "fixed": fixed, "faster": speed[velocity <= fixed].max(),
-        "fails_below": speed[(speed < MOTION.speed) & (rows["passes"] % 2 == 0)].max(initial=0.0),  # ends ahead
+        "fails_below": speed[(speed < MOTION.speed) & (rows["passes"] % 2 == 0)].max(initial=0.0),  # ends in front
         "turns": "".join(f"; {before} to {after} passes of the alignment at {v:.3f} m/s" for v, before, after in turns),
         "better": [better.min(), better.max()] if better.size else [np.nan, np.nan],
         "slowest": speed[0], "fastest": speed[-1],

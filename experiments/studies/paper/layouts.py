@@ -1,4 +1,4 @@
-"""Drawing of figures: panels and texts from statements.toml, and layouts of several figures."""
+"""Drawing of figures: panels and texts from statements.toml, and layouts that several figures share."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -12,8 +12,8 @@ from experiments.lab.parts import Picture
 from experiments.studies.paper.runs import runs_of
 from experiments.studies.paper.statements import DATA
 
-SCALE = 0.8  # of all figures, so that the text is legible if two are side by side
-WIDE = 11.0  # inches, unscaled; a wider figure is alone in its row
+SCALE = 0.8  # factor on the size of all figures, so that text is legible if two figures are side by side
+WIDE = 11.0  # inches, before scaling; a wider figure is alone in its row of the page
 Panels = Any
 """Axes of matplotlib, or an array of them."""
 

@@ -1,4 +1,4 @@
-"""Columns of a figure's table, searches along a parameter, and runs with their time histories."""
+"""Tools of the figures: columns of a table, where a count changes along a parameter, and runs with time histories."""
 
 from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise, product
@@ -15,7 +15,7 @@ from impact_gym.physics import impact
 
 Array = NDArray[np.float64]
 Numbers = dict[str, Any]
-"""Numbers, arrays or words that the statements about a figure name."""
+"""Numbers, arrays or words by the name that the statements about a figure use."""
 WIDTH = 1e-6  # width of an interval of `enclose_changes`, in the unit of the parameter
 
 
@@ -25,9 +25,9 @@ def where(frame: pl.DataFrame, **values: float | str) -> dict[str, NDArray[Any]]
 
 
 def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parameter: str, *counts: str) -> list[Row]:
-    """Return the rows at rising `values` of a parameter, and pairs of rows within WIDTH around each change of a count.
+    """Return the rows at rising `values` of a parameter; around each change of a count add two rows, WIDTH apart.
 
-    `row` computes the row at a value. Between two values each of `counts` may change at most once.
+    `row` computes the row at a value of the parameter. Between two values each of `counts` may change at most once.
     """
     rows = [row(value) for value in values]
     enclosing: list[Row] = []
@@ -42,7 +42,7 @@ def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parame
 
 
 def changes(rows: dict[str, NDArray[Any]], parameter: str, count: str) -> list[tuple[float, int, int]]:
-    """Return the changes of the column `count`: the parameter below each, and the count below and above it."""
+    """Return for each change of the column `count` the parameter just below it, and the count below and above it."""
     places, counts = np.flatnonzero(np.diff(rows[count])), rows[count].astype(int).tolist()
     return [(float(rows[parameter][i]), counts[i], counts[i + 1]) for i in places]
 
@@ -50,8 +50,8 @@ def changes(rows: dict[str, NDArray[Any]], parameter: str, count: str) -> list[t
 def histories(cases: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION) -> pl.DataFrame:
     """Simulate scenes for `duration` (s); return one table of their traces, with a column `case`.
 
-    The column `contact` is the number of the current contact, from 1, and 0 in flight. `impulse` is eq. 21 over all
-    contacts (N s), the same in all rows of a case.
+    The column `contact` is the number of the current contact, from 1, and 0 in flight. `impulse` is that of the
+    coupling during all contacts (N s; eq. 21), the same in all rows of a case.
     """
     parts = []
     for case, scene in cases.items():
@@ -66,7 +66,7 @@ def histories(cases: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, dura
 
 
 class Run:
-    """A case of a table of `histories`, and its numbers."""
+    """One case in a table of `histories`: its trace, and numbers computed from it."""
 
     def __init__(self, frame: pl.DataFrame, case: str) -> None:
         """Read the rows of `case`."""
@@ -80,23 +80,23 @@ class Run:
         self.impulse = rows["impulse"][-1]  # N s, eq. 21, integrated by the simulation
         self.final_velocity = self.trace.object_velocity[-1]  # m/s, V_p
         self.peak_force = self.trace.contact_force.max()  # N
-        self.impact_velocity = first.tool_velocity[0]  # m/s, of the tool at the first touch
-        self.duration = 1e3 * np.ptp(first.time)  # ms, of the first contact
+        self.impact_velocity = first.tool_velocity[0]  # m/s, velocity of the tool at the first touch
+        self.duration = 1e3 * np.ptp(first.time)  # ms, duration of the first contact
         self.deceleration = (during.contact_force - during.coupling_force).max() / TOOL_MASS  # m/s^2; paper, eq. 17
         rate = first.tool_velocity - first.object_velocity
         self.restitution = -rate[-1] / rate[0]  # of the first contact: separation over approach velocity
         behind = first.command_position - first.tool_position
-        self.deflection = 1e3 * (behind.max() - behind[0])  # mm, of the robot, caused by the contact
-        self.way = 1e3 * np.ptp(first.command_position)  # mm, of the imposed motion during the contact
+        self.deflection = 1e3 * (behind.max() - behind[0])  # mm, deflection of the robot caused by the contact
+        self.way = 1e3 * np.ptp(first.command_position)  # mm, path of the imposed motion during the contact
 
     def part(self, rows: NDArray[np.bool_]) -> ig.Trace:
-        """Return some points of the trace."""
+        """Return the points of the trace at which `rows` is true."""
         return ig.Trace(*(column[rows] for column in self.trace))
 
     def running_impulse(self) -> tuple[Array, Array]:
         """Return the time since the first contact began (s) and the impulse of the coupling so far (N s; eq. 21).
 
-        Computed by the trapezoidal rule during contacts; between contacts the impulse is constant.
+        During contacts the force is integrated by the trapezoidal rule; between contacts the impulse is constant.
         """
         time, force, contact = self.trace.time, self.trace.coupling_force, self.contact
         within = (contact[1:] > 0) & (contact[1:] == contact[:-1])
@@ -106,11 +106,11 @@ class Run:
         return time[begin : end + 1] - time[begin], total
 
     def equation_22(self, restitution: float, impulse: float) -> float:
-        """Return V_p after eq. 22, m/s, for a restitution and an impulse of the coupling (N s)."""
+        """Return V_p (m/s) by eq. 22, for a restitution and an impulse of the coupling (N s)."""
         at_rest = float(self.first_contact.object_velocity[0])
         return float(impact.free_tool(TOOL_MASS, OBJECT_MASS, self.impact_velocity, at_rest, restitution, impulse)[1])
 
 
 def runs_of(frame: pl.DataFrame) -> tuple[Run, Run]:
-    """Return the cases a and b."""
+    """Return the runs of the cases "a" and "b"."""
     return Run(frame, "a"), Run(frame, "b")

@@ -1,8 +1,9 @@
 """Section 2, instantaneous and non-instantaneous impact.
 
 The instantaneous impact is computed in closed form at v_t = 1 m/s, v_p = 0 (paper, eq. 1-4), without simulation. The
-other is an approach at 1 m/s without a brake, tool fixed (a) and free (b). The contact of two free masses has the same
-penetration and force as that of an imposed tool and an object of their reduced mass.
+non-instantaneous impact is simulated as an approach at 1 m/s without a brake, with the tool fixed to the robot (a) or
+free (b). The contact of two free masses has the same penetration and force as the contact of a tool of imposed motion
+with an object of the reduced mass of both, so (b) is simulated in this way.
 """
 
 from collections.abc import Iterable
@@ -21,10 +22,10 @@ from impact_gym.physics import impact
 
 OF_MASSES = (0.0, 0.25, 0.5, 0.75, 1.0)  # restitutions of Fig. 3
 MASSES = np.logspace(-2.0, 1.0, 121)  # kg
-STIFFNESS, RESTITUTION = 1e5, 0.5  # of Fig. 5
+STIFFNESS, RESTITUTION = 1e5, 0.5  # contact of Fig. 5
 STIFFNESSES = np.logspace(3.0, 6.0, 25).tolist()  # N/m^1.5
-RESTITUTIONS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)  # as given to eq. 7
-CUT = 1e5  # N/m^1.5, stiffness with more restitutions
+RESTITUTIONS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)  # nominal: arguments of eq. 7
+CUT = 1e5  # N/m^1.5, stiffness at which more restitutions are simulated
 CUT_RESTITUTIONS = np.round(np.arange(0.05, 1.0001, 0.025), 3)
 VANISHING = (0.05, 0.02, 0.01, 0.005)  # restitutions below those of the curves
 CONTACTS = {
@@ -63,7 +64,7 @@ def _numbers_figure_02(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_03() -> pl.DataFrame:
-    """Evaluate eq. 3 and 4 over restitution and mass of the tool, for the paper's tool and robot with tool as well."""
+    """Evaluate eq. 3 and 4 over restitution and tool mass; the masses include the paper's tool, and tool plus robot."""
     every_mass = np.sort(np.append(MASSES, (TOOL_MASS, scenes.ROBOT_AND_TOOL)))
     restitution, mass = (axis.ravel() for axis in np.meshgrid(OF_MASSES, every_mass, indexing="ij"))
     tool, hit = (np.asarray(velocity) for velocity in impact.free_tool(mass, OBJECT_MASS, 1.0, 0.0, restitution))
@@ -123,7 +124,7 @@ def _numbers_figure_05(frame: pl.DataFrame) -> Numbers:
 def _sweep(pairs: Iterable[tuple[float, float]]) -> list[Row]:
     """Simulate the fixed and the free tool for every pair of contact stiffness and restitution.
 
-    The free tool is simulated as in Fig. 5. The impulse on the object of reduced mass is that on the free object.
+    The free tool is simulated as in Fig. 5: the impulse on an object of the reduced mass equals that on the real one.
     """
     rows: list[Row] = []
     for stiffness, restitution in pairs:
@@ -142,7 +143,7 @@ def _sweep(pairs: Iterable[tuple[float, float]]) -> list[Row]:
 
 
 def _grids(frame: pl.DataFrame, column: str) -> Array:
-    """Return `column` over (fixed and free tool, restitution, contact stiffness)."""
+    """Return `column` as an array (fixed or free tool, restitution, contact stiffness)."""
     on_grid = frame.filter(pl.col("restitution").is_in(RESTITUTIONS), pl.col("contact_stiffness").is_in(STIFFNESSES))
     ordered = on_grid.sort("free", "restitution", "contact_stiffness")[column]
     return ordered.to_numpy().reshape(2, len(RESTITUTIONS), len(STIFFNESSES))
@@ -159,7 +160,7 @@ def _draw_figure_07(frame: pl.DataFrame, grid: Panels, column: str) -> None:
 
 
 def figure_06() -> list[Row]:
-    """Simulate the grid of (a) and (b), and at one k_c more restitutions."""
+    """Simulate the grid of panels (a) and (b), and more restitutions at k_c = CUT."""
     grid = {(k, e) for e in RESTITUTIONS for k in STIFFNESSES}
     return _sweep(sorted(grid | {(CUT, float(e)) for e in CUT_RESTITUTIONS}))
 
@@ -191,7 +192,7 @@ def _numbers_figure_06(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_07() -> list[Row]:
-    """Simulate the grid, and at one k_c restitutions near zero."""
+    """Simulate the grid of Fig. 6, and restitutions near zero at k_c = CUT."""
     return _sweep([(k, e) for e in RESTITUTIONS for k in STIFFNESSES] + [(CUT, e) for e in VANISHING])
 
 
@@ -226,7 +227,7 @@ def _contact(case: str, speed: float) -> pl.DataFrame:
 
 
 def beyond_contact() -> pl.DataFrame:
-    """Simulate both contacts at every speed, and evaluate the restitution of both laws."""
+    """Simulate a linear and the paper's contact at every speed; evaluate the restitution that each of LAWS delivers."""
     contacts = [_contact(case, speed) for case in CONTACTS for speed in SPEEDS]
     delivered = {law: np.asarray(ig.effective_restitution(law, NOMINAL)) for law in LAWS}
     laws = [pl.DataFrame({"nominal": NOMINAL, "delivered": e, "case": law}) for law, e in delivered.items()]
@@ -247,7 +248,7 @@ def _draw_beyond_contact(frame: pl.DataFrame, grid: Panels) -> None:
 
 
 def _ends(rows: dict[str, Array]) -> tuple[float, float]:
-    """Return the force at the touch, and the spring's force at the separation, over the largest force."""
+    """Return the force at the touch and the spring's force at the separation, both divided by the largest force."""
     pushing = np.flatnonzero(rows["force"] > 0.0)
     return rows["force"][pushing[0]] / rows["force"].max(), rows["elastic"][pushing[-1]] / rows["force"].max()
 

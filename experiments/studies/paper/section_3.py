@@ -11,7 +11,7 @@ from impact_gym.physics.impact import GRAVITY, sliding_distance
 from impact_gym.robot import IMPACT, default_approach
 
 FRICTION = 0.3  # between object and plane; the paper prints none
-COMPONENTS = {"held": "effective", "damping": None, "stiffness": "effective_stiffness"}  # of the robot; Fig. 12
+COMPONENTS = {"held": "effective", "damping": None, "stiffness": "effective_stiffness"}  # curve: ours beside it
 
 
 def figure_11() -> pl.DataFrame:
@@ -44,7 +44,7 @@ def _numbers_figure_11(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_12() -> pl.DataFrame:
-    """Read the approach of the shipped robot model."""
+    """Tabulate the shipped robot model along its approach."""
     approach = default_approach()
     columns = {"position": approach.position, "x": approach.start[0] + approach.position * approach.direction[0]}
     names = ("held", "damping", "stiffness", "effective", "effective_stiffness")
@@ -70,7 +70,10 @@ def _numbers_figure_12(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_13() -> pl.DataFrame:
-    """Simulate both, and (b) with our estimates of the robot: as at the impact, and variable along the line."""
+    """Simulate Fig. 13a and 13b, and 13b with our robot model: frozen as at the impact, and varying along the line.
+
+    Two of these are simulated without an object as well.
+    """
     approach = default_approach()
     robots = {"a": None, "b": scenes.ROBOT, "frozen": approach.at(IMPACT), "along": approach.robot_table()}
     approaches = {case: scenes.scene(1e5, 1.0, robot=robot) for case, robot in robots.items()}
@@ -83,9 +86,10 @@ _draw_figure_13 = _draw_figure_14 = imposed_and_actual
 
 
 def _nearest_minimum(frame: pl.DataFrame, case: str) -> Numbers:
-    """Return the local minimum of the tool's velocity nearest to the impact (m/s), and the time between them (ms).
+    """Return the local minimum of the tool's velocity nearest to the impact (m/s), and its time from the impact (ms).
 
-    The velocity is that of the same approach without an object. `order`: whether the impact is before or after it.
+    The velocity is that of the same approach without an object. `order`: whether the impact is before or after the
+    minimum.
     """
     impact_time = Run(frame, case).during_contact.time[0]
     unhindered = where(frame, case=f"{case}, unhindered")
@@ -116,14 +120,14 @@ def _numbers_figure_13(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_14() -> pl.DataFrame:
-    """Simulate both, Fig. 13b, and both with a robot that never brakes."""
+    """Simulate Fig. 14a and 14b, Fig. 13b for comparison, and 14a and 14b again without braking."""
     soft, stiff = (scenes.scene(k_c, 1.0, robot=scenes.ROBOT, object_mass=scenes.HEAVY_MASS) for k_c in (1e5, 1e6))
     braking = histories({"a": soft, "b": stiff, "13b": scenes.scene(1e5, 1.0, robot=scenes.ROBOT)})
     return pl.concat([braking, histories({"a, no brake": soft, "b, no brake": stiff}, scenes.STEADY)])
 
 
 def _ranges(run: Run) -> tuple[float, float]:
-    """Return the range of x_t' - x_r' in the 50 ms before and after the first contact (m/s)."""
+    """Return largest minus smallest x_t' - x_r' (m/s) in the 50 ms before the first contact, and in the 50 ms after."""
     relative, time = run.trace.tool_velocity - run.trace.command_velocity, run.trace.time
     start, end = run.first_contact.time[[0, -1]]
     before, after = (time > start - 0.05) & (time < start), (time > end) & (time < end + 0.05)

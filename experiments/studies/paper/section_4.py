@@ -1,9 +1,9 @@
 """Section 4, the tool on spring and damper.
 
 Fig. 16 and 18 show V_p against the stiffness of the coupling. If the number of contacts changes between two points of
-the grid, the change is enclosed by bisection, and both ends of the interval become points of the curve. Besides the
-paper's approach there is one to an object so far ahead that the tool no longer swings at the touch. Fig. 17, 19 and 20
-are runs at k_t = 150 N/m, zeta = 1.
+the grid, the change is enclosed by bisection, and both ends of the interval become points of the curve. A second curve
+shows approaches to an object so far ahead that the tool no longer swings at the touch. Fig. 17, 19 and 20 are runs at
+k_t = 150 N/m, zeta = 1.
 """
 
 from collections.abc import Mapping
@@ -27,8 +27,8 @@ CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
 COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
 SETTLED_STIFFNESSES = COUPLING_STIFFNESSES[::5]  # N/m
 SETTLED = 4.0  # m, distance at which the swing from the acceleration has decayed at every k_t
-CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m: lines through the plane of both
-RESTITUTION = 0.1  # of Fig. 18 to 20
+CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m: fixed along a curve
+RESTITUTION = 0.1  # restitution in Fig. 18 to 20
 INELASTIC = {"a": decoupled(1e5, RESTITUTION, 150.0), "b": decoupled(1e3, RESTITUTION, 150.0)}  # Fig. 19 and 20
 
 
@@ -47,7 +47,7 @@ def _point(
 
 
 def _sweep(restitution: float) -> list[Row]:
-    """Simulate the curves of the paper and those of a tool without swing."""
+    """Simulate the paper's curves, and the curves of a tool that has stopped swinging before the touch."""
     rows: list[Row] = []
     for k_c in CONTACT_STIFFNESSES:
         along = partial(_point, k_c=k_c, restitution=restitution)
@@ -57,13 +57,13 @@ def _sweep(restitution: float) -> list[Row]:
 
 
 def figure_16() -> list[Row]:
-    """Simulate the curves, and at one k_t several damping ratios."""
-    ratios = [zeta for zeta in np.round(np.arange(0.1, 2.0001, 0.05), 2).tolist() if zeta != 1.0]  # on the curve
+    """Simulate the curves of `_sweep`, and several damping ratios at k_t = 150 N/m."""
+    ratios = [zeta for zeta in np.round(np.arange(0.1, 2.0001, 0.05), 2).tolist() if zeta != 1.0]  # 1 is on the curves
     return _sweep(1.0) + [_point(150.0, k_c, 1.0, zeta) for k_c in CONTACT_STIFFNESSES for zeta in ratios]
 
 
 def figure_18() -> list[Row]:
-    """Simulate the curves, and some of their points without a brake."""
+    """Simulate the curves of `_sweep`, and some of their points without a brake."""
     pairs = product(CONTACT_STIFFNESSES, SETTLED_STIFFNESSES)
     return _sweep(RESTITUTION) + [_point(k_t, k_c, RESTITUTION, braked=False) for k_c, k_t in pairs]
 
@@ -71,13 +71,13 @@ def figure_18() -> list[Row]:
 def curves(
     frame: pl.DataFrame, distance: float = DISTANCE, braked: bool = True, at: Mapping[str, float] = CRITICAL
 ) -> list[dict[str, Array]]:
-    """Return the rows of each contact stiffness, by rising coupling stiffness or damping ratio; `at`: the other."""
+    """Return a curve for each contact stiffness: the rows at the damping ratio or coupling stiffness `at`."""
     rows = frame.sort("damping_ratio", maintain_order=True).filter(braked=braked, distance=distance, **at)
     return [where(rows, contact_stiffness=k_c) for k_c in CONTACT_STIFFNESSES]
 
 
 def _velocities(frame: pl.DataFrame, **line: Any) -> Array:
-    """Return V_p (contact stiffness, coupling stiffness of the grid); `line` are arguments of `curves`."""
+    """Return V_p as an array (contact stiffness, coupling stiffness of the grid); `line`: arguments of `curves`."""
     points = frame.filter(pl.col("coupling_stiffness").is_in(COUPLING_STIFFNESSES.tolist()))
     return np.array([rows["object_velocity"] for rows in curves(points, **line)])
 
@@ -89,7 +89,7 @@ def _rising_from(frame: pl.DataFrame) -> Array:
 
 
 def _places(holds: NDArray[np.bool_]) -> str:
-    """Return the number of points of the grid at which a condition holds, and the range in which it fails, in words."""
+    """Return in words at how many values of k_t a condition holds, and the range of k_t in which it fails."""
     broken = COUPLING_STIFFNESSES[~holds]
     where_not = f"; not at {broken.min():g} to {broken.max():g} N/m" if broken.size else ""
     return f"holds at {holds.sum()} of {holds.size} values of k_t{where_not}"
@@ -157,7 +157,7 @@ _draw_figure_20 = impulses
 
 
 def figure_17() -> pl.DataFrame:
-    """Simulate both."""
+    """Simulate Fig. 17a and 17b."""
     return histories({"a": decoupled(1e5, 1.0, 150.0), "b": decoupled(1e4, 1.0, 150.0)})
 
 
@@ -172,7 +172,7 @@ def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
     return {
         "a": a, "b": b, "peaks": [len(find_peaks(run.trace.contact_force, 0.1 * run.peak_force)[0]) for run in runs],
         "lag": -stretch.min(), "ahead_most": stretch.max(),
-        "faster_share": 100 * np.mean(ahead > 0.0),  # the trace has a point a millisecond in flight
+        "faster_share": 100 * np.mean(ahead > 0.0),  # in flight the trace has one point per millisecond
         "faster_most": ahead.max(), "faster_last": ahead[-1],
         "compressions": [values.max() for values in compressions], "reached": reached,
         "restitution_error": max(abs(run.restitution - 1.0) for run in runs),
@@ -180,7 +180,7 @@ def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_19() -> pl.DataFrame:
-    """Simulate both, both with e = 1, and all four without a brake."""
+    """Simulate Fig. 19a and 19b, 19a and 19b with e = 1, and all four again without a brake."""
     cases = INELASTIC | {"a, e = 1": decoupled(1e5, 1.0, 150.0), "b, e = 1": decoupled(1e3, 1.0, 150.0)}
     never = {f"{case}, no brake": scene for case, scene in cases.items()}
     return pl.concat([histories(cases), histories(never, STEADY)])
@@ -193,9 +193,10 @@ def _share_before_the_brake(run: Run) -> float:
 
 
 def _coupling(touching: ig.Trace) -> Numbers:
-    """Return numbers of the coupling during a contact, and words about it.
+    """Return what the coupling does during a contact, in numbers and words.
 
-    `push`, `gain` and `slower` begin when the tool becomes slower than the flange; at the touch it is faster.
+    `push`, `gain` and `slower` concern the time after the tool has become slower than the flange; at the touch the tool
+    is faster than the flange.
     """
     behind = int(np.argmax(touching.tool_velocity < touching.flange_velocity))
     stretch = np.max(touching.tool_position - touching.flange_position)
@@ -229,7 +230,7 @@ def _numbers_figure_19(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_20() -> pl.DataFrame:
-    """Simulate both cases of Fig. 19."""
+    """Simulate Fig. 19a and 19b again."""
     return histories(INELASTIC)
 
 

@@ -17,7 +17,7 @@ POSITIONS = np.linspace(-0.06, 0.06, 241)  # m, within the stroke of every H
 
 
 def figure_22() -> list[Row]:
-    """Evaluate eq. 23-24."""
+    """Evaluate the force of eq. 23-24 over the slider's position, for each height H."""
     rows: list[Row] = []
     for height in HEIGHTS:
         mechanism = ig.Bistable(MECHANISM.stiffness, MECHANISM.free_length, height)
@@ -52,12 +52,12 @@ def _numbers_figure_22(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_23() -> pl.DataFrame:
-    """Simulate both."""
+    """Simulate Fig. 23a (mechanism) and 23b (spring and damper)."""
     return histories({"a": scene(1e3, 0.1, MECHANISM), "b": scene(1e3, 0.1, LINEAR)})
 
 
 def _slider(trace: ig.Trace) -> tuple[Array, float]:
-    """Return the slider's position from the alignment (m), and the time at which it first passes it (s)."""
+    """Return the slider's positions, measured from the alignment (m), and when it first passes the alignment (s)."""
     # at t = 0 the preload presses the slider slightly into its stop; the trace begins there
     start = MECHANISM.front_stop + float(MECHANISM.force(MECHANISM.front_stop)) / MECHANISM.stop_stiffness
     x = start + trace.tool_position - trace.flange_position
@@ -86,9 +86,9 @@ def _numbers_figure_23(frame: pl.DataFrame) -> Numbers:
     first_phase = (time >= time[touch]) & (time < snap)
     slowed = int(np.argmax(first_phase & (tool <= 0.4)))
     settling = first_phase & (time >= time[slowed])  # between 0.4 m/s and the alignment
-    steady = settling & np.append(np.diff(time) > 0.0, False)  # the trace has events twice
+    steady = settling & np.append(np.diff(time) > 0.0, False)  # the trace has two points at an event
     rate = np.abs(np.diff(tool)[steady[:-1]] / np.diff(time)[steady[:-1]])
-    plateau = tool[steady][np.argmin(rate)]  # m/s, where the velocity changes least
+    plateau = tool[steady][np.argmin(rate)]  # m/s, tool velocity where it changes least
     at_stop = int(np.argmax((time > snap) & (x <= MECHANISM.rear_stop)))
     ahead = np.abs(tool - trace.flange_velocity)
     gap = (trace.object_position - trace.tool_position)[np.flatnonzero(run.contact)[-1] + 1 :]

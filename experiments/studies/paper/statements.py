@@ -1,8 +1,8 @@
-"""Statements of the paper, our results, and verdicts by stated rules.
+"""Compares statements of the paper with our results, and judges them by stated rules.
 
-Ours agrees with a printed number to n digits if it is within half a unit of its n-th significant digit. If the text
-says 'about', one unit of the last printed digit is allowed. A trend or a comparison has its own rule. The statements
-are in statements.toml; its first lines explain the format.
+Our number agrees with a printed number to n digits if it differs by at most half a unit of the n-th significant digit.
+If the text says 'about', it may differ by one unit of the last printed digit. A trend or a comparison has its own rule.
+The statements are in statements.toml; the first lines of that file explain the format.
 """
 
 import re
@@ -54,14 +54,14 @@ class Said:
     section: str
     basis: str = "test"  # name of a Basis
     printed: str | None = None  # a number with its unit, "0.98 m/s"; None for a trend
-    value: str = ""  # name of our number
+    value: str = ""  # name of our number, which is compared with `printed`
     holds: tuple[str, ...] = ()  # conditions of a trend
-    agree: tuple[str, ...] = ()  # or statements, FIGURE.KEY, which must all agree
-    rule: str = "none"  # the conditions in words; "none": the statement cannot be judged
+    agree: tuple[str, ...] = ()  # instead of these: statements, FIGURE.KEY, which must all agree
+    rule: str = "none"  # the conditions in words; "none": the statement cannot be decided
     ours: str = ""  # format string of our result
     why: str = ""  # format string: reason of a disagreement, or remark
-    source: str = ""  # of numbers that are not computed by this study
-    reading: Mapping[str, Any] = field(default_factory=dict)  # another reading of the text: its text, holds and ours
+    source: str = ""  # where numbers come from that this study does not compute
+    reading: Mapping[str, Any] = field(default_factory=dict)  # another reading of the passage: its text, holds, ours
 
 
 SAID = {
@@ -73,7 +73,7 @@ SAID = {
 
 
 def agreeing_digits(printed: str, ours: float) -> tuple[int, int]:
-    """Return the number of significant digits of `printed` with which `ours` agrees, and their number."""
+    """Return to how many significant digits `ours` agrees with `printed`, and how many digits `printed` has."""
     value = Decimal(printed)  # "5e1" is 50 with one significant digit
     count = len(value.as_tuple().digits)
     error = abs(Decimal(ours) - value)
@@ -87,7 +87,7 @@ def number(name: str, numbers: Numbers) -> Any:
 
 
 def holding(conditions: Iterable[str], numbers: Numbers) -> Verdict:
-    """Return whether all conditions hold, such as "ratio >= 1.8" or "soft < middle"; those of arrays at every index.
+    """Return AGREES if all conditions, such as "ratio >= 1.8" or "soft < middle", hold (for arrays, at every index).
 
     Raises:
         KeyError: a condition names an unknown number.
@@ -117,7 +117,7 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
     For a trend `printed` and `digits` (the number of agreeing significant digits) are None.
 
     Args:
-        figure: its name.
+        figure: name of the figure.
         said: the statement.
         numbers: numbers that the conditions and format strings name.
         others_agree: whether all statements in `said.agree` agree.
@@ -145,11 +145,11 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
 
 
 def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> pl.DataFrame:
-    """Judge all statements about the measured figures; return a row for each, as `judge` does.
+    """Judge all statements about the figures in `numbers`; return a row for each, as `judge` does.
 
     Args:
-        numbers: numbers of each measured figure.
-        statements: by FIGURE.KEY. A statement with `agree` is left out if one of those is not judged.
+        numbers: numbers of each figure that was computed, by the figure's name.
+        statements: by FIGURE.KEY. A statement with `agree` is left out if a statement named there is not judged.
     """
     found = dict[str, dict[str, Any]]()
     for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # statements with `agree` last

@@ -1,1 +1,1 @@
-"""What the studies of speed and stability share: approaches, solutions with their errors, and who computes them."""
+"""Shared by the studies `speed` and `stability`: approaches, the solvers that compute them, solutions and errors."""

@@ -30,13 +30,13 @@ RANGES = {
     "damping ratio": (0.0, 3.0),  # of a spring and damper or of a stop
     "deceleration": (0.5, 50.0),  # m/s^2, of the brake
 }
-"""The ranges that the storm must cover."""
+"""Random numbers of a scene, with the ranges that the storm must cover."""
 OTHERS = {
     "tool mass": (0.01, 10.0),  # kg
     "acceleration": (0.5, 50.0),  # m/s^2
     "distance": (0.05, 0.35),  # m
     "threshold": (0.1, 10.0),  # N, of the alarm
-    "delay": (0.0, 0.05),  # s, likewise
+    "delay": (0.0, 0.05),  # s, of the brake after the alarm
     "free length": (0.01, 0.3),  # m, of a mechanism
     "stop stiffness": (1e4, 1e6),  # N/m
     "robot mass": (0.5, 50.0),  # kg
@@ -44,13 +44,13 @@ OTHERS = {
     "robot damping": (1.0, 1e3),  # N s/m
     "friction": (1e-3, 3.0),  # between object and ground
     "reference velocity": (0.01, 5.0),  # m/s, at which a fixed damping has its restitution
-    "stroke over rest": (1.01, 30.0),  # travel of a tool on a spring over its deflection under the acceleration
+    "stroke over rest": (1.01, 30.0),  # travel of a tool on a spring, divided by its deflection at the acceleration
 }
-"""Further numbers of a scene, with ranges that we chose."""
+"""The other random numbers of a scene, with ranges that we chose."""
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
-ROUGH = 0.25  # share of scenes with friction, with fixed damping, with a spring of limited travel
+ROUGH = 0.25  # probability of friction, of fixed damping, and of limited travel of a spring
 AT_AN_END = 0.05  # share of the draws from RANGES that are an end of the range
-AFTERMATH = 0.5  # s, that a run lasts after the flange would reach the object
+AFTERMATH = 0.5  # s, duration of a run after the time by which the flange would reach the object
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Approach:
 
     @property
     def about(self) -> dict[str, Any]:
-        """The columns that describe its scene in a table."""
+        """The columns of a table that describe the approach."""
         return {"coupling": kind(self.scene), "speed": self.motion.speed, "description": self.description}
 
 
@@ -89,8 +89,8 @@ def approach_of(name: str) -> Approach:
 def named() -> tuple[Approach, ...]:
     """Return the six named approaches."""
     soft, spring = ig.SpringDamper(50.0), ig.SpringDamper(150.0)
-    # the paper's Fig. 23, a little below the speed from which the slider passes its alignment and stays behind it: that
-    # is between 0.9772 and 0.9773 m/s, with the object placed as in the study `paper`
+    # the paper's Fig. 23 a little below its threshold speed, above which the slider passes its alignment and stays
+    # behind it; the threshold is between 0.9772 and 0.9773 m/s, with the object placed as in the study `paper`
     speed = 0.9772  # m/s
     at_threshold = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))
@@ -147,14 +147,14 @@ class _Draw:
 
 
 def storm(number: int) -> Approach:
-    """Return scene `number` of the storm. Nine scenes in a row have every coupling with every robot."""
+    """Return scene `number` of the storm. Any nine successive scenes combine every coupling with every robot."""
     draw = _Draw(number)
     tool = ig.Tool(draw.value("tool mass"))
     target = ig.Object(tool.mass * draw.value("mass ratio"), draw.value("distance"))
     m, n = EXPONENTS[draw.rng.integers(len(EXPONENTS))]
     laws = [
         law for law in get_args(Dissipation) if law != "fixed"
-    ]  # "fixed" is drawn later: scenes stay as first drawn
+    ]  # `roughened` draws "fixed", so that scenes of older versions stay as they were
     law: Dissipation = laws[draw.rng.integers(len(laws))] if draw.share(0, 1) < 0.5 else "hu-guo"
     contact = ig.Contact(draw.value("contact stiffness"), draw.value("restitution"), law, m, n)
     couplings: tuple[Callable[[], Coupling], ...] = (
@@ -174,7 +174,7 @@ def storm(number: int) -> Approach:
 
 
 def roughened(smooth: ig.Scene, acceleration: float, draw: _Draw) -> ig.Scene:
-    """Return the scene with friction, fixed damping and limited travel of its spring, each with probability ROUGH."""
+    """Add friction, fixed damping and limited travel of the spring to a scene, each with probability ROUGH."""
     target, contact, coupling = smooth.object, smooth.contact, smooth.coupling
     if draw.share(0, 1) < ROUGH:
         target = replace(target, friction=draw.value("friction"))

@@ -1,7 +1,7 @@
 """The contenders: all solvers that compute an approach, their times and their errors.
 
-Times are processor times of the single thread that each contender uses. Other work on the machine lengthens long calls,
-such as SciPy's, more than the best of many short ones.
+Times are processor times of the single thread that each contender uses. Other work on the machine lengthens a long
+call, such as SciPy's, more than the best of many short calls.
 """
 
 import math
@@ -29,7 +29,7 @@ LEAST = 5e-3  # s of one timing, so that the resolution of the clock does not ma
 MOST_CALLS = 10_000
 TURNS, CALLS = 10, 10  # timings of each of our contacts, and calls in each timing
 TIMES = ("microseconds", "contact_microseconds")
-SLOW = 0.2  # s: a longer call is made in the first round only
+SLOW = 0.2  # s: if a call takes longer, it is timed in the first round only
 
 
 @contextmanager
@@ -52,9 +52,9 @@ def limited(seconds: float) -> Iterator[None]:
 def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, float, float]:
     """Return a contender's solution at a tolerance, and its processor times (s): of the approach, of the contacts.
 
-    Ours is the time of the whole call, from the scene to the outcome; for its contacts see `contacts_alone`. SciPy's is
-    the time of the contacts alone: the reference flies by the matrix exponential, or at rtol 1e-12 where there is no
-    closed form. That of a peer counts only the calls of its own library.
+    Our time is that of the whole call of `simulate`; for our contacts see `contacts_alone`. SciPy's time is that of the
+    contacts alone, as the reference computes flight by the matrix exponential, or at rtol 1e-12 where there is no
+    closed form. A peer's time counts only the calls of its own library.
     """
     kind, _, method = name.partition(" ")
     if kind == CAREFUL:
@@ -70,7 +70,7 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
 
 
 def contacts_alone(approach: Approach, rtol: float) -> float:
-    """Return our processor time of all contacts (s): runs up to the end of each less runs up to its start."""
+    """Return our processor time of all contacts (s): that of runs up to each end less that up to each start."""
     marks = [
         mark
         for contact in ig.simulate(*approach.run, rtol).contacts
@@ -87,7 +87,7 @@ def contacts_alone(approach: Approach, rtol: float) -> float:
 
 
 def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Row:
-    """Return the row of a contender: mean times of a call, errors, counts and failure.
+    """Return the row of a contender: mean processor times of a call (µs), errors, counts and failure.
 
     If the contender raises an error, the row has only a failure. A peer compiles in its first call, which is timed
     separately.
@@ -105,7 +105,7 @@ def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Ro
         seconds, contacts = seconds / calls, contacts / calls
         if name == OURS:
             contacts = contacts_alone(approach, setting)
-    except Exception as problem:  # of any kind: a failure is a result here
+    except Exception as problem:  # any error: that a contender fails is a result here
         return {
             "microseconds": math.inf, "failure": f"{GAVE_UP}: {type(problem).__name__}: {problem}".replace("\n", " ")
         }  # fmt: skip
@@ -120,7 +120,7 @@ def timed(approach: str, truth: Mapping[str, Any], settings: Sequence[tuple[str,
     In each round all settings are timed in turn.
     """
     found, true, load = approach_of(approach), Solution(**truth), os.getloadavg()[0]
-    solved(found, OURS, 1e-8)  # loads what the first call loads, before anything is timed
+    solved(found, OURS, 1e-8)  # a first call, which loads modules and tables, before anything is timed
     rows: dict[tuple[str, float], Row] = {}
     for _ in range(rounds):
         for contender, setting in settings:

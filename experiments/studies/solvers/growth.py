@@ -20,7 +20,7 @@ GROWTH: dict[str, tuple[str, tuple[float, ...]]] = {
     "rtol": ("rtol (-)", tuple(10.0**-k for k in range(3, 13))),
 }
 """Quantities, each with its axis and values."""
-ROUNDS, LEAST = 5, 5e-3  # timings of a value, of which the best counts; s, the least duration of one
+ROUNDS, LEAST = 5, 5e-3  # timings of each value, of which the best counts; least duration of a timing, s
 
 
 def grown(quantity: str, values: Sequence[float]) -> list[Row]:

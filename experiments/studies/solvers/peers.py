@@ -1,4 +1,4 @@
-"""Rivals of other libraries that integrate the pieces of `pieces`, on one thread.
+"""Rivals: integrators of other libraries for the equations of `pieces`, on one thread.
 
 A library that is not installed raises an ImportError when its rival is first used.
 """
@@ -11,14 +11,14 @@ import numpy as np
 
 from experiments.studies.solvers.pieces import BESIDE, GAUGES, PARAMETERS, STATE, Advance, Backend, equations, watched
 
-ABSOLUTE = 1e-2  # absolute tolerance over the relative one, of states of order one
-AHEAD = 1e-9  # of the independent variable: here the sign of a gauge that begins at zero is read
+ABSOLUTE = 1e-2  # absolute tolerance divided by the relative one; states are of order one
+AHEAD = 1e-9  # step of the independent variable, after which the sign of a gauge that begins at zero is read
 STEPS = 16_384  # most steps of diffrax in one piece
 
 
 @cache
 def heyoka(kind: int, touching: bool, tolerance: float) -> Advance:
-    """Taylor series whose order follows from the tolerance (Biscani, Izzo 2021)."""
+    """Return an `Advance` by Taylor series whose order follows from the tolerance (Biscani, Izzo 2021)."""
     hy = import_module("heyoka")
     symbols, par = hy.make_vars(*STATE), tuple(hy.par[place] for place in range(len(PARAMETERS)))
     derivatives, gauges = equations(kind, touching, hy.sqrt)(symbols, par)
@@ -32,7 +32,7 @@ def heyoka(kind: int, touching: bool, tolerance: float) -> Advance:
 
     def advance(state: list[float], parameters: list[float], limit: float) -> tuple[str, list[float]]:
         nonlocal held
-        if state is not held:  # otherwise it continues behind an event, which must not be found again
+        if state is not held:  # else it continues after an event, which must not be found again
             integrator.time, integrator.state[:] = 0.0, state
             integrator.reset_cooldowns()
         integrator.pars[:] = parameters[: len(integrator.pars)]
@@ -81,7 +81,7 @@ def _diffrax(kind: int, touching: bool) -> Any:
 
 
 def diffrax(kind: int, touching: bool, tolerance: float) -> Advance:
-    """Runge-Kutta method of order 8 with events, compiled by JAX (Kidger 2021)."""
+    """Return an `Advance` by a Runge-Kutta method of order 8 with events, compiled by JAX (Kidger 2021)."""
     run = _diffrax(kind, touching)
 
     def advance(state: list[float], parameters: list[float], limit: float) -> tuple[str, list[float]]:

@@ -1,10 +1,11 @@
 """Whole approaches by integrators of other libraries, which share no code with our solver.
 
-A contact runs in its own scales delta0 = (M v_in^2/k_c)^0.4, v_in and t0 = delta0/v_in. As in our solver, the variable
-is the root s of the penetration, with dt = t0 s dsigma. In it Hertz' law is a polynomial, so methods of high order keep
-their order from onset to separation. Flight runs in SI units, with the penetration itself. Whatever ends a smooth piece
-is a terminal event: onset and separation, a change of the flange's acceleration, the alarm, the peak of the force, the
-instant at which the force is clamped at zero, a stop that begins or ceases to push, the slider's alignment.
+A contact is integrated in its own scales delta0 = (M v_in^2/k_c)^0.4, v_in and t0 = delta0/v_in. As in our solver, the
+penetration is replaced by its square root s, and the time by sigma with dt = t0 s dsigma. Hertz' law is a polynomial in
+s, so methods of high order keep their order from onset to separation. Flight is integrated in SI units, with the
+penetration itself. Whatever ends a smooth piece is a terminal event: onset and separation, a change of the flange's
+acceleration, the alarm, the peak of the force, the instant at which the force is clamped at zero, a stop that begins or
+ceases to push, the slider's alignment.
 
 The equations are written once, for all libraries: see `equations`. `peers` integrates a piece.
 """
@@ -23,10 +24,10 @@ LAW = ("m_t", "m_p", "k_c", "d", "k_t", "c_t", "L0", "H", "x0", "front", "rear",
 PARAMETERS = (*LAW, "a", "cut", "alarm", "length", "speed", "pressed", "front_on", "rear_on")
 STATE = ("s", "w", "v", "tau", "y", "q")
 GAUGES = ("touching", "peak", "pressed", "alarm", "cut", "alignment", "front_on", "front_on", "rear_on", "rear_on")
-DIRECTIONS = (1, -1, 0, 1, 1, 0, 1, 0, 1, 0)  # in which each gauge passes zero; 0: either way
+DIRECTIONS = (1, -1, 0, 1, 1, 0, 1, 0, 1, 0)  # 1: the gauge rises through zero; -1: it falls; 0: either
 FOREVER = 1e6  # limit of a contact in its own units; an event ends it before
 BESIDE = 1e-20  # penetration at which a piece begins: an event at exactly zero might be missed
-ROUNDING = 1e-12  # m, of the slider's position
+ROUNDING = 1e-12  # m, rounding of the slider's position
 Advance = Callable[[list[float], list[float], float], tuple[str, list[float]]]
 """Integrates from a state (STATE) with parameters (PARAMETERS) to the first event, or to a limit of the independent
 variable. Returns the event's name ("cut" at the limit) and the state there."""

@@ -11,7 +11,7 @@ from experiments.studies.solvers.approaches import approach_of
 ERRORS = ("velocity_error", "peak_error", "duration_error", "detection_error")
 """Columns of the tables: errors of V_p (m/s), peak force (relative), duration of contact (relative), alarm (s)."""
 MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
-TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, whose answer is the truth, and of Radau, which is compared with it
+TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, which gives the truth, and of Radau, which is compared with it
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,12 @@ class Solution:
     contact_duration: float = math.nan  # s, sum over all contacts; an unfinished one counts up to the end
     detection_time: float = math.nan  # s, nan if there was no alarm
     contacts: int = 0
-    passes: int = 0  # of a slider through its alignment
-    steps: int = 0  # of the integrator, 0 if unknown
+    passes: int = 0  # times that the slider passes its alignment
+    steps: int = 0  # steps of the integrator, 0 if unknown
 
     @classmethod
     def of(cls, outcome: Any, duration: float) -> "Solution":
-        """Return the answer in an outcome of ours, or of the reference, of a run over `duration` (s)."""
+        """Return the answer in an outcome of our solver or of the reference, for a run of `duration` (s)."""
         lasted = sum((duration if contact.end is None else contact.end) - contact.start for contact in outcome.contacts)
         detection = math.nan if outcome.detection_time is None else outcome.detection_time
         counts = len(outcome.contacts), len(outcome.snap_through), getattr(outcome, "steps", 0)
@@ -62,7 +62,7 @@ def failure(solution: Solution, truth: Solution, allowed: float) -> str:
 
 
 def true_row(approach: str) -> list[Row]:
-    """Return the truth of a named approach, and how far Radau's answer is from it."""
+    """Return the reference solution of a named approach (DOP853), and how far Radau's solution is from it."""
     found = approach_of(approach)
     best, second = (
         Solution.of(reference.simulate(*found.run, rtol=rtol, method=method), found.duration)

@@ -1,7 +1,7 @@
 """`impact-gym study stability`: robustness on 10,000 random scenes.
 
     `storm`     a row for each scene: our run, and physical checks of it
-    `promises`  what is promised of these runs, and whether it is kept; agreement with the independent solver
+    `promises`  promises about these runs, and whether they are kept; agreement with the independent solver
 
 A scene on which a solver hangs or crashes has a row, too.
 """
@@ -20,7 +20,7 @@ from experiments.studies.stability.storm import storm_row, truth_row
 
 SCENES, QUICK_SCENES = 10_000, 200
 HANG = 120.0  # s, limit of one scene
-EVERY, FIRST = 50, 17  # the independent solver judges every 50th scene; the scenes are random themselves
+EVERY, FIRST = 50, 17  # the independent solver judges scenes 17, 67, 117, ...: the scenes are random already
 PATIENCE = 60.0  # s of processor time for each method of the independent solver
 SHOWN = 200  # failures on the page
 
@@ -37,12 +37,12 @@ def cells_of_truth(quick: bool, frames: Frames) -> Iterator[Cell]:
 
 
 def unknown_row(labels: Row) -> Row:
-    """Return the row of a scene that was not finished."""
+    """Return the columns that describe a scene whose run did not finish."""
     return approaches.storm(labels["scene"]).about
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
-    """Compare the storm with the promises."""
+    """Judge whether the runs of the storm keep the promises."""
     storm, judging = frames["storm"], frames["truth"]
     judged, unknown = promises.agreement(storm, judging), judging.filter(~promises.FINISHED)
     broken, apart = promises.failures(storm), judged.filter(pl.col("apart") != "")

@@ -6,32 +6,32 @@ import numpy as np
 import polars as pl
 
 SLOWEST = 50.0  # ms
-MOMENTUM = 1e-9  # over the impulse of the contact
-ENERGY = 1e-6  # over the energy exchanged in the contact, beyond the doubt of the quadrature
-PULL = 1e-12  # over the peak force, or over the speed of the tool: rounding
-FALL = 1e-8  # over the speed of the tool: rtol
-AGREEMENT = 1e-6  # of V_p, relative
+MOMENTUM = 1e-9  # share of the contact's impulse
+ENERGY = 1e-6  # share of the energy exchanged in the contact, beyond the doubt of the quadrature
+PULL = 1e-12  # share of the peak force, or of the tool's speed: rounding
+FALL = 1e-8  # share of the tool's speed: rtol
+AGREEMENT = 1e-6  # relative difference of V_p
 FINISHED = pl.col("failure") == ""
 TRACED = FINISHED & pl.col("traced")
 
 
 class Promise(NamedTuple):
-    """A promise about rows of the storm. A missing number breaks it."""
+    """A promise about rows of the storm. A row in which the number is missing breaks it."""
 
     text: str
-    number: pl.Expr  # shown of each row that breaks it
+    number: pl.Expr  # shown for each row that breaks the promise
     kept: pl.Expr
-    about: pl.Expr = FINISHED  # rows to which it applies
+    about: pl.Expr = FINISHED  # rows to which the promise applies
 
     def broken(self, rows: pl.DataFrame) -> pl.DataFrame:
-        """Return scene, promise, reason and description of the rows that break it."""
+        """Return scene, promise, reason and description of the rows that break the promise."""
         wrong = rows.filter(self.about, ~self.kept.fill_null(value=False))
         number = self.number.map_elements(lambda value: f"{value:.3g}", pl.String)
         reason = pl.when(FINISHED).then(number).otherwise("failure")
         return wrong.select("scene", promise=pl.lit(self.text), reason=reason, description="description")
 
     def finding(self, rows: pl.DataFrame) -> str:
-        """Return how many rows break it, and the median and the largest number."""
+        """Return in words how many rows break the promise, and the median and the largest number."""
         count = self.broken(rows).height
         broken = [f"{count} of {rows.height} scenes do not"] if count else []
         numbers = rows.filter(self.about).select(number=self.number)["number"].drop_nulls().to_numpy()
@@ -76,11 +76,11 @@ def over_storm(rows: pl.DataFrame) -> list[Verdict]:
 
 
 def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
-    """Return the rows of the storm with a known truth, with `velocity_error` and the difference in words, or ''."""
+    """Return the storm's rows that the independent solver solved, with `velocity_error` and the difference in words."""
     known = truths.filter(FINISHED).select(
         "scene", true_velocity="velocity", true_contacts="contacts", true_passes="passes"
     )
-    size = pl.max_horizontal(pl.col("true_velocity").abs(), 1e-6 * pl.col("speed"))  # at rest only rounding is left
+    size = pl.max_horizontal(pl.col("true_velocity").abs(), 1e-6 * pl.col("speed"))  # V_p = 0: only rounding is left
     error = (pl.col("object_velocity") - pl.col("true_velocity")).abs() / size
     alike = (pl.col("velocity_error") <= AGREEMENT) & (pl.col("passes") == pl.col("true_passes"))
     numbers = [

@@ -8,9 +8,10 @@ force, the contact force is F = M (a - delta''), so the contact takes from the b
 This must not be negative: a finished contact has returned less than it took, and an unfinished one still stores some.
 The first term is known to rounding from a `ContactRecord`. The second is a sum over the points of a `Trace`. There M a
 follows from the velocities at two points and from friction, so that a may jump. The doubt of the sum is its change when
-every second point is left out. If the tool is fixed to a robot whose mass varies, M varies with it.
+every second point is left out. If the tool is fixed to a robot whose mass varies, M varies, too.
 
-Friction slows the object by at most mu g: the momentum budget may differ by that.
+Friction decelerates the object by at most mu g: the contact's impulse may exceed the object's gain in momentum by the
+impulse of friction.
 """
 
 import math
@@ -30,19 +31,20 @@ from experiments.studies.solvers.contenders import limited
 from experiments.studies.solvers.solutions import Solution
 from impact_gym.physics.impact import GRAVITY
 
-NEVER = 1e6  # s, end of an unfinished contact
+NEVER = 1e6  # s, stands for the end of an unfinished contact
 AGAIN_OVER = 20.0  # ms: a longer run is repeated, so that what is loaded at first use does not count
 LONGEST_TRACE = 50_000  # steps; a longer trace would fill the memory
-FINER = 1e-10  # rtol of a second run
+FINER = 1e-10  # rtol of a second run of each scene with a trace
 STIFF = 20.0  # d, above which the independent solver tries an implicit method first
 TRUE_RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
 CHECKS = ("momentum_error", "impulse_error", "energy_created", "energy_doubt", "pull", "trace_fall")
 """The worst values of a run, each without unit; all zero if there was no contact.
 
-The first four are from one contact: the residual of eq. 20 and the impulse minus what the object gained, over the
-impulse; the energy created, over all energy exchanged (negative: lost; nan without a trace), and its doubt. `pull` is
-the contact force below 0 over its peak, or a fall of V_p in a contact over the tool's speed; `trace_fall` is a fall of
-V_p between two points of the trace, beyond friction's, over the tool's speed.
+`momentum_error` and `impulse_error`, from one contact: the residual of eq. 20, and the impulse minus the momentum that
+the object gained, both divided by the impulse. `energy_created` and `energy_doubt`, from one contact: the energy that
+the contact created (negative: lost; nan without a trace) and its doubt, both divided by all energy exchanged. `pull`: a
+contact force below 0 divided by the peak force, or a fall of V_p in a contact divided by the tool's speed.
+`trace_fall`: a fall of V_p between two points of the trace, beyond that by friction, divided by the tool's speed.
 """
 
 Array = NDArray[np.float64]
@@ -119,7 +121,7 @@ def finite(outcome: ig.Outcome) -> bool:
 
 
 def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
-    """Return CHECKS of the contact records and, if there is one, of the trace of a run."""
+    """Return the values of CHECKS for a run, from its contact records and, if it has one, its trace."""
     if not outcome.contacts:
         return dict.fromkeys(CHECKS, 0.0)
     budgets, energies, pulls, fall = [], [], [0.0], 0.0
@@ -152,7 +154,7 @@ def _worst(*values: float) -> float:
 
 
 def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple[float, float]:
-    """Return the energy that a contact has created, and its doubt, over all energy exchanged in it."""
+    """Return the energy that a contact has created, and its doubt, both divided by all energy exchanged in it."""
     first = int(np.searchsorted(trace.time, contact.start, side="right")) - 1
     last = np.searchsorted(trace.time, math.inf if contact.end is None else contact.end, side="left")
     inside = slice(first, int(last) + 1)
@@ -188,7 +190,7 @@ def _given(target: ig.Object, time: Array, velocity: Array, force: Array) -> Arr
 
 
 def _work(time: Array, mass: Array, delta: Array, rate: Array, given: Array) -> Array:
-    """Return M a d(delta) between the points (J). M a, taken as constant, is M delta'' plus the contact force."""
+    """Return M a d(delta) between each two points (J). M a = M delta'' + F is taken as constant between them."""
     push = (mass[1:] + mass[:-1]) / 2 * np.diff(rate) + np.diff(given)
     passed = np.diff(time)
     return np.divide(push * np.diff(delta), passed, out=np.zeros_like(push), where=passed > 0)
