@@ -68,10 +68,11 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     command was too old) and `intervene_action` (v), arrays (1,) in m/s, and `is_intervention`: whether u and v differ
     by more than 1 mm/s. Unlike in HIL-SERL, every step has an `intervene_action`; `is_intervention` says whether it is
     an intervention. In a batch these entries are valid for the environments that played in the step; with SAME_STEP,
-    the entries of a finished episode are in `final_info`. The final info has `object_velocity` (m/s), `slide` (m), `touch_time`,
-    `done_time` (s; the horizon if the task was not done), `late` (s, mean time from a touch until the operator's stop
-    reaches the arm), `peak_force` (N), `contact_count`, `taken` (the fraction of the operator's commanded motion that
-    the assistance withheld before the touch), `missed`, `record`, and the other entries of `ImpactApproach`.
+    the entries of a finished episode are in `final_info`. The final info has `object_velocity` (m/s), `slide` (m),
+    `touch_time`, `done_time` (s; the horizon if the task was not done), `late` (s, mean time from a touch until the
+    operator's stop reaches the arm), `peak_force` (N), `contact_count`, `taken` (the fraction of the operator's
+    commanded motion that the assistance withheld before the touch), `missed`, `record`, and the other entries of
+    `ImpactApproach`.
 
     ## Arguments
     See `ImpactApproach`. `ImpactTeleop-v0` has the operator `Reach`, and channels with a delay of 0.1 s each way.
