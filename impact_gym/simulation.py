@@ -157,7 +157,7 @@ _OUTCOMES = {field: _FIELDS_OF_CHAIN.get(field, field) for field in Outcomes.__d
 
 
 def _approaches(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Iterator[tuple[Any, Array]]:
-    """Yield for each approach its plan, the fields of APPROACH, and its robot's table."""
+    """Yield, for each approach, the fields of its record APPROACH and the table of its robot."""
     flat = {name: column.ravel() for name, column in columns.items()}
     durations, table_at = flat.pop("duration"), 0
     for row in range(len(durations)):

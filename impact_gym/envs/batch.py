@@ -210,7 +210,9 @@ class Batch:
         arrays = {name: taken(state, name, getattr(self, name)) for name in _STATE}
         found = digest((self._tasks, self._tables, *arrays.values()))
         if (taken(state, "sha256", found) != found).any():
-            raise ValueError("sha256 of a state must be that of its arrays and tasks: altered, or of another batch")
+            raise ValueError(
+                "sha256 of a state must match its arrays and tasks: it was altered, or is of another batch"
+            )
         for name in _STATE:
             getattr(self, name)[:] = arrays[name]
 
