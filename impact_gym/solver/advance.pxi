@@ -1,6 +1,6 @@
 """The outer loop: a command ramps the flange's velocity and holds it; meanwhile flights and contacts alternate."""
 
-cdef double GRAZE = 1e-12  # m/s, smallest approach velocity: from exactly zero the scaled equations never start
+cdef double GRAZE = 1e-12  # m/s, smallest approach velocity; with exactly 0 the scaled equations would stay at their initial state
 cdef double LOST = 1e11  # largest ratio deflection / distance to the object; above it rounding exceeds 1e-5 of the distance
 cdef double SHORT = 1e-6  # m, added to the distance to the object in that ratio
 

@@ -150,7 +150,7 @@ cdef Finding search(
 cdef bint rises_at_onset(const Piece *now, Work *work, double h) noexcept nogil:
     """Return whether the force grows at the onset of a contact with n = 0, where df/ds is always zero."""
     cdef Events soon
-    probe_exactly(now, work, h, 1e-3)  # a millionth of the step's time
+    probe_exactly(now, work, h, 1e-3)  # to 1e-3 of s, which is 1e-6 of the step's duration
     evaluate_events(now, work.probe, work.probe_rate, &soon)
     return soon.slope[FORCE] > 0.0
 

@@ -275,7 +275,7 @@ class Task:
             numbers["range_sensor"][name] = getattr(self.range_sensor, name, 0.0)
         if self.robot is None:
             for name in ROBOT_NUMBERS:
-                numbers["robot"][name] = math.inf  # a rigid robot, for a critic
+                numbers["robot"][name] = math.inf  # what a critic observes for a rigid robot
         for row in SET_UP:
             if "." not in row.id:
                 numbers[row.id] = getattr(self, row.id) or 0.0
