@@ -1,8 +1,9 @@
 """The table of all numbers of a scene and of the task. A row has a number's id, words, unit, limits, draw and scale.
 
-The rows determine which input is refused, what an episode draws, the dotted paths of a scene, the records of the
-compiled program (`impact_gym.task.numbers`), the observation, the tables of the documentation, the keys in the file of
-a set-up, and which numbers can be swept, identified or designed. Users find the table as `impact_gym.task.QUANTITIES`.
+The rows determine which input is refused, what an episode draws, and which numbers can be swept, identified or
+designed. From them also come the dotted paths of a scene, the records of the compiled program
+(`impact_gym.task.numbers`), the observation, the tables of the documentation, and the keys in the file of a set-up.
+Users find the table as `impact_gym.task.QUANTITIES`.
 """
 
 import math

@@ -100,6 +100,6 @@ class Canvas:
 
     @staticmethod
     def _scaled(points: Sequence[Point]) -> list[tuple[int, int]]:
-        """Return `points` in pixels of the surface of twice the size, with coordinates limited to FARTHEST."""
+        """Return `points` in pixels of the surface, OVERSAMPLING times the picture; at most FARTHEST from 0."""
         x, y = np.clip(np.transpose(points) * OVERSAMPLING, -FARTHEST, FARTHEST).round().astype(int).tolist()
         return list(zip(x, y, strict=True))

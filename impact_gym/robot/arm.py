@@ -164,7 +164,7 @@ class Arm:
         """Return mass (kg), centre (m) and tensor of inertia about it (kg m^2) of all moving links as one body."""
         self._place(angles)
         self._mujoco.mj_crb(self._model, self._data)
-        xx, yy, zz, xy, xz, yz = self._data.crb[1, :6]  # composite inertia of body 1, the first link, and all after it
+        xx, yy, zz, xy, xz, yz = self._data.crb[1, :6]  # inertia of body 1 (the first link) and all bodies after it
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         return float(self._model.body_subtreemass[1]), self._data.subtree_com[1].copy(), tensor
 

@@ -2,8 +2,8 @@
 
 Such a chain has a compliant robot with a coupling, a coupling with stops, or both; or tool and robot are one mass whose
 parameters vary along a table. Its flights are integrated like contacts. Forces are computed in SI units, then scaled.
-The state has these components in addition: the impulse of the coupling on the tool, the momentum of the robot mass that
-has joined the moving part, and the flange's offset from the imposed motion with its rate.
+After the components of all chains the state has: the impulse of the coupling on the tool; the momentum of the robot
+mass that has joined the moving part; the offset of the flange from the imposed motion; the rate of this offset.
 """
 
 

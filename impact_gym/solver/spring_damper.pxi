@@ -1,4 +1,4 @@
-"""A SPRING chain: a tool on a spring and damper. Its flight has a formula; the first touch is found between extrema."""
+"""A SPRING chain: a tool on a spring and damper. Its flight has a formula. The first touch is searched between extrema of the gap."""
 
 cdef enum:
     MOST_BENDS = 300000  # most intervals between zeros of the gap's third derivative that are searched in one flight

@@ -83,7 +83,7 @@ cdef struct Chain:  # a row: the state of motion, and results so far
 
     # the present contact
     int64_t touching  # 0 or 1
-    int64_t holding  # 0 while the surfaces part faster than they recover, else 1
+    int64_t holding  # 0 while the contact force is 0 because the surfaces part faster than they spring back; else 1
     Units units
     double start  # s, time at which it began; more values at that time follow
     double approach_velocity  # m/s
