@@ -82,9 +82,10 @@ class Sensor:
         """Return the sensor's readings (n,) without bias and noise, and their time derivatives, per s.
 
         Args:
-            time: times of the signal's points (k,), s; before the first point the signal is at rest.
+            time: times of the signal's points (k,), s; before the first point the signal is at rest, after the
+                last point it is taken as constant.
             values: the signal at these times (k,); between them it is interpolated smoothly.
-            at: times of the readings (n,), s, increasing; after its last point the signal is taken as constant.
+            at: times of the readings (n,), s, increasing.
         """
         signal = curve(time, values)
         within = np.clip(at, time[0], time[-1])
