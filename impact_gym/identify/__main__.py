@@ -1,4 +1,7 @@
-"""`impact-gym identify log.csv --scene my.toml [--hold-out] [--out setup.toml]`: a set-up from measured blows."""
+"""The command `impact-gym identify log.csv --scene my.toml [--hold-out] [--out setup.toml]`.
+
+It fits numbers of a scene to measured blows, and writes a set-up with the confidence intervals as ranges.
+"""
 
 import argparse
 import sys
@@ -61,11 +64,11 @@ from each other. With --out setup.toml, the measured and predicted values are al
 """
 
 PLACES = {row.path: ("scenario", row.id) for row in SCENARIO} | {row.path: (row.id,) for row in SET_UP if row.path}
-"""Keys in `[environment]` of the scene's numbers; numbers of coupling and robot have the same names there."""
+"""For each dotted path in a scene, its keys in `[environment]`; coupling and robot have the same paths there."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command: read logs and scene, fit, write the set-up."""
+    """Run the command: read logs and scene, fit the numbers, write the set-up."""
     parser = argparse.ArgumentParser(
         prog="impact-gym identify", description=DESCRIPTION, epilog=FILE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -105,10 +108,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def parse(
     content: Mapping[str, Any], free: Sequence[str], count: int = 1
 ) -> tuple[Scene, list[Trapezoid], dict[str, Sensor]]:
-    """Return the scene, the motion of each of `count` logs, and the sensors from the tables of a file.
+    """Return the scene, the motion of each of `count` logs, and the sensors, from the tables of the scene's file.
 
     Raises:
-        ValueError: a table is missing or has unknown keys, or a range where a number is needed.
+        ValueError: a table is missing or has unknown keys, or a value is a range where a number is needed.
     """
     for name in ("environment", "motion"):
         if not isinstance(content.get(name), Mapping):
@@ -145,21 +148,21 @@ def parse(
 
 
 def _sensor(name: str, table: Any) -> Sensor:
-    """Return the sensor of a table, with its load cell if it has one."""
+    """Return the sensor that a table describes, with a load cell if the table has the key `cell`."""
     one_of(name, table, Mapping)
     cell = {"cell": _record(f"{name}.cell", table["cell"], LoadCell)} if "cell" in table else {}
     return _record(name, {**table, **cell}, Sensor)
 
 
 def _record(name: str, table: Any, kind: type[Any]) -> Any:
-    """Return the record of this kind with the fields of a table."""
+    """Return an object of the class `kind` whose fields are the keys of a table."""
     one_of(name, table, Mapping)
     return record_from(name, {"type": kind.__name__, **table}, (kind,))
 
 
 def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterator[str]:
-    """Yield the lines of the set-up: the file's tables with the intervals as ranges, and `said` as comments."""
-    import tomli_w  # of the extra `identify`, which only this command needs
+    """Yield the lines of the set-up: `said` as comments, then the file's tables with the intervals as ranges."""
+    import tomli_w  # only installed with the extra `identify`
 
     yield from (f"# {line}" for line in said.splitlines())
     written = deepcopy({name: table for name, table in content.items() if name not in ("motion", "sensor")})
