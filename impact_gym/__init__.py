@@ -1,4 +1,4 @@
-"""A simulator and an environment of one collision: a tool should reach an object early and push it away slowly."""
+"""A simulator and an environment of a robot tool that strikes an object: it should arrive early and strike softly."""
 
 from impact_gym import beside, sources
 

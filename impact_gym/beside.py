@@ -1,4 +1,7 @@
-"""Import of `impact_gym.agents` and `impact_gym.experiments` in a checkout, where both are beside the package."""
+"""Make `impact_gym.agents` and `impact_gym.experiments` importable in a checkout.
+
+In a checkout the folders `agents` and `experiments` lie beside `impact_gym`; in an installed package they lie inside.
+"""
 
 import sys
 from importlib import import_module
@@ -8,28 +11,28 @@ from types import ModuleType
 
 
 class Beside:
-    """Finder and loader that import `impact_gym.agents` as the module `agents` of the checkout."""
+    """Finder and loader that import, for instance, `impact_gym.agents` as the checkout's module `agents`."""
 
     @staticmethod
     def find_spec(name: str, _path: object = None, _target: object = None) -> ModuleSpec | None:
-        """Return the spec of a module of `agents` or `experiments`."""
+        """Return a spec if `name` is a module in `impact_gym.agents` or `impact_gym.experiments`, else None."""
         beside = name.startswith("impact_gym.") and name.split(".")[1] in ("agents", "experiments")
         return ModuleSpec(name, Beside) if beside else None  # type: ignore[arg-type]
 
     @staticmethod
     def create_module(spec: ModuleSpec) -> ModuleType:
-        """Import the module under its name in the checkout."""
+        """Import the module under its name in the checkout, without `impact_gym.`, and return it."""
         module = import_module(spec.name.removeprefix("impact_gym."))
         spec.loader_state = module.__spec__
         return module
 
     @staticmethod
     def exec_module(module: ModuleType) -> None:
-        """Restore the spec of the module, which has run already."""
+        """Give the module its own spec back; the module's code was already run by `create_module`."""
         module.__spec__ = module.__spec__.loader_state  # type: ignore[union-attr]
 
 
 def install() -> None:
-    """Register the finder, in a checkout."""
+    """Register the finder if this is a checkout; do nothing in an installed package."""
     if not Path(__file__).with_name("agents").is_dir():
         sys.meta_path.insert(0, Beside)

@@ -1,6 +1,7 @@
-"""Columns of numbers in a CSV file of any recorder; reads logs of blows and traces of channels.
+"""Read columns of numbers from a CSV file, whatever program wrote it: logs of blows, and traces of channel delays.
 
-It finds encoding, separator, decimal sign, preamble, names and units, reports them, and refuses ambiguous files.
+`read_columns` finds encoding, separator, decimal sign, the lines before the numbers, and the columns' names and units.
+It reports from which column each wanted one was read, and refuses an ambiguous file.
 """
 
 import codecs
@@ -29,61 +30,68 @@ SCALES: Mapping[str, Mapping[str, float]] = {
         "m/s^2": {1.0: "m/s^2 m/s/s ms^-2", 1e-3: "mm/s^2", 1e-2: "cm/s^2", 9.80665: "g gn g0", 9.80665e-3: "mg"},
     }.items()
 }  # fmt: skip
-"""Spellings of multiples of each SI unit, in lower case. Pound-force and standard gravity are exact."""
+"""For each SI unit: accepted spellings of units, in lower case, and their factors to the SI unit.
+
+The factors of lbf and of g are exact by definition.
+"""
 IN_BRACKETS = (r"(.+?)[\s_]*[\[({<]([^\[({<]*)[\])}>]\s*", r"([^/]+?)\s*/\s*\(?(.+?)\)?")
 UNIT_FORMS = (*IN_BRACKETS, r"(.+)()", r"(.+?)(?:[\s_,:-]|\bin\b)+([^\s_]+)")
-"""Force (N), force/N, force without a unit, force_N. In the first two forms the text after the name must be a unit."""
-SEPARATORS = ("\t", ";", ",", "|", None)  # None: blanks
+"""Patterns of a column's header: Force (N), force/N, force without a unit, force_N.
+
+In the first two forms the text after the name is taken as the unit, even if it is an unknown one.
+"""
+SEPARATORS = ("\t", ";", ",", "|", None)  # None: any run of blanks
 NUMBERS = {
     sign: re.compile(rf"[+-]?((\d+[{sign}]?\d*|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
     for sign in ".,"
 }
 COMMENTS = ("#", "%", "//")
 COMMENT_LINE = re.compile(r"^[ \t]*(#|%|//).*", re.MULTILINE)
-FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # the part of a file that shows its layout
+FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # the layout is found from at most this much of a file
 
 
 class Column(NamedTuple):
-    """A column that a file may have."""
+    """A column to look for in a file."""
 
-    unit: str  # SI, one of SCALES
+    unit: str  # SI unit, a key of SCALES
     names: str  # regular expression of its names in lower case, words separated by one blank
-    needs_unit: bool = False  # the file must name the unit, as several are usual
-    may_be_empty: bool = False  # an empty field is nan; otherwise it is refused
+    needs_unit: bool = False  # True: the file must state the unit, because several units are common
+    may_be_empty: bool = False  # True: an empty field becomes nan; False: an empty field is refused
 
 
 class Table(NamedTuple):
-    """Columns of a file, and how they were read."""
+    """The columns read from a file, and a text that says from where each was read."""
 
-    columns: dict[str, NDArray[np.float64]]  # (n,) each, SI units
-    said: str  # source of each column, and unused columns of the file
+    columns: dict[str, NDArray[np.float64]]  # each (n,), in SI units
+    said: str  # for each column its header in the file; then the file's columns that were not used
 
 
 class _Layout(NamedTuple):
     separator: str | None
     decimal: str
     first: int  # index of the line with the first numbers
-    least: int  # least number of values in a line
+    least: int  # number of values that every line of numbers must have at least
     most: int  # number of values in the first line of numbers
 
 
 class _Source(NamedTuple):
     place: int  # index of the column in the file
-    head: str  # its name in the file, or ""
-    scale: float | None  # factor to SI; None: the file names no unit
+    head: str  # the column's name in the file, or ""
+    scale: float | None  # factor from the file's unit to SI; None: the file states no unit
 
 
 def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> Table:
-    """Return the `wanted` columns that a file has.
+    """Read a CSV file and return those of the `wanted` columns that it contains.
 
     Args:
-        path: a regular file; UTF-8, UTF-16 or Latin-1.
-        wanted: columns by name.
-        unnamed: columns of a file without names, in order. Every file must have the first of them and another column.
+        path: a regular file in UTF-8, UTF-16 or Latin-1.
+        wanted: the columns to look for, by name.
+        unnamed: names of the columns, in order, if the file has no names. In any file, the first of these names and at
+            least one other wanted column must be found.
 
     Raises:
-        ValueError: a column is missing or ambiguous, a unit is unknown or missing, or a value is no number; names file,
-            line, column and value.
+        ValueError: a column is missing or ambiguous, a unit is unknown or missing, or a value is not a number. The
+            message names file, line, column and value.
     """
     return parsed(path, "CSV", partial(_table, wanted=wanted, unnamed=unnamed), _decoded)
 
@@ -125,9 +133,9 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
 def _numbers(
     rows: Mapping[int, str], layout: _Layout, places: Mapping[str, int], wanted: Mapping[str, Column]
 ) -> NDArray[np.float64]:
-    """Return the numbers (rows, columns) at some places of lines, which have their line numbers as keys."""
+    """Return the numbers (rows, columns) in the fields `places` of each line; the keys of `rows` are line numbers."""
     if layout.decimal == "." and not any('"' in line for line in rows.values()):
-        with suppress(ValueError):  # a wrong line, or an empty field: see below
+        with suppress(ValueError):  # NumPy refuses a wrong line or an empty field: the loop below handles these
             return np.loadtxt(
                 rows.values(), comments=None, delimiter=layout.separator, usecols=[*places.values()], ndmin=2
             )
@@ -150,7 +158,7 @@ def _split(line: str, separator: str | None) -> list[str]:
 
 
 def _layout(lines: Sequence[str]) -> _Layout:
-    """Return the separator and decimal sign with which most fields are numbers, and the place of the numbers."""
+    """Find the separator and decimal sign with which most fields are numbers, and the line where numbers begin."""
     best, most = None, 0.0
     for separator in SEPARATORS:
         rows = [[] if line.lstrip().startswith(COMMENTS) else _split(line, separator) for line in lines]
@@ -174,7 +182,7 @@ def _layout(lines: Sequence[str]) -> _Layout:
 def _sources(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column], unnamed: Sequence[str]
 ) -> tuple[dict[str, _Source], list[str]]:
-    """Return the sources of the wanted columns, and the names of all columns in the file."""
+    """Find the wanted columns in the file; return where each one is, and the names of all columns of the file."""
     allowed = ", ".join(f"{name} ({column.unit})" for name, column in wanted.items())
     heads, units, between = _names(lines, layout, wanted)
     if heads and between:
@@ -208,7 +216,10 @@ def _sources(
 def _names(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column]
 ) -> tuple[list[str], list[str], list[int]]:
-    """Return the names and units of the columns, and the indices of other lines below the names, from the last on."""
+    """Return the names and units of the columns, and the indices of lines that are neither names, units nor comments.
+
+    The lines above the numbers are read from the last to the first, up to the line of names.
+    """
     units: list[str] = []
     between: list[int] = []
     for k in reversed(range(layout.first)):
@@ -227,7 +238,7 @@ def _names(
 
 
 def _heads(line: str, layout: _Layout) -> Iterator[list[str]]:
-    """Yield all splits of a line that give as many names as there are columns."""
+    """Split a line by each separator in turn; yield the splits that have as many names as there are columns."""
     rows = [_split(line, separator) for separator in (layout.separator, *SEPARATORS) if separator]
     rows += [re.split(pattern, line.strip()) for pattern in (r"\s{2,}", r"\s+(?![\[({</])")]
     for row in rows:
@@ -242,7 +253,7 @@ def _plain(name: str) -> str:
 
 
 def _meaning(head: str, wanted: Mapping[str, Column]) -> tuple[str, str] | None:
-    """Return the wanted column that a name in the file means, and the unit in that name, or ""."""
+    """Return the wanted column that a header means, and the unit in that header or ""; None if no column is meant."""
     for form in UNIT_FORMS:
         if parts := re.fullmatch(form, head):
             name = next((name for name in wanted if re.fullmatch(wanted[name].names, _plain(parts[1]))), None)
@@ -252,7 +263,7 @@ def _meaning(head: str, wanted: Mapping[str, Column]) -> tuple[str, str] | None:
 
 
 def _scale(unit: str, written: str) -> float | None:
-    """Return the factor from a written unit to the SI unit; None: the unit is unknown. MN is not mN."""
+    """Return the factor from a unit, as written in a file, to the SI unit; None if it is unknown. MN is not mN."""
     short = re.sub(r"[\s*\u00b7.]", "", written).replace("\u00b2", "^2").replace("\u207b", "-").replace("\u00b9", "1")
     short = re.sub(r"(?<=s)\^?(-?\d)$", r"^\1", short)
     return SCALES[unit].get(short if short[:1] == "M" and len(short) < 4 else short.lower())

@@ -1,4 +1,4 @@
-"""Reading users' files, atomic writes with errors for a full disk, and locks of folders."""
+"""Read users' files safely, write files atomically with a clear error if the disk is full, and lock folders."""
 
 import csv
 import errno
@@ -16,33 +16,36 @@ Content = TypeVar("Content")
 
 
 def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -> Path:
-    """Return the file that `name` means: a shipped name, a path, or a folder with one of the files `inside`.
+    """Return the path of the file that `name` means.
+
+    `name` is the name of a file in the folder `shipped`, a path, or a folder that contains one of the files `inside`.
 
     Raises:
-        TypeError, ValueError: neither a name nor a path, or no such file; names the nearest shipped name.
+        TypeError: `name` is neither a string nor a path.
+        ValueError: there is no such file; the message suggests the most similar shipped name.
     """
     one_of(kind, name, str, os.PathLike)
     for path in (shipped / f"{name}{suffix}", Path(name), *(Path(name) / file for file in inside)):
-        with suppress(OSError):  # the name is too long for a file
+        with suppress(OSError):  # the name can be too long for a file name
             if path.is_file():
                 return path
     known = (path.stem for path in shipped.glob(f"*{suffix}"))
     raise ValueError(f"{nearest(kind, str(name), known)} (there is no such file either)")
 
 
-LARGEST = 100_000_000  # bytes of a user's file
+LARGEST = 100_000_000  # bytes, largest file that `parsed` reads
 
 
 def parsed(
     path: Path, kind: str, parse: Callable[[str], Content], decode: Callable[[bytes], str] | None = None
 ) -> Content:
-    """Return what `parse` makes of the text of a regular file; a device or a pipe might never end.
+    """Read a file and return `parse(text)`. Devices and pipes are refused, because reading them might never end.
 
-    Without `decode` the text is UTF-8; its line ends become line feeds, and a byte order mark is left out.
+    Without `decode` the file is read as UTF-8; line ends become line feeds, and a byte order mark is dropped.
 
     Raises:
-        ValueError: the file does not exist, is no regular file, is larger than `LARGEST`, is no text, or `parse`
-            refuses it; names the file and the `kind` of file.
+        ValueError: the file does not exist, is not a regular file, is larger than `LARGEST`, is not text, or `parse`
+            refuses it. The message names the file and its `kind`.
     """
     try:
         if path.exists() and not path.is_file():
@@ -57,14 +60,14 @@ def parsed(
 
 
 def reason(error: Exception) -> str:
-    """Return why a file cannot be read, in one line."""
+    """Return in one line why a file cannot be read, from the exception that was raised."""
     if isinstance(error, RecursionError):
         return "it is nested too deeply"
     return f"it has no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
 
 
 UNFINISHED = ".unfinished"
-"""Suffix of a file being written, which remains if the process is killed."""
+"""Suffix of the temporary file that `whole_file` writes; the file stays behind if the process is killed."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -74,14 +77,14 @@ class DiskFullError(OSError):
 
 @contextmanager
 def writing(what: str) -> Iterator[None]:
-    """Turn errors of a full disk, from any library, into one line that says `what` was being written.
+    """Replace any OSError of a full disk by a DiskFullError whose message says `what` was being written.
 
     Raises:
         DiskFullError: the disk or the quota is full.
     """
     try:
         yield
-    except DiskFullError:  # an inner `writing` named its file
+    except DiskFullError:  # a `writing` inside this one has already named its file
         raise
     except OSError as error:
         if error.errno not in NO_ROOM:
@@ -91,14 +94,16 @@ def writing(what: str) -> Iterator[None]:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[IO[bytes]]:
-    """Write `path` atomically: yield a new file in its folder, then rename it to `path`, or to the target of a link.
+    """Write `path` atomically: yield a temporary file in the same folder, then rename it to `path`.
+
+    If `path` is a link, the file that it points to is replaced.
 
     Raises:
-        OSError: `path` is a folder, a device or a pipe; it stays unchanged.
-        DiskFullError: the disk is full; `path` is unchanged.
+        OSError: `path` is a folder, a device or a pipe, and stays unchanged.
+        DiskFullError: the disk is full; `path` stays unchanged.
     """
     name, path = path, Path(os.path.realpath(path))
-    if path.is_symlink() or (path.exists() and not path.is_file()):  # links in a ring: realpath returns a link
+    if path.is_symlink() or (path.exists() and not path.is_file()):  # still a link after realpath: links form a ring
         what = "a folder, a device, a pipe or a ring of links"
         raise OSError(f"{name} must be a file or not exist yet, but it is {what}: nothing is written")
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
@@ -116,12 +121,14 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
 
 @contextmanager
 def locked(path: Path, wait: bool = True) -> Iterator[None]:
-    """Hold the lock file `path` exclusively among processes and threads; the end of the process releases the lock.
+    """Lock the file `path`, so that no other process or thread holds the lock at the same time.
 
-    Unfinished files of killed processes in the lock's folder, or below, are removed.
+    The lock is released when the context or the process ends. Once the lock is held, temporary files that killed
+    processes left in the lock's folder and its subfolders are removed.
 
     Raises:
-        ValueError: another process holds the lock and `wait` is false; or `path` is a link, a pipe or a device.
+        ValueError: another process or thread holds the lock and `wait` is False; or `path` is a link, a pipe or a
+            device.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.is_symlink() or (path.exists() and not path.is_file()):
@@ -137,7 +144,7 @@ def locked(path: Path, wait: bool = True) -> Iterator[None]:
 
 
 def write_file(path: Path, content: str | bytes) -> Path:
-    """Write bytes, or a text as UTF-8, to `path` as `whole_file` does, and return `path`."""
+    """Write bytes, or a text as UTF-8, to `path` atomically (see `whole_file`), and return `path`."""
     with whole_file(path) as file:
         file.write(content.encode() if isinstance(content, str) else content)
     return path

@@ -1,9 +1,9 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, initializedcheck=False, cdivision=True, cpow=True
-"""The compiled program: everything that runs inside a step, in one unit, so that the compiler can inline each law.
+"""The compiled program: everything that runs inside a step, as one module, so that the compiler can inline each law.
 
-Each included file uses the files before it. Below are the functions that Python calls, and the records that both sides
-read and write, as NumPy data types. Arrays are passed without a check: callers must pass contiguous arrays of these
-types.
+Each included file uses the files included before it. After the includes follow the functions that Python calls, and the
+records that Python and the compiled program share, as NumPy data types. Functions do not check the arrays passed to
+them: callers must pass contiguous arrays of these types.
 """
 
 from cpython.buffer cimport PyBUF_SIMPLE, PyBuffer_Release, PyObject_GetBuffer
@@ -76,7 +76,7 @@ cdef Task blank_task
 
 
 def layout(blank):
-    """Return the NumPy record of a structure, from its fields as a mapping; all numbers take eight bytes."""
+    """Return the NumPy data type of a C structure, from its fields as a mapping; all numbers take eight bytes."""
     kinds = {dict: layout, float: lambda _: np.float64, int: lambda _: np.int64}
     kinds[list] = lambda values: np.dtype((kinds[type(values[0])](values[0]), len(values)))
     return np.dtype([(name, kinds[type(value)](value)) for name, value in blank.items()])
@@ -93,7 +93,7 @@ assert (APPROACH.itemsize, CHAIN.itemsize, EPISODE.itemsize) == (sizeof(Approach
 
 
 cdef void *memory_of(object array) except? NULL:
-    """Return the address of the numbers of a contiguous array."""
+    """Return the memory address of the first number of a contiguous array."""
     cdef Py_buffer buffer
     PyObject_GetBuffer(array, &buffer, PyBUF_SIMPLE)
     cdef void *address = buffer.buf
@@ -116,13 +116,14 @@ def approach_rows(
     """Run the approaches `first` to `last` of `plans` (n, APPROACH) into `chains` (n, CHAIN), without the GIL.
 
     Args:
-        plans, chains: see above.
-        tables: numbers of all robots' tables (k,); the mount of a plan has the index of its own table.
-        first, last: rows.
-        tolerance: local error of a step, scaled.
+        plans: scenes and motions to run (n, APPROACH).
+        chains: receive the results (n, CHAIN).
+        tables: numbers of all robots' tables (k,); the mount of a plan has the index at which its own table begins.
+        first, last: index of the first row to run, and of the row after the last one.
+        tolerance: local error allowed in a step, relative to the step's natural units.
         max_steps: integration steps after which a row stops with the status STEP_LIMIT.
-        recorder: arrays for contacts (CONTACT), trace (TRACE) and passages of a slider (s) of the last row, empty to
-            record nothing; and the time between two trace points in flight, s.
+        recorder: arrays that receive contacts (CONTACT), trace (TRACE) and times at which a slider passes its alignment
+            (s), each of the last row run, or empty to record nothing; and the time between two trace points in flight, s.
     """
     cdef Run run
     cdef Work work
@@ -143,7 +144,7 @@ def approach_rows(
 
 
 def laws_of(mounts):
-    """Return the chain of each of `mounts` (n, MOUNT) as (n, LAW)."""
+    """Return the equations of motion (n, LAW) of each of `mounts` (n, MOUNT)."""
     cdef int64_t i
     laws = np.empty(len(mounts), LAW)
     cdef const Mount *mount = <const Mount *> memory_of(mounts)
@@ -154,7 +155,7 @@ def laws_of(mounts):
 
 
 def draw_uniforms(list generators, rows, uniforms):
-    """Take the uniform numbers of an episode from the generators of `rows` (k, int64) into `uniforms` (k, UNIFORMS)."""
+    """For each of `rows` (k, int64), take one episode's uniform numbers from its generator into `uniforms` (k, UNIFORMS)."""
     cdef const int64_t *row = <const int64_t *> memory_of(rows)
     cdef double *number = <double *> memory_of(uniforms)
     cdef Generator *generator
@@ -168,7 +169,7 @@ def draw_uniforms(list generators, rows, uniforms):
 
 
 cdef class Rows:
-    """A batch of environments: arrays of rows, whose memory belongs to Python, and the functions that step them."""
+    """A batch of environments: pointers to arrays of rows that Python owns, and the functions that step the rows."""
 
     cdef object arrays
     cdef const Task *tasks
@@ -191,21 +192,21 @@ cdef class Rows:
         self, tasks, draws, laws, tables, chains, episodes, readings, ranges, links, packets, observations, rewards,
         entries, tuple recorder, max_steps, action_size,
     ):
-        """Set the arrays, of `size` rows each; `tasks` and `laws` may have one row for all.
+        """Set the arrays. Each has `size` rows; `tasks` and `laws` may instead have one row for all environments.
 
         Args:
             tasks: (size,) or (1,), TASK.
-            draws: of all tasks (n,), DRAW.
-            laws: (size,), or (1,) if all rows have the same mount and no episode draws a number of it; LAW.
+            draws: the draws of all tasks one after another (n,), DRAW.
+            laws: (size,) LAW, or (1,) if all rows have the same mount and no episode draws a number of the mount.
             tables: see `approach_rows`.
             chains, episodes, rewards: (size,), CHAIN, EPISODE and float64.
             readings: (size, slots), READING.
-            ranges: (size, slots), RANGE_READING, or no rows without a range sensor.
-            links, packets: (size,) and (size, slots), or no rows without an operator; LINK and PACKET.
+            ranges: (size, slots), RANGE_READING; without a range sensor it has no rows.
+            links, packets: (size,) LINK and (size, slots) PACKET; without an operator they have no rows.
             observations: (size, length), float32.
             entries: numbers of an observation (length,), ENTRY.
             recorder: see `approach_rows`; its trace is (size, points).
-            max_steps: most integration steps of an episode.
+            max_steps: largest number of integration steps of an episode.
             action_size: number of numbers in an action.
         """
         self.arrays = (
@@ -227,7 +228,7 @@ cdef class Rows:
         self.recorder, self.max_steps = recorder_of(recorder), max_steps
 
     cdef inline Row row(self, int64_t i) noexcept nogil:
-        """Return one environment."""
+        """Return the pointers to everything that belongs to environment `i`."""
         return Row(
             &self.tasks[i * self.each_task], &self.chains[i], &self.episodes[i], &self.readings[i * self.slots],
             self.slots, self.entries, self.length, &self.observations[i * self.length],
@@ -236,9 +237,9 @@ cdef class Rows:
         )
 
     def begin(self, rows, uniforms, fixed):
-        """Begin an episode in each of `rows` (k, int64), with `uniforms` (k, UNIFORMS).
+        """Begin an episode in each of `rows` (k, int64), drawing its numbers from `uniforms` (k, UNIFORMS).
 
-        Numbers that are not nan in `fixed` (k,), RECORD, are not drawn.
+        A number of `fixed` (k,), RECORD, that is not nan is used instead of a drawn one.
         """
         cdef const int64_t *places = <const int64_t *> memory_of(rows)
         cdef const double *uniform = <const double *> memory_of(uniforms)
@@ -258,7 +259,7 @@ cdef class Rows:
                 begin_episode(&row, &self.laws[places[k] * self.each_law], drawn)
 
     def step(self, actions, skip, int64_t first, int64_t last):
-        """Play a control step with `actions` (size, n) in the rows `first` to `last` that are not in `skip` (size,)."""
+        """Play a control step with `actions` (size, n) in rows `first` to `last` - 1, except where `skip` (size,) is 1."""
         cdef const double *action = <const double *> memory_of(actions)
         cdef const uint8_t *skipped = <const uint8_t *> memory_of(skip)
         cdef Run run

@@ -1,7 +1,8 @@
-"""Imposed motion of the flange: pieces of constant acceleration.
+"""Motions that can be imposed on the flange; each consists of pieces of constant acceleration.
 
-Every motion is a sequence of commands, each a velocity to hold and the acceleration towards it. A trapezoid is one
-command at t = 0 and, with a brake, a second one when the contact alarm reaches the controller.
+A motion is a sequence of commands. A command has a velocity to hold, and the acceleration with which the flange reaches
+this velocity. A `Trapezoid` has one command at t = 0 and, with a brake, a second command when the contact alarm reaches
+the controller.
 """
 
 from dataclasses import dataclass
@@ -16,9 +17,9 @@ from impact_gym.validation import one_of, rising
 
 @dataclass(frozen=True, slots=True)
 class Brake(Parameters, path="motion.brake"):
-    """Brake to a stop, `delay` after the contact force first exceeds `threshold`.
+    """Brake to a stop; braking begins `delay` after the contact force first exceeds `threshold`.
 
-    The delay of 16 ms is the paper's. The paper does not print its deceleration; docs/provenance.md identifies 8 m/s^2.
+    The delay of 16 ms is the paper's. The paper does not print its deceleration; docs/provenance.md infers 8 m/s^2.
     """
 
     threshold: float = 1.0  # N
@@ -28,7 +29,7 @@ class Brake(Parameters, path="motion.brake"):
 
 @dataclass(frozen=True, slots=True)
 class Trapezoid(Parameters, path="motion"):
-    """From rest to `speed` at `acceleration`, then constant (paper, Fig. 11)."""
+    """A motion from rest that accelerates to `speed` at `acceleration` and then holds `speed` (paper, Fig. 11)."""
 
     speed: float  # m/s
     acceleration: float  # m/s^2
@@ -40,7 +41,7 @@ class Trapezoid(Parameters, path="motion"):
 
     @property
     def deceleration(self) -> float:
-        """Deceleration after the alarm, m/s^2."""
+        """Deceleration of the brake, m/s^2; without a brake the acceleration."""
         if self.brake is None or self.brake.deceleration is None:
             return self.acceleration
         return self.brake.deceleration
@@ -48,10 +49,10 @@ class Trapezoid(Parameters, path="motion"):
 
 @dataclass(frozen=True, slots=True)
 class Motion(Parameters, path="motion"):
-    """Any motion from rest: a constant acceleration between each two points; the last velocity is held."""
+    """A motion from rest by points: the velocity is linear between the points, and the last velocity is held."""
 
     times: Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e12)]  # rising from 0
-    velocities: Annotated[tuple[float, ...], SI("m/s", at_least=-1e9, at_most=1e9)]  # one for each time, the first 0
+    velocities: Annotated[tuple[float, ...], SI("m/s", at_least=-1e9, at_most=1e9)]  # one for each time; the first is 0
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
@@ -61,10 +62,10 @@ class Motion(Parameters, path="motion"):
 
     @property
     def acceleration(self) -> float:
-        """Largest acceleration, m/s^2."""
+        """Largest absolute acceleration, m/s^2."""
         return float(np.abs(np.diff(self.velocities) / np.diff(self.times)).max())
 
     @property
     def table(self) -> NDArray[np.float64]:
-        """Times, s, then velocities, m/s."""
+        """The motion for the compiled program, (2 n,): n times (s), then n velocities (m/s)."""
         return np.array([*self.times, *self.velocities])

@@ -1,4 +1,4 @@
-"""Results of `simulate`, `sweep` and `advise`."""
+"""Classes of the results that `simulate`, `sweep` and `advise` return."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,102 +17,102 @@ class ContactRecord(NamedTuple):
     """One contact of tool and object."""
 
     start: float  # s
-    end: float | None  # s, None if unfinished
+    end: float | None  # s; None if tool and object still touch at the end of the run
     approach_velocity: float  # m/s, penetration rate at the start: v_in of the paper's eq. 7
-    separation_velocity: float  # m/s, at which the surfaces part; at `duration` if unfinished
+    separation_velocity: float  # m/s, at which the surfaces part; for an unfinished contact the value at `duration`
     peak_force: float  # N
     impulse: float  # N s, on the object
     object_velocity: float  # m/s, at the end of the contact
     coupling_impulse: float  # N s, of the coupling on the tool (paper, eq. 21)
-    momentum_error: float  # -, residual of the paper's eq. 20 over the impulse
+    momentum_error: float  # -, numerical error of the momentum balance (paper, eq. 20), divided by the impulse
 
 
 class Trace(NamedTuple):
-    """Time histories, (n,) each, with denser points in contacts."""
+    """Time histories of a run, each (n,); the points are denser during contacts than between them."""
 
     time: Array  # s
-    flange_position: Array  # m; with a compliant robot and a rigid coupling the position of the tool
+    flange_position: Array  # m; with a compliant robot and a rigid coupling it equals the tool position
     flange_velocity: Array  # m/s
     tool_position: Array  # m
     tool_velocity: Array  # m/s
-    object_position: Array  # m, of its face; the face of the tool is at 0 at t = 0
+    object_position: Array  # m, of the object's face; all positions are relative to the tool's face at t = 0
     object_velocity: Array  # m/s
     contact_force: Array  # N, on the object
     coupling_force: Array  # N, on the tool
-    command_position: Array  # m, of the imposed motion; with a rigid robot equal to the flange position
+    command_position: Array  # m, of the imposed motion; with a rigid robot it equals the flange position
     command_velocity: Array  # m/s, of the imposed motion
 
     @classmethod
     def of(cls, points: NDArray[Any]) -> "Trace":
-        """Return a copy of recorded points (n,), TRACE."""
+        """Return the trace of recorded points (n,), of the data type TRACE, as copies."""
         return cls(*(points[name].copy() for name in cls._fields))
 
 
 class Outcome(NamedTuple):
-    """Result of one approach; velocities at `duration`."""
+    """Result of one approach; the velocities are those at the time `duration`, the end of the run."""
 
     object_velocity: float  # m/s
     tool_velocity: float  # m/s
-    flange_velocity: float  # m/s; with a compliant robot and a rigid coupling the flange moves with the tool
+    flange_velocity: float  # m/s; with a compliant robot and a rigid coupling it equals the tool velocity
     peak_force: float  # N, largest contact force
-    detection_time: float | None  # s, contact force first exceeds the threshold; None if never or without a brake
+    detection_time: float | None  # s, when the force first exceeds the brake's threshold; None: never, or no brake
     contacts: tuple[ContactRecord, ...]
-    coupling_impulse: float  # N s, of the coupling on the tool over the contacts (paper, eq. 21)
-    momentum_error: float  # -, largest residual of the paper's eq. 20 over the momentum exchanged
-    steps: int  # integration steps in contact, rejected ones included
+    coupling_impulse: float  # N s, of the coupling on the tool, summed over the contacts (paper, eq. 21)
+    momentum_error: float  # -, largest `momentum_error` of the contacts
+    steps: int  # integration steps, rejected steps included
     status: str  # "ok"
     trace: Trace | None
-    snap_through: tuple[float, ...]  # s, times at which the slider of a mechanism passes its alignment
-    peak_object_velocity: float  # m/s; without friction the object never loses velocity
-    slide: float | None  # m, of the object until it rests, without contacts after `duration`; None without friction
-    rest_time: float | None  # s, object at rest, tool below 1 mm/s from then on; inf if never; None without friction
+    snap_through: tuple[float, ...]  # s, times at which the slider of a `Bistable` coupling passes its alignment
+    peak_object_velocity: float  # m/s, largest velocity of the object; without friction that is its final velocity
+    slide: float | None  # m, from the object's start to where it rests, if no contact follows; None without friction
+    rest_time: float | None  # s, when the object rests and the tool stays below 1 mm/s; inf: never; None: no friction
 
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """Results of a sweep, arrays of the broadcast shape of the varied parameters; see `Outcome`.
+    """Results of a sweep: arrays in the shape to which the varied values were broadcast; for the fields see `Outcome`.
 
-    If a run cannot finish, its numbers are nan and its status is the reason. Other runs are not affected.
+    If a run cannot finish, its numbers are nan and its status says why. The other runs are not affected.
     """
 
     object_velocity: Array  # m/s
     tool_velocity: Array  # m/s
     flange_velocity: Array  # m/s
     peak_force: Array  # N
-    detection_time: Array  # s, nan if the threshold was never exceeded
-    first_contact: Array  # s, nan if there was none
+    detection_time: Array  # s, nan if the contact force never exceeded the threshold
+    first_contact: Array  # s, nan if there was no contact
     contact_count: NDArray[np.int64]
-    snap_count: NDArray[np.int64]  # passages of a slider through its alignment
+    snap_count: NDArray[np.int64]  # how often the slider of a `Bistable` coupling passed its alignment
     coupling_impulse: Array  # N s
     momentum_error: Array  # -
     peak_object_velocity: Array  # m/s
     slide: Array  # m, nan without friction
-    rest_time: Array  # s, nan without friction or if tool and object never both rest
+    rest_time: Array  # s, nan without friction, or if tool and object are never at rest at the same time
     steps: NDArray[np.int64]
-    status: NDArray[np.object_]  # "ok", or a sentence
+    status: NDArray[np.object_]  # "ok", or a sentence that says why the run could not finish
 
 
 @dataclass(frozen=True)
 class Model:
-    """A model of the scenes, and its errors relative to the full model."""
+    """A model that `advise` tried, its errors, and the computing time that it saves compared with the full model."""
 
     name: str
     simplify: Callable[[Scene], Scene]
-    errors: Array  # (scenes,), -, relative; inf if a run did not finish
-    time_saved: float  # -, as a share of the time of the full model
+    errors: Array  # (scenes,), -, relative to the full model's result; inf if a run did not finish
+    time_saved: float  # -, computing time saved, divided by the full model's computing time
 
     @property
     def bound(self) -> float:
-        """Largest error in the scenes."""
+        """Largest of the errors in all scenes."""
         return float(self.errors.max())
 
 
 @dataclass(frozen=True)
 class Advice:
-    """The fastest model within a tolerance in all scenes."""
+    """What `advise` recommends: the fastest model whose error is within the tolerance in every scene."""
 
     quantity: Advised
-    tolerance: float  # -, relative
+    tolerance: float  # -, relative error allowed
     model: Model
     tried: tuple[Model, ...]  # the full model first
 

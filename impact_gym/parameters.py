@@ -10,7 +10,7 @@ from impact_gym.validation import number, numbers
 
 
 class SI:
-    """Unit and limits of a field, as its annotation, if it has no row in `quantities`."""
+    """Unit and limits of a dataclass field that has no row in `quantities`; written in the field's annotation."""
 
     def __init__(self, unit: str, **limits: float) -> None:
         self.unit, self.limits = unit, limits
@@ -19,8 +19,9 @@ class SI:
 class Parameters:
     """A frozen dataclass that checks its numbers when it is made, and stores them as floats.
 
-    The row `path.field` in `quantities` gives the limits of a field, or else its annotation,
-    `Annotated[float, SI("m", above=0)]`. A field with the default None may be None. Several numbers become a tuple.
+    The limits of a field come from the row `path.field` of `quantities`. A field without such a row has them in its
+    annotation, such as `Annotated[float, SI("m", above=0)]`. A field with the default None may be None. A sequence of
+    numbers is stored as a tuple.
     """
 
     __slots__ = ()
@@ -32,7 +33,7 @@ class Parameters:
             cls.path = path
 
     def __post_init__(self) -> None:
-        kind: Any = type(self)  # Any: mypy takes a dataclass for unhashable
+        kind: Any = type(self)  # Any: mypy wrongly considers a dataclass unhashable
         for name, optional, check in _checks(kind):
             value = getattr(self, name)
             if value is not None or not optional:
@@ -41,7 +42,7 @@ class Parameters:
 
 @cache
 def _checks(kind: Any) -> list[tuple[str, bool, Callable[[Any], Any]]]:
-    """Return for each number of a class its name, whether it may be None, and its check."""
+    """Return, for each number of a class, its name, whether it may be None, and the function that checks it."""
     checks: list[tuple[str, bool, Callable[[Any], Any]]] = []
     for field in fields(kind):
         hint: Any = field.type

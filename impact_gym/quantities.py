@@ -1,8 +1,9 @@
-"""The table of all numbers of a scene and of the task: identifier, words, unit, limits, draw and observation of each.
+"""The table of all numbers of a scene and of the task. A row has a number's id, words, unit, limits, draw and scale.
 
-These rows determine which input is refused, what an episode draws, the dotted paths of a scene, the records of the
-compiled program (`impact_gym.task.numbers`), the observation, the tables of the documentation, the keys in the file of
-a set-up, and what can be swept, identified or designed. Users find the table as `impact_gym.task.QUANTITIES`.
+The rows determine which input is refused, what an episode draws, and which numbers can be swept, identified or
+designed. From them also come the dotted paths of a scene, the records of the compiled program
+(`impact_gym.task.numbers`), the observation, the tables of the documentation, and the keys in the file of a set-up.
+Users find the table as `impact_gym.task.QUANTITIES`.
 """
 
 import math
@@ -11,10 +12,10 @@ from typing import Any, Literal, NamedTuple
 
 from impact_gym.validation import Range, interval, number
 
-HORIZON = 1.2  # s, end of an episode without an alarm, by default
-AFTER_ALARM = 0.15  # s, from the alarm to the end of an episode, by default
+HORIZON = 1.2  # s, default: time at which an episode without an alarm ends
+AFTER_ALARM = 0.15  # s, default: time from the alarm to the end of an episode
 PAST_READINGS = 3  # largest number of earlier readings in an observation
-LARGEST_WEIGHT = 1e6  # m/s per s or m/s per N; keeps rewards finite
+LARGEST_WEIGHT = 1e6  # m/s per s or m/s per N, largest weight of time or force, so that rewards stay finite
 
 
 class Limits(NamedTuple):
@@ -26,11 +27,11 @@ class Limits(NamedTuple):
 
 
 class Draw(NamedTuple):
-    """How an episode draws a number: uniformly from a range, log-uniformly if it begins above 0, or normally.
+    """How an episode draws a number: uniformly from a range, log-uniformly if the range begins above 0, or normally.
 
-    The uniform number in [0, 1) has the index `place` among those that an episode takes from the environment's
-    generator (a normal draw takes two), or is the first of the separate stream `place`, seeded by the noise seed.
-    Places never change, so that a new draw or a new row changes no other draw.
+    The draw uses a uniform number in [0, 1). That is number `place` of those that an episode takes from the
+    environment's generator (a normal draw uses two), or the first number of the separate stream `place`, which is
+    seeded by the noise seed. Places never change, so that a new draw or a new row changes no other draw.
     """
 
     place: int
@@ -40,13 +41,13 @@ class Draw(NamedTuple):
 
 
 class Scale(NamedTuple):
-    """How a number is scaled: `curve` of it, mapped linearly from [low, high] to [scaled_low, 1] and clipped."""
+    """How a number is scaled: [low, high] is mapped to [scaled_low, 1], linearly in `curve`(number), and clipped."""
 
     low: float
     high: float
     scaled_low: float = -1.0
     curve: Literal["linear", "log", "log1p"] = "linear"
-    ends: str = ""  # argument of the environment that determines low and high instead, see `Task.ends`
+    ends: str = ""  # if not empty, the environment's argument that determines low and high, see `Task.ends`
 
 
 NEVER_OBSERVED = Scale(math.nan, math.nan)
@@ -54,26 +55,26 @@ NEVER_OBSERVED = Scale(math.nan, math.nan)
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number."""
+    """A row of the table: one number."""
 
     id: str
-    words: str  # for people
-    unit: str  # "-" without a unit
+    words: str  # description in words, for documentation and messages
+    unit: str  # "-": no unit
     limits: Limits = Limits()
     draw: Draw | None = None
-    observed: str = ""  # "always", or the argument of the environment that adds it; "": by a critic only, if drawn
+    observed: str = ""  # "always", or the argument that adds it to the observation; "": only a critic gets it, if drawn
     scale: Scale = NEVER_OBSERVED
-    path: str = ""  # in a `Scene` with its motion, if it differs from the id
-    from_flange: bool = False  # observed relative to the flange
+    path: str = ""  # dotted path in a `Scene` with its motion, if it differs from the id
+    from_flange: bool = False  # True: the observed value is relative to the flange
     shaped_by: tuple[str, ...] = ()  # arguments of the environment that change its observation
 
     def check(self, value: Any, name: str = "") -> float:
         """Return `value` as a float, checked by `validation.number`; messages call it `name`."""
-        above, at_least, at_most = self.limits  # _asdict is too slow for every approach
+        above, at_least, at_most = self.limits  # `_asdict` would be too slow, as every approach is checked
         return number(name or self.id, value, self.unit, above=above, at_least=at_least, at_most=at_most)
 
     def interval(self, value: Any, name: str = "") -> Range:
-        """Return `value`, a number or a pair (low, high), as a pair, checked by `validation.interval`."""
+        """Return `value`, a number or a pair (low, high), as a pair; `validation.interval` checks it."""
         return interval(name or self.id, value, self.unit, **self.limits._asdict())
 
     def by_ratio(self, low: float) -> bool:
@@ -81,7 +82,7 @@ class Quantity:
         return self.draw is not None and self.draw.by_ratio and low > 0.0
 
     def middle(self, low: float, high: float) -> float:
-        """Return the median of a draw from a range: geometric mean of its ends if log-uniform, else arithmetic."""
+        """Return the median of a draw from [low, high]: the geometric mean if log-uniform, else the arithmetic mean."""
         if low == high:
             return low
         return math.sqrt(low) * math.sqrt(high) if self.by_ratio(low) else 0.5 * (low + high)
@@ -90,16 +91,19 @@ class Quantity:
 def set_up(
     name: str, words: str, unit: str, limits: Limits, place: int, scale: Scale, path: str = "", observed: str = ""
 ) -> Quantity:
-    """Return a number of the set-up, drawn from its own stream; log-uniformly, if the scale is logarithmic."""
+    """Return the row of a number of the set-up; an episode draws it from its own stream.
+
+    The draw is log-uniform if the scale is logarithmic.
+    """
     return Quantity(name, words, unit, limits, Draw(place, scale.curve == "log", False, True), observed, scale, path)
 
 
 def log(low: float, high: float) -> Scale:
-    """Return a logarithmic scale."""
+    """Return the logarithmic scale from `low` to `high`."""
     return Scale(low, high, curve="log")
 
 
-# Wide, but narrower than floats: near the limits a run is either correct, or its status says why not
+# The limits are wide, but far from the limits of floats: a run near them is correct, or its status says why not
 MASS, STIFFNESS = Limits(at_least=1e-12, at_most=1e12), Limits(at_least=1e-9, at_most=1e18)
 HERTZ, STOP = Limits(at_least=1e-12, at_most=1e20), Limits(at_least=1e-9, at_most=1e16)
 AWAY, POSITIVE = Limits(at_least=1e-24, at_most=1e9), Limits(above=0.0, at_most=1e3)
@@ -117,7 +121,7 @@ SENSED, ALARMED = ("reaction_delay", "force_noise", "force_bias", "alarm"), ("re
 
 
 def channel(way: str, place: int) -> tuple[Quantity, ...]:
-    """Return the numbers of a channel; `place` is the first place of their draws."""
+    """Return the rows of the channel `way`, "uplink" or "downlink"; the places of their draws begin at `place`."""
     packets = {"uplink": "packets of commands", "downlink": "packets to the display"}[way]
     rows = (
         ("delay", f"smallest delay of {packets}", "s", SECONDS, HALF),
@@ -144,7 +148,7 @@ SENSORS = (
     Quantity("force", "contact force as sensed a delay ago", "N", observed="always", scale=FORCE, shaped_by=SENSED),
     Quantity("force_peak", "largest sensed force so far", "N", observed="always", scale=FORCE, shaped_by=SENSED),
 )  # fmt: skip
-"""Readings of the sensors at each step."""
+"""Numbers that the controller always observes."""
 
 SCENARIO = (
     Quantity("object_mass", "object mass", "kg", MASS, Draw(0, by_ratio=True), "privileged",
@@ -166,7 +170,7 @@ EPISODE = (
     Quantity("force_error", "error of all force readings of the episode", "N", PLACE, Draw(8, normal=True)),
     Quantity("noise_seed", "seed of the force noise", "-", Limits(at_least=0.0, at_most=2.0**53), Draw(10)),
 )  # fmt: skip
-"""Further numbers that an episode draws; with the scenario the keys of the final `info["record"]`."""
+"""Numbers that an episode draws in addition; they and the scenario are the keys of the final `info["record"]`."""
 
 SET_UP = (
     set_up("tool_mass", "tool mass", "kg", MASS, 0, log(0.01, 10.0), path="tool.mass"),
@@ -212,7 +216,7 @@ SET_UP = (
     set_up("range_sensor.dropout", "share of range readings that is lost", "-", LOST, 51, SHARE),
     set_up("range_sensor.delay", "delay of range readings", "s", SECONDS, 52, HALF),
 )  # fmt: skip
-"""Numbers of a set-up, arguments of the environment that may be ranges."""
+"""Numbers of the set-up: arguments of the environment that may be ranges, from which each episode then draws."""
 
 DEFLECTION = Quantity("deflection", "tool minus flange from rest, as sensed a delay ago", "m", scale=Scale(-0.05, 0.05),
                       observed="deflection_sensor", shaped_by=("reaction_delay",))  # fmt: skip
@@ -230,7 +234,7 @@ COMMANDS = (
     Quantity("command_age_spread", "standard deviation of that age", "s", observed="operator", scale=SPREAD),
     Quantity("executed", "velocity that the flange was last sent to", "m/s", observed="operator", scale=SPEEDS),
 )  # fmt: skip
-"""Readings about the operator's commands at the arm."""
+"""Numbers that the controller observes about the operator's commands."""
 MORE_SENSORS = (
     DEFLECTION,
     *PAST,
@@ -240,7 +244,7 @@ MORE_SENSORS = (
     Quantity("time_since_touch", "time since a switch would have raised the alarm", "s", observed="privileged",
              scale=SINCE_ALARM),
 )  # fmt: skip
-"""Further readings, which arguments of the environment add."""
+"""Numbers that an argument of the environment adds to the observation."""
 
 RESULTS = (
     Quantity("object_velocity", "V_p, the final velocity of the object", "m/s"),
@@ -256,7 +260,7 @@ STEERED = (
     Quantity("late", "mean time from a touch until the operator's stop reaches the arm", "s"),
     Quantity("taken", "share of the operator's motion that was withheld before the touch", "-"),
 )
-"""Further results with an operator."""
+"""Results that only an episode with an operator has."""
 
 OTHERS = (
     Quantity("contact.stiffness_exponent", "exponent of the contact stiffness", "-", Limits(at_least=1, at_most=10)),
@@ -278,12 +282,12 @@ OTHERS = (
     Quantity("velocity_range", "range of the first number of an action", "m/s", OFFSET),
     Quantity("acceleration_range", "range of the second number", "m/s^2", Limits(at_least=1e-9, at_most=1e6)),
 )
-"""Numbers of a scene, its motion or its run only, and arguments of the environment that are never drawn."""
+"""Numbers that only a scene, its motion or a run have, and arguments of the environment that are never drawn."""
 
 QUANTITIES: dict[str, Quantity] = {
     row.id: row for row in (*SENSORS, *SCENARIO, *EPISODE, *SET_UP, *MORE_SENSORS, *RESULTS, *STEERED, *OTHERS)
 }
-"""The table by id, in the order of the observation."""
+"""All rows by id; the observed numbers are in the order of the observation."""
 
 BY_PATH: dict[str, Quantity] = {row.path or row.id: row for row in QUANTITIES.values() if row.path or "." in row.id}
-"""The numbers of a scene and its motion, by dotted path."""
+"""The rows of the numbers of a scene and its motion, by dotted path."""

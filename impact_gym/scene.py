@@ -23,12 +23,15 @@ from impact_gym.validation import choice, number, one_of
 Dissipation = Literal[
     "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores", "fixed"
 ]
-"""Laws of the damping for a restitution; `physics.dissipation.effective_restitution` says which one each delivers."""
+"""Laws that give the damping for a nominal restitution.
+
+`physics.dissipation.effective_restitution` returns the restitution that a contact really has under each law.
+"""
 LAWS = get_args(Dissipation)
 
 
 STOP_STIFFNESS, STOP_DAMPING_RATIO = 1e5, 1.0
-"""Defaults of the stops of couplings, N/m and -."""
+"""Default stiffness (N/m) and damping ratio of the stops of a coupling."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,10 +43,11 @@ class Tool(Parameters, path="tool"):
 
 @dataclass(frozen=True, slots=True)
 class Object(Parameters, path="object"):
-    """The body that is struck, at rest before.
+    """The body that is struck; it is at rest before the first contact.
 
-    With `friction` it sticks to the ground until the contact force exceeds mu m_p g, with g = 9.80665 m/s^2. Then it
-    slides, and sticks again when it comes to rest. The paper neglects friction and calls it small and beneficial.
+    With `friction` the object sticks to the ground until the contact force exceeds mu m_p g, with g = 9.80665 m/s^2.
+    Then it slides, and sticks again when it comes to rest. The paper neglects friction and calls it small and
+    beneficial.
     """
 
     mass: float  # kg
@@ -56,15 +60,15 @@ class Contact(Parameters, path="contact"):
     """Contact of a plane tool with an object, F = k_c delta^m + chi delta^n delta_dot, never negative (paper, eq. 5).
 
     m = n = 3/2, the default, is a sphere with hysteresis damping; m = 1, n = 0 is a linear spring and damper.
-    `dissipation` gives chi for a nominal restitution. "exact" delivers the nominal value. "hu-guo", the paper's eq. 7,
-    delivers a little less (0.4877 for 0.5, 0.0741 for 0.1; see docs/provenance.md). The others are in
-    `physics.dissipation` with their sources. All these laws scale with the approach velocity v_in of the contact,
-    chi = d k_c delta0^(m - n) / v_in, so its restitution is the same at every velocity. With "fixed" chi is constant:
-    a contact that begins at `reference_velocity` has the nominal restitution, a faster one less and a slower one more,
-    as measured.
+    `dissipation` names the law that gives chi for a nominal restitution. With "exact" a contact has the nominal
+    restitution. With "hu-guo", the paper's eq. 7, it has a little less (0.4877 for 0.5, 0.0741 for 0.1; see
+    docs/provenance.md). The other laws are in `physics.dissipation` with their sources. With all these laws chi depends
+    on the approach velocity v_in, chi = d k_c delta0^(m - n) / v_in, so that the restitution is the same at every
+    velocity. With "fixed" chi is constant: a contact that begins at `reference_velocity` has the nominal restitution, a
+    faster contact a lower one and a slower contact a higher one, as in measurements.
     """
 
-    checked_by_itself: ClassVar = ("stiffness",)  # the unit depends on the exponent
+    checked_by_itself: ClassVar = ("stiffness",)  # checked below, because its unit depends on the exponent
     stiffness: float  # N/m^m
     restitution: float  # -, nominal
     dissipation: Dissipation = "hu-guo"
@@ -93,30 +97,30 @@ class Contact(Parameters, path="contact"):
 
 @dataclass(frozen=True, slots=True)
 class Rigid:
-    """Tool fixed to the flange; with a rigid robot the tool's motion is imposed (paper, Fig. 4a)."""
+    """A rigid coupling: the tool is fixed to the flange. With a rigid robot the tool's motion is imposed (Fig. 4a)."""
 
 
 @dataclass(frozen=True, slots=True)
 class SpringDamper(Parameters, path="coupling"):
-    """Tool on a linear spring and damper (paper, eq. 17-18); c_t = 2 zeta sqrt(k_t m_t).
+    """A coupling by a linear spring and damper (paper, eq. 17-18), with the damping c_t = 2 zeta sqrt(k_t m_t).
 
-    A `stroke` adds stops, with stiffness and damping like the default stops of `Bistable`.
+    A `stroke` adds a stop at either side, with the stiffness and damping of the default stops of `Bistable`.
     """
 
     stiffness: float  # N/m
     damping_ratio: float = 1.0  # -
-    stroke: float | None = None  # m, from rest to a stop, either side
+    stroke: float | None = None  # m, from the tool's rest position to the stop at either side; None: no stops
 
 
 @dataclass(frozen=True, slots=True)
 class Bistable(Parameters, path="coupling"):
-    """Tool on a bistable mechanism with two stops (paper, eq. 23-24, Fig. 21-22).
+    """A coupling by a bistable mechanism with two stops (paper, eq. 23-24, Fig. 21-22).
 
-    Positions of the slider are measured from the vertical alignment of the spring. Each stop is a one-sided linear
-    spring and damper that never pulls, c_s = 2 zeta_s sqrt(k_s m_t). At zeta_s = 1 its restitution is exp(-2) = 0.135;
-    the paper assumes completely inelastic stops. Places, stiffness and damping of the stops are identified or chosen
-    here, not the paper's (see docs/provenance.md). The slider starts at rest, pressed against the front stop by the
-    force of the mechanism; it leaves that stop if the flange accelerates too fast.
+    The tool is fixed to the slider. Positions of the slider are measured from the alignment, where the spring is
+    vertical. Each stop is a linear spring and damper that never pulls, with the damping c_s = 2 zeta_s sqrt(k_s m_t).
+    At zeta_s = 1 its restitution is exp(-2) = 0.135; the paper assumes completely inelastic stops. The paper does not
+    print positions, stiffness and damping of the stops; we inferred or chose them (see docs/provenance.md). At t = 0
+    the spring presses the slider against the front stop; the slider leaves it if the flange accelerates too fast.
     """
 
     stiffness: float = 50.0  # N/m, k
@@ -144,12 +148,12 @@ class Bistable(Parameters, path="coupling"):
 
     @property
     def stroke(self) -> float:
-        """Distance of the stable equilibria from the alignment, without stops, m."""
+        """Distance from the alignment to the two stable equilibria that the slider would have without stops, m."""
         return math.sqrt((self.free_length - self.height) * (self.free_length + self.height))
 
     @property
     def rest(self) -> float:
-        """Position of the slider at t = 0, pressed against the front stop, m."""
+        """Position of the slider at t = 0, where the spring presses it against the front stop, m."""
         return float(rest_of(self.stiffness, self.free_length, self.height, self.front_stop, self.stop_stiffness))
 
     @property
@@ -159,25 +163,25 @@ class Bistable(Parameters, path="coupling"):
 
     @property
     def barrier(self) -> float:
-        """Energy at the alignment above a stable equilibrium, J."""
+        """Energy of the spring at the alignment minus its energy at a stable equilibrium, J."""
         return float(self.energy(0.0))
 
     @property
     def peak_position(self) -> float:
-        """Position of the largest force, m: L^3 = L0 H^2."""
+        """Position of the slider at which the spring's force is largest, m; there L^3 = L0 H^2."""
         return math.sqrt((self.free_length * self.height**2) ** (2 / 3) - self.height**2)
 
     @property
     def peak_force(self) -> float:
-        """Largest force towards the object, N."""
+        """Largest force of the spring towards the object, N."""
         return float(self.force(self.peak_position))
 
     def force(self, position: ArrayLike) -> NDArray[np.float64] | float:
-        """Return the force of the spring on the tool, N, without stops, at `position` (m) of the slider; any shape."""
+        """Return the force of the spring, without the stops, on the tool, N, at slider positions (m) of any shape."""
         return self._at(bistable_force, position)
 
     def energy(self, position: ArrayLike) -> NDArray[np.float64] | float:
-        """Return the energy of the spring, J, at `position` (m) of the slider; any shape."""
+        """Return the energy of the spring, J, at slider positions (m) of any shape."""
         return self._at(bistable_energy, position)
 
     def _at(self, law: Callable[..., float], position: ArrayLike) -> NDArray[np.float64] | float:
@@ -191,10 +195,10 @@ Coupling = Rigid | SpringDamper | Bistable
 
 @dataclass(frozen=True, slots=True)
 class Robot(Parameters, path="robot"):
-    """Lumped compliance of a robot along the approach (paper, eq. 8-9, Fig. 8), at rest and relaxed at t = 0.
+    """A compliant robot, as one mass on a spring and damper (paper, eq. 8-9, Fig. 8), at rest and relaxed at t = 0.
 
-    The imposed motion x_r drives the mass through spring and damper. With a `Rigid` coupling, robot and tool are one
-    mass. With any other coupling the flange is a separate mass, to which the coupling connects the tool.
+    The imposed motion x_r drives the robot's mass through the spring and damper. With a `Rigid` coupling, robot and
+    tool are one mass. With any other coupling the robot's mass is the flange, and the coupling connects the tool to it.
     """
 
     mass: float  # kg, m_r
@@ -206,11 +210,11 @@ class Robot(Parameters, path="robot"):
 class RobotTable(Parameters, path="robot"):
     """A compliant robot with parameters that vary along its imposed motion (paper, eq. 16, Fig. 12).
 
-    Between the positions each parameter is a cubic spline (not-a-knot), outside them it is constant.
+    Between the positions each parameter is a cubic spline (not-a-knot); outside them it is constant.
     """
 
     position: tuple[float, ...]  # m, of the imposed motion from its start; rising, at least 4
-    mass: tuple[float, ...]  # kg, one value per position; likewise stiffness and damping
+    mass: tuple[float, ...]  # kg; mass, stiffness and damping have one value per position
     stiffness: tuple[float, ...]  # N/m
     damping: tuple[float, ...]  # N s/m
 
@@ -233,9 +237,9 @@ class RobotTable(Parameters, path="robot"):
                 )
 
     @property
-    @lru_cache(maxsize=64)  # noqa: B019  # it may keep 64 tables
+    @lru_cache(maxsize=64)  # noqa: B019  # keeping up to 64 tables in memory is accepted
     def splines(self) -> Any:
-        """The three parameters as a `scipy.interpolate.CubicSpline` of the position."""
+        """Return mass, stiffness and damping as one `scipy.interpolate.CubicSpline` of the position."""
         return CubicSpline(self.position, np.array([self.mass, self.stiffness, self.damping]).T)
 
     def at(self, position: float) -> Robot:
@@ -263,7 +267,7 @@ class Scene:
 
 
 def warn_of_stroke(coupling: Coupling, tool_mass: float, acceleration: float) -> None:
-    """Warn if a steady acceleration (m/s^2) of the arm presses the tool against its stop."""
+    """Warn if under a steady `acceleration` (m/s^2) of the arm the tool lies against a stop."""
     if isinstance(coupling, SpringDamper) and coupling.stroke:
         rest = acceleration * tool_mass / coupling.stiffness
         if rest > coupling.stroke:

@@ -25,10 +25,10 @@ from impact_gym.to_kernel import LOCAL_SHARE, STATUS_MESSAGES, approach_to_kerne
 from impact_gym.validation import WrongTypeError, array, choice, number, one_of, shown, whole
 
 MAX_STEPS = 1_000_000
-"""Integration steps after which the solver gives up a run; an ordinary approach takes about fifty."""
+"""Integration steps after which the solver gives up a run; an ordinary approach needs about 50."""
 
-APPROACHES_PER_THREAD = 16  # at least, in a sweep
-_CONTACT_ROWS, _SNAP_ROWS, _TRACE_ROWS = 4096, 64, 4096  # if a run needs more, it is repeated with larger arrays
+APPROACHES_PER_THREAD = 16  # least number of approaches per thread in a sweep
+_CONTACT_ROWS, _SNAP_ROWS, _TRACE_ROWS = 4096, 64, 4096  # if a run needs more rows, it is repeated with larger arrays
 _NO_TRACE, _NO_SNAPS = np.empty(0, TRACE), np.empty(0)
 NOTHING_RECORDED = np.empty(0, CONTACT), _NO_TRACE, _NO_SNAPS, 1.0
 """A recorder of the compiled program that keeps nothing."""
@@ -37,15 +37,16 @@ NOTHING_RECORDED = np.empty(0, CONTACT), _NO_TRACE, _NO_SNAPS, 1.0
 def simulate(
     scene: Scene, motion: Trapezoid | Motion, duration: float = 1.5, rtol: float = 1e-8, trace: bool = False
 ) -> Outcome:
-    """Run an approach and return its result.
+    """Simulate one approach and return its result.
 
     Args:
         scene: tool, object, contact, coupling and robot; at rest at t = 0.
         motion: imposed motion of the robot.
         duration: length of the run, s.
-        rtol: relative error allowed in the results of the contacts. Flights without a closed form (bistable, robot)
-            are integrated to the same tolerance, the others are exact.
-        trace: also return time histories, in flight one point per ms, at most 1e5 in all; changes no other result.
+        rtol: relative error allowed in the results of contacts. Between contacts the motion is exact where it has a
+            closed form; otherwise (bistable coupling, stops, robot with a coupling) it is integrated to `rtol`, too.
+        trace: whether to return time histories as well: one point per ms between contacts, more during contacts, at
+            most 1e5 points between contacts. It changes no other result.
 
     Raises:
         TypeError, ValueError: an argument has a wrong type or is out of range.
@@ -65,7 +66,7 @@ def simulate(
         approach_rows(plans, table, chains, 0, 1, LOCAL_SHARE * rtol, MAX_STEPS, recorder)
         end = _End._make(chains.item())
         if end.logged <= len(contacts) and end.traced <= len(points) and end.snaps <= len(snaps):
-            break  # else repeat the run, which is deterministic
+            break  # otherwise repeat the run with larger arrays; it is deterministic
         contacts, points, snaps = np.empty(end.logged, CONTACT), np.empty(end.traced, TRACE), np.empty(end.snaps)
     if end.status < 0:
         raise RuntimeError(f"the run stopped at t = {end.time:.6g} s: {STATUS_MESSAGES[end.status]}")
@@ -90,28 +91,30 @@ def simulate(
 
 _namedtuple: Any = namedtuple  # Any: mypy accepts only literal fields
 _End = _namedtuple("_End", CHAIN.names)
-"""A chain at the end of a run as Python numbers, which one call reads."""
+"""The record CHAIN at the end of a run, as a named tuple of Python numbers, read in one call."""
 
 
 def sweep(
     scene: Scene, motion: Trapezoid, varied: Mapping[str, ArrayLike], duration: ArrayLike = 1.5, rtol: float = 1e-8,
     threads: int | None = None,
 ) -> Outcomes:  # fmt: skip
-    """Run many approaches that differ from `scene` and `motion` in the parameters of `varied`.
+    """Simulate many approaches that differ from `scene` and `motion` in the numbers of `varied`.
 
-    Each equals the result of `simulate` to the bit.
+    The results are equal, bit for bit, to those of `simulate`.
 
     Args:
-        scene: the common scene, types of coupling and robot included.
+        scene: the common scene, which also determines the types of coupling and robot.
         motion: the common motion.
-        varied: values by dotted path, such as "object.mass", "coupling.height" or "motion.brake.delay", broadcast
-            against each other: any number of scene and motion, but not of a `RobotTable`.
-        duration: length of the runs, s; also broadcast.
+        varied: values by dotted path, such as "object.mass", "coupling.height" or "motion.brake.delay". The arrays of
+            values are broadcast against each other. Any number of scene and motion can be varied, except those of a
+            `RobotTable`.
+        duration: length of the runs, s; broadcast with the values of `varied`.
         rtol: see `simulate`.
-        threads: their number, None for all cores; changes no result.
+        threads: number of threads, None for one per core; it changes no result.
 
     Raises:
-        TypeError, ValueError: an argument or a value has a wrong type or is out of range; names it, and the row.
+        TypeError, ValueError: an argument or a value has a wrong type or is out of range; the message names it, and its
+            index.
     """
     one_of("scene", scene, Scene)
     one_of("motion", motion, Trapezoid)
@@ -150,11 +153,11 @@ def sweep(
 _FIELDS_OF_CHAIN = {f"{body}_velocity": f"final_{body}_velocity" for body in ("object", "tool", "flange")}
 _FIELDS_OF_CHAIN |= {"contact_count": "contacts", "snap_count": "snaps", "detection_time": "detection"}
 _OUTCOMES = {field: _FIELDS_OF_CHAIN.get(field, field) for field in Outcomes.__dataclass_fields__}
-"""The field of a chain for each field of `Outcomes`."""
+"""For each field of `Outcomes`, the field of the record CHAIN from which it is read."""
 
 
 def _approaches(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Iterator[tuple[Any, Array]]:
-    """Yield the plan of each row and the table of its robot."""
+    """Yield, for each approach, the fields of its record APPROACH and the table of its robot."""
     flat = {name: column.ravel() for name, column in columns.items()}
     durations, table_at = flat.pop("duration"), 0
     for row in range(len(durations)):
@@ -170,28 +173,29 @@ def _approaches(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]
         yield plan, table
 
 
-ROUNDS = 3  # runs of each model, of which the fastest counts
+ROUNDS = 3  # `advise` times each model so often and takes the shortest time
 
 
 def advise(
     scenes: Scene | Sequence[Scene], motion: Trapezoid, tolerance: float = 1e-3, quantity: Advised = "object_velocity",
     duration: float = 1.5, arm: tuple[Arm, Approach] | None = None,
 ) -> Advice:  # fmt: skip
-    """Compare simpler models of `scenes` with the full model; return the fastest within `tolerance` in all scenes.
+    """Compare simpler models of `scenes` with the full model; recommend the fastest within `tolerance` in all scenes.
 
     Args:
-        scenes: a scene, or a sample of the scenes to be run; the advice holds for this sample.
+        scenes: a scene, or a sample of the scenes that are to be simulated; the advice holds for this sample.
         motion: imposed motion of the robot.
-        tolerance: relative error allowed.
-        quantity: final velocity of the object, largest contact force, or impulse of all contacts.
-        duration: of a run, s.
+        tolerance: relative error allowed in `quantity`.
+        quantity: the result that is compared: final velocity of the object, largest contact force, or impulse of all
+            contacts.
+        duration: length of a run, s.
         arm: an arm and its line of approach, `(arm, arm.along(...))`, for scenes without a robot. The full model is
-            then `impact_gym.robot.all_joints`. The simpler models have one mass of each kind, varying along the line or
-            constant at the place of the object, or a rigid robot.
+            then the simulation of all joints, `impact_gym.robot.all_joints`. In the simpler models the robot is rigid,
+            or one mass of one of the three kinds, which varies along the line or is constant as where the object is.
 
     Raises:
         TypeError, ValueError: an argument has a wrong type or is out of range.
-        RuntimeError: a full run cannot finish.
+        RuntimeError: a run of the full model cannot finish.
     """
     sample = [scenes] if isinstance(scenes, Scene) else list(scenes)
     if not sample:
@@ -229,11 +233,14 @@ TOOLS: dict[str, Callable[[Any], Any]] = {
         replace(tool, stop_stiffness=0.1 * tool.stop_stiffness) if isinstance(tool, Bistable) else tool
     ),
 }
-"""Simpler tools, by name; "": as it is."""
+"""Changes that simplify a coupling, by name; "" leaves the coupling as it is."""
 
 
 def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
-    """Yield name and change of each model: every robot with every tool; an arm becomes one mass along `line`."""
+    """Yield the name of each model and the function that simplifies a scene to it; robots and couplings are combined.
+
+    With a `line`, an arm with all its joints is replaced by one mass that moves along it.
+    """
     robots: dict[str, Any] = {"robot rigid": None}
     if line is None:
         robots = {"": "its own", f"robot {FROZEN}": "its own", **robots}
@@ -246,7 +253,7 @@ def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scen
 
 
 def _simplified(robot: Any, frozen: bool, of_tool: Callable[[Any], Any], scene: Scene) -> Scene:
-    """Return a scene with another robot, frozen or not, and another tool."""
+    """Return the scene with `robot`, with constant parameters if `frozen`, and its coupling changed by `of_tool`."""
     own = scene.robot if robot == "its own" else robot
     robot = own.at(scene.object.distance) if frozen and isinstance(own, RobotTable) else own
     return replace(scene, robot=robot, coupling=of_tool(scene.coupling))
@@ -256,8 +263,8 @@ def _timed(
     motion: Trapezoid, duration: float, quantity: Advised, scenes: Sequence[Scene],
     arm: tuple[Arm, Approach] | None = None,
 ) -> tuple[Array, float]:  # fmt: skip
-    """Return the quantity of each scene, with `arm` of the whole arm; and the time for all scenes, s."""
-    from impact_gym.robot.all_joints import simulate as simulate_arm  # its import takes 40 ms
+    """Return the quantity for each scene, and the computing time for all scenes, s; with `arm`, simulate all joints."""
+    from impact_gym.robot.all_joints import simulate as simulate_arm  # imported here because that takes 40 ms
 
     times: list[float] = []
     for _ in range(1 if arm else ROUNDS):

@@ -1,4 +1,4 @@
-"""The sources of the compiled program: generated ones, and a check that it was compiled from the present sources."""
+"""Write the generated sources of the compiled program, and check that it was compiled from the present sources."""
 
 import hashlib
 import runpy
@@ -15,7 +15,7 @@ TABLEAU, NUMBERS = "solver/dop853.pxi", "task/numbers.pxi"
 GENERATORS = {TABLEAU: HERE / "solver" / "tableau.py", NUMBERS: HERE / "task" / "numbers.py"}
 """Sources that setup.py writes, each with the module whose function `text()` returns it."""
 INPUTS = [f"impact_gym/{name}" for name in ("solver/tableau.py", "task/numbers.py", "quantities.py")]
-"""Files in the project's folder that determine them: after a change of one, setup.py compiles again."""
+"""Files that determine the generated sources; if one of them changes, setup.py compiles again."""
 
 
 def generated(name: str) -> str:
@@ -27,7 +27,7 @@ def generated(name: str) -> str:
 
 
 def write() -> None:
-    """Write the generated sources that have changed; a new file would be compiled again."""
+    """Write the generated sources whose text has changed; writing an unchanged one would cause a new compilation."""
     for name in GENERATORS:
         file, text = HERE / name, generated(name)
         if not file.is_file() or file.read_text() != text:
@@ -35,7 +35,7 @@ def write() -> None:
 
 
 def digest() -> str:
-    """Return a digest of the sources of `impact_gym.kernels`; empty in a wheel, which has no sources."""
+    """Return a digest of the sources of `impact_gym.kernels`; "" in a wheel, which does not contain them."""
     files = {*HERE.glob("*.pyx"), *HERE.glob("*/*.pxi"), *HERE.glob("*/*.h")} - {HERE / name for name in GENERATORS}
     if not files:
         return ""

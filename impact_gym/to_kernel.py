@@ -1,4 +1,4 @@
-"""Scenes and motions as flat records for the compiled program."""
+"""Convert scenes and motions to flat records for the compiled program."""
 
 import math
 import struct
@@ -48,14 +48,14 @@ def places(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
 
 
 LOCAL_SHARE = 0.2
-"""Local error allowed in a step, as a share of the `rtol` of the run."""
+"""Local error allowed in a step, relative to the `rtol` of the run."""
 
 STATUS_MESSAGES = {
     kernels.UNSETTLED: "not settled: further contacts were possible at the time limit, V_p is the value then",
     kernels.STEP_LIMIT: "more integration steps than allowed: the motion has too many swings or contacts",
     kernels.NOT_FINITE: "the state overflowed: the scene's scales differ by more than floating point can hold",
 }
-"""Sentences for the status of a run or an episode, if that is not 0."""
+"""For each status other than 0 of a run or an episode, a sentence that explains it."""
 
 
 def approach_to_kernel(
@@ -97,7 +97,10 @@ _NO_MECHANISM = _NO_COUPLING[2:]
 def mount_to_kernel(
     tool_mass: float, coupling: Coupling, robot: Robot | RobotTable | None = None, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Return coupling and robot as the fields of MOUNT, and the robot's table, which begins at `table_at`."""
+    """Return tool, coupling and robot as the fields of MOUNT, and the robot's table.
+
+    The table begins at index `table_at` among the numbers of all tables.
+    """
     kind, numbers = kernels.DIRECT, _NO_COUPLING
     if isinstance(coupling, SpringDamper):
         kind, numbers = kernels.SPRING_DAMPER, (coupling.stiffness, coupling.damping_ratio, *_NO_MECHANISM)

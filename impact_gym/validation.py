@@ -1,4 +1,4 @@
-"""Checks of input. Each message is one sentence with the field, the value, its unit and the allowed values."""
+"""Check input. Each error message is one sentence with the field, the value, its unit and the allowed values."""
 
 import math
 import operator
@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 Range = tuple[float, float]
-WIDEST = 1e12  # largest ratio of the ends of a range
+WIDEST = 1e12  # largest ratio of the two ends of a range
 IDENTIFIER = re.compile("[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
 class WrongTypeError(TypeError, ValueError):
-    """A value of a wrong type: a TypeError as in Python, and a ValueError like all wrong input here."""
+    """A value has a wrong type: a TypeError, as usual in Python, and a ValueError, like every refused input here."""
 
 
 def shown(value: Any, longest: int = 200) -> str:
-    """Return a value as messages show it: in one line; a long one by its type and beginning."""
+    """Return a value as text for a message, in one line; for a long value, its type and its beginning."""
     try:
         text = " ".join(repr(value).split())
     except ValueError:  # an int of thousands of digits
@@ -33,7 +33,7 @@ def shown(value: Any, longest: int = 200) -> str:
 
 
 def nearest(kind: str, name: str, known: Iterable[str]) -> str:
-    """Return a message about an unknown `name`, with the nearest `known` name, or all of them.
+    """Return a message about an unknown `name`, with the most similar `known` name or, if there is none, all names.
 
     `kind` says what the name stands for, such as "set-up".
     """
@@ -43,7 +43,7 @@ def nearest(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def unit_text(unit: str, preposition: str = "") -> str:
-    """Return a unit for a message, after a preposition if it is not "(no unit)"."""
+    """Return a unit as text for a message; `preposition` comes before it unless the text is "(no unit)"."""
     text = "(no unit)" if unit == "-" else unit
     return text if text.startswith("(") else f"{preposition}{text}"
 
@@ -100,7 +100,7 @@ def whole(field: str, value: Any, at_least: int) -> int:
 
 
 def identifier(field: str, value: Any) -> str:
-    """Return `value` if it can be part of a path, a link, a page and a command without quoting, or raise ValueError."""
+    """Return `value` if paths, links, pages and commands can contain it without quoting; otherwise raise ValueError."""
     if not isinstance(value, str) or not IDENTIFIER.fullmatch(value):
         allowed = "a name of letters a-z and A-Z, digits, '.', '_' and '-', at most 100 and the first no sign"
         raise ValueError(f"{field} must be {allowed}, got {value!r:.80}")
@@ -146,9 +146,9 @@ def choice(field: str, value: Any, allowed: Container[str | None]) -> None:
 def array(
     field: str, values: Any, shape: tuple[int, ...] | None = None, kinds: str = "fiu", what: str = "numbers"
 ) -> NDArray[Any]:
-    """Return `values` as an array, or raise TypeError or ValueError: its dtype or its shape is another one.
+    """Return `values` as an array; raise TypeError or ValueError if its dtype or shape is not allowed.
 
-    `kinds` are the allowed kinds of dtype, `what` their name in messages. Numbers need not be finite.
+    `kinds` are the allowed kinds of dtype; messages describe them by `what`. Numbers need not be finite.
     """
     try:
         result = np.asarray(values)
@@ -172,7 +172,7 @@ def rising(field: str, time: Sequence[float], columns: Mapping[str, Sequence[flo
 
 
 def interval(field: str, value: Any, unit: str, **limits: float) -> Range:
-    """Return `value`, a number or a pair (low, high), as a pair, or raise TypeError or ValueError."""
+    """Return `value`, a number or a pair (low, high), as a pair; raise TypeError or ValueError if it is invalid."""
     unit = unit_text(unit)
     if not (isinstance(value, (tuple, list)) or getattr(value, "ndim", 0) > 0):
         single = number(field, value, unit, **limits)

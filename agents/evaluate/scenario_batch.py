@@ -167,7 +167,7 @@ class Validation:
         self.batch = ScenarioBatch.of("validation", count, task, **options)
 
     def score(self, controller: Controller) -> dict[str, Any]:
-        """Return the means over the scenarios at each time weight, and the mean loss over all as `score` (m/s)."""
+        """Return the means over the scenarios at each time weight; `score` (m/s) is the mean cost over all weights."""
         played = self.batch.play(controller)
         columns = {"cost": played.loss(np.repeat(self.weights, self.batch.count))}
         columns |= {name: getattr(played, name) for name in ("object_velocity", "approach_time", "missed")}

@@ -95,8 +95,9 @@ def beside(this: Try) -> dict[str, Variant]:
 
 
 def film(variants: Mapping[str, Variant], seconds: float = SECONDS, compact: bool = True) -> dict[str, Any]:
-    """Return a slow-motion film of `seconds` for the page: `html`, and `slides`, how far the object slides (m) by name.
+    """Return a slow-motion film that lasts `seconds`, as a dict for the page.
 
+    `html` is the film; `slides` has for each variant's name how far the object slides (m).
     A compact film has neither enlarged faces nor time histories.
     """
     replays = {name: replayed(each.played) for name, each in variants.items()}

@@ -1,4 +1,4 @@
-"""The environments, and their registration with Gymnasium."""
+"""The environments: this module registers them with Gymnasium."""
 
 import re
 from typing import Any
@@ -16,18 +16,18 @@ IDS: dict[str, dict[str, Any]] = {
         "velocity_range": [-0.3, 0.5], "scenario": {"distance": [0.2, 0.8]},
     },
 }  # fmt: skip
-"""Registered ids, and their arguments that differ from the defaults."""
+"""For each id registered with Gymnasium: the arguments in which it differs from the defaults."""
 APPROACH, TELEOP, BATCH = "single:ImpactApproachEnv", "teleop:ImpactTeleopEnv", "vector:ImpactApproachVectorEnv"
 OBJECTIVES = "objectives:MOImpactApproachEnv", "objectives:MOImpactApproachVectorEnv"
 
 
 def of_objectives(name: str) -> str:
-    """Return the id of the same task with vector rewards, in MO-Gymnasium's spelling: mo-impact-approach-v0."""
+    """Return the id of the same task with vector rewards, spelled as in MO-Gymnasium, such as mo-impact-approach-v0."""
     return "mo" + re.sub("[A-Z]", lambda capital: f"-{capital[0].lower()}", name)
 
 
 def register() -> None:
-    """Register the environments with Gymnasium, unless that is done."""
+    """Register the environments with Gymnasium; do nothing if they are registered already."""
     for name, arguments in IDS.items():
         single = TELEOP if "operator" in arguments else APPROACH
         for each, (entry, batch) in {name: (single, BATCH), of_objectives(name): OBJECTIVES}.items():

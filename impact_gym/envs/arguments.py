@@ -1,4 +1,4 @@
-"""The arguments of `Task` in the signatures of all front ends, and the tables in their docstrings."""
+"""Put the arguments of `Task` into the signatures of all environment classes, and tables into their docstrings."""
 
 import inspect
 from collections.abc import Callable
@@ -15,9 +15,9 @@ Rows = list[tuple[str, ...]]
 
 
 def with_task_arguments(**without: str) -> Callable[[Callable[P, None]], Callable[P, None]]:
-    """Return a decorator of constructors: the arguments of `Task` replace `**arguments` in their signatures.
+    """Return a decorator that replaces `**arguments` in a constructor's signature by the arguments of `Task`.
 
-    The names in `without` are refused, with the reason given there.
+    The decorated constructor refuses the names in `without`; their values there complete the error message.
     """
 
     def decorate(constructor: Callable[P, None]) -> Callable[P, None]:
@@ -47,7 +47,7 @@ def with_task_arguments(**without: str) -> Callable[[Callable[P, None]], Callabl
 
 
 def filled(text: str) -> str:
-    """Return a docstring with its placeholders replaced by tables, as Markdown."""
+    """Replace the placeholders in a docstring, such as OBSERVATION_TABLE, by Markdown tables; return the result."""
     pairs = zip(SCENARIO, ScenarioRanges().by_id().values(), strict=True)
     scenario = [(f"`{row.id}`", f"{low:g} - {high:g}", law_of(row), row.unit) for row, (low, high) in pairs]
     set_up = [(f"`{row.id}`", law_of(row), row.unit, f"{row.scale.low:g}", f"{row.scale.high:g}") for row in SET_UP]
@@ -66,14 +66,14 @@ def filled(text: str) -> str:
 
 
 def law_of(row: Quantity) -> str:
-    """Return the distribution of a drawn number, in words."""
+    """Return a few words that name the distribution from which a number is drawn."""
     if row.draw is None or not row.draw.by_ratio:
         return "uniform"
     return "log-uniform, uniform from 0" if row.limits.at_least == 0.0 else "log-uniform"
 
 
 def observation_table() -> Rows:
-    """Return a row for each number that can be observed."""
+    """Return the rows of the observation table, one for each number that can be observed."""
     seen = [row for row in QUANTITIES.values() if row.observed and row.observed != "past_readings"]
     seen.sort(key=lambda row: (row.observed != "always", row.observed == "privileged"))
     rows: Rows = [("Num", "Observation", "Unit", "from", "to", "Scaled to", "Argument")]
@@ -91,7 +91,7 @@ def observation_table() -> Rows:
 
 
 def argument_table() -> Rows:
-    """Return a row for each argument of the task."""
+    """Return the rows of the argument table, one for each argument of `Task`."""
     rows: Rows = [("Name", "Default", "Meaning")]
     for name, item in ARGUMENTS.items():
         default = f'"{item.default}"' if isinstance(item.default, str) else f"{item.default}"

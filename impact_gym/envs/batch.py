@@ -1,4 +1,4 @@
-"""The batch behind every front end: arrays with a row for each environment, stepped by compiled code."""
+"""The batch that every environment class uses: arrays with a row for each environment, stepped by compiled code."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
     from impact_gym.render.film import History
 
 ROWS_PER_THREAD = 256
-"""Each thread gets at least this many rows; for fewer, a thread costs more than it saves."""
+"""Each thread gets at least this many rows; with fewer rows, starting a thread costs more time than it saves."""
 
 _STATE = (
     "draws", "laws", "chains", "episodes", "readings", "ranges", "links", "packets", "observations", "rewards",
     "traces",
 )  # fmt: skip
-TRACE_INTERVAL = 1e-3  # s, between points of a trace in flight
-INTERVENTION = 1e-3  # m/s, change of a command above which the assistance is said to intervene
-_SPARE = 4  # readings beyond those in transit: some are taken before the oldest is due
+TRACE_INTERVAL = 1e-3  # s, between two points of a trace while tool and object do not touch
+INTERVENTION = 1e-3  # m/s; if the assistance changes a command by more, `is_intervention` is set
+_SPARE = 4  # readings to store in addition to those in transit: some are taken before the oldest one is delivered
 
 
 class Bodies(NamedTuple):
-    """Present state of flanges, tools and objects, (rows,) each."""
+    """Present time, positions and deflections of all rows; each array is (rows,)."""
 
     time: NDArray[np.float64]  # s
     flange: NDArray[np.float64]  # m
@@ -49,9 +49,9 @@ class Bodies(NamedTuple):
 
 
 class Batch:
-    """`size` independent environments, each a row of arrays.
+    """`size` independent environments; each environment is a row of the arrays.
 
-    The results of a row do not depend on the size of the batch, its index in it or the number of threads.
+    The results of a row do not depend on the size of the batch, on the index of the row, or on the number of threads.
     """
 
     def __init__(
@@ -62,13 +62,13 @@ class Batch:
 
         Args:
             size: number of rows.
-            task: one for all rows, or one for each, with the same observation.
-            threads: their number, None for all cores; changes no result.
-            trace_points: largest number of points in the time histories of each row.
+            task: one task for all rows, or one for each row; all tasks must have the same observation.
+            threads: number of threads; None: one for each core. It changes no result.
+            trace_points: largest number of points in the time histories of a row; 0: no time histories.
             max_steps: integration steps after which the solver gives up an episode.
 
         Raises:
-            ValueError: there is not one task for each row, or their observations differ.
+            ValueError: the number of tasks is neither 1 nor `size`, or the observations of the tasks differ.
         """
         tasks = [task] if isinstance(task, Task) else list(task)
         if len(tasks) not in {1, size}:
@@ -101,7 +101,7 @@ class Batch:
         self._make_rows()
 
     def _to_kernel(self, tasks: Sequence[Task]) -> None:
-        """Write records, draws, laws of the mounts, and tables of the tasks for the compiled program."""
+        """Convert the tasks to arrays for the compiled program: records, draws, laws of the mounts, and tables."""
         records, draws, tables, numbers = [], list[tuple[Any, ...]](), [], 0
         for task in tasks:
             record, its_draws, table = task.to_kernel(len(draws), numbers)
@@ -116,7 +116,7 @@ class Batch:
             self.laws = np.resize(self.laws, self.size)
 
     def _make_rows(self) -> None:
-        """Pass the arrays to the compiled program."""
+        """Make the compiled object `_rows`, which keeps the addresses of the arrays."""
         draws, laws, *arrays, traces = (getattr(self, name) for name in _STATE)
         recorder = np.empty(0, kernels.CONTACT), traces, np.empty(0), TRACE_INTERVAL
         shared = self._entries, recorder, self.max_steps, len(self.action_spec)
@@ -130,7 +130,7 @@ class Batch:
         self._make_rows()
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
-        """Draw scenarios from other ranges from the next episode on; ValueError: all objects are out of reach."""
+        """From the next episode on, draw scenarios from these ranges; ValueError: all objects are out of reach."""
         ranges = ScenarioRanges.of(scenario)
         for task in self.tasks:
             task.check_distance(ranges.distance[0])
@@ -145,9 +145,11 @@ class Batch:
         """Begin an episode in each of `rows` (k,).
 
         Args:
-            rows: indices.
-            draws: uniform numbers in [0, 1) of each (k, UNIFORMS), or the generators of all rows.
-            fixed: records (k,), nan where the episode draws, see `task.episodes`; None: everything is drawn.
+            rows: indices of the rows.
+            draws: uniform numbers in [0, 1) for each of `rows` (k, UNIFORMS); or the random generators of all rows of
+                the batch.
+            fixed: records (k,) of numbers that are not drawn, with nan for a number to draw, see `task.episodes`;
+                None: all numbers are drawn.
         """
         if isinstance(draws, list):
             generators, draws = draws, np.empty((len(rows), kernels.UNIFORMS))
@@ -155,23 +157,24 @@ class Batch:
         self._rows.begin(rows, np.ascontiguousarray(draws), records_with(len(rows), {}) if fixed is None else fixed)
 
     def begin_seeded(self, seed: int, fixed: Mapping[str, ArrayLike], copies: int = 1) -> None:
-        """Begin in row k the first episode of the seed `seed` + k; the seeds repeat for each of `copies`.
+        """Begin an episode in every row, the same as the first episode of an environment with the row's seed.
 
-        Numbers in `fixed`, by id, are not drawn; each is one for all rows or an array (size,).
+        The rows are `copies` groups of equal size; row k of each group has the seed `seed` + k. Numbers in `fixed`, by
+        id, are not drawn; each value is one number for all rows or an array (size,).
         """
         uniforms = np.tile(first_uniforms(seed, self.size // copies), (copies, 1))
         self.begin(np.arange(self.size), uniforms, records_with(self.size, fixed))
 
     def step(self, actions: Any, skip: NDArray[np.bool_], shape: tuple[int, ...] | None = None) -> None:
-        """Play a control step, except in the rows with `skip` (size,); see `observations`, `rewards` and `episodes`.
+        """Play a control step in all rows but those in `skip`; results are in `observations`, `rewards`, `episodes`.
 
         Args:
-            actions: numbers in [-1, 1], clipped beyond, of any type; `action_spec` maps them to SI units.
-            skip: flags of rows.
+            actions: numbers of any type, clipped to [-1, 1]; `action_spec` maps them to SI units.
+            skip: flags (size,), True for a row that is not stepped.
             shape: required shape of `actions`; None: (size, n).
 
         Raises:
-            TypeError, ValueError: not numbers, another shape, or not finite; no row was stepped.
+            TypeError, ValueError: `actions` are not numbers, not finite or of another shape; no row was stepped.
         """
         given = array("action", actions, shape or (self.size, len(self.action_spec)))
         values = np.ascontiguousarray(given, np.float64).reshape(self.size, -1)
@@ -181,10 +184,10 @@ class Batch:
         over_rows(partial(self._rows.step, values, skip), self.size, self.threads, ROWS_PER_THREAD)
 
     def set_operator_velocity(self, velocities: ArrayLike) -> None:
-        """Let the operators command `velocities` (m/s) from now on, one for all rows or (size,).
+        """Let the operators, each a `Person`, command `velocities` (m/s) from now on: one number, or an array (size,).
 
         Raises:
-            TypeError, ValueError: an operator is not a `Person`, or the arm cannot follow these numbers.
+            TypeError, ValueError: an operator is not a `Person`, or the arm cannot follow a velocity.
         """
         for task in self.tasks:
             one_of("operator", task.operator, Person)
@@ -194,7 +197,7 @@ class Batch:
         self.links["person_command"] = velocities
 
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of the whole state."""
+        """Return a copy of the whole state of the batch, for `set_state`."""
         arrays = {name: getattr(self, name).copy() for name in _STATE}
         return arrays | {"sha256": digest((self._tasks, self._tables, *arrays.values()))}
 
@@ -202,30 +205,33 @@ class Batch:
         """Restore a state that `get_state` returned.
 
         Raises:
-            ValueError: it was altered, or is of a batch of another size or task; nothing was changed.
+            ValueError: the state was altered, or comes from a batch with another size or task; nothing was changed.
         """
         arrays = {name: taken(state, name, getattr(self, name)) for name in _STATE}
         found = digest((self._tasks, self._tables, *arrays.values()))
         if (taken(state, "sha256", found) != found).any():
-            raise ValueError("sha256 of a state must be that of its arrays and tasks: altered, or of another batch")
+            raise ValueError(
+                "sha256 of a state must match its arrays and tasks: it was altered, or is of another batch"
+            )
         for name in _STATE:
             getattr(self, name)[:] = arrays[name]
 
     def info(self, rows: int | NDArray[np.int64] | None = None) -> dict[str, Any]:
         """Return the entries of the final info with their present values.
 
-        Of one row plain numbers. Of several rows (None: all) arrays (size,), with zeros and None in other rows.
+        For a single row, given as an int, the values are plain numbers. For several rows (None: all) they are arrays
+        (size,), with 0 or None in the rows that were not asked for.
         """
         if isinstance(rows, int):
             return self.infos(np.array([rows]))[0]
         return self._infos.columns(self.episodes, self.chains, np.arange(self.size) if rows is None else rows)
 
     def infos(self, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
-        """Return the info of each of `rows`."""
+        """Return a list with the info of each of `rows`, as plain numbers."""
         return self._infos.infos(self.episodes, self.chains, rows)
 
     def link_columns(self) -> dict[str, NDArray[Any]]:
-        """Return the entries of the info of a step with an operator, (size,) or (size, 1); see `ImpactTeleopEnv`."""
+        """Return the entries that an operator adds to a step's info, (size,) or (size, 1); see `ImpactTeleopEnv`."""
         if not len(self.links):
             return {}
         sensors, obeyed = self.episodes["sensors"], self.links["effective"].copy()
@@ -237,13 +243,13 @@ class Batch:
         }  # fmt: skip
 
     def link_infos(self) -> list[dict[str, Any]]:
-        """Return these entries for each row, plain numbers and arrays (1,)."""
+        """Return the entries of `link_columns` for each row, as plain numbers and arrays (1,)."""
         columns = self.link_columns()
         lists = {name: list(column) if column.ndim > 1 else column.tolist() for name, column in columns.items()}
         return [{name: values[row] for name, values in lists.items()} for row in range(self.size)]
 
     def sensors(self) -> dict[str, NDArray[np.float64]]:
-        """Return the sensor values of all rows in SI units, (size,) each; see `ImpactApproachEnv.sensors`."""
+        """Return the sensor values of all rows in SI units, each (size,); see `ImpactApproachEnv.sensors`."""
         now = self.episodes.view(np.float64).reshape(self.size, -1)
         places = {name: self.spec.entries[self.spec.index(name)].place for name in self.spec.sensors}
         return {name: now[:, place].copy() for name, place in places.items()}
@@ -258,7 +264,7 @@ class Batch:
         return np.asarray((self.episodes["terminated"] == 1) | (self.episodes["truncated"] == 1))
 
     def episode_state(self, row: int) -> EpisodeState:
-        """Return the times of alarm and end of the episode of `row`."""
+        """Return when the alarm of the episode in `row` was raised and when the episode ended."""
         task, episode = self.tasks[row % len(self.tasks)], self.episodes[row]
         detection, alarm, over = float(self.chains["detection"][row]), float(episode["last_alarm"]), np.inf
         if task.alarm == "force":
@@ -268,7 +274,7 @@ class Batch:
         return EpisodeState(detection, alarm, over, float(episode["done_time"]) if self.ended[row] else np.inf)
 
     def bodies(self) -> Bodies:
-        """Return the present state; with a compliant robot and a rigid coupling the flange moves with the tool."""
+        """Return the present positions; with a compliant robot and a rigid coupling the flange moves with the tool."""
         chains, with_tool = self.chains, np.resize(self.laws["with_tool"], self.size)
         tool = chains["flange_position"] + chains["deflection"]
         flange = np.where(with_tool, tool, chains["flange_position"] + chains["flange_offset"])
@@ -278,7 +284,7 @@ class Batch:
         return Bodies(chains["time"].copy(), flange, tool, place, deflection, rate, chains["contacts"] > 0)
 
     def history(self, row: int) -> "History":
-        """Return the episode of `row` so far as `impact_gym.render` draws it, from its trace."""
+        """Return the episode of `row` so far, from its trace, as the object that `impact_gym.render` draws."""
         from impact_gym.render.film import History
 
         task, ended = self.tasks[row % len(self.tasks)], bool(self.episodes["terminated"][row])

@@ -1,4 +1,4 @@
-"""The infos of episodes: numbers of their records under the names of the documentation."""
+"""The `info` of each episode: values from the compiled program's records, under their documented names."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -28,22 +28,23 @@ _NUMBERS = {
     **{f"scenario.{name}": f"drawn.{name}" for name in FIELDS},
     **{f"record.{name}": f"drawn.{name}" for name in RECORD_IDS},
 }
-"""Entries of every info that are numbers, and their fields in the record of an episode."""
+"""Numbers that every info has: the entry's name, and the field of the compiled record EPISODE that holds its value."""
 
 SLIDE = ("slide", "rest_time")
-"""Entries with friction."""
+"""Entries that an info has only if there is friction under the object."""
 
 LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "taken", "late": "late"}
-"""Entries with an operator."""
+"""Entries that an info has only with an operator, and their fields in EPISODE."""
 
 
 class Infos:
-    """The infos of the rows of a batch."""
+    """Makes the infos for the rows of a batch."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
-        """Find the entries in the record of an episode; `tasks` are one for all rows or one for each.
+        """Find where EPISODE holds each entry; `tasks` has one task for all rows, or one for each row.
 
-        Columns have all numbers of the set-up that any task draws. The info of a row has the numbers of its task.
+        `columns` returns every number of the set-up that any of the tasks draws. `infos` returns, for each row, the
+        numbers that the task of this row draws.
         """
         drawn = [name for name in QUANTITIES if any(name in task.drawn for task in tasks)]
         numbers = _NUMBERS | {f"record.{name}": f"drawn.{name}" for name in drawn}
@@ -58,7 +59,7 @@ class Infos:
         self._numbers = np.array([[_PLACES[name]] for name in numbers.values()])
 
     def infos(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
-        """Return the info of each of `rows`."""
+        """Return a list with the info of each of `rows`."""
         numbers, others = self._values(episodes, chains, rows)
         values = zip(*numbers.tolist(), *(column.tolist() for column in others), strict=True)
         infos = [filled(self._layout, of_row) for of_row in values]
@@ -70,7 +71,7 @@ class Infos:
         return infos
 
     def columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> dict[str, Any]:
-        """Return the infos of `rows` as arrays (size,), with zeros and None in other rows."""
+        """Return the infos of `rows` as arrays (size,), with 0 or None in the rows that were not asked for."""
         size, (numbers, others) = len(episodes), self._values(episodes, chains, rows)
         columns = np.zeros((len(numbers), size))
         columns[:, rows] = numbers
@@ -80,7 +81,7 @@ class Infos:
         return filled(self._layout, (*columns, *blank))
 
     def _values(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> tuple[Records, list[Records]]:
-        """Return the entries of the infos of `rows` (k,): those in the record of an episode (n, k), and others (k,)."""
+        """Return the values of the infos of `rows` (k,): those from EPISODE (n, k), and the others, each (k,)."""
         numbers = episodes.view(np.float64).reshape(len(episodes), -1)[rows, self._numbers]
         count, status, messages = chains["contacts"][rows], episodes["status"][rows], np.full(len(rows), "ok", object)
         for row in np.flatnonzero(status):
@@ -90,5 +91,5 @@ class Infos:
 
 
 def filled(layout: Mapping[str, Any], values: Sequence[Any]) -> dict[str, Any]:
-    """Return a mapping of the shape of `layout` with `values` at the indices in it."""
+    """Return a copy of the nested mapping `layout` in which each index is replaced by `values[index]`."""
     return {name: filled(place, values) if isinstance(place, dict) else values[place] for name, place in layout.items()}

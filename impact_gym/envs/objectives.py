@@ -1,7 +1,7 @@
-"""Vector rewards, one number per objective, by the contract of MO-Gymnasium: a single environment and a batch.
+"""Environments with a vector reward, one number per objective, as MO-Gymnasium defines them: single and in batches.
 
-`import impact_gym` registers the ids, such as "mo-impact-approach-v0"; MO-Gymnasium itself is not needed. Everything
-but the reward is as in the environment without the prefix.
+`import impact_gym` registers their ids, such as "mo-impact-approach-v0"; MO-Gymnasium itself is not needed. They differ
+only in the reward from the environment without "mo-", here "ImpactApproach-v0".
 """
 
 from collections.abc import Sequence
@@ -23,9 +23,10 @@ Rewards = NDArray[np.float64]
 def vector_rewards(batch: Batch) -> Rewards:
     """Return the rewards of the last control step (rows, n): -T (s), -V_p (m/s) and -force (N).
 
-    T is the time that the task charges. V_p, or the cost of a miss, and the largest contact force are charged at the
-    end. The force is an objective if a task has a `force_weight`; it stays 0 in rows without one. With the time weight
-    w of the episode, the scalar reward is w * (-T) - V_p - force_weight * force.
+    T is the time that the task charges for the step. V_p (or the cost of a miss) and the largest contact force are
+    charged in the last step of an episode. The force is an objective if any task has a `force_weight` above 0; it is 0
+    in the rows whose task has none. With the time weight w of the episode, the scalar reward is
+    w * (-T) - V_p - force_weight * force.
     """
     forced = np.resize([task.force_weight > 0.0 for task in batch.tasks], batch.size)
     totals = []
@@ -36,7 +37,10 @@ def vector_rewards(batch: Batch) -> Rewards:
 
 
 def soonest(task: Task, distance: float) -> float:
-    """Return the shortest time (s) in which a rigid tool covers a distance (m) from rest, at the arm's limits."""
+    """Return the shortest time (s) in which a rigid tool covers `distance` (m) from rest.
+
+    The tool accelerates at the largest acceleration of an action, up to the largest velocity of an action.
+    """
     velocity, acceleration = task.velocity_range[1], task.acceleration_range[1]
     ramp = 0.5 * velocity**2 / acceleration  # m
     if distance < ramp:
@@ -45,10 +49,11 @@ def soonest(task: Task, distance: float) -> float:
 
 
 def described(tasks: Sequence[Task]) -> tuple[Box, int, Rewards, Rewards]:
-    """Return space and dimension of the rewards, and bounds on their sums in all `tasks`: reference and utopia point.
+    """Return reward space, reward dimension, reference point and utopia point for a batch of `tasks`.
 
-    At the reference point nothing is touched until the end, and the force, which has no bound, is infinite. At the
-    utopia point a rigid tool reaches the nearest object at the arm's limits and leaves it at rest.
+    The two points bound the sum of the rewards of an episode from below and from above. Reference point: nothing is
+    touched until the horizon; the force, which has no bound, is infinite. Utopia point: a rigid tool reaches the
+    nearest object in the shortest possible time (see `soonest`) and leaves it at rest.
     """
     worst = [max(task.horizon for task in tasks), max(task.missed_cost for task in tasks)]
     worst += [np.inf] if any(task.force_weight > 0.0 for task in tasks) else []
@@ -61,10 +66,11 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     """`ImpactApproach` with a vector reward; `info["original_reward"]` has the scalar one.
 
     ## Rewards
-    `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`: -T (s, in each step), -V_p or -`missed_cost` (m/s, at the
-    end), and with a `force_weight` -(largest contact force) (N, at the end). With an operator T is the time until the
-    task is done.
-    `reference_point` and `utopia_point` (reward_dim,) bound the sums of an episode's rewards, see `described`.
+    `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`. In each step the first number is -T (s), the time that is
+    charged. In the last step of an episode the second number is -V_p or -`missed_cost` (m/s), and with a `force_weight`
+    the third is -(largest contact force) (N). With an operator T runs until the task is done.
+    The sum of an episode's rewards lies between `reference_point` and `utopia_point`, both (reward_dim,): see
+    `impact_gym.envs.objectives.described`.
 
     ## Version History
     * v0: first version
@@ -90,5 +96,5 @@ class MOImpactApproachVectorEnv(ImpactApproachVectorEnv):
         self.reward_space, self.reward_dim, self.reference_point, self.utopia_point = described(self.batch.tasks)
 
     def _rewards(self) -> tuple[Rewards, dict[str, Any]]:
-        """Return the rewards of the last step, and the scalar ones as an info."""
+        """Return the vector rewards of the last step, and an info with the scalar rewards."""
         return vector_rewards(self.batch), {"original_reward": self.batch.rewards.copy()}

@@ -1,4 +1,4 @@
-"""The batch as a `VecEnv` of stable-baselines3, which does not take Gymnasium's vector environments."""
+"""The batch as a `VecEnv`, because stable-baselines3 does not accept Gymnasium's vector environments."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ from impact_gym.validation import one_of
 
 @cache
 def warn_of_threads(threads: int, available: int) -> None:
-    """Warn once if torch uses more than half of the cores, which slows down small networks."""
+    """Warn, once per process, if torch uses more than half of the cores, which slows down small networks."""
     if threads > max(1, available // 2):
         text = f"torch uses {threads} threads on {available} cores, which makes small networks several times slower:"
         warnings.warn(f"{text} call torch.set_num_threads(1)", stacklevel=2)
@@ -32,9 +32,9 @@ def warn_of_threads(threads: int, available: int) -> None:
 class ImpactVecEnv(VecEnv):
     """`num_envs` environments for stable-baselines3, stepped in one call; arguments as in `ImpactApproachVectorEnv`.
 
-    On the step that ends an episode, its `info` is the final info with `terminal_observation` and
-    `TimeLimit.truncated`, and the observation is the first of the next episode. With the `render_mode` "rgb_array",
-    for at most 16 environments, `render` returns their pictures side by side in one, for `VecVideoRecorder`.
+    On the step that ends an episode, `info` is the final info of that episode, with `terminal_observation` and
+    `TimeLimit.truncated`; the observation is the first one of the next episode. With `render_mode="rgb_array"`, for at
+    most 16 environments, `render` returns one picture with all environments side by side, as `VecVideoRecorder` needs.
     """
 
     @with_task_arguments()
@@ -53,7 +53,7 @@ class ImpactVecEnv(VecEnv):
             num_envs, render_mode=render_mode, autoreset_mode=mode, threads=threads, per_slot=per_slot, **arguments
         )
         self.observation_spec, self.set_scenario = self.envs.observation_spec, self.envs.set_scenario
-        self.get_state, self.set_state = self.envs.get_state, self.envs.set_state  # between steps
+        self.get_state, self.set_state = self.envs.get_state, self.envs.set_state  # to call between two steps
         self._actions: NDArray[Any] = np.zeros((num_envs, len(self.envs.batch.action_spec)), np.float32)
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
         self.metadata = self.envs.metadata
@@ -63,7 +63,7 @@ class ImpactVecEnv(VecEnv):
         return list(self.envs.render() or ())
 
     def reset(self) -> VecEnvObs:
-        """Begin an episode in every slot, with the last arguments of `seed` and `set_options`."""
+        """Begin an episode in every slot, with the arguments last passed to `seed` and `set_options`."""
         one_of("options", self._options, list)
         if len(self._options) != self.num_envs:
             raise ValueError(f"options must be a mapping or {self.num_envs} of them, got {len(self._options)}")
@@ -96,10 +96,10 @@ class ImpactVecEnv(VecEnv):
         return batch.observations.copy(), rewards, ended, infos
 
     def close(self) -> None:
-        """Do nothing; a batch holds no resources."""
+        """Do nothing, because a batch holds no resources that must be released."""
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return an attribute of the batch, once for each of `indices`."""
+        """Return a list that repeats the same attribute of the batch for each of `indices`."""
         return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:

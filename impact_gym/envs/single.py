@@ -1,4 +1,4 @@
-"""The Gymnasium environment: a batch of one, and its specification."""
+"""The Gymnasium environment: a batch with one row. The docstring of `ImpactApproachEnv` is its specification."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -31,7 +31,7 @@ def observation_space(spec: ObservationSpec) -> Space[Any]:
 
 
 def steps_per_second(task: Task) -> int:
-    """Return the pictures per second of a film of all control steps, in which the longest episode lasts 18 s."""
+    """Return how many control steps a film shows per second, so that the film of the longest episode lasts 18 s."""
     return min(max(round(task.horizon / task.control_period / 18.0), 1), 30)
 
 
@@ -40,10 +40,10 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Description
     A robot flange follows a commanded motion and carries a tool of 0.125 kg. Ahead of the tool is an object of unknown
-    distance, mass, contact stiffness and restitution. The controller should touch the object early and softly, so that
-    the object leaves slowly. The setting is that of Tommasino, Cipriani, Doria, Rosati (2020), 'Effect of End-Effector
-    Compliance on Collisions in Robotic Teleoperation'. Their controller moves at 1 m/s and brakes 16 ms after the
-    contact force exceeds 1 N.
+    distance, mass, contact stiffness and restitution. The tool should touch the object early and softly, so that the
+    object leaves slowly. The setting is that of Tommasino, Cipriani, Doria, Rosati (2020), 'Effect of End-Effector
+    Compliance on Collisions in Robotic Teleoperation'. The controller in their paper moves at 1 m/s and brakes 16 ms
+    after the contact force exceeds 1 N.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: a velocity, and the acceleration towards it. The flange ramps to that velocity, then
@@ -59,42 +59,44 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     acceleration)` to an action.
 
     ## Observation Space
-    `Box(..., (8,), float32)`. Some arguments add numbers or change them, see the last column of the table. Each number
-    is scaled to [-1, 1] or [0, 1] by constants, and clipped. Position and velocity are those of the commanded motion.
-    With a rigid robot the flange has the same. `sensors()` of the unwrapped environment returns the sensor values in SI
-    units.
+    `Box(..., (8,), float32)`. Some arguments add numbers or change a scale; the last column of the table names these
+    arguments. Each number is scaled to [-1, 1] or [0, 1] by constants, and clipped. Position and velocity are those of
+    the commanded motion; a rigid robot's flange follows it exactly. `sensors()` of the unwrapped environment returns
+    the sensor values in SI units.
 
-    `observation_spec` of the unwrapped environment describes the order: `index(id)`, `decode(observation, id)` in SI
-    units, the slice `actor`, and the slice `critic`, which is the whole. `privileged=True` appends the true scenario,
-    the reaction delay, the numbers of the set-up that are drawn per episode, and with `alarm="reading"` the time since
-    a switch would have raised the alarm. The scales of these numbers do not depend on the ranges of the draws.
+    `observation_spec` of the unwrapped environment says where each number is: `index(id)` returns its index,
+    `decode(observation, id)` its value in SI units. The slice `actor` has the numbers for a controller, the slice
+    `critic` has all numbers. `privileged=True` appends numbers for a critic: the true scenario, the reaction delay, the
+    numbers of the set-up that are drawn per episode, and with `alarm="reading"` the time since a switch would have
+    raised the alarm. The scales of these numbers do not depend on the ranges from which they are drawn.
 
     OBSERVATION_TABLE
 
     A step lasts one control period, 16 ms. One step of an episode is shorter: it ends when the contact alarm reaches
     the controller, `reaction_delay` after the contact force first exceeds `alarm_threshold`. The solver computes this
-    time exactly. The alarm comes from a switch, not from the force readings, so their noise and bias do not affect it.
-    It stays on.
+    time exactly. The alarm comes from a switch, so the noise and the bias of the force readings do not affect it. Once
+    raised, the alarm stays on.
 
-    With `alarm="reading"` there is no switch. Each force reading is then the largest force since the reading before,
+    With `alarm="reading"` there is no switch. Each force reading is then the largest force since the previous reading,
     with noise and bias. A reading above `alarm_threshold` raises the alarm. This alarm shortens no step, and it can be
     false. It ends after 0.15 s; a later reading can raise it again. The episode ends 0.15 s after a switch would have
     raised the alarm, whether or not there were false alarms.
 
     With `range_sensor` the tool carries a proximity sensor, see `RangeSensor`. At every control step it measures the
     gap to the object, with noise and a bias. Some readings are lost, the others arrive late. The observation has the
-    newest reading that has arrived, and its age. Before the first reading both are infinite, and observed as 1.
-    `range_noise`, which gives one distance estimate before the episode, must then be None.
+    newest reading that has arrived, and its age. Before the first reading has arrived, range and age are infinite, and
+    observed as 1. With `range_sensor`, `range_noise` must be None: it gives one distance estimate before the episode.
 
     ## Rewards
-    Each step gives `-time_weight * dt` until the first contact begins; the last dt ends at that time. The final step
-    adds `-V_p - force_weight * peak force`, where V_p is the object's final velocity, or `-missed_cost` (-2) if nothing
-    was touched. With `friction` the object stops, so V_p is its largest velocity. The return of an episode lies in
-    [-time_weight * 1.2 - 2, 0] if V_p is below 2 m/s and `force_weight` is 0.
+    Each step gives `-time_weight * dt` until the first contact begins; dt is the duration of the step, or the part of
+    it before the contact. The final step adds `-V_p - force_weight * peak force`, where V_p is the object's final
+    velocity, or adds `-missed_cost` (-2) if nothing was touched. With `friction` the object stops, so V_p is its
+    largest velocity. The sum of an episode's rewards lies in [-time_weight * 1.2 - 2, 0] if V_p is below 2 m/s and
+    `force_weight` is 0.
 
     ## Starting State
-    Flange, tool and object are at rest, the flange at position 0, the coupling relaxed (a bistable one at its front
-    stop). Each episode takes eleven uniform numbers from `np_random`. They give the scenario:
+    Flange, tool and object are at rest. The flange is at position 0, the coupling is relaxed (a bistable coupling rests
+    on its front stop). Each episode takes eleven uniform numbers from `np_random`. They determine the scenario:
 
     SCENARIO_TABLE
 
@@ -104,22 +106,23 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     SET_UP_TABLE
 
-    These draws come from separate random streams, seeded by the last of the eleven numbers. So drawing one of these
-    numbers, or not, changes no other draw.
+    These draws come from separate random streams, seeded by the last of the eleven numbers. So whether one of these
+    numbers is drawn changes no other draw.
 
     `reset(options=...)` applies to one episode:
 
     - `{"scenario": {...}}` fixes any of the scenario fields above.
-    - `{"record": {...}}` fixes any drawn number. The final `info["record"]` of an episode repeats that episode. A
-      reaction delay must not exceed the largest one with which the environment was created. A number that is an
-      argument of the environment must lie in the range of that argument.
+    - `{"record": {...}}` fixes any drawn number. With the final `info["record"]` of an episode, that episode can be
+      repeated. The reaction delay must not exceed the largest one that the environment was made with. A number of the
+      set-up must lie in the range that the environment was made with.
     - `{"episode_index": k}`, together with a seed, starts the k-th episode of that seed, counted from 0.
 
     ## Episode End
     An episode terminates 0.15 s after the alarm (`after_alarm`). The flange then brakes to rest at the largest
-    acceleration of an action, and the simulation continues until no contact remains or can follow. V_p is the velocity
-    that the object keeps, so ending early gains nothing. If 10 s are not enough, as with an object of tons,
-    `info["status"]` says "not settled", and V_p is the velocity at that time.
+    acceleration of an action, and the simulation continues until tool and object no longer touch and cannot touch
+    again. V_p is the velocity that the object then keeps, so a contact after the last step counts, too. If this takes
+    more than 10 s, as with an object of several tonnes, `info["status"]` says "not settled", and V_p is the velocity at
+    that time.
 
     Without an alarm an episode terminates at 1.2 s (`horizon`). If the object was touched too softly to raise the
     alarm, V_p is charged; if it was not touched, the episode counts as `missed`. An episode also terminates if the
@@ -127,30 +130,30 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
     `time_weight`, `reward_terms` (time, velocity, force, missed; their sum is the return), `scenario`, `record` (all
-    drawn numbers, those of the set-up under dotted names such as `coupling.stiffness`) and `status`. With `friction`
+    drawn numbers; those of the set-up have dotted names such as `coupling.stiffness`) and `status`. With `friction`
     it also has `slide` (m, from the object's first position to where it rests) and `rest_time` (s, when the object
-    rests and the tool stays slower than 1 mm/s; inf if never; exact to 1 ms, within the episode to two steps).
-    After a truncation by `TimeLimit`, `env.unwrapped.episode_info()` has the values so far.
+    rests and the tool stays slower than 1 mm/s; inf if never; exact to 1 ms after the last control step, to two control
+    steps before it). After a truncation by `TimeLimit`, `env.unwrapped.episode_info()` has the values so far.
 
     ## Arguments
-    Each number in the second table of Starting State may be a pair. For a number of a coupling or a robot, give that
-    record as a dict: `coupling={"type": "SpringDamper", "stiffness": (40, 60)}`.
+    Each number in the second table of Starting State may be a pair (low, high). For a number of a coupling or a robot,
+    give the coupling or robot as a dict: `coupling={"type": "SpringDamper", "stiffness": (40, 60)}`.
 
     ARGUMENT_TABLE
 
-    Further arguments are `render_mode` (None, "human", "rgb_array" or "rgb_array_list", see Rendering) and
-    `record_trace` (keep the time histories of the episode, which `trace()` returns).
+    Two more arguments are `render_mode` (None, "human", "rgb_array" or "rgb_array_list", see Rendering) and
+    `record_trace` (True: keep the time histories of the episode, which `trace()` returns).
 
     ## Rendering
     Needs the extra `render`. A picture shows flange, coupling, tool and object to scale, the gap, the object's
-    velocity, the alarm in transit to the controller, and at the end the result. Pictures are drawn from the trace,
-    which is then kept. Rendering changes no result. A contact lasts a few steps, so "human" and "rgb_array_list" show
-    it in slow motion, with many pictures per step. Each picture states the slow-down.
+    velocity, the alarm in transit to the controller, and at the end of the episode the result. Pictures are drawn from
+    the trace, which a `render_mode` keeps. Rendering changes no result. A contact lasts a few steps, so "human" and
+    "rgb_array_list" show it in slow motion, with many pictures per step. Each picture states the slow-down.
     `impact_gym.render.film.SlowMotionVideo` writes all pictures as a film of 6 to 10 s. "rgb_array" gives one picture
-    at the end of each step. From these Gymnasium's `RecordVideo` makes a film with a constant slow-down (`render_fps`
-    in the metadata).
-    A batch of at most 16 has "rgb_array", too: `render` returns a picture of each environment, and Gymnasium's
-    `RecordVideo` for vector environments shows them side by side in one film.
+    at the end of each step. From these pictures Gymnasium's `RecordVideo` makes a film with a constant slow-down
+    (`render_fps` in the metadata).
+    A batch of at most 16 environments also has "rgb_array": `render` returns a picture of each environment, and
+    Gymnasium's `RecordVideo` for vector environments shows them side by side in one film.
 
     ## Version History
     * v0: first version; it may still change until version 0.1.0 of the package is released
@@ -189,7 +192,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._running = False
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
-        """Draw scenarios from other ranges from the next episode on."""
+        """From the next episode on, draw scenarios from these ranges."""
         self._batch.set_scenario(scenario)
 
     def episode_info(self) -> dict[str, Any]:
@@ -197,14 +200,14 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._batch.info(0)
 
     def episode_state(self) -> EpisodeState:
-        """Return the times of detection, alarm and end of the episode, s; inf for an event yet to come."""
+        """Return when the force was detected, the alarm was raised and the episode ended, s; inf for a future event."""
         return self._batch.episode_state(0)
 
     def command(self, velocity: float) -> None:
         """Let the operator, a `Person`, command `velocity` (m/s) from the next tick on.
 
         Raises:
-            TypeError, ValueError: the operator is another one, or the arm cannot follow this number.
+            TypeError, ValueError: the operator is not a `Person`, or the arm cannot follow this velocity.
         """
         self._batch.set_operator_velocity(velocity)
 
@@ -213,13 +216,13 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
         `time` (s), `position` (m) and `velocity` (m/s) of the imposed motion, `alarm` (0 or 1), `time_since_alarm`
         (s), `force` (N, the newest reading at the controller), `force_peak` (N, the largest force up to that reading,
-        between readings too), and, if the arguments ask for them, `distance_estimate` (m, from the present position
-        of the flange) and `deflection` (m).
+        also between two readings), and, if the arguments ask for them, `distance_estimate` (m, from the present
+        position of the flange), `deflection` (m) and others.
         """
         return {name: float(column[0]) for name, column in self._batch.sensors().items()}
 
     def trace(self) -> Trace:
-        """Return the time histories of the episode so far; of a finished one until all has settled.
+        """Return the time histories of the episode so far; after its end they include the simulation that follows.
 
         Raises:
             RuntimeError: the environment was made without `record_trace`, or the episode has too many points.
@@ -263,7 +266,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def render(self) -> Any:
         """Return a picture (540, 960, 3) of the present, or a list of the pictures since the last call; see Rendering.
 
-        In mode "human" show them in a window and return None; `reset` and `step` do so, too.
+        In mode "human" the pictures are shown in a window instead, and None is returned; `reset` and `step` show them
+        as well.
 
         Raises:
             DependencyNotInstalled: pygame is missing.

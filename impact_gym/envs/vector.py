@@ -1,4 +1,4 @@
-"""The batch in Gymnasium's vector interface: one call into compiled code steps every environment."""
+"""The batch as a Gymnasium vector environment: one call into compiled code steps every environment."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,21 +20,28 @@ from impact_gym.task.episodes import reset_options, skip_episodes
 from impact_gym.task.task import Task
 from impact_gym.validation import array, choice, one_of, shown, whole
 
-MOST_DRAWN = 16  # environments of a batch with a render_mode
+MOST_DRAWN = 16  # most environments of a batch that has a render_mode
 
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 
 class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
-    """`num_envs` times `ImpactApproachEnv`, which specifies it; a reset with seed s gives slot i the seed s + i.
+    """`num_envs` environments, as `ImpactApproachEnv` specifies them; a reset with seed s gives slot i the seed s + i.
 
-    Further arguments are `autoreset_mode`: NEXT_STEP, the default (the step after the last of an episode ignores its
-    action, starts the next episode and has the reward 0), SAME_STEP (the last observation and info are in
-    `infos["final_obs"]` and `infos["final_info"]`) or DISABLED (reset by `options={"reset_mask": ...}`);
-    `render_mode`: None or, for at most 16 environments, "rgb_array"; `threads`, which changes no result; and
-    `per_slot`: for each slot a mapping of the arguments in which it differs. All slots must have the same observation.
-    `max_episode_steps` truncates episodes. `set_scenario`, `sensors` and `command` are methods of `Batch`.
+    Arguments besides those of `ImpactApproachEnv`:
+
+    - `autoreset_mode`: with NEXT_STEP, the default, the step after the last step of an episode ignores its action,
+      starts the next episode and has the reward 0. With SAME_STEP the next episode starts in the last step itself; the
+      last observation and info are in `infos["final_obs"]` and `infos["final_info"]`. With DISABLED the user resets
+      slots by `options={"reset_mask": ...}`.
+    - `render_mode`: None or, for at most 16 environments, "rgb_array".
+    - `threads`: number of threads, which changes no result.
+    - `per_slot`: for each slot a mapping of the arguments in which it differs from the others. All slots must have the
+      same observation.
+    - `max_episode_steps`: number of control steps after which an episode is truncated.
+
+    For `set_scenario`, `sensors` and `command` see `Batch`.
     """
 
     @with_task_arguments()
@@ -91,7 +98,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         """Begin an episode in every slot, or in the slots of `options["reset_mask"]` (num_envs,).
 
         A value in `options["scenario"]` or `options["record"]` may be a number for all slots or a sequence (num_envs,).
-        A slot that does not draw a number of its set-up ignores the value for it.
+        A value for a number of the set-up is ignored in the slots that do not draw this number.
         """
         one_of("options", options, Mapping, type(None))
         rest = dict(options or {})
@@ -107,7 +114,10 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     def begin(
         self, seed: Any, mask: Flags, fixed: NDArray[Any] | None = None, skipped: int | NDArray[np.int64] = 0
     ) -> Floats:
-        """Begin an episode in the k slots of `mask`, after skipping `skipped` episodes; `fixed` are records (k,)."""
+        """Begin an episode in the k slots of `mask`, after skipping `skipped` episodes; return the observations.
+
+        `fixed` are records (k,) of the numbers that are not drawn, see `Batch.begin`.
+        """
         self._seed(seed, mask)
         counts = np.where(mask, skipped, 0)
         for slot in np.flatnonzero(counts).tolist():
@@ -118,7 +128,10 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return self.batch.observations.copy()
 
     def play(self, actions: NDArray[Any]) -> tuple[Flags, Flags]:
-        """Play one control step in every slot, with results in `batch`; return the flags terminated and truncated."""
+        """Play one control step in every slot; return which episodes terminated and which were truncated.
+
+        The other results are in `batch`.
+        """
         if not self._begun.all():
             raise ResetNeeded("some slots have no episode under way: call reset before step")
         batch = self.batch
@@ -158,7 +171,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return batch.observations.copy(), rewards, terminated, truncated, infos
 
     def _rewards(self) -> tuple[NDArray[np.float64], dict[str, Any]]:
-        """Return the rewards of the last step, and entries of the infos about them."""
+        """Return the rewards of the last step, and entries to add to the infos (here none)."""
         return self.batch.rewards.copy(), {}
 
     def render(self) -> tuple[Any, ...] | None:
@@ -176,7 +189,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return tuple(renderer.render(self.batch.history(slot)) for slot, renderer in enumerate(self._renderers))
 
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of the whole state, generators included."""
+        """Return a copy of the whole state, including the random generators, for `set_state`."""
         generators = [generator.bit_generator.state for generator in self._generators]
         return {"batch": self.batch.get_state(), "generators": generators}
 
@@ -184,7 +197,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         """Restore a state that `get_state` returned.
 
         Raises:
-            ValueError: it was altered, or is of a batch of another size or task; nothing was changed.
+            ValueError: the state was altered, or comes from a batch with another size or task; nothing was changed.
         """
         given, generators = state.get("generators"), list[np.random.Generator]()
         begun = taken(state.get("batch"), "episodes", self.batch.episodes)["drawn"]["object_mass"] != 0.0
@@ -206,7 +219,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
                 self._renderers[row].begin()
 
     def _seed(self, seed: Any, mask: Flags) -> None:
-        """Seed slot i with seed + i, or with entry i of a list; None leaves a generator unchanged."""
+        """Seed the slots of `mask`: slot i with `seed` + i, or with entry i of a list; None keeps its generator."""
         if seed is None and self._generators:
             return
         seeds: Sequence[Any] = [None] * self.num_envs
@@ -225,12 +238,12 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
 
 
 def of_rows(columns: Mapping[str, NDArray[Any]], rows: Flags) -> dict[str, Any]:
-    """Return `columns` (num_envs, ...) with zeros where `rows` (num_envs,) is not set."""
+    """Return copies of `columns` (num_envs, ...) with zeros in the slots where `rows` (num_envs,) is False."""
     return {name: (column.T * rows).T.astype(column.dtype) for name, column in columns.items()}
 
 
 def masked(info: dict[str, Any], mask: Flags) -> dict[str, Any]:
-    """Return `info` in Gymnasium's form for vector environments: for each key a second one, the mask of its slots."""
+    """Return `info` in the form of Gymnasium's vector environments: each key gets a second key with the slots' mask."""
     result: dict[str, Any] = {}
     for name, value in info.items():
         result[name] = masked(value, mask) if isinstance(value, dict) else value

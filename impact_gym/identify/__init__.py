@@ -1,12 +1,12 @@
-"""Numbers of a scene from measured blows, with their intervals: `impact_gym.identify(log, scene, motion)`.
+"""Estimate numbers of a scene from measured blows, with confidence intervals: `identify(log, scene, motion)`.
 
-    `log`, `sensor`   reading and checking a log; the response of a sensor
-    `model`           free numbers as coordinates, residuals by our simulator and their derivatives
-    `search`, `fit`   the best fit from several starts; profile likelihoods
-    `result`          estimates, intervals, and sentences on what the log cannot determine
-    `held_out`        predictions of each half of the logs by a fit to the other half
+    `log`, `sensor`   read and check a log; compute the response of a sensor
+    `model`           the numbers to fit as coordinates, the residuals by our simulator, and their derivatives
+    `search`, `fit`   find the best fit from several starting points; intervals by profile likelihood
+    `result`          estimates, intervals, and sentences that say what the log cannot determine
+    `held_out`        fit each half of the logs, and predict the other half
 
-`impact_gym.identify` is the function; `from impact_gym.identify import ...` reads from this package.
+`impact_gym.identify` is the function; `from impact_gym.identify import ...` imports from this package.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -33,20 +33,20 @@ def identify(
 ) -> Identified:  # fmt: skip
     """Fit numbers of a scene to a measured blow, or to several blows that share these numbers.
 
-    The fit is by least squares on `simulate`. Each log has its own unknown start, the instant at which the motion
-    begins. Intervals are profile likelihoods: a number moves, all others are refitted, until the misfit exceeds the
-    noise.
+    The fit minimizes the squared differences between the log and `simulate`. Each log has its own unknown start, the
+    time at which the motion begins. Intervals are profile likelihoods: one number is moved away from its estimate and
+    all other numbers are fitted again, until the misfit has grown more than the noise can explain.
 
     Args:
-        log: mapping of columns or path of a CSV file, or a list of such: `time` (s) and any of `force` (N, of the
-            contact), `flange_velocity`, `tool_velocity`, `object_velocity` (m/s). A log may begin at any time before
-            the blow, and end at any time after it.
-        scene: the known numbers, and a guess of the free numbers; the search also starts from estimates by impulse and
-            width of the blow.
-        motion: imposed motion, or one for each log.
-        free: names of numbers of the scene, or a mapping from names to known bounds (low, high) or None.
-        sensor: properties of the sensor, by column if the logs have several. None: no filter, no bias, and the noise
-            is estimated.
+        log: a mapping of columns, the path of a CSV file, or a list of mappings or paths. Columns are `time` (s) and
+            any of `force` (N, of the contact), `flange_velocity`, `tool_velocity`, `object_velocity` (m/s). A log may
+            begin at any time before the blow, and end at any time after it.
+        scene: the known numbers, and a guess of each free number. The search also starts from other guesses, for
+            instance from the impulse and the width of the blow.
+        motion: the imposed motion, or one for each log.
+        free: names of the scene's numbers to fit, or a mapping from these names to known bounds (low, high) or None.
+        sensor: properties of the sensor; a mapping from columns to sensors if the logs have several columns. None: no
+            filter, no bias, and the noise is estimated.
 
     Raises:
         TypeError, ValueError: an argument has another type or is out of range; a log has no blow, or several; the log
@@ -70,7 +70,7 @@ def identify(
 
 
 def motion_of_each(motion: Trapezoid | Sequence[Trapezoid], count: int) -> list[Trapezoid]:
-    """Return the motion of each of `count` logs; ValueError, TypeError: another number of motions, or another type."""
+    """Return the motion of each of `count` logs; raise ValueError or TypeError if their number or type is wrong."""
     motions: list[Any] = list(motion) if isinstance(motion, (list, tuple)) else [motion] * count
     for imposed in motions:
         one_of("motion", imposed, Trapezoid)
@@ -84,7 +84,7 @@ def _by_column(sensor: Sensor | Mapping[str, Sensor] | None, columns: Sequence[s
         return dict.fromkeys(columns, Sensor())
     if isinstance(sensor, Sensor):
         if len(columns) > 1:
-            raise ValueError(f"sensor must say which column it is of, {{'{columns[0]}': Sensor(...)}}; got {columns}")
+            raise ValueError(f"sensor must name its column, such as {{'{columns[0]}': Sensor(...)}}; got {columns}")
         return {columns[0]: sensor}
     if not isinstance(sensor, Mapping):
         raise WrongTypeError(f"sensor must be a Sensor or a mapping from columns to them, got {shown(sensor)}")
@@ -93,5 +93,5 @@ def _by_column(sensor: Sensor | Mapping[str, Sensor] | None, columns: Sequence[s
             raise ValueError(f"sensor: no log has a column {name!r}; there are {', '.join(columns)}")
         one_of(f"sensor: {name}", known, Sensor)
         if known.cell and name != "force":
-            raise ValueError(f"sensor: {name} has a load cell, which a force alone may have")
+            raise ValueError(f"sensor: {name} has a load cell, but only the column force may have one")
     return {name: sensor.get(name, Sensor()) for name in columns}

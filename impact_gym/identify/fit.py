@@ -1,6 +1,7 @@
-"""The best fit from several starts, and the interval of each free number by its profile likelihood.
+"""Find the best fit from several starting points, and the interval of each free number by its profile likelihood.
 
-`Fit.of` is the best of the local minima; `intervals` moves one number at a time and refits all others.
+`Fit.of` takes the best of the local minima found. `intervals` moves one number at a time away from its best value and
+fits all others again. The misfit of a fit is the sum of (residual / noise)^2 over all samples.
 """
 
 import math
@@ -14,43 +15,46 @@ from impact_gym.identify.model import Model
 from impact_gym.identify.search import ROUGH, Point, as_good, descend, distinct, race, scatter
 from impact_gym.identify.sensor import Array, bursts, level
 
-STARTS = 8  # starting points that are fitted, the best first; `Fit.again` fits as many more
-NOISE_ROUNDS = 3  # estimates of the noise, each with a new fit
+STARTS = 8  # starting points that are fitted; `Fit.again` fits 8 more
+NOISE_ROUNDS = 3  # how often the noise is estimated at most; a new fit follows each estimate
 CONFIDENCE = 0.95
-END_TOLERANCE = 0.02  # tolerance of an interval's end, relative to the half width
-MAX_STEP = 1.5  # of a coordinate, first step towards an end; a longer interval may contain another minimum
-MAX_STEPS = 10  # fits per end of an interval
-BEYOND = (1.6, 2.5)  # times the distance to an end: here the misfit is checked for another minimum
-MAX_DEVIATION = 1e3  # largest standard deviation of a coordinate, if the number is not determined
-MIN_IMPROVEMENT = 0.05  # of the misfit, for a point to replace the best fit; doubled each time
-MIN_LEFTOVER = 6.0, 0.5  # least residual of a blow that the model lacks: standard deviations, and share of the blow
+END_TOLERANCE = 0.02  # tolerance of an interval's end, relative to the interval's half width
+MAX_STEP = 1.5  # largest first step of a coordinate towards an end; a longer interval may contain another minimum
+MAX_STEPS = 10  # most fits to find one end of an interval
+BEYOND = (1.6, 2.5)  # at these multiples of the distance to an end, the misfit is checked for another minimum
+MAX_DEVIATION = 1e3  # standard deviation assumed for a coordinate that the log does not determine
+MIN_IMPROVEMENT = 0.05  # a point replaces the best fit if its misfit is lower by this; doubled after each replacement
+MIN_LEFTOVER = (
+    6.0,
+    0.5,
+)  # a blow is missing in the model if its residual exceeds 6 standard deviations and half the blow
 
 Ends = tuple[float | None, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The best x with its misfit and covariance (size, size), and the other minima."""
+    """A fit: the best x, its misfit, its covariance (size, size), and the other local minima that were found."""
 
     model: Model
     x: Array
-    misfit: float  # sum of squared residuals over the noise
+    misfit: float  # sum of (residual / noise)^2
     covariance: Array
-    valley: Array  # covariance with a prior of MAX_STEP on each free number, which keeps undetermined numbers near
+    valley: Array  # covariance with a prior of MAX_STEP on each free number, so that undetermined numbers stay near x
     others: Sequence[Point]
     improvement: float = MIN_IMPROVEMENT
 
     @classmethod
     def of(cls, model: Model) -> "Fit":
-        """Return the best fit from several starts; unknown noise is estimated from its residuals.
+        """Return the best fit from several starting points; unknown noise is estimated from the residuals.
 
         Raises:
-            ValueError: no start leads to a blow, or a free number changes nothing.
+            ValueError: no starting point leads to a blow, or a free number does not change the residuals.
         """
         return cls.polished(model, as_good(model, _minima(model, 0)))
 
     def again(self) -> "Fit":
-        """Return the best fit from STARTS further starts and the known minima, or this fit without a new minimum."""
+        """Fit STARTS more starting points; return the best of old and new minima, or this fit if there is none new."""
         model, known = self.model, [Point(self.misfit, self.x), *self.others]
         good = as_good(model, distinct(model, known + _minima(model, STARTS)))
         is_new = {id(point) for point in good} - {id(point) for point in known}
@@ -58,11 +62,11 @@ class Fit:
 
     @classmethod
     def polished(cls, model: Model, points: Sequence[Point]) -> "Fit":
-        """Return the best minimum near some points, with the noise of its residuals."""
+        """Refine the fits at `points`, estimate unknown noise from the residuals, and return the best fit."""
         for _ in range(NOISE_ROUNDS):
             points = distinct(model, [descend(model, point.x) for point in points])
             changed = _estimate_noise(model, points[0].x)
-            if not changed or len(model.noise) == 1:  # a single noise level moves no minimum
+            if not changed or len(model.noise) == 1:  # one noise for all samples does not move the minimum
                 break
         best, *others = (Point(float(np.sum(model.residuals(point.x) ** 2)), point.x) for point in points)
         jacobian, loosely = model.jacobian(best.x), np.eye(len(model.free), model.size) / MAX_STEP
@@ -71,27 +75,28 @@ class Fit:
 
     @property
     def quantile(self) -> float:
-        """Half width of an interval in standard deviations: by Student's t if noise is estimated, otherwise normal."""
+        """Half width of a 95 % interval in standard deviations: Student's t if noise is estimated, otherwise normal."""
         upper = 0.5 + CONFIDENCE / 2.0
         if all(sensor.noise is not None for sensor in self.model.sensors.values()):
             return float(ndtri(upper))
         return float(stdtrit(self.model.samples - self.model.size, upper))
 
     def excess(self, point: Point) -> float:
-        """Return the misfit of a point less the least misfit; at an end of an interval it is `quantile` squared."""
+        """Return by how much the misfit of a point exceeds the least misfit; at an interval's end by `quantile`^2."""
         return max(point.misfit - self.misfit, 0.0)
 
     @property
     def deviations(self) -> Array:
-        """Standard deviations of x by the curvature at the best fit."""
+        """Standard deviations of x, from the curvature of the misfit at the best fit."""
         return np.minimum(np.sqrt(np.diag(self.covariance)), MAX_DEVIATION)
 
 
 def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
-    """Return the best fit and the intervals of its free numbers; if these are wide, after a second search.
+    """Return the best fit and the intervals of its free numbers; a wide interval causes a second search for minima.
 
     Raises:
-        ValueError: no start leads to a blow, a free number changes nothing, or a log has more blows than the fit.
+        ValueError: no starting point leads to a blow, a free number does not change the residuals, or a log has more
+            blows than the fit.
     """
     fit = Fit.of(model)
     if searched_again := bool(_extra_blows(fit) or _is_vague(fit)):
@@ -106,9 +111,10 @@ def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
 
 
 def _minima(model: Model, after: int) -> list[Point]:
-    """Return rough minima of fits from STARTS starting points, which follow the first `after` starting points.
+    """Fit roughly from STARTS starting points, leaving out the best `after` ones, and return the local minima.
 
-    Further fits start from minima of a fit to the first blow alone, as later blows add many local minima.
+    If the logs contain more than the first blow, fits to the first blow alone are made, too, and the fits also start
+    from their minima, because later blows add many local minima.
     """
     which = slice(after, after + STARTS)
     starts, first = scatter(model)[which], model.of_first_blow()
@@ -120,7 +126,7 @@ def _minima(model: Model, after: int) -> list[Point]:
 
 
 def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
-    """Refuse if no start has a blow, or if a free number does not change the residuals."""
+    """Raise ValueError if there is no starting point with a blow, or if a free number does not change the residuals."""
     if not points:
         raise ValueError("scene: no scene near it can be simulated to a blow; are motion and distance right?")
     slopes = sum(np.abs(model.jacobian(x)).max(axis=0) for x in points)
@@ -130,7 +136,7 @@ def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
 
 
 def _extra_blows(fit: Fit) -> str:
-    """Return the refusal of a log with more blows than its fit has, or an empty text."""
+    """Return an error message if a log has more blows than its fit has, else an empty text."""
     model = fit.model
     for k, log in enumerate(model.logs):
         if "force" not in log.columns:
@@ -147,13 +153,13 @@ def _extra_blows(fit: Fit) -> str:
         ]
         if any(extra) and len(blows) > 1:
             times = ", ".join(f"{log.time[first]:g}" for first, _ in blows)
-            return (f"{log.name} has {len(blows)} blows, at {times} s, the scene makes no more than "
+            return (f"{log.name} has {len(blows)} blows, at {times} s, but the scene makes no more than "
                     f"{len(blows) - sum(extra)} of them: cut it to one blow, or give each blow as a log")  # fmt: skip
     return ""
 
 
 def _estimate_noise(model: Model, x: Array) -> bool:
-    """Set the unknown noise of each column to the size of its residuals at x; return whether any noise changed."""
+    """Set the unknown noise of each column to the root mean square of its residuals at x; return whether it changed."""
     left = model.residuals(x) * model.scales()
     share = 1.0 - model.size / model.samples
     changed = False
@@ -176,15 +182,16 @@ def _covariance(jacobian: Array) -> Array:
 
 
 class _BetterError(Exception):
-    """The argument, a point x, fits better than the best fit so far."""
+    """Raised with a point x as its argument when this point fits better than the best fit so far."""
 
 
 def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
-    """Return the fit and both ends of each free number's interval; None: the interval is unlimited on this side.
+    """Return the fit and the two ends of each free number's interval; an end is None if that side is unlimited.
 
-    Other minima below the quantile widen an interval. If a better point is found on the way, it becomes the fit.
+    An interval also includes the other minima whose misfit is within the quantile. If a better point is found on the
+    way, the fit moves there, and all intervals are computed again.
     """
-    while True:  # terminates, as the misfit falls by more each time
+    while True:  # terminates, because each better point must lower the misfit by twice as much as the one before
         try:
             return fit, [tuple(_end(fit, i, side) for side in (-1, 1)) for i in range(len(fit.model.free))]
         except _BetterError as better:
@@ -193,7 +200,7 @@ def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
 
 
 def _end(fit: Fit, i: int, side: int) -> float | None:
-    """Return the outermost end of x[i] on one side (-1, 1), starting from each minimum below the quantile."""
+    """Return the end of the interval of x[i] on one side (-1, 1): the outermost one found from the good minima."""
     limit = fit.quantile**2
     end = profile(fit, i, side, Point(fit.misfit, fit.x))
     for point in fit.others:
@@ -211,7 +218,7 @@ def _end(fit: Fit, i: int, side: int) -> float | None:
 
 
 def _is_vague(fit: Fit) -> bool:
-    """Whether an interval will exceed MAX_STEP, by the curvature or another minimum below the quantile."""
+    """Return whether an interval is expected to exceed MAX_STEP, by the curvature or by another good minimum."""
     good = [fit.x, *(point.x for point in fit.others if point.misfit - fit.misfit < fit.quantile**2)]
     spread = np.ptp(good, axis=0)
     widths = 2.0 * fit.quantile * fit.deviations + spread
@@ -219,10 +226,13 @@ def _is_vague(fit: Fit) -> bool:
 
 
 def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
-    """Return the fit with x[i] = `u`, started from `near` along the valley or, if this fit is bad, along x[i] alone.
+    """Keep x[i] at `u`, fit all others again, and return the result.
+
+    The fit starts from `near`, moved along the valley; if the result is bad, a second fit starts from `near` with only
+    x[i] changed.
 
     Raises:
-        _BetterError: this fit is better than the best fit.
+        _BetterError: the result is better than the best fit.
     """
     points = []
     for along in (fit.valley[:, i] / fit.valley[i, i], np.zeros_like(near.x)):
@@ -237,10 +247,10 @@ def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
 
 
 def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
-    """Return x[i] on one `side` (-1, 1) at which the profile of the misfit reaches the quantile, or None.
+    """Return the x[i] on one `side` (-1, 1) at which the profile of the misfit reaches the quantile; None: nowhere.
 
-    The first step starts from the minimum `begin` and is as long as the curvature at the best fit says. If the misfit
-    there agrees to END_TOLERANCE, it is the end.
+    The search starts at the minimum `begin`. Its first step goes to where the curvature at the best fit predicts the
+    end, and ends the search if the misfit there agrees to END_TOLERANCE.
 
     Raises:
         _BetterError: a point on the way is better than the best fit.

@@ -1,7 +1,7 @@
-"""Errors of a fit on blows to which it was not fitted: a fit to each half of the logs predicts the other half.
+"""Test fits on blows that they have not seen: a fit to each half of the logs predicts the blows of the other half.
 
-Every quantity is computed in the same way from the measured and from the predicted samples. In a predicted log only the
-start of the motion and an unknown bias are fitted.
+Every quantity is computed in the same way from the measured and from the predicted samples. For a predicted log, only
+the start of the motion and an unknown bias are fitted to the log itself.
 """
 
 import csv
@@ -23,28 +23,28 @@ from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
 
 UNITS = {"object_velocity": "m/s", "peak_force": "N", "impulse": "N s", "duration": "s"}
-"""Quantities of a blow: V_p; peak and integral of the force, and its width at half of the peak."""
-END = 0.25  # last share of a log's samples; their mean is the velocity after the blow
+"""Quantities of a blow and their units: V_p; peak and integral of the force; width of the force at half of its peak."""
+END = 0.25  # the mean over the last quarter of a log's samples is taken as the velocity after the blow
 
 
 class Prediction(NamedTuple):
-    """A quantity of a blow that was not fitted, in its unit, see UNITS."""
+    """The prediction of one quantity of a blow to which the model was not fitted; units as in UNITS."""
 
     log: str
     quantity: str
     measured: float
     predicted: float
-    equal: float  # median of the fitted blows with the same motion, nan without such blows
+    equal: float  # median of this quantity over the fitted blows with the same motion; nan without such blows
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Predictions of all blows, each by a fit to the half of the logs that does not contain it."""
+    """Predictions for all blows; each blow is predicted by a fit to the half of the logs that does not contain it."""
 
     predictions: tuple[Prediction, ...]
 
     def errors(self, quantity: str) -> tuple[Array, Array]:
-        """Return the relative errors of the predictions and of the medians of equal blows, (blows,) each."""
+        """Return relative errors of `quantity`, each (blows,): of predictions, and of the medians of equal blows."""
         rows = [each[2:] for each in self.predictions if each.quantity == quantity]
         measured, predicted, equal = np.array(rows).reshape(-1, 3).T
         with np.errstate(divide="ignore"):  # inf where the measured value is 0
@@ -64,7 +64,7 @@ class HeldOut:
         return "\n".join(lines)
 
     def csv(self) -> str:
-        """Return the predictions as a CSV file, a row for each blow and quantity."""
+        """Return the text of a CSV file with the predictions, one row for each blow and quantity."""
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
         table.writerow(["log", "quantity", "unit", "measured", "predicted", "equal blows"])
@@ -76,11 +76,11 @@ def hold_out(
     log: Sequence[Any], scene: Scene, motion: Trapezoid | Sequence[Trapezoid],
     free: Iterable[str] | Mapping[str, Any] = FREE, sensor: Sensor | Mapping[str, Sensor] | None = None,
 ) -> HeldOut:  # fmt: skip
-    """Fit every other log and predict the rest, then the reverse; takes the arguments of `identify`.
+    """Fit every second log and predict the others, then exchange their roles; takes the arguments of `identify`.
 
     Raises:
-        TypeError, ValueError: as `identify`; or there are too few logs, their columns differ, or they have neither an
-            object_velocity, from which V_p is computed, nor a force, from which the other quantities are.
+        TypeError, ValueError: as `identify`; or there are too few logs, their columns differ, or they have neither a
+            column `object_velocity`, for V_p, nor a column `force`, for the other quantities.
     """
     count = len(log) if isinstance(log, (list, tuple)) else 1
     if count < 2:
@@ -112,7 +112,7 @@ def hold_out(
 
 
 def _predicted(log: Log, motion: Trapezoid, fit: Identified) -> Log:
-    """Return the readings that a fit predicts for a log."""
+    """Return a log with the readings that a fit predicts at the times of `log`."""
     model = Model.of([log], fit.scene, [motion], fit.fit.model.sensors, ())
     x = descend(model, start_at(model, np.empty(0), 0.5).x).x
     samples = model.predicted(x)[0] + model.biases(x)
@@ -132,7 +132,7 @@ def _quantities(log: Log, fit: Identified) -> dict[str, float]:
 
 
 def _width(force: Array) -> float:
-    """Return the width of a blow at half of its peak in samples, with linear interpolation."""
+    """Return the width of a blow at half of its peak, in samples (not whole: interpolated linearly)."""
     high, padded = 0.5 * force.max(), np.concatenate([[0.0], force, [0.0]])
     first, last = next(run for run in runs(padded > high) if run[0] <= padded.argmax() <= run[1])
     inside = [(padded[a] - high) / (padded[a] - padded[b]) for a, b in ((first, first - 1), (last, last + 1))]

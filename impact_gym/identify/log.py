@@ -1,4 +1,4 @@
-"""A measured blow: reading its log, and refusing invalid logs with column, value, unit and allowed range."""
+"""Read the log of a measured blow, and refuse an invalid log with an error that names what is wrong."""
 
 import math
 import warnings
@@ -26,21 +26,25 @@ READ = {
     "tool_acceleration": Column("m/s^2", r"(tool|hammer) (acceleration|accel|acc)", needs_unit=True),
     "object_acceleration": Column("m/s^2", r"(object|target) (acceleration|accel|acc)", needs_unit=True),
 }
-"""Columns that a log may have in addition to `time` (s), and their names in files."""
+"""Columns that a log may have in addition to `time` (s), with patterns of their names in files."""
 UNITS = {name: column.unit for name, column in READ.items()}
 COLUMNS = ", ".join(f"{name} ({unit})" for name, unit in UNITS.items())
 
 MIN_SAMPLES = 8
 MAX_FORCE = 1e5  # N
 MAX_ACCELERATION = 1e6  # m/s^2
-MAX_SPEED_RATIO = 10.0  # of a recorded velocity over the motion's speed
-MAX_STEP = 0.05  # s, largest usual time between two samples
-MAX_GAP = 1.5  # usual steps; a longer step means lost samples, unless its neighbours are shorter by as much
+MAX_SPEED_RATIO = 10.0  # largest ratio of a recorded velocity to the speed of the motion
+MAX_STEP = 0.05  # s, largest median time between two samples
+MAX_GAP = 1.5  # in median steps: after a longer step samples were lost, unless neighbouring steps are shorter instead
 MAX_LOST = 3  # largest number of lost samples in a row
-MIN_SWING = 10.0  # standard deviations of the noise, between the least and the largest sample of a blow
-MOST_IMPULSE = 200.0  # times the impulse that reverses the tool's velocity; above it time may be in ms
-LEAST_IMPULSE = 0.03  # times the plastic impulse of the lightest bodies in the searched ranges; below it: another unit
-FLAT_SAMPLES = 3  # number of equal extreme values that show a saturated sensor
+MIN_SWING = 10.0  # least range of a column with a blow, largest minus least sample, in standard deviations of the noise
+MOST_IMPULSE = (
+    200.0  # times the impulse that reverses the tool's velocity; a larger impulse suggests that time is in ms
+)
+LEAST_IMPULSE = (
+    0.03  # times the plastic impulse of the lightest bodies in the searched ranges; a smaller one is refused
+)
+FLAT_SAMPLES = 3  # so many equal extreme values in a row show that the sensor was saturated
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,30 +53,31 @@ class Log:
 
     name: str
     time: Array  # (n,), s
-    columns: Mapping[str, Array]  # (n,) each, see UNITS
+    columns: Mapping[str, Array]  # each (n,); for their units see UNITS
     said: str = ""  # how the file was read, in one line
 
     @property
     def lost(self) -> NDArray[np.int64]:
-        """Number of lost samples after each sample but the last (n - 1,)."""
+        """Number of samples lost between each sample and the next one, (n - 1,)."""
         steps = np.diff(self.time)
         usual = float(np.median(steps))
         padded = np.concatenate([[usual], steps, [usual]])
-        three = padded[:-2] + steps + padded[2:]  # a single late time does not change these sums
+        three = padded[:-2] + steps + padded[2:]  # sums of three steps; one late time does not change them
         return np.where(steps > MAX_GAP * usual, np.maximum(np.rint(three / usual) - 3, 0), 0).astype(np.int64)
 
     @property
     def step(self) -> float:
-        """Mean time between two samples, lost ones included, s."""
+        """Mean time between two samples, s; lost samples count as samples."""
         return float(self.time[-1] - self.time[0]) / float(len(self.time) - 1 + self.lost.sum())
 
 
 def read(source: Any, name: str) -> Log:
-    """Return the log of a mapping of columns or of a CSV file, see `impact_gym.csv_files`; a `Log` is returned as is.
+    """Return a log from a mapping of columns or from a CSV file, see `impact_gym.csv_files`; a `Log` is returned as is.
 
     Raises:
-        TypeError, ValueError: the source has another type; columns are missing, unknown or of different lengths; a
-            value is not finite; time does not increase, or more than MAX_LOST samples in a row are lost.
+        TypeError: the source has another type.
+        ValueError: columns are missing, unknown or of different lengths; a value is not finite; time does not increase,
+            or more than MAX_LOST samples in a row are lost.
     """
     if isinstance(source, Log):
         return source
@@ -87,7 +92,7 @@ def read(source: Any, name: str) -> Log:
     if "time" not in source or len(source) < 2:
         raise ValueError(f"{name} must have a column time (s) and at least one of {COLUMNS}, got {list(source)}")
     columns = {
-        column: values if said and np.isfinite(values).all()  # the numbers of a file need no other check
+        column: values if said and np.isfinite(values).all()  # numbers from a file need no other check
         else np.array(numbers(f"{name}, {column}", values, UNITS.get(column, "s")))
         for column, values in source.items()
     }  # fmt: skip
@@ -119,10 +124,11 @@ def read(source: Any, name: str) -> Log:
 
 
 def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
-    """Refuse a log in other units, at another rate, of a dead or saturated sensor, without a blow, or of other sign.
+    """Refuse a log that cannot be a blow of this scene.
 
     Raises:
-        ValueError: names column, value, unit and allowed range.
+        ValueError: units, sampling rate or sign of the force seem wrong, a column is constant 0 or saturated, or there
+            is no blow. The message names column, value, unit and allowed range.
     """
     for name, values in log.columns.items():
         limits = {"N": (MAX_FORCE, "mN"), "m/s": (MAX_SPEED_RATIO * motion.speed, "mm/s")}
@@ -146,18 +152,18 @@ def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Senso
 
 
 def tool_mass(scene: Scene) -> float:
-    """Return the mass (kg) of the tool and all bodies fixed to it; infinite if its motion is imposed."""
+    """Return the mass (kg) of the tool and all bodies fixed to it; inf if the motion of the tool is imposed."""
     behind = scene.robot.mass if isinstance(scene.robot, Robot) else math.inf
     return scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
 
 
 def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Sensor) -> None:
-    """Refuse a pulling force, and an impulse far below the scene's plastic impulse; warn of a far larger impulse."""
+    """Refuse a force that pulls, and an impulse far below that of a plastic impact; warn of a far too large impulse."""
     force = log.columns["force"] - level(log.columns["force"], sensor)
     most, least = float(force.max()), float(force.min())
     if sensor.bias != "estimated" and -least > most:
         raise ValueError(f"{log.name}, force must be above 0 N where the tool presses, got {least:g} to {most:g} N: "
-                         "has it the other sign?")  # fmt: skip
+                         "is its sign reversed?")  # fmt: skip
     tool = tool_mass(scene)
     speed = min(motion.speed, math.sqrt(2.0 * motion.acceleration * scene.object.distance))
     usual = speed / (1.0 / tool + 1.0 / scene.object.mass)
@@ -177,7 +183,10 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
 
 
 def _refuse_clipped(log: Log, name: str) -> None:
-    """Refuse a saturated column: equal extreme values that differ from their neighbours by more than the resolution."""
+    """Raise ValueError if a column is saturated.
+
+    A saturated column has equal extreme values in a row that differ from their neighbours by more than the resolution.
+    """
     values = log.columns[name]
     resolution = np.diff(np.unique(values))
     for end, side in ((values.max(), 1.0), (values.min(), -1.0)):

@@ -1,6 +1,7 @@
-"""The fitted model: free numbers of the scene as coordinates, predicted logs, residuals over the noise, derivatives.
+"""The model that is fitted to logs: it predicts logs from x, and returns residuals divided by the noise.
 
-A coordinate is the logarithm of a number, and ln(e/(1-e)) of the restitution e.
+x contains a coordinate for each free number of the scene: ln(e/(1-e)) for the restitution e, the logarithm for any
+other number. It also contains the start of the motion in each log, and the biases to estimate.
 """
 
 import math
@@ -23,33 +24,36 @@ from impact_gym.validation import WrongTypeError, number, shown
 
 MASS, STIFFNESS, RESTITUTION = "object.mass", "contact.stiffness", "contact.restitution"
 SEARCHED = {STIFFNESS: (1e2, 1e8), RESTITUTION: (0.03, 0.99), MASS: (5e-3, 5e2)}
-"""Ranges of starting points, unless `free` has others."""
-SEARCH_FACTOR = 10.0  # other numbers are searched from a tenth to ten times the scene's value
-REACH_FACTOR = 1e4  # how far the fit may go beyond either end of the searched range
-WALL = 1e5  # times the mass of a tool on a spring, bound of the object's mass: a heavier object is a wall
+"""Ranges that contain the starting points, unless `free` gives other ranges."""
+SEARCH_FACTOR = 10.0  # for numbers not in SEARCHED, starting points are from a tenth to ten times the scene's value
+REACH_FACTOR = 1e4  # the fit may leave the searched range by this factor at either end
+WALL = 1e5  # times the mass of a tool on a spring, largest object mass: a heavier object acts like a fixed wall
 LARGEST_LOGIT = 14.0  # largest ln(e/(1-e)): e within 1e-6 of 0 or 1
 RTOL = 1e-8
 STEP = 2e-3
-"""Of a coordinate, for forward differences. Their errors by curvature (0.1 %) and by the simulator's steps are far
-below a noise of 1 %. Derivatives by start and bias need no simulation: a fit takes up to 30 % fewer simulations than
-with SciPy's "2-point" and less than half as many as with "3-point", to the same minimum. The batch simulator returns
-final states only, so it cannot give these differences."""
-IMPOSSIBLE = 1e3  # times the range of a log, its residual if the scene cannot be simulated
+"""Step of a coordinate for derivatives by forward differences.
+
+The errors of these derivatives by curvature (0.1 %) and by the simulator's own steps are far below a noise of 1 %.
+Derivatives with respect to start and bias need no simulation. So a fit takes up to 30 % fewer simulations than with
+SciPy's "2-point" and less than half as many as with "3-point", and finds the same minimum. `sweep` cannot compute
+these differences, because it returns only the final state of a run.
+"""
+IMPOSSIBLE = 1e3  # if the scene cannot be simulated, each residual is this times the range of the log's column
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One free number and its bounds."""
+    """The coordinate of one free number, and its bounds."""
 
     name: str
-    sign: float  # of the number
-    searched: tuple[float, float]  # range of the absolute value
-    bounded: bool  # the searched range is a known bound
-    wall: float = math.inf  # a larger absolute value makes no difference
+    sign: float  # sign of the number; the coordinate belongs to its absolute value
+    searched: tuple[float, float]  # range of the absolute value for starting points
+    bounded: bool  # True: the fit must stay in the searched range
+    wall: float = math.inf  # largest absolute value; larger ones would not change the log
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Least and largest coordinate."""
+        """Least and largest coordinate that the fit may reach."""
         if self.bounded:
             return self.coordinate(self.searched[0]), self.coordinate(self.searched[1])
         if self.name == RESTITUTION:
@@ -63,12 +67,12 @@ class Coordinate:
         return math.log(size)
 
     def number(self, u: float) -> float:
-        """Return the number at coordinate `u`, which is limited to the reach."""
+        """Return the number at coordinate `u`; `u` is first clipped to `reach`."""
         u = float(np.clip(u, *self.reach))
         return 1.0 / (1.0 + math.exp(-u)) if self.name == RESTITUTION else self.sign * math.exp(u)
 
     def end(self, u: float | None, side: int) -> float:
-        """Return the number at the end `u` of an interval on one side (-1, 1); None: the limit of the number itself."""
+        """Return the number at the end `u` of an interval on one side (-1, 1); for None, the number's own limit."""
         if u is not None:
             return self.number(u)
         if self.bounded:
@@ -76,7 +80,7 @@ class Coordinate:
         return float(side > 0) if self.name == RESTITUTION else self.sign * (math.inf if side > 0 else 0.0)
 
     def start(self, scene: Scene) -> float:
-        """Return the coordinate of the scene's number, or the middle of the reach if that number lies outside."""
+        """Return the coordinate of the scene's number; if it lies outside `reach`, return the middle of `reach`."""
         size, (low, high) = abs(get(scene, self.name)), self.reach
         inside = size > 0.0 and low <= self.coordinate(size) <= high
         return self.coordinate(size) if inside else (low + high) / 2.0
@@ -102,7 +106,7 @@ def free_coordinates(scene: Scene, free: Iterable[str] | Mapping[str, Any]) -> t
         value = get(scene, name)
         pair = free[name] if isinstance(free, Mapping) else None
         if pair is None and value == 0.0:
-            raise ValueError(f"free: {name} is 0 in the scene, which gives its scale: give a guess, or a range for it")
+            raise ValueError(f"free: {name} must not be 0 in the scene, which gives its scale: give a guess or a range")
         searched = SEARCHED.get(name, (abs(value) / SEARCH_FACTOR, abs(value) * SEARCH_FACTOR))
         if pair is not None:
             if not hasattr(pair, "__len__") or len(pair) != 2:
@@ -126,9 +130,9 @@ def tool_acceleration(scene: Scene, trace: Trace) -> Array:
 
 @dataclass(eq=False)
 class Model:
-    """Residuals of all logs as a function of x: free coordinates, start of each motion (s), estimated biases.
+    """Residuals of all logs as a function of x: coordinates of the free numbers, start of each motion (s), biases.
 
-    `noise` is the standard deviation of each column, the same in all logs.
+    `noise` has the standard deviation of the noise of each column; it is the same in all logs.
     """
 
     logs: Sequence[Log]
@@ -143,7 +147,9 @@ class Model:
         columns = [(k, name) for k, log in enumerate(self.logs) for name in log.columns]
         biased = [(k, name) for k, name in columns if self.sensors[name].bias == "estimated"]
         first = len(self.free) + len(self.logs)
-        self.bias_places = {key: place for place, key in enumerate(biased, first)}  # of columns of logs, in x
+        self.bias_places = {
+            key: place for place, key in enumerate(biased, first)
+        }  # (log, column): index of its bias in x
         self.size = first + len(biased)
         ends = np.cumsum([len(self.logs[k].time) for k, _ in columns])
         self.samples = int(ends[-1])
@@ -157,7 +163,7 @@ class Model:
         cls, logs: Sequence[Log], scene: Scene, motions: Sequence[Trapezoid], sensors: Mapping[str, Sensor],
         free: Sequence[Coordinate],
     ) -> "Model":  # fmt: skip
-        """Return the model with known noise, or noise estimated from the logs, always above 0."""
+        """Return the model; a column's noise is the sensor's, or else estimated from the logs; it is always above 0."""
         noise = {}
         for name, sensor in sensors.items():
             columns = [log.columns[name] for log in logs if name in log.columns]
@@ -166,7 +172,7 @@ class Model:
         return cls(logs, scene, motions, sensors, free, noise)
 
     def of_first_blow(self) -> "Model":
-        """Return the model of the logs up to the end of the first blow; a log without a force stays whole."""
+        """Return the model with each log cut after its first blow; a log without a force column is not cut."""
         logs = []
         for log in self.logs:
             blows = bursts(log.columns["force"], self.sensors["force"]) if "force" in log.columns else []
@@ -176,7 +182,7 @@ class Model:
         return Model(logs, self.scene, self.motions, self.sensors, self.free, dict(self.noise))
 
     def scene_at(self, x: Array) -> Scene:
-        """Return the scene with the free numbers of x."""
+        """Return the scene with its free numbers set to those of x."""
         numbers = {coordinate.name: coordinate.number(u) for coordinate, u in zip(self.free, x, strict=False)}
         return replaced(self.scene, numbers)
 
@@ -188,9 +194,9 @@ class Model:
         return trace
 
     def latest(self, scene: Scene, k: int) -> float:
-        """Return the latest time (s) after the start of the motion at which log k may end.
+        """Return the latest time (s), counted from the start of the motion, at which log k may end.
 
-        The log must begin before the flange has travelled twice the distance to the object and the spring has settled.
+        Log k must begin before the flange has travelled twice the distance to the object and the spring has settled.
         """
         motion, log = self.motions[k], self.logs[k]
         arrival = 2.0 * scene.object.distance / motion.speed + motion.speed / motion.acceleration
@@ -199,12 +205,14 @@ class Model:
         return arrival + float(log.time[-1] - log.time[0])
 
     def sensed(self, scene: Scene, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
-        """Return the readings of a column's sensor at the times `at` (n,), s, of the motion, and their slopes."""
+        """Return the readings (n,) of a column's sensor at `at` (n,), s since the motion's start, and their slopes."""
         sensor = self.sensors[name]
         if name == "tool_acceleration":
             values = tool_acceleration(scene, trace)
         elif name == "object_acceleration":
-            drag = (scene.object.friction or 0.0) * GRAVITY  # an object at rest moves only if the force is larger
+            drag = (
+                scene.object.friction or 0.0
+            ) * GRAVITY  # an object at rest stays so until the force exceeds friction
             values = trace.contact_force / scene.object.mass - drag
             values = np.where(trace.object_velocity > 0.0, values, np.maximum(values, 0.0))
         else:
@@ -214,7 +222,7 @@ class Model:
         return sensor.senses(trace.time, values, at)
 
     def predicted(self, x: Array) -> tuple[Array, Array]:
-        """Return all columns of all logs (n,) without biases, and their slopes in time."""
+        """Return the predicted samples of all columns of all logs (n,) without biases, and their time derivatives."""
         key = x[: len(self.free) + len(self.logs)].tobytes()
         if self._cache[0] != key:
             self._cache = key, self._predict(x)
@@ -253,12 +261,15 @@ class Model:
         return (self.predicted(x)[0] + self.biases(x) - self.measured) / self.scales()
 
     def jacobian(self, x: Array, skip: int | None = None) -> Array:
-        """Return the derivatives of `residuals` by x (n, size), 0 for x[skip]; by free numbers as differences."""
+        """Return the derivatives of `residuals` with respect to x (n, size); the column of x[skip] stays 0.
+
+        Derivatives with respect to free numbers are forward differences of simulations.
+        """
         here, slopes = self.predicted(x)
         columns = np.zeros((self.samples, self.size))
         for i, coordinate in enumerate(self.free):
             if i != skip:
-                step = -STEP if x[i] + STEP > coordinate.reach[1] else STEP  # beyond the reach the number is constant
+                step = -STEP if x[i] + STEP > coordinate.reach[1] else STEP  # `number` clips coordinates to the reach
                 there = x.copy()
                 there[i] += step
                 columns[:, i] = (self._predict(there)[0] - here) / step

@@ -1,4 +1,4 @@
-"""Result of a fit: estimates, intervals, a figure, and sentences on what the log cannot determine, and why."""
+"""The result of a fit: estimates, intervals, a figure, and sentences that say what the log cannot determine."""
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -7,7 +7,7 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc, fdtrc, ndtri  # scipy.stats would double the time of an import
+from scipy.special import chdtrc, fdtrc, ndtri  # scipy.stats would double the import time of this package
 
 from impact_gym.identify.fit import Ends, Fit
 from impact_gym.identify.log import UNITS
@@ -17,33 +17,33 @@ from impact_gym.quantities import BY_PATH
 from impact_gym.scene import Rigid, Scene
 from impact_gym.simulation import simulate
 
-WIDE_RATIO = 2.0  # an interval with a larger ratio of its ends is wide
-WIDE_RESTITUTION = 0.3  # an interval of the restitution that is longer is wide
-MIN_CORRELATION = 0.95  # with a larger correlation the log cannot separate two numbers, if one has a wide interval
+WIDE_RATIO = 2.0  # an interval is called wide if its ends have a larger ratio than this
+WIDE_RESTITUTION = 0.3  # an interval of the restitution is called wide if it is longer than this
+MIN_CORRELATION = 0.95  # two numbers are not separable if their correlation is larger and one has a wide interval
 MIN_BLOW_SAMPLES = 4  # fewer samples do not show the shape of a blow
-HEAVY_RATIO = 5.0  # mass of the object / mass of the tool; above it the force hardly depends on the object's mass
+HEAVY_RATIO = 5.0  # mass of the object / mass of the tool; for larger ratios the force hardly depends on the object
 
-FALSE_ALARM = 1e-4  # probability with which each test of the residuals rejects a correct model
-LAGS = 10  # of the autocorrelation of residuals
-MIN_BEFORE = 8  # samples before the touch that a test of their mean or variance needs
+FALSE_ALARM = 1e-4  # probability that one test of the residuals rejects a correct model
+LAGS = 10  # largest lag, in samples, of the residuals' autocorrelation that is tested
+MIN_BEFORE = 8  # least number of samples before the touch for a test of their mean or variance
 
 Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """Estimates of the free numbers from the logs; all in SI units, with dotted names as keys."""
+    """The result of `identify`: estimates of the free numbers, in SI units; keys are dotted names: "object.mass"."""
 
     estimate: Mapping[str, float]
-    interval: Mapping[str, Interval]  # 95 % intervals, if there are no `warnings`; 0 or inf: unlimited
-    correlation: Array  # (k, k), of the fit's coordinates, in the order of `estimate`
-    scene: Scene  # with the estimates
+    interval: Mapping[str, Interval]  # 95 % confidence if `warnings` is empty; an end 0 or inf: unlimited on that side
+    correlation: Array  # (k, k), correlations of the estimates (of their coordinates, see `model`), in the same order
+    scene: Scene  # the given scene with the estimates
     indistinguishable: tuple[str, ...]  # sentences on what the log cannot determine
-    warnings: tuple[str, ...]  # signs that the model does not fit the log; each is also a UserWarning
-    start: tuple[float, ...]  # s, when the motion began on the clock of each log
-    noise: Mapping[str, float]  # standard deviation of each column, known or estimated, in its unit
-    bias: tuple[Mapping[str, float], ...]  # of each column of each log, known or estimated, in its unit
-    residuals: tuple[Mapping[str, Array], ...] = field(repr=False)  # (n,) per column of each log: measured less fitted
+    warnings: tuple[str, ...]  # signs that the model does not fit the log; each one was also given as a UserWarning
+    start: tuple[float, ...]  # s, for each log the time in its own clock at which the motion began
+    noise: Mapping[str, float]  # standard deviation of each column's noise, known or estimated, in the column's unit
+    bias: tuple[Mapping[str, float], ...]  # for each log the bias of each column, known or estimated, in its unit
+    residuals: tuple[Mapping[str, Array], ...] = field(repr=False)  # for each log and column: measured - fitted, (n,)
     fit: Fit = field(repr=False)
 
     @classmethod
@@ -77,7 +77,7 @@ class Identified:
         )
 
     def plot(self) -> Any:
-        """Return a Matplotlib figure of each column: measured and fitted values, and residual over noise."""
+        """Return a Matplotlib figure with, for each column, measured and fitted values, and residual / noise."""
         from matplotlib.figure import Figure
 
         model = self.fit.model
@@ -109,11 +109,11 @@ class Identified:
 
 
 def misfits(fit: Fit) -> Iterator[str]:
-    """Yield a sentence for each test that the residuals fail; a correct model fails each with probability FALSE_ALARM.
+    """Yield a sentence for each test that the residuals fail. A correct model fails a test with chance FALSE_ALARM.
 
-    The tests are of the mean before the touch (normal distribution), of the variance from the touch on against the
-    variance before the touch (Fisher's F) and against known noise (chi-squared), and of whiteness (Ljung and Box,
-    Biometrika 65, 1978). Residuals within the resolution of a sensor are not noise and are not tested.
+    Tested are the mean before the touch (normal distribution), the variance from the touch on compared with that before
+    the touch (Fisher's F), the variance compared with a known noise (chi-squared), and whiteness (Ljung and Box,
+    Biometrika 65, 1978). Residuals smaller than the resolution of the sensor are not noise, and are not tested.
     """
     model = fit.model
     scene, left = model.scene_at(fit.x), -fit.model.residuals(fit.x)
@@ -148,7 +148,7 @@ def misfits(fit: Fit) -> Iterator[str]:
 
 
 def _with_unit(scene: Any, name: str, text: str) -> str:
-    """Return a text followed by the unit of this number of a scene."""
+    """Return `text` followed by the unit of the scene's number `name`."""
     if name == "contact.stiffness":
         return f"{text} N/m^{scene.contact.stiffness_exponent:g}"
     return f"{text} {BY_PATH[name].unit}".removesuffix(" -")
@@ -174,7 +174,7 @@ def _words(fit: Fit, interval: Mapping[str, Interval], correlation: Array) -> It
 
 
 def _sentence(scene: Scene, name: str, low: float, high: float) -> str:
-    """Return a sentence about a number with a wide interval."""
+    """Return a sentence that says within which limits the log leaves a number undetermined."""
     open_above = high == (1.0 if name == RESTITUTION else np.inf)
     if low == 0.0 and open_above:
         return f"the log does not determine {name} at all: any value fits equally well"
@@ -185,10 +185,10 @@ def _sentence(scene: Scene, name: str, low: float, high: float) -> str:
 
 
 def _reasons(fit: Fit) -> Iterator[str]:
-    """Yield properties of log, sensor or scene that explain wide intervals."""
+    """Yield reasons for wide intervals, found in log, sensor or scene, as parts of a sentence."""
     model = fit.model
     scene = model.scene_at(fit.x)
-    durations, samples = [], [(0, 0.0)]  # of blows: durations, s; and number of samples, with their distance, s
+    durations, samples = [], [(0, 0.0)]  # for each blow: its duration, s; number of samples in it and their spacing, s
     for k, log in enumerate(model.logs):
         until = float(log.time[-1]) - fit.x[len(model.free) + k]
         for contact in simulate(scene, model.motions[k], max(until, log.step)).contacts[:1]:

@@ -1,7 +1,8 @@
-"""Starting points of a fit, and least squares from several of them; the worst fits are dropped on the way.
+"""Choose starting points of a fit, and run least squares from several of them, dropping the worst on the way.
 
-A starting point has the free numbers of the given scene, of a scene with the impulse and width of the measured blow, or
-of a point of a Latin hypercube over the searched ranges. Start of the motion and biases have the least misfit.
+The free numbers of a starting point are those of the given scene, those of a scene whose blow has the measured impulse
+and width, or a point of a Latin hypercube over the searched ranges. For these numbers, the start of the motion and the
+biases are chosen so that the misfit is least.
 """
 
 import math
@@ -19,27 +20,33 @@ from impact_gym.scene import Scene
 
 SCATTERED = 40  # number of points of the Latin hypercube
 SEED = 0
-RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # of starts by impulse and width
-PASSES, NEAR = 8, 0.1  # for such a start: number of simulations at most, and tolerance of the logarithms
-HEAVY = 1e3  # largest mass in a start by the impulse, in masses of the tool
-ROUNDS, ROUND_EVALUATIONS = 5, 8  # comparisons of the fits, and evaluations of the residuals before each comparison
-MIN_GAP_REDUCTION = 0.2  # per round, of the gap to the best fit; otherwise a fit is dropped
-GOOD_MISFIT = 20.0  # times the misfit per sample; a rough minimum at most so far above the least misfit is refined
-MIN_DISTANCE = 0.03  # of a coordinate between two distinct minima
-LARGEST_START = 4.0  # of ln(e/(1-e)) at the start of a fit: e from 0.02 to 0.98
-FINE, ROUGH = 1e-8, 1e-5  # relative tolerances of misfit and x, for the best fit and for intermediate fits
+RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # `from_impulse` makes a starting point for each of these
+PASSES, NEAR = (
+    8,
+    0.1,
+)  # in `from_impulse`: most simulations per point; tolerance of the logarithms of mass and stiffness
+HEAVY = 1e3  # largest object mass in `from_impulse`, in masses of the tool
+ROUNDS, ROUND_EVALUATIONS = (
+    5,
+    8,
+)  # of `race`: number of comparisons; evaluations of the residuals before each comparison
+MIN_GAP_REDUCTION = 0.2  # a fit is dropped if a round closes less than this part of its gap to the best fit
+GOOD_MISFIT = 20.0  # in misfits per sample: a rough minimum at most so far above the least misfit is refined
+MIN_DISTANCE = 0.03  # minima are distinct if a coordinate differs by more than this
+LARGEST_START = 4.0  # largest |ln(e/(1-e))| at the start of a fit, which means e from 0.02 to 0.98
+FINE, ROUGH = 1e-8, 1e-5  # relative tolerances of misfit and x: FINE for the final fit, ROUGH for intermediate fits
 
 
 class Point(NamedTuple):
-    """A result of least squares."""
+    """A point x to which least squares led, and its misfit."""
 
-    misfit: float  # sum of squared residuals over the noise
+    misfit: float  # sum of (residual / noise)^2
     x: Array
-    is_minimum: bool = True  # False: evaluations ran out before it converged
+    is_minimum: bool = True  # False: the allowed evaluations were used up before convergence
 
 
 def scatter(model: Model) -> list[Array]:
-    """Return starting points x, the best first: given scene, points `from_impulse`, Latin hypercube."""
+    """Return starting points x, the best first: the given scene, points of `from_impulse`, and of a Latin hypercube."""
     rng = np.random.default_rng(SEED)
     low, high = np.array([[number.coordinate(size) for size in number.searched] for number in model.free]).T
     cells = np.array([rng.permutation(SCATTERED) for _ in model.free]).T
@@ -51,10 +58,10 @@ def scatter(model: Model) -> list[Array]:
 
 
 def from_impulse(model: Model, given: Array) -> list[Array]:
-    """Return free coordinates with which the first force has its measured impulse and width, for each of RESTITUTIONS.
+    """For each of RESTITUTIONS, return coordinates that give impulse and width measured in the first log with a force.
 
-    The impulse is (1 + e) v / (1/m + 1/m_tool). The width, impulse over peak, is proportional to k^(-1/(n + 1)) for a
-    force k delta^n (Johnson, Contact Mechanics, 1985, sec. 11.4). Each pass corrects m and k by a simulation.
+    The impulse is (1 + e) v / (1/m + 1/m_tool). The width, impulse / peak, is proportional to k^(-1/(n + 1)) for a
+    force k delta^n (Johnson, Contact Mechanics, 1985, sec. 11.4). Each pass simulates a blow and corrects m and k.
     """
     places = {number.name: i for i, number in enumerate(model.free)}
     k = next((k for k, log in enumerate(model.logs) if "force" in log.columns), None)
@@ -62,7 +69,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
         return []
     log, sensor = model.logs[k], model.sensors["force"]
     force, few = log.columns["force"], max(len(log.time) // 20, 1)
-    rests = np.median(force[:few]), np.median(force[-few:])  # the blow may cover one of the two ends
+    rests = np.median(force[:few]), np.median(force[-few:])  # the blow may cover the beginning or the end of the log
     force = force - (min(rests) if sensor.bias == "estimated" else sensor.bias)
     impulse, peak = float(np.trapezoid(force, log.time)), float(force.max())
 
@@ -72,7 +79,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 
     points = []
     for restitution in RESTITUTIONS if RESTITUTION in places else RESTITUTIONS[:1]:
-        x, light, heavy = given.copy(), -math.inf, math.inf  # coordinates of a mass that is too small, and too large
+        x, light, heavy = given.copy(), -math.inf, math.inf  # coordinates of masses known to be too small and too large
         put(RESTITUTION, math.log(restitution / (1.0 - restitution)))
         for _ in range(PASSES if impulse > 0.0 else 0):
             try:
@@ -101,10 +108,10 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 
 
 def start_at(model: Model, point: Array, share: float) -> Point:
-    """Return the free coordinates of `point` with start times and biases of least misfit.
+    """Return x: the free coordinates of `point`, with the start times and biases that have the least misfit.
 
-    Start times lie on the log's own grid, shifted by a `share` of a sample. The log is at most its own length before or
-    after the touch.
+    Start times are tried on the grid of the log's samples, shifted by the fraction `share` of a sample. The log may end
+    before the touch, or begin after it, by at most its own length.
     """
     x = np.zeros(model.size)
     x[: len(point)] = point
@@ -125,13 +132,13 @@ def start_at(model: Model, point: Array, share: float) -> Point:
 
 
 def _align(model: Model, scene: Scene, log: Log, trace: Trace, share: float) -> tuple[float, float, dict[str, float]]:
-    """Return the least misfit of a motion and a log, the motion's start minus the log's (s), and the biases."""
+    """Shift a simulated motion along a log; return least misfit, the motion's start minus the log's (s), and biases."""
     step, n = log.step, len(log.time)
     touch = trace.time[np.argmax(trace.contact_force > 0.0)] if np.any(trace.contact_force > 0.0) else np.inf
     last = min(trace.time[-1], touch + 2.0 * n * step)
     first = max(touch - 2.0 * n * step, 0.0) if np.isfinite(touch) else 0.0
     times: Array = first + (np.arange(int((last - first) / step), dtype=float) + share) * step
-    m = len(times)  # at lag k sample j of the motion is at sample j + k of the log; the log ends within the motion
+    m = len(times)  # at lag k, sample j of the motion lies at sample j + k of the log; the log ends within the motion
     misfit, biases = np.zeros(m + 1), {}
     length = 1 << int(n + m).bit_length()
     lags = np.arange(n - m, n + 1)
@@ -158,15 +165,17 @@ def descend(
     model: Model, x: Array, fixed: int | None = None, tolerance: float = FINE,
     evaluations: int = ROUNDS * ROUND_EVALUATIONS,
 ) -> Point:  # fmt: skip
-    """Return the result of least squares from x with x[fixed] constant and at most this number of `evaluations`."""
+    """Run least squares from x with x[fixed] kept constant, for at most `evaluations` of the residuals."""
     free = np.delete(np.arange(model.size), [] if fixed is None else [fixed])
     x = x.copy()
     if not np.all(np.isfinite(x)):
         return Point(math.inf, x, is_minimum=False)
-    # Starts and biases are relative to their initial values, as MINPACK's tolerance is relative to x: with a log's
-    # clock that differs from the motion's by seconds, MINPACK would stop before it resolves microseconds.
+    # MINPACK's tolerance is relative to x. So start times and biases are counted from their initial values: otherwise,
+    # with a log's clock that differs from the motion's by seconds, MINPACK would stop before it resolves microseconds.
     origin = np.where(np.arange(model.size) < len(model.free), 0.0, x)
-    for i, number in enumerate(model.free):  # near e = 0 and e = 1 the slope vanishes
+    for i, number in enumerate(
+        model.free
+    ):  # near e = 0 and e = 1 the derivative with respect to the coordinate vanishes
         if number.name == RESTITUTION and i != fixed:
             x[i] = min(max(x[i], -LARGEST_START), LARGEST_START)
 
@@ -187,10 +196,10 @@ def descend(
 
 
 def race(model: Model, starts: Sequence[Array]) -> list[Point]:
-    """Return the distinct minima of rough fits from `starts`, the best first.
+    """Fit roughly from all `starts`; return the distinct minima, the best first.
 
-    After each round the fits are compared. If several fits are at the same place, only the best continues. A fit is
-    dropped if it is clearly worse than the best fit and has hardly improved in this round.
+    The fits run in rounds, and are compared after each round. If several fits are at the same place, only the best one
+    continues. A fit is dropped if it is clearly worse than the best fit and has hardly improved in this round.
     """
     points = [Point(math.inf, x, is_minimum=False) for x in starts]
     for _ in range(ROUNDS):
@@ -207,13 +216,13 @@ def race(model: Model, starts: Sequence[Array]) -> list[Point]:
 
 
 def as_good(model: Model, points: Sequence[Point]) -> list[Point]:
-    """Return the points with a misfit near the least misfit."""
+    """Return the points whose misfit is near the least misfit, see GOOD_MISFIT."""
     least = min((point.misfit for point in points), default=math.inf)
     return [point for point in points if point.misfit < least + GOOD_MISFIT * (1.0 + least / model.samples)]
 
 
 def distinct(model: Model, points: Sequence[Point]) -> list[Point]:
-    """Return points with distinct free numbers, the best first."""
+    """Return the points sorted by misfit, the best first, without those whose free numbers equal a better point's."""
     kept: list[Point] = []
     for point in sorted(points, key=lambda point: point.misfit):
         if all(np.abs(point.x - other.x)[: len(model.free)].max() > MIN_DISTANCE for other in kept):

@@ -1,4 +1,4 @@
-"""The response of a sensor: load cell, first-order low pass, bias, noise; and what a column shows by itself."""
+"""The response of a sensor (load cell, low pass, bias, noise), and noise, level and blows found in a column alone."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -13,14 +13,14 @@ from impact_gym.validation import number, one_of
 Array = NDArray[np.float64]
 
 GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
-MIN_STEP = 1e-9  # s, between points of a trace; rounding dominates the slopes between closer points
-MIN_HEIGHT = 5.0, 0.2  # of a burst: in standard deviations of the noise, and as a share of the highest burst
+MIN_STEP = 1e-9  # s, least step between used points of a trace; between closer points rounding dominates the slope
+MIN_HEIGHT = 5.0, 0.2  # least height of a burst: in standard deviations of the noise; relative to the highest burst
 
 
 def curve(time: Array, values: Array) -> PPoly:
-    """Return cubic Hermite pieces through points (k,), with the slope of the parabola through each three neighbours.
+    """Return cubic Hermite pieces through points (k,), with slopes of parabolas through three neighbouring points.
 
-    `scipy.interpolate.CubicHermiteSpline` makes the same curve, but as slowly as the simulation makes the points.
+    `scipy.interpolate.CubicHermiteSpline` makes the same curve, but takes as long as the simulation of the points.
     """
     apart = np.append(np.diff(time) > MIN_STEP, True)
     time, y = time[apart], values[apart]
@@ -37,14 +37,14 @@ def curve(time: Array, values: Array) -> PPoly:
 
 @dataclass(frozen=True, slots=True)
 class LoadCell:
-    """A force sensor: a mass on an elastic element, a spring and damper in parallel, that is fixed to the tool.
+    """A force sensor at the tool: a mass on an elastic element, which is a spring and damper in parallel.
 
     The cell reads the element's force R = k u + c u', where m u'' + c u' + k u = F + m a with the contact force F and
-    the tool's acceleration a. So the cell rings, reads m a without contact, and reads less than F while F decelerates
-    the tool. The element is assumed to be much stiffer than the contact.
+    the tool's acceleration a. So the reading oscillates after a blow, is m a without contact, and is below F while F
+    decelerates the tool. The element is assumed to be much stiffer than the contact.
     """
 
-    mass: float  # kg, of the part between element and contact
+    mass: float  # kg, m, of the part between element and contact
     frequency: float  # Hz, sqrt(k / m) / 2 pi
     damping_ratio: float = 0.0  # -, at most 0.99
 
@@ -60,14 +60,14 @@ class LoadCell:
 class Sensor:
     """Known properties of the sensor of one column of a log.
 
-    The noise is white, normal and of constant size; it is added behind load cell and filter.
+    The noise is white, normally distributed, and of constant size; it is added after load cell and filter.
     """
 
-    rate: float | None = None  # Hz, checked against the log's times; None: not checked
+    rate: float | None = None  # Hz, sampling rate, compared with the log's times; None: not checked
     low_pass: float | None = None  # Hz, cut-off of a first-order filter; None: no filter
     bias: float | Literal["estimated"] = 0.0  # in the column's unit, added to every sample
     noise: float | None = None  # standard deviation in the column's unit; None: estimated
-    cell: LoadCell | None = None  # of a force sensor; None: it reads the contact force
+    cell: LoadCell | None = None  # for a force sensor; None: the sensor reads the contact force itself
 
     def __post_init__(self) -> None:
         for name, unit in {"rate": "Hz", "low_pass": "Hz", "noise": "(the column's unit)"}.items():
@@ -79,12 +79,12 @@ class Sensor:
             object.__setattr__(self, "bias", number("Sensor.bias", self.bias, "(the column's unit), or 'estimated'"))
 
     def senses(self, time: Array, values: Array, at: Array) -> tuple[Array, Array]:
-        """Return the sensor's reading without bias and noise, and the reading's slope, 1/s.
+        """Return the sensor's readings (n,) without bias and noise, and their time derivatives, per s.
 
         Args:
-            time: of the points of the signal (k,), s; before the first point the signal is at rest.
-            values: the signal (k,), smooth between the points.
-            at: times of the readings (n,), s, increasing; after the last point the signal is constant.
+            time: times of the signal's points (k,), s; before the first point the signal is at rest.
+            values: the signal at these times (k,); between them it is interpolated smoothly.
+            at: times of the readings (n,), s, increasing; after its last point the signal is taken as constant.
         """
         signal = curve(time, values)
         within = np.clip(at, time[0], time[-1])
@@ -105,7 +105,7 @@ class Sensor:
         return value, slope
 
     def _lags(self) -> list[tuple[complex, complex]]:
-        """Return (share, rate in 1/s) of first-order lags; the real part of their sum is load cell and filter."""
+        """Return (weight, rate in 1/s) of first-order lags; their weighted sum's real part is load cell and filter."""
         slow = 2.0 * np.pi * self.low_pass if self.low_pass else None
         if self.cell is None:
             return [(1.0, slow)] if slow else []
@@ -121,8 +121,8 @@ class Sensor:
 def _filtered(signal: PPoly, nodes: Array, pace: complex, last: float) -> NDArray[Any]:
     """Return y at `nodes` (k,), where y' = pace (u - y) starts from rest at the first node.
 
-    Between two nodes y moves by the share 1 - exp(-pace h) towards the mean of u weighted with exp(-pace (time left)),
-    by Gaussian quadrature.
+    Over a step h between two nodes, y covers the part 1 - exp(-pace h) of the way to a mean of u. The mean has the
+    weights exp(-pace (time left)) and is computed by Gaussian quadrature.
     """
     h = np.diff(nodes)[:, None]
     inside = nodes[:-1, None] + h * (GAUSS + 1.0) / 2.0
@@ -134,19 +134,19 @@ def _filtered(signal: PPoly, nodes: Array, pace: complex, last: float) -> NDArra
 
 
 def noise_of(values: Array, sensor: Sensor) -> float:
-    """Return the standard deviation of a column's noise, known or estimated from its second differences."""
+    """Return the standard deviation of a column's noise: the sensor's, or else an estimate from second differences."""
     if sensor.noise is not None:
         return sensor.noise
     return float(np.median(np.abs(np.diff(values, 2)) / np.sqrt(6.0)) / 0.6745)
 
 
 def level(values: Array, sensor: Sensor) -> float:
-    """Return the reading of a column at rest: its bias, known or estimated by the median."""
+    """Return the reading of a column at rest: the sensor's bias, or else the median of the column."""
     return float(np.median(values)) if sensor.bias == "estimated" else float(sensor.bias)
 
 
 def bursts(force: Array, sensor: Sensor) -> list[tuple[int, int]]:
-    """Return first and last sample of each period in which a force is MIN_HEIGHT above its level."""
+    """Return the indices of the first and last sample of each period in which a force is MIN_HEIGHT above its level."""
     height = force - level(force, sensor)
     deviations, share = MIN_HEIGHT
     return runs(height > max(deviations * noise_of(force, sensor), share * float(height.max())))

@@ -1,1 +1,1 @@
-"""The laws of contact, coupling and robot, as functions of numbers, independent of the solver."""
+"""The physical laws of contact, coupling and robot, as functions of plain numbers that do not depend on the solver."""

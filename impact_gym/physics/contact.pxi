@@ -1,25 +1,27 @@
-"""The contact force (paper, eq. 5) in the contact's own scales and in a variable that makes it smooth.
+"""The contact force (paper, eq. 5), in natural units of the contact and in a variable in which it is smooth.
 
-With M the reduced mass and v the approach velocity, a contact has the scales
+With M the reduced mass and v the approach velocity, a contact has the natural units
 
     delta0 = (M v^2 / k_c)^(1 / (m + 1))      t0 = delta0 / v      F0 = k_c delta0^m = M v / t0
 
-In them the penetration is u = delta / delta0, its rate w = delta_dot / v, and the force f = u^m + d u^n w, as long as
-this is not a pull. With m = n = 3/2 the half-integer power makes u(t) non-smooth at both ends of the contact. With the
-root z = sqrt(u) as the unknown and s as the independent variable, dt = z ds, the same motion is
+In these units the penetration is u = delta / delta0, its rate w = delta_dot / v, and the force f = u^m + d u^n w, as
+long as f is not negative, which would be a pull. With m = n = 3/2 the half-integer power makes u(t) non-smooth at the
+beginning and at the end of the contact. With the unknown z = sqrt(u) and the independent variable s, where dt = z ds,
+the same motion is
 
     dz/ds = w / 2      dw/ds = z (push - f)      f = z^3 (1 + d w)
 
-polynomial, and z passes through zero at onset and separation with a finite slope: an integrator keeps its full order
-over the whole contact, and both ends are simple roots. Other exponents use the same variable; with 2 m and 2 n whole
-they are polynomial too.
+Here `push` is the relative acceleration without contact force. These equations are polynomials in z and w, and z passes
+through zero at onset and separation with a finite slope. So an integrator keeps its full order over the whole contact,
+and onset and separation are simple roots of z. Other exponents use the same variables; if 2 m and 2 n are whole
+numbers, their equations are polynomials, too.
 """
 
 cdef enum:
     ROOT, RATE, TIME, IMPULSE  # places of the scaled state that every chain has: z, w, t, impulse on the object
 
 cdef double APPROACH_VELOCITY_FLOOR = 1e-6
-# m/s. The hysteresis damping chi grows as 1 / v_in (paper, eq. 7) without bound; slower contacts use this value.
+# m/s. The hysteresis damping chi grows without bound as 1 / v_in (paper, eq. 7); slower contacts use chi at this v_in.
 
 
 cdef struct Contact:
@@ -27,21 +29,21 @@ cdef struct Contact:
     double damping  # -, damping factor d
     double m  # -, exponent of the stiffness, at least 1
     double n  # -, exponent of the damping, 0 or at least 1
-    int64_t twice_m, twice_n  # 2 m and 2 n where they are whole, else -1
+    int64_t twice_m, twice_n  # 2 m and 2 n if they are whole numbers, else -1
     double nominal  # -, damping factor at the reference velocity
-    double reference  # m/s, with a constant chi; 0: the damping factor is constant
-    double held  # 1, or 0 when the surfaces part faster than they recover: then there is no force and no damping
+    double reference  # m/s, reference velocity if chi is constant; 0: the damping factor is constant
+    double held  # 1; 0 while the surfaces part faster than they recover: then the contact has no force
 
 
 cdef struct Units:
     double length  # m, delta0
     double time  # s, t0
-    double velocity  # m/s, approach velocity, floored
+    double velocity  # m/s, approach velocity, but at least APPROACH_VELOCITY_FLOOR
     double force  # N, F0
 
 
 cpdef Contact contact_of(double stiffness, double damping, double m, double n, double reference) noexcept nogil:
-    """A contact law whose surfaces are in contact."""
+    """Return a contact law in the state in which the surfaces touch (`held` = 1)."""
     cdef Contact law = Contact(stiffness, damping, m, n, -1, -1, damping, reference, 1.0)
     if 2.0 * m == floor(2.0 * m):
         law.twice_m = <int64_t> (2.0 * m)
@@ -51,12 +53,12 @@ cpdef Contact contact_of(double stiffness, double damping, double m, double n, d
 
 
 cdef inline bint is_hertz(const Contact *law) noexcept nogil:
-    """Return whether m = n = 3/2."""
+    """Return whether m = n = 3/2, the exponents of a Hertz contact."""
     return law.twice_m == 3 and law.twice_n == 3
 
 
 cdef inline double root_power(double z, double exponent, int64_t twice) noexcept nogil:
-    """Return u^exponent, from the root z; `twice` is 2 * exponent if that is whole, else -1."""
+    """Return u^exponent for u = z^2; `twice` is 2 * exponent if that is a whole number, else -1."""
     cdef double power = 1.0
     if twice < 0:
         return pow(z * z, exponent)
@@ -79,9 +81,9 @@ cdef Units natural_units(const Contact *law, double reduced_mass, double approac
 
 
 cdef inline double damping_at(const Contact *law, double approach_velocity) noexcept nogil:
-    """Return the damping factor of a contact that begins at `approach_velocity` (m/s), chi delta0^(n - m) v_in / k_c.
+    """Return the damping factor chi delta0^(n - m) v_in / k_c of a contact that begins at `approach_velocity` (m/s).
 
-    With a constant chi it is proportional to v_in delta0^(n - m), and delta0 to v_in^(2 / (m + 1)).
+    If chi is constant, the factor is proportional to v_in delta0^(n - m), where delta0 grows as v_in^(2 / (m + 1)).
     """
     if law.reference == 0.0:
         return law.nominal
@@ -89,14 +91,14 @@ cdef inline double damping_at(const Contact *law, double approach_velocity) noex
 
 
 cdef inline double contact_force(const Contact *law, double z, double w) noexcept nogil:
-    """Return the contact force over F0 (paper, eq. 5); it is a pull if the surfaces part faster than they recover."""
+    """Return contact force / F0 (paper, eq. 5); it is negative, a pull, if the surfaces part faster than they recover."""
     if is_hertz(law):
         return z * z * z * (law.held + law.damping * w)
     return law.held * root_power(z, law.m, law.twice_m) + law.damping * root_power(z, law.n, law.twice_n) * w
 
 
 cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept nogil:
-    """Return z f, the rate of the impulse over s, in an order in which few operations wait for w."""
+    """Return z f, the derivative of the impulse with respect to s; ordered so that few operations must wait for w."""
     cdef double fourth
     if is_hertz(law):
         fourth = (z * z) * (z * z)
@@ -116,7 +118,7 @@ cdef inline (double, double) contact_gradient(const Contact *law, double z, doub
 
 
 cdef inline (double, double) force_along(const Contact *law, double z, double w, double w_slope) noexcept nogil:
-    """Return the force and df/ds, with z' = w / 2 and w' = `w_slope`."""
+    """Return the force f and its derivative df/ds, for dz/ds = w / 2 and dw/ds = `w_slope`."""
     cdef double f_z, f_w, grip
     if is_hertz(law):
         grip = law.held + law.damping * w
@@ -126,7 +128,10 @@ cdef inline (double, double) force_along(const Contact *law, double z, double w,
 
 
 cdef inline (double, double) contact_grip(const Contact *law, double z, double w, double w_slope) noexcept nogil:
-    """Return the force over the lower of its two powers of u, which has the same sign, and its d/ds; w' = `w_slope`."""
+    """Return f divided by the lower of its two powers of u, and the derivative by s of this quotient; dw/ds = `w_slope`.
+
+    The quotient has the sign of the force.
+    """
     cdef double p, u_p, growth
     if law.m == law.n:
         return 1.0 + law.damping * w, law.damping * w_slope

@@ -1,14 +1,14 @@
-"""The damping factor d = (chi / k_c) v_in of a contact, and the restitution that it delivers.
+"""The damping factor d = (chi / k_c) v_in of a contact, and the restitution e_eff that it actually produces.
 
-Everything about an isolated contact with m = n depends on d alone, whatever the exponent, the masses, the stiffness and
-the velocity: multiply u'' = -u^n (1 + d u') by u' / (1 + d u') and integrate from onset to separation:
+The restitution of an isolated contact with m = n depends on d alone, not on exponent, masses, stiffness and velocity.
+Multiply u'' = -u^n (1 + d u') by u' / (1 + d u') and integrate from onset to separation:
 
     d - ln(1 + d) = -z - ln(1 - z),      z = d e_eff                                   (closed form: Lambert's W)
 """
 
 cdef double SERIES_BELOW = 0.3
 cdef enum:
-    SERIES_TERMS = 34  # at 0.3 the last term is below rounding
+    SERIES_TERMS = 34  # for |x| up to 0.3 the last term is below the rounding error
 
 
 cpdef double hu_guo(double restitution) noexcept nogil:
@@ -28,10 +28,11 @@ cdef double shortfall(double x) noexcept nogil:
 
 
 cpdef double exact_damping(double restitution) noexcept nogil:
-    """Return the damping factor that delivers the restitution: ln((1 + d) / (1 - d e)) = d (1 + e).
+    """Return the damping factor d with which a contact has exactly this restitution e.
 
-    In terms of `shortfall` S the equation is (1 - e)(1 + e) = d (S(d) + e^3 S(-d e)), without cancellation as e -> 1.
-    For small e the root is slightly below 1 / e, and solves 1 - d e = exp(ln(1 + d) - d (1 + e)).
+    d solves ln((1 + d) / (1 - d e)) = d (1 + e). With S = `shortfall` this is (1 - e)(1 + e) = d (S(d) + e^3 S(-d e)),
+    which has no cancellation as e -> 1. For small e, d is slightly below 1 / e; then 1 - d e = exp(ln(1 + d) - d (1 + e))
+    is solved.
     """
     cdef double rest, following, e = restitution, d = 1.5 * (1.0 - e) if e > 0.6 else 1.0 / e
     for _ in range(200):
@@ -47,10 +48,10 @@ cpdef double exact_damping(double restitution) noexcept nogil:
 
 
 cpdef double delivered(double damping) noexcept nogil:
-    """Return the restitution of an isolated contact with m = n and a damping factor; relative error a few 1e-15.
+    """Return the restitution e of an isolated contact with m = n and this damping factor d; relative error a few 1e-15.
 
-    Newton's method: for small d on e^2 (1 + d e S(-d e)) = 1 - d S(d), else on q = -ln(1 - z), q - z = d - ln(1 + d),
-    which is accurate even if z = d e is close to 1.
+    With Newton's method and S = `shortfall`: for small d it solves e^2 (1 + d e S(-d e)) = 1 - d S(d) for e. Otherwise
+    it solves q - z = d - ln(1 + d) for q = -ln(1 - z), which is accurate even if z = d e is close to 1.
     """
     cdef double d = damping, e, excess, gain, residual, step, rest, q
     if d < SERIES_BELOW:
@@ -75,9 +76,9 @@ cpdef double delivered(double damping) noexcept nogil:
 
 
 cpdef double delivered_linear(double damping) noexcept nogil:
-    """Return the restitution of the linear contact m = 1, n = 0, which ends before its force would pull; d = 2 zeta.
+    """Return the restitution e of the linear contact, m = 1, n = 0, with d = 2 zeta; it ends before its force would pull.
 
-    e = exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)), hyperbolic above critical damping: exp(-2) at zeta = 1.
+    e = exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)), which is exp(-2) at zeta = 1; above, with arcosh instead of arccos.
     """
     cdef double ratio, zeta = 0.5 * damping, square = (1.0 - zeta) * (1.0 + zeta)
     if fabs(square) < 1e-6:  # arccos(zeta) / sqrt(1 - zeta^2) = 1 + y/6 + 3 y^2/40 + ... with y = 1 - zeta^2

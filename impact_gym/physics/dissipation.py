@@ -1,12 +1,12 @@
-"""The damping factor d = (chi / k_c) v_in for a nominal restitution, and the restitution that it delivers.
+"""The damping factor d = (chi / k_c) v_in for a nominal restitution, and the restitution e_eff that it produces.
 
-Everything about an isolated contact with m = n depends on d alone, whatever the exponent, the masses, the stiffness and
-the velocity: multiply u'' = -u^n (1 + d u') by u' / (1 + d u') and integrate from onset to separation:
+The restitution of an isolated contact with m = n depends on d alone, not on exponent, masses, stiffness and velocity.
+Multiply u'' = -u^n (1 + d u') by u' / (1 + d u') and integrate from onset to separation:
 
     d - ln(1 + d) = -z - ln(1 - z),      z = d e_eff                                   (closed form: Lambert's W)
 
-The published laws approximate the solution of this equation for d. They are collected, with others, in Skrinjar,
-Slavic, Boltezar, Int. J. Mech. Sci. 145 (2018) 171-187 (the paper's reference 11).
+Published laws are approximate solutions of this equation for d. Skrinjar, Slavic, Boltezar, Int. J. Mech. Sci. 145
+(2018) 171-187 (the paper's reference 11) collect the laws below and more.
 """
 
 import math
@@ -49,17 +49,17 @@ PUBLISHED = {
         r"\tfrac85 (1 - e) / e", "with Machado, Silva, Martins, Multibody Syst. Dyn. 25 (2011) 357-375",
     ),
 }  # fmt: skip
-"""Published laws by name. Those of Hunt and Crossley, and Lankarani and Nikravesh, are for e near 1."""
+"""Published laws by name. The laws of Hunt and Crossley and of Lankarani and Nikravesh are meant for e near 1."""
 
 
 @lru_cache(maxsize=4096)
 def damping_factor(
     law: str, restitution: float, stiffness_exponent: float = 1.5, damping_exponent: float = 1.5
 ) -> float:
-    """Return the damping factor d by a law, for a contact of nominal `restitution`.
+    """Return the damping factor d that `law` gives for a nominal `restitution`.
 
-    The published laws do not depend on the exponents. "exact" delivers the nominal restitution for any exponents;
-    "fixed" does so at its reference velocity.
+    The published laws do not depend on the exponents. With "exact" a contact has the nominal restitution, whatever the
+    exponents; with "fixed" it has the nominal restitution at the law's reference velocity.
     """
     m, n = stiffness_exponent, damping_exponent
     if law not in ("exact", "fixed"):
@@ -70,7 +70,7 @@ def damping_factor(
         return 0.0
 
     def excess(log_damping: float) -> float:
-        d = math.exp(log_damping)  # of an isolated contact u'' = -(u^m + d u^n u')+
+        d = math.exp(log_damping)  # of an isolated contact u'' = -max(u^m + d u^n u', 0)
         result = delivered_linear(d) if (m, n) == (1.0, 0.0) else separation_velocity(d, m, n)
         return math.log(result / restitution)
 
@@ -83,7 +83,7 @@ def damping_factor(
 
 
 def effective_restitution(law: str, restitution: ArrayLike) -> NDArray[np.float64] | float:
-    """Return the restitution of an isolated contact with m = n under `law`, in the shape of the nominal `restitution`.
+    """Return the restitution that an isolated contact with m = n has under `law`, for each nominal `restitution`.
 
     Raises:
         ValueError: `law` is unknown, or a restitution is outside (0, 1].

@@ -1,8 +1,8 @@
 """Contact stiffness of two bodies from their materials, and a small table of materials of pads and surfaces.
 
-Published values scatter, so the table has ranges. Each source says whether it was read. Restitution depends on both
-bodies, their shapes and their velocity. The table gives it only where two bodies of one material were measured, or a
-soft body against a far stiffer one, which loses the same share. For other pairs measure a hit, and use
+Published values scatter, so the table has ranges. Each source says whether we read it. Restitution depends on the
+materials and shapes of the two bodies, and on their velocity. So the table gives it only where it was measured with two
+bodies of the same material, or with a body against a far stiffer one. For other pairs measure a blow, and use
 `impact_gym.identify`.
 """
 
@@ -23,14 +23,14 @@ def hertz(
     thin pad on a hard tool is stiffer.
 
     Args:
-        radius: of the sphere, m; of two spheres 1 / (1/R_1 + 1/R_2).
+        radius: radius of the sphere, m; for two spheres 1 / (1/R_1 + 1/R_2).
         young_tool: Young's modulus of the tool's surface, Pa.
         poisson_tool: Poisson's ratio of the tool's surface.
         young_object: Young's modulus of the object's surface, Pa.
         poisson_object: Poisson's ratio of the object's surface.
 
     Raises:
-        ValueError: one of these is out of range.
+        ValueError: an argument is out of range.
     """
     radius = number("radius", radius, "m", above=0)
     compliance = 0.0
@@ -42,12 +42,12 @@ def hertz(
 
 @dataclass(frozen=True)
 class Material:
-    """Published values of a material, each a range from the smallest to the largest."""
+    """Published values of a material: each range goes from the smallest to the largest value found."""
 
     young: Range  # Pa
     poisson: Range
     source: str
-    restitution: Range | None = None  # of two bodies of this material, or of one against a far stiffer body
+    restitution: Range | None = None  # between two bodies of this material, or such a body and a far stiffer one
 
 
 GENT = (
@@ -78,10 +78,10 @@ FOAM = (
 
 
 def rubber(shore: float, source: str = GENT, restitution: Range | None = None) -> Material:
-    """Return a rubber of a hardness, Shore A, with Young's modulus by Gent's relation, divided and multiplied by 1.2.
+    """Return rubber of hardness `shore` (Shore A); the range of Young's modulus is Gent's value divided and times 1.2.
 
-    The relation is the one of a flat punch, E = (1 - nu^2) F / (2 R delta), with the spring force of a durometer, its
-    indentation and the mean radius of its blunt cone.
+    Gent's relation is that of a flat punch, E = (1 - nu^2) F / (2 R delta), where F is the spring force of the
+    durometer, delta its indentation, and R the mean radius of its blunt cone.
     """
     shore = number("shore", shore, "(Shore A)", at_least=20, at_most=80)
     young = 1e6 * 0.0981 * (56.0 + 7.62336 * shore) / (0.137505 * (254.0 - 2.54 * shore))
@@ -108,12 +108,12 @@ MATERIALS = {
 
 
 def material_ranges(radius: Range, tool: str | Material, target: str | Material) -> dict[str, list[float]]:
-    """Return ranges for `[environment.scenario]` of a set-up: contact_stiffness and, if known, restitution.
+    """Return ranges for the table `[environment.scenario]` of a set-up: contact_stiffness and, if known, restitution.
 
     Args:
         radius: smallest and largest radius of the curved body, m.
-        tool: material of the tool's surface, a name in MATERIALS or a record.
-        target: material of the object's surface, likewise.
+        tool: material of the tool's surface: a name in MATERIALS, or a `Material`.
+        target: material of the object's surface: a name in MATERIALS, or a `Material`.
 
     Raises:
         ValueError: a material is unknown, or a radius is not above 0.

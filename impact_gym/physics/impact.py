@@ -1,6 +1,6 @@
-"""Instantaneous impact in closed form, the limit of stiff contact (paper, eq. 1-4 and 22), and the slide to rest.
+"""Closed formulas for an instantaneous impact, the limit of a stiff contact (paper, eq. 1-4, 22), and for sliding.
 
-All arguments are broadcast against each other as NumPy arrays. A restitution of 0 is allowed.
+The arguments of each function are broadcast against each other as NumPy arrays. A restitution of 0 is allowed.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ Velocities = NDArray[np.float64] | np.float64
 
 
 def rigid_tool(tool_velocity: ArrayLike, object_velocity: ArrayLike, restitution: ArrayLike) -> Velocities:
-    """Return the final velocity of the object, m/s, after a hit by a tool of imposed motion (paper, eq. 1, V_t = v_t).
+    """Return the object's final velocity, m/s, after an impact by a tool that keeps its velocity (eq. 1, V_t = v_t).
 
     Raises:
         ValueError: a velocity (m/s) is not finite or a restitution is outside [0, 1].
@@ -27,10 +27,10 @@ def free_tool(
     tool_mass: ArrayLike, object_mass: ArrayLike, tool_velocity: ArrayLike, object_velocity: ArrayLike,
     restitution: ArrayLike, impulse: ArrayLike = 0.0,
 ) -> tuple[Velocities, Velocities]:  # fmt: skip
-    """Return the final velocities of tool and object, m/s (paper, eq. 3-4).
+    """Return the final velocities of tool and object, m/s, after an impact of two free bodies (paper, eq. 3-4).
 
-    `impulse` (N s) acts from a coupling on the tool during the impact (paper, eq. 21-22). Both bodies gain the same
-    velocity by it.
+    `impulse` (N s) is that of a coupling on the tool during the impact (paper, eq. 21-22). It increases the velocities
+    of tool and object by the same amount.
 
     Raises:
         ValueError: a mass (kg) is not positive, a restitution is outside [0, 1], or a number is not finite.
@@ -45,7 +45,7 @@ def free_tool(
 
 
 def sliding_distance(object_velocity: ArrayLike, friction: ArrayLike) -> Velocities:
-    """Return the distance until Coulomb friction stops the object, m: V_p^2 / (2 mu g); infinite without friction.
+    """Return how far the object slides until Coulomb friction stops it, m: V_p^2 / (2 mu g); inf without friction.
 
     Raises:
         ValueError: a velocity (m/s) is not finite or a coefficient of friction is negative.

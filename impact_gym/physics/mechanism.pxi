@@ -1,12 +1,13 @@
-"""A spring between stops: of a bistable mechanism, on a pivot at height H above its path (paper, Fig. 21), or a linear one.
+"""Forces and energies of a coupling with stops: a bistable mechanism (paper, Fig. 21), or a linear spring and damper.
 
-x is the position of the slider from the vertical alignment, where the spring is shortest and pushes neither way; the
-stretch of the coupling is measured from `rest`, the position of the slider at rest. A stop is a one-sided linear spring
-and damper that never pulls. A linear spring is at rest at 0, and has a damper.
+The spring of a mechanism hangs on a pivot at height H above the path of the slider. x is the position of the slider,
+measured from the alignment, where the spring is vertical, shortest, and pushes neither way. The stretch of the coupling
+is x - `rest`, where `rest` is the position of the slider at rest. A stop is a linear spring and damper that never pulls.
+For a linear spring and damper `rest` is 0.
 """
 
 cdef enum:
-    FREE = 0, FRONT = 1, REAR = -1  # which stop pushes
+    FREE = 0, FRONT = 1, REAR = -1  # which stop pushes on the slider; FREE: none
 
 
 cdef struct Mechanism:
@@ -18,7 +19,7 @@ cdef struct Mechanism:
     double rear_stop  # m
     double stop_stiffness  # N/m
     double stop_damping  # N s/m
-    int64_t linear  # 1: the force is -k x - c x_dot, 0: the force of a mechanism
+    int64_t linear  # 1: linear, with the force -k x - c x_dot; 0: bistable mechanism
     double damping  # N s/m, c
 
 
@@ -28,7 +29,7 @@ cpdef inline double bistable_force(double stiffness, double free_length, double 
 
 
 cdef inline double spring_slope(const Mechanism *law, double x) noexcept nogil:
-    """Return the derivative of the spring's force by the position, N/m: k (L0 H^2 / L^3 - 1), or -k."""
+    """Return the derivative of the spring's force by x, N/m: k (L0 H^2 / L^3 - 1) for a mechanism, -k if linear."""
     cdef double L
     if law.linear:
         return -law.stiffness
@@ -43,7 +44,7 @@ cpdef inline double bistable_energy(double stiffness, double free_length, double
 
 
 cdef inline double mechanism_pull(const Mechanism *law, int pressed, double stretch, double stretch_rate) noexcept nogil:
-    """Return the force on the tool, N: the spring (paper, eq. 23) and the stop that is `pressed`."""
+    """Return the force on the tool, N, by the spring (paper, eq. 23) and by the stop `pressed`, FRONT, REAR or FREE."""
     cdef double pull, x = law.rest + stretch
     if law.linear:
         pull = -law.stiffness * x - law.damping * stretch_rate
@@ -62,10 +63,11 @@ cdef inline double stop_place(const Mechanism *law, int stop) noexcept nogil:
 cdef inline (double, double, double) stop_switch(
     const Mechanism *law, int stop, int pressed, double stretch, double rate, double acceleration
 ) noexcept nogil:
-    """Return a value, N, that becomes positive when `stop` begins to push, or if `pressed` when it would begin to pull.
+    """Return the value of the event that `stop` begins to push or, if it is `pressed`, that it would begin to pull.
 
-    A stop begins to push when the slider reaches it. It can cease before the slider has left it, and push again. Also
-    return a smooth quantity that equals the value near its maximum, N, and its time derivative.
+    The value, N, becomes positive at the event. A stop begins to push when the slider reaches it. It can cease to push
+    before the slider has left it, and then push again. The two other results are a smooth quantity that equals the
+    value near its maximum, N, and the time derivative of this quantity.
     """
     cdef double k = law.stop_stiffness, c = law.stop_damping
     cdef double push = stop * k * (law.rest + stretch - stop_place(law, stop)), moving = stop * rate
@@ -77,7 +79,7 @@ cdef inline (double, double, double) stop_switch(
 
 
 cdef inline double stiffness_bound(const Mechanism *law) noexcept nogil:
-    """Return the largest absolute stiffness of the spring, N/m; a mechanism has it at the alignment or far from it."""
+    """Return the largest absolute `spring_slope`, N/m; that of a mechanism occurs at the alignment or far from it."""
     if law.linear:
         return law.stiffness
     return law.stiffness * max(law.free_length / law.height - 1.0, 1.0)
@@ -91,7 +93,7 @@ cdef inline double spring_energy(const Mechanism *law, double x) noexcept nogil:
 
 
 cdef inline double mechanism_energy(const Mechanism *law, double stretch) noexcept nogil:
-    """Return the energy of spring and stops, J."""
+    """Return the energy stored in spring and stops, J."""
     cdef double x = law.rest + stretch
     cdef double depth = max(max(x - law.front_stop, law.rear_stop - x), 0.0)
     return spring_energy(law, x) + 0.5 * law.stop_stiffness * depth * depth
@@ -100,8 +102,9 @@ cdef inline double mechanism_energy(const Mechanism *law, double stretch) noexce
 cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noexcept nogil:
     """Return a lower bound on the energy on one side of the alignment, and the energy barrier between the sides, J.
 
-    The energy is lowest where the slider rests on a stop. At the front stop it is known. At the rear stop the spring
-    pushes with less than F = k (L0 - H), so behind `rear_stop` the energy falls by at most F^2 / (2 k_s).
+    The energy on a side is lowest where the slider rests on the stop. For the front stop this energy is known. At the
+    rear stop the spring pushes with less than F = k (L0 - H), so the energy there is lower than at `rear_stop` by at
+    most F^2 / (2 k_s).
     """
     cdef double barrier = spring_energy(law, 0.0), F = law.stiffness * (law.free_length - law.height)
     if law.linear:
@@ -112,12 +115,12 @@ cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noe
 
 
 cdef inline double mechanism_reach(const Mechanism *law, double stretch, double kinetic) noexcept nogil:
-    """Return the largest stretch (m) that the energy of mechanism and stops and `kinetic` (J) allow.
+    """Return a bound on the stretch (m) that the slider can reach with its present energy and `kinetic` (J).
 
-    With less energy than the barrier, a slider behind the alignment stays there. Otherwise the front stop, which stores
-    no more than the available energy, ends its motion. The energy at rest cannot become kinetic. In front of the
-    position at rest the energy grows at least as fast as in a spring of the stiffness of the stop minus the largest
-    stiffness of the mechanism.
+    With less energy than the barrier, a slider behind the alignment stays behind it. Otherwise the front stop, which
+    stores no more than the available energy, ends the slider's motion. The energy at `rest` cannot become kinetic. In
+    front of `rest` the energy grows at least as fast as that of a spring with the stiffness of the stop minus the
+    largest stiffness of the mechanism.
     """
     cdef double energy = kinetic + mechanism_energy(law, stretch), free = energy - mechanism_energy(law, 0.0)
     cdef double reach = law.front_stop - law.rest + sqrt(2.0 * energy / law.stop_stiffness)

@@ -1,18 +1,18 @@
-"""The closed form of a tool on one linear spring and damper.
+"""The motion, in closed form, of a tool on one linear spring and damper.
 
-y = x_t - x_r is the deflection. Away from the object, under a flange acceleration a,
+y = x_t - x_r is the deflection of the tool. While tool and object do not touch, under a flange acceleration a,
 
     y'' + 2 zeta omega y' + omega^2 y = -a        (paper, eq. 17 with F = 0)
 
-so z = y + a / omega^2 decays freely, and its motion is known at any time.
+so z = y + a / omega^2 is a free damped oscillation, whose value at any time has a formula.
 """
 
 
 cpdef (double, double) decay_basis(double frequency, double damping_ratio, double time) noexcept nogil:
-    """Return exp(-zeta omega t) times cos(omega_d t) and sin(omega_d t) / omega_d, for any damping ratio.
+    """Return exp(-zeta omega t) cos(omega_d t) and exp(-zeta omega t) sin(omega_d t) / omega_d, for any damping ratio.
 
-    omega_d = omega sqrt(1 - zeta^2). Above critical damping it is imaginary, and cosine and sine become hyperbolic.
-    Near critical damping both are series in (omega_d t)^2, which avoids cancellation.
+    omega_d = omega sqrt(1 - zeta^2). Above critical damping omega_d is imaginary, and cosine and sine become hyperbolic.
+    Near critical damping, cosine and sine are computed as series in (omega_d t)^2, which avoids cancellation.
     """
     cdef double alpha = damping_ratio * frequency
     cdef double square = (damping_ratio - 1.0) * (damping_ratio + 1.0) * frequency * frequency  # -omega_d^2
@@ -46,5 +46,5 @@ cpdef (double, double) free_decay(
 
 
 cdef inline double relative_force(double frequency, double damping_ratio, double y, double y_dot) noexcept nogil:
-    """Return the force of spring and damper on the tool over the tool's mass, m/s^2 (paper, right side of eq. 17)."""
+    """Return the force of spring and damper on the tool / the tool's mass, m/s^2 (paper, right side of eq. 17)."""
     return -frequency * (frequency * y + 2.0 * damping_ratio * y_dot)

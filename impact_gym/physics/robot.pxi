@@ -1,30 +1,31 @@
-"""The compliance of a robot along its approach (paper, eq. 8 and 16): a table over the imposed position.
+"""Mass, stiffness and damping of a compliant robot (paper, eq. 8 and 16), from a table over the imposed position.
 
-Between the breaks mass, stiffness and damping are cubic polynomials, outside they are constant. A robot with constant
-parameters is a table of one interval, longer than any motion.
+Between two breaks of the table, the three parameters are cubic polynomials of the imposed position; before the first
+and after the last break they are constant. A robot with constant parameters has a table with one interval, longer than
+any motion.
 """
 
 
 cdef struct RobotTable:
     const double *breaks  # (n + 1,), m
-    const double *coefficients  # (n, 3, 4): mass, stiffness, damping; constant first, by powers of x - breaks[i]
+    const double *coefficients  # (n, 3, 4): of mass, stiffness, damping, for the powers 0 to 3 of x - breaks[i]
     int64_t intervals  # n; 0 if the robot is rigid
 
 
 cdef struct RobotNow:
     double mass, stiffness, damping  # kg, N/m, N s/m: m_r, k_r, c_r
-    double mass_slope  # kg/m, by the imposed position
+    double mass_slope  # kg/m, derivative of the mass by the imposed position
 
 
-cdef struct RobotSlopes:  # further derivatives by the imposed position
-    double stiffness, damping  # N/m^2, N s/m^2
-    double mass_bend  # kg/m^2, second derivative
+cdef struct RobotSlopes:  # more derivatives by the imposed position
+    double stiffness, damping  # N/m^2, N s/m^2, derivatives of stiffness and damping
+    double mass_bend  # kg/m^2, second derivative of the mass
 
 
 cdef inline int robot_place(const RobotTable *table, double position, double direction) noexcept nogil:
-    """Return the interval at `position` (m) in a motion in `direction`: -1 before the first break, n after the last.
+    """Return the index of the interval at `position` (m); -1 before the first break, n after the last one.
 
-    A break within rounding of `position` counts as passed.
+    A break that equals `position` up to rounding counts as passed by a motion in `direction`.
     """
     cdef int place = -1
     cdef double near = 1e-9 * (table.breaks[table.intervals] - table.breaks[0])
@@ -35,7 +36,7 @@ cdef inline int robot_place(const RobotTable *table, double position, double dir
 
 
 cdef inline (double, double) robot_bounds(const RobotTable *table, int place) noexcept nogil:
-    """Return the ends of interval `place`, imposed positions in m."""
+    """Return the imposed positions (m) at the two ends of interval `place`."""
     return (
         table.breaks[place] if place >= 0 else -INFINITY,
         table.breaks[place + 1] if place < table.intervals else INFINITY,
@@ -43,7 +44,7 @@ cdef inline (double, double) robot_bounds(const RobotTable *table, int place) no
 
 
 cdef inline double table_offset(const RobotTable *table, int place, double position, int *interval) noexcept nogil:
-    """Return the argument of the polynomials, m, and write their interval; outside the table those at the nearest end."""
+    """Return x - breaks[i], m, the argument of the polynomials, and write i; outside the table, those of the nearest end."""
     cdef int i = min(max(place, 0), <int> table.intervals - 1)
     interval[0] = i
     if place == i:
@@ -52,7 +53,7 @@ cdef inline double table_offset(const RobotTable *table, int place, double posit
 
 
 cdef inline RobotNow robot_within(const RobotTable *table, int place, double position) noexcept nogil:
-    """Return the parameters at an imposed `position` (m) by the polynomials of interval `place`."""
+    """Return the robot's parameters at an imposed `position` (m), by the polynomials of interval `place`."""
     cdef RobotNow robot
     cdef int i
     cdef double u = table_offset(table, place, position, &i)
@@ -67,7 +68,7 @@ cdef inline RobotNow robot_within(const RobotTable *table, int place, double pos
 
 
 cdef RobotSlopes robot_slopes(const RobotTable *table, int place, double position) noexcept nogil:
-    """Return further derivatives of the parameters at an imposed `position` (m)."""
+    """Return the derivatives of the robot's parameters that `robot_within` does not, at an imposed `position` (m)."""
     cdef RobotSlopes slopes = RobotSlopes(0.0, 0.0, 0.0)
     cdef int i
     cdef double u = table_offset(table, place, position, &i)
@@ -82,5 +83,5 @@ cdef RobotSlopes robot_slopes(const RobotTable *table, int place, double positio
 
 
 cdef inline RobotNow robot_at(const RobotTable *table, double position) noexcept nogil:
-    """Return the parameters at an imposed `position` (m)."""
+    """Return the robot's parameters at an imposed `position` (m)."""
     return robot_within(table, robot_place(table, position, 1.0), position)

@@ -1,11 +1,11 @@
-"""Pictures of an episode for `render` of the environment, in slow motion around contacts.
+"""Draw pictures of an episode for the environment's `render`; time runs more slowly around contacts.
 
     canvas    shapes and text, drawn by pygame
     chain     flange, coupling, tool and object to scale
     strips    velocities and force over time
-    film      History: the episode at any instant; SlowMotionVideo
+    film      the episode at any instant (History), and films (SlowMotionVideo)
 
-Each picture is drawn from the simulator's own trace, so an instant within a control step is as exact as its end.
+Each picture is drawn from the simulator's trace, so an instant within a control step is as exact as the step's end.
 """
 
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ HOLD = 2.0  # s, during which the last picture of an episode is shown
 STAGE: Box = (0.0, 112.0, float(WIDTH), 226.0)
 STRIP: Box = (64.0, 376.0, 640.0, 98.0)
 CLOSE_UP: Box = (WIDTH - 216.0, 376.0, 200.0, 118.0)
-LAMP = (WIDTH - 22.0, 30.0)  # grey; amber once the force is detected; red while the controller has an alarm
+LAMP = (WIDTH - 22.0, 30.0)  # place of a lamp: amber once the force is detected, red during an alarm, otherwise grey
 
 Frame = NDArray[np.uint8]
 
@@ -35,7 +35,7 @@ class Renderer:
     """Draws the episodes of one environment."""
 
     def __init__(self, mode: str) -> None:
-        """Set the `render_mode`; pygame is imported, and a window opened, for the first picture."""
+        """Set the `render_mode`; pygame is imported, and in mode "human" a window opened, with the first picture."""
         self._mode = mode
         self._canvas: Canvas | None = None
         self._window: pygame.Surface | None = None
@@ -44,13 +44,13 @@ class Renderer:
 
     def begin(self) -> None:
         """Begin a new episode."""
-        self._shown: float | None = None  # s, the instant of the last picture
+        self._shown: float | None = None  # s, the instant that the last picture shows
         self._reached = 0.0  # s, end of the episode at the last call
         self._ended = False
         self._last: Frame | None = None
 
     def render(self, history: History) -> Frame | list[Frame] | None:
-        """Return what `render` of the environment returns for the episode so far."""
+        """Return what the environment's `render` must return for the episode so far, see Rendering there."""
         if self._mode == "rgb_array":
             if self._last is None or history.now != self._shown:  # the same instant has the same picture
                 span = history.now - (self._shown or 0.0)
@@ -75,11 +75,11 @@ class Renderer:
         self._window = self._clock = self._canvas = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out canvas and window, which cannot be copied and are made again when needed."""
+        """Leave out canvas and window, which cannot be copied; they are made again when needed."""
         return self.__dict__ | {"_canvas": None, "_window": None, "_clock": None}
 
     def instants(self, history: History) -> Iterator[tuple[float, float]]:
-        """Yield the instants (s) that were not shown yet, each with its slow motion."""
+        """Yield the instants (s) that were not shown yet, each with the factor of its slow motion."""
         if self._shown is None:
             self._shown = 0.0
             yield 0.0, history.factor(0.0)
@@ -109,7 +109,7 @@ class Renderer:
         self._clock.tick(FRAME_RATE)
 
     def draw(self, history: History, time: float, factor: float) -> Canvas:
-        """Draw the picture of an instant (s) that runs `factor` times slower than real time."""
+        """Draw the picture of the instant `time` (s), shown `factor` times slower than real time."""
         if self._canvas is None:
             self._canvas = Canvas()
         canvas, state = self._canvas, history.at(time)
@@ -123,7 +123,7 @@ class Renderer:
 
 
 def _head(canvas: Canvas, history: History, state: State, factor: float) -> None:
-    """Write the object's velocity, or at the end the result, in large letters; and time, slow motion and alarm."""
+    """Write the object's velocity, or after the end the result, in large letters; and time, slow motion and alarm."""
     over = history.ended and state.time >= history.now
     canvas.text(verdict(history) if over else f"object {state.object_velocity:.2f} m/s", (14.0, 34.0), 58)
     pace = f"{round(factor, 1):g} x slower" if factor > 1.0 else f"{1.0 / factor:.2g} x faster"
@@ -149,7 +149,7 @@ def verdict(history: History) -> str:
 
 
 def alarm(history: History, time: float) -> tuple[str, str]:
-    """Return a few words on the alarm at `time` (s), and the colour of the lamp."""
+    """Return a few words about the state of the alarm at `time` (s), and the colour of the lamp."""
     events = history.events
     if events.alarm <= time < events.alarm_over:
         if history.task.alarm == "reading":
@@ -161,7 +161,7 @@ def alarm(history: History, time: float) -> tuple[str, str]:
 
 
 def _foot(canvas: Canvas, history: History, state: State) -> None:
-    """Write the scenario, or at the end the results."""
+    """Write the lower line: the scenario, or after the end of the episode its results."""
     info, scenario, task = history.info, history.info["scenario"], history.task
     if history.ended and state.time >= history.now:
         words = f"return {sum(info['reward_terms'].values()):.2f}"

@@ -1,6 +1,6 @@
-"""A picture that pygame draws: coordinates in pixels from the upper left corner, smooth edges.
+"""A picture with smooth edges, drawn by pygame; coordinates are in pixels from the upper left corner.
 
-Shapes are drawn at twice the size and scaled down; then text is written over them at the final size.
+Shapes are drawn at twice the final size and scaled down, which smooths edges; then text is written over them.
 """
 
 import importlib
@@ -25,7 +25,7 @@ Box = tuple[float, float, float, float]  # left, top, width, height
 
 WIDTH, HEIGHT = 960, 540
 OVERSAMPLING = 2
-FARTHEST = 1 << 14  # pixels; pygame overflows with far larger coordinates
+FARTHEST = 1 << 14  # pixels, largest coordinate given to pygame, which overflows with far larger ones
 
 
 class Canvas:
@@ -79,7 +79,7 @@ class Canvas:
         self.pygame.draw.polygon(self._surface, colour, self._scaled(points))
 
     def rectangle(self, box: Box, colour: str) -> None:
-        """Fill a rectangle, with edges to a fraction of a pixel."""
+        """Fill a rectangle; its edges may lie within a pixel."""
         left, top, width, height = box
         (x0, y0), (x1, y1) = self._scaled([(left, top), (left + width, top + height)])
         self._surface.fill(colour, (x0, y0, max(x1 - x0, 1), max(y1 - y0, 1)))
@@ -95,11 +95,11 @@ class Canvas:
             self.pygame.draw.lines(self._surface, colour, False, self._scaled(points), thickness)
 
     def text(self, text: str, at: Point, size: int = 18, colour: str = INK, anchor: str = "midleft") -> None:
-        """Write `text`; `anchor` names the point of the text's box that is placed `at`."""
+        """Write `text`; `anchor` names the point of the text's bounding box that is placed at `at`."""
         self._texts.append((text, at, size, colour, anchor))
 
     @staticmethod
     def _scaled(points: Sequence[Point]) -> list[tuple[int, int]]:
-        """Return `points` on the larger surface, with coordinates limited to FARTHEST."""
+        """Return `points` in pixels of the surface, OVERSAMPLING times the picture; at most FARTHEST from 0."""
         x, y = np.clip(np.transpose(points) * OVERSAMPLING, -FARTHEST, FARTHEST).round().astype(int).tolist()
         return list(zip(x, y, strict=True))

@@ -1,7 +1,7 @@
-"""The chain to scale, seen by a fixed camera: flange, coupling, tool, gap and object.
+"""Draw the chain to scale, seen by a fixed camera: flange, coupling, tool, gap and object.
 
-Positions and displacements are to scale. The model has no sizes of bodies, so they are chosen here: the object is a
-ball of 1500 kg/m^3. A bistable mechanism has its own dimensions.
+Positions and displacements are to scale. The simulated bodies have no size, so sizes are chosen here: the object is a
+ball with a density of 1500 kg/m^3. A bistable mechanism is drawn with its own dimensions.
 """
 
 import math
@@ -18,38 +18,38 @@ TOOL_LENGTH, TOOL_HEIGHT = 0.034, 0.03  # m
 FLANGE_LENGTH, FLANGE_HEIGHT = 0.016, 0.052  # m
 BAR = 0.006  # m, thickness of a rigid coupling
 CLEARANCE = 0.004  # m, half the length of a bistable slider, and the thickness of its stops
-SHORTEST_SPRING = 0.002  # m, drawn if the tool has passed the flange
-BASE_LENGTH, ROBOT_LENGTH = 0.008, 0.03  # m, of the block with the imposed motion, and of the robot's spring
-ROOM = 0.2  # m, shown behind the object for its motion
+SHORTEST_SPRING = 0.002  # m, length of the drawn spring if the tool has passed the flange
+BASE_LENGTH, ROBOT_LENGTH = 0.008, 0.03  # m, of the block that has the imposed motion, and of the robot's spring
+ROOM = 0.2  # m, space shown behind the object, into which it can move
 MARGIN = 0.02  # m
 DENSITY, LARGEST_RADIUS = 1500.0, 0.5  # kg/m^3, m
 TEXT, SMALL = 30, 24  # pixels, sizes of text; legible in a picture of half the size
-LARGEST_SPAN = 3.0  # m; an object farther away is outside the picture
+LARGEST_SPAN = 3.0  # m, largest length that is shown; an object farther away is outside the picture
 RULER, DISTANCE = 34.0, 56.0  # pixels, height of the ruler below the ground, and of the gap's length above the bodies
 SHOWN_PUSH = 5e-4  # m; a shorter push of the object is not shown
 
 
 class Camera(NamedTuple):
-    """Maps positions to the picture."""
+    """Maps positions in m to pixels of the picture."""
 
     box: Box
-    left: float  # m, at the left edge
+    left: float  # m, position at the left edge
     scale: float  # pixels per m
-    axis: float  # pixels from above, of the line along which all bodies move
-    ground: float  # pixels from above
+    axis: float  # pixels from the upper edge to the line along which all bodies move
+    ground: float  # pixels from the upper edge to the ground
 
     def x(self, position: float) -> float:
-        """Return the column, in pixels, of `position` (m)."""
+        """Return the horizontal coordinate, in pixels, of `position` (m)."""
         return self.box[0] + (position - self.left) * self.scale
 
     def block(self, canvas: Canvas, back: float, front: float, height: float, colour: str) -> None:
-        """Draw a block from `back` to `front` across the line, all in m."""
+        """Draw a block from `back` to `front`, centred on the line of motion; lengths in m."""
         tall = height * self.scale
         canvas.rectangle((self.x(back), self.axis - 0.5 * tall, self.x(front) - self.x(back), tall), colour)
 
 
 def rest_length(task: Task) -> float:
-    """Return the drawn distance from flange to tool without deflection, m; with a soft spring it is longer."""
+    """Return the distance (m) drawn between flange and tool at zero deflection; a softer spring is drawn longer."""
     coupling = task.coupling
     if isinstance(coupling, SpringDamper):
         return 0.04 + 1.25 * math.sqrt(task.tool_mass / coupling.stiffness)
@@ -59,7 +59,7 @@ def rest_length(task: Task) -> float:
 
 
 def object_radius(mass: float) -> float:
-    """Return the radius (m) of the ball that is drawn for an object of this mass (kg)."""
+    """Return the radius (m) of the ball drawn for an object of this mass (kg)."""
     return min(math.cbrt(0.75 * mass / (math.pi * DENSITY)), LARGEST_RADIUS)
 
 
@@ -184,7 +184,7 @@ def _spring_damper(canvas: Canvas, view: Camera, front: float, back: float, rest
 def _bistable(canvas: Canvas, view: Camera, front: float, back: float, mechanism: Bistable) -> None:
     """Draw the slider between its stops, the spring and its pivot on the flange's arm, to scale in both directions."""
     alignment = front + CLEARANCE - mechanism.rear_stop
-    rod = mechanism.front_stop - mechanism.rear_stop + 2.0 * CLEARANCE  # the tool clears the front stop
+    rod = mechanism.front_stop - mechanism.rear_stop + 2.0 * CLEARANCE  # so long that the tool stays off the front stop
     slider = (view.x(back - rod), view.axis)
     pivot = (view.x(alignment), view.axis - mechanism.height * view.scale)
     thick = CLEARANCE * view.scale
@@ -205,7 +205,7 @@ def _bistable(canvas: Canvas, view: Camera, front: float, back: float, mechanism
 
 
 def close_up(canvas: Canvas, history: History, state: State, box: Box) -> None:
-    """Draw the faces enlarged, so that even the hardest impact that can be commanded fits, and the force."""
+    """Draw the two faces enlarged, and the force; the scale is such that the hardest possible impact fits."""
     left, top, width, height = box
     scale = 0.4 * width / min(max(history.impact_depth(history.task.velocity_range[1]), 1e-9), 1.0)
     radius = object_radius(history.info["scenario"]["object_mass"]) * scale

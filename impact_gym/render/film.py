@@ -1,4 +1,4 @@
-"""The time histories of an episode, at any instant, and the instants of a film in slow motion."""
+"""The state of an episode at any instant, and the instants at which a slow-motion film shows it."""
 
 import math
 from collections.abc import Iterator
@@ -13,20 +13,20 @@ from impact_gym.task.episodes import EpisodeState
 from impact_gym.task.task import Task
 
 FRAME_RATE = 30  # 1/s
-FLIGHT_FACTOR = 8  # slow motion without contact, if the episode lasts at most HORIZON
-HORIZON = 1.2  # s; a longer episode has less slow motion, down to real time
-SHORTEST, LONGEST = 6.0, 10.0  # s, of a film
-CONTACT_FACTOR = 32  # least slow motion while tool and object touch
-LARGEST_FACTOR = 1024  # largest slow motion
-SMALLEST_FACTOR = 0.25  # fast motion, for a long settling
-FRAMES_PER_IMPACT = 16  # during an elastic Hertz impact of the bodies
-FRAMES_PER_FOLD = 6  # while the time to or since the touch grows e-fold
-SETTLING_FRAMES = 45  # after the end, at most, without impacts
-SLOWEST_IMPACT = 1e-3  # m/s
+FLIGHT_FACTOR = 8  # how many times slower than real time a film is without contact, for episodes up to HORIZON
+HORIZON = 1.2  # s; the factor of a longer episode is smaller, down to 1, real time
+SHORTEST, LONGEST = 6.0, 10.0  # s, shortest and longest film
+CONTACT_FACTOR = 32  # smallest factor while tool and object touch
+LARGEST_FACTOR = 1024  # largest factor
+SMALLEST_FACTOR = 0.25  # smallest factor, faster than real time, for a long simulation after the episode's end
+FRAMES_PER_IMPACT = 16  # number of frames in the time of an elastic Hertz impact of the bodies
+FRAMES_PER_FOLD = 6  # number of frames while the time to the touch, or since the touch, changes by a factor e
+SETTLING_FRAMES = 45  # most frames for the simulation after the episode's end, without impacts
+SLOWEST_IMPACT = 1e-3  # m/s, for slower impacts the factor is that of this speed
 
 
 class State(NamedTuple):
-    """The chain at one instant: SI units, names as in `Trace`."""
+    """The state of the chain at one instant, in SI units; names as in `Trace`."""
 
     time: float
     flange_position: float
@@ -42,35 +42,37 @@ class State(NamedTuple):
 
     @property
     def penetration(self) -> float:
-        """Distance of the tool's face behind the undeformed face of the object, m; the gap is its negative."""
+        """How far the tool's face is inside the undeformed object, m; before the touch it is minus the gap."""
         return self.tool_position - self.object_position
 
     @property
     def closing(self) -> float:
-        """Rate of the penetration, m/s."""
+        """Time derivative of `penetration`, m/s."""
         return self.tool_velocity - self.object_velocity
 
 
 class History:
-    """An episode up to now, from the simulator's own trace; nothing is simulated again."""
+    """An episode up to now, read from the simulator's trace; nothing is simulated again."""
 
     def __init__(self, trace: Trace, info: dict[str, Any], task: Task, events: EpisodeState, ended: bool) -> None:
         """Read an episode.
 
         Args:
-            trace: of the episode, from the first step on.
-            info: as returned by `episode_info()` of an environment.
-            task: of the environment; `self.task` has the numbers that this episode drew.
-            events: as returned by `episode_state()` of an environment.
+            trace: trace of the episode, from the first step on.
+            info: what the environment's `episode_info()` returns.
+            task: task of the environment; `self.task` becomes this task with the numbers that the episode drew.
+            events: what the environment's `episode_state()` returns.
             ended: whether the episode has terminated, so that the trace contains the settling.
         """
         self.info, self.events, self.ended = info, events, ended
-        if ended and events.alarm > events.end:  # of a contact during settling, which no control step sees
+        if (
+            ended and events.alarm > events.end
+        ):  # from a contact after the last control step: the controller never sees it
             self.events = events._replace(alarm=math.inf)
         self.task = task = task.at(info["record"])
         at_rest = {name: 0.0 for name in State._fields} | {"object_position": info["scenario"]["distance"]}
         rows = np.vstack([list(at_rest.values()), np.column_stack([getattr(trace, name) for name in at_rest])])
-        rows = rows[np.isfinite(rows).all(axis=1)]  # a failed simulation may have other rows
+        rows = rows[np.isfinite(rows).all(axis=1)]  # a failed simulation may have rows that are not finite
         self._rows = np.ascontiguousarray(rows)
         self.columns = dict(zip(at_rest, np.ascontiguousarray(rows.T), strict=True))
         self.time = self.columns["time"]
@@ -86,7 +88,7 @@ class History:
         self.threshold = task.alarm_threshold
 
     def at(self, time: float) -> State:
-        """Return the chain at `time` (s), linear between points of the trace."""
+        """Return the state of the chain at `time` (s), interpolated linearly between points of the trace."""
         last = len(self.time) - 1
         row = min(max(int(self.time.searchsorted(time, side="right")) - 1, 0), max(last - 1, 0))
         begin, end = self._rows[row], self._rows[min(row + 1, last)]
@@ -99,10 +101,10 @@ class History:
         return (1.25 * self.reduced_mass * speed * speed / stiffness) ** 0.4
 
     def factor(self, time: float) -> float:
-        """Return the slow motion at `time` (s): the factor by which a film is slower than real time, a power of two.
+        """Return the factor, a power of two, by which the film is slower than real time at `time` (s).
 
-        The factor rises before the touch, so that the impact itself has FRAMES_PER_IMPACT frames, and falls with the
-        time since the touch: a contact that the coupling then extends to a hundred impact times is shown faster again.
+        The factor rises before the touch, so that the impact itself has FRAMES_PER_IMPACT frames. It falls with the
+        time since the touch, so that a contact that the coupling prolongs a hundredfold does not make the film long.
         """
         state = self.at(time)
         begun = int(np.searchsorted(self.touches, time, side="right"))
@@ -124,10 +126,10 @@ class History:
         return max(2.0 ** math.ceil(math.log2(slower) - 1e-9), SMALLEST_FACTOR)
 
     def film(self, after: float) -> Iterator[tuple[float, float]]:
-        """Yield the instants of frames after the instant `after`, s, each with its factor.
+        """Yield the instants (s) of the frames after the instant `after`, each with its factor.
 
-        A remainder shorter than a frame is left for the next step. But each step has at least one frame, and the last
-        frame of an episode shows its last instant.
+        The end of a control step, if shorter than a frame, is left to the frames of the next step. But each step has at
+        least one frame, and the last frame of an episode shows its last instant.
         """
         time, factor = after, self.factor(after)
         while time + 1.0 / (FRAME_RATE * factor) <= self.now:
@@ -139,11 +141,11 @@ class History:
 
 
 class SlowMotionVideo(RecordVideo[Any, Any]):
-    """Gymnasium's `RecordVideo` with all pictures of each step; Gymnasium's own keeps only the last picture.
+    """A `RecordVideo` that records all pictures of each step; Gymnasium's records only the last picture of a step.
 
-    Use it in the same way, on an environment made with `render_mode="rgb_array_list"`. The film of an episode lasts
-    SHORTEST to LONGEST seconds: from a longer film pictures are left out evenly, and the last picture of a shorter
-    film is repeated. It needs moviepy, from the extra `render`.
+    Use it like `RecordVideo`, on an environment made with `render_mode="rgb_array_list"`. The film of an episode lasts
+    SHORTEST to LONGEST seconds: a longer film is shortened by leaving out pictures evenly, and in a shorter film the
+    last picture is repeated. The class needs moviepy, from the extra `render`.
 
     Example:
         >>> env = gym.make("ImpactApproach-v0", render_mode="rgb_array_list")

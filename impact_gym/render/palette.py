@@ -8,7 +8,7 @@ COLOURS = {
     "grid": ("#DCDCD8", "#383B3F"), "muted": ("#5A5A57", "#ACACA8"), "fg": ("#1D1D1B", "#E9E9E6"),
     "link": ("#0B5CAD", "#7DB8F0"),
 }  # fmt: skip
-"""By name: colour on a light and on a dark page. A rule, policy, profile or person has its colour everywhere."""
+"""For each name, its colour on a light page and on a dark page; the same thing has the same colour on all pages."""
 LIGHT = {name: light for name, (light, _) in COLOURS.items()}
 RULE, POLICY, PROFILE, PERSON = (LIGHT[name] for name in ("rule", "policy", "profile", "person"))
 OBJECT, TOOL, FLANGE, FORCE = (LIGHT[name] for name in ("object", "tool", "flange", "force"))

@@ -1,4 +1,4 @@
-"""Velocities of flange, tool and object over the last 0.3 s; contacts, detection of the force and alarm are marked."""
+"""Plot the velocities of flange, tool and object over the last 0.3 s, and mark contacts, force detection and alarm."""
 
 import math
 
@@ -8,7 +8,7 @@ from impact_gym.render.canvas import Box, Canvas
 from impact_gym.render.film import History, State
 from impact_gym.render.palette import ALARM, FAINT, FLANGE, GRID, OBJECT, PANEL, TOOL, WARNING
 
-WINDOW, AHEAD = 0.3, 0.03  # s, duration that a strip shows, and its part after the present time
+WINDOW, AHEAD = 0.3, 0.03  # s, duration that the plot shows, and the part of it after the present time
 SMALL = 24  # pixels, size of text
 BODIES = {"flange_velocity": FLANGE, "tool_velocity": TOOL, "object_velocity": OBJECT}
 

@@ -1,18 +1,18 @@
-"""From compliant joints to mass, damping and stiffness along the approach (paper, section 3.1, eq. 10-16, Fig. 10).
+"""Compute a robot's mass, damping and stiffness along an approach from its joints (paper, section 3.1, eq. 10-16).
 
     default_approach() -> Approach        the shipped table: Viper s650, the paper's m_r at the impact
-    Approach.robot_table(), .at(position) the robot of a Scene, with one of three masses
+    Approach.robot_table(), .at(position) the robot of a Scene, with one of three kinds of mass
 
-The rest computes such a table and needs MuJoCo, the extra `robot`:
+The functions below compute such a table and need MuJoCo, the extra `robot`:
 
-    from_urdf(path, base, tip) -> Arm     any serial arm; viper.viper() is the paper's
+    from_urdf(path, base, tip) -> Arm     any serial arm; viper.viper() returns the paper's arm
     Arm.along(start, direction, length)   -> Approach, the table along a line through the flange
     Arm.reduction(angles, direction)      one row of the table
     joint_angles(arm, place, ...)         joint angles of a pose
-    all_joints.simulate(arm, approach, scene)  the same blow with all joints; shows the error of the table
+    all_joints.simulate(arm, approach, scene)  simulates a blow with all joints, to see the error of the table
 
-Kinematics and limits of the Viper are public data. Its inertia and joint stiffness are estimates: at a given pose m_r
-is uncertain by tens of per cent and k_r by a factor. With the default pose both agree with the paper.
+Kinematics and joint limits of the Viper are public data. Its inertia and joint stiffness are estimates: at a given pose
+m_r is uncertain by tens of per cent, k_r even more. At the default pose m_r and k_r agree with the paper.
 """
 
 import warnings
@@ -31,37 +31,41 @@ from impact_gym.validation import choice, number, numbers, one_of, whole
 __all__ = ["IMPACT", "Approach", "Arm", "default_approach", "from_urdf", "joint_angles"]
 
 PerJoint = float | Sequence[float] | Sequence[tuple[float, float]]
-"""A number for all joints or for each; or a pair (low, high) for all or for each, to draw from log-uniformly."""
+"""A number for all joints, or one for each; or a pair (low, high) for all joints, or one for each.
+
+From a pair a number is drawn log-uniformly.
+"""
 
 
 def from_urdf(
     path: Path | str, base: str, tip: str, *, joint_stiffness: PerJoint, joint_damping: PerJoint,
     rotor_inertia: PerJoint | None = None, gear: PerJoint | None = None, seed: int = 0, inertia: str = "given",
 ) -> Arm:  # fmt: skip
-    """Return the arm between two links of a URDF file, its joints elastic between motor and link.
+    """Return the arm between two links of a URDF file; each joint is elastic between its motor and its link.
 
     Args:
-        path: of the file; meshes are not needed.
-        base: the fixed link; links above it are ignored.
-        tip: the link at the end; its frame is the flange.
-        joint_stiffness: N m/rad, or N/m: a number for all joints or for each, or a pair (low, high) for all or for each
-            to draw from. Two numbers for an arm of two joints are one for each. There is no default, as the stiffness
-            is seldom published and the results depend on it.
-        joint_damping: N m s/rad, or N s/m, in the same forms.
-        rotor_inertia: of the motors' rotors, kg m^2, or kg; only the servo of `all_joints.simulate` needs it.
-        gear: turns of the rotor per turn of the joint, 1 unless given.
-        seed: of the random draws from pairs.
-        inertia: "given", or "balanced" for a file with rounded numbers that break the triangle rule: no principal
-            moment of inertia exceeds the sum of the other two. A body that breaks the rule gets the mean of its three
-            moments for each, as with MuJoCo's `balanceinertia`. A body is a link with all links welded to it.
+        path: path of the URDF file; the mesh files that it names are not needed.
+        base: name of the fixed link; links above it are ignored.
+        tip: name of the link at the end of the arm; its frame is the flange.
+        joint_stiffness: N m/rad, for prismatic joints N/m: see `PerJoint`. Two numbers for an arm of two joints are one
+            number for each joint. There is no default, because the stiffness is seldom published, but matters.
+        joint_damping: N m s/rad, for prismatic joints N s/m: see `PerJoint`.
+        rotor_inertia: inertia of the motors' rotors, kg m^2, for prismatic joints kg; only the servo of
+            `all_joints.simulate` needs it.
+        gear: turns of the rotor per turn of the joint; None: 1.
+        seed: seed of the random draws from pairs.
+        inertia: "given" or "balanced". A principal moment of inertia cannot exceed the sum of the two others. "given"
+            refuses a body that breaks this rule. "balanced" replaces its three moments by their mean, as MuJoCo's
+            `balanceinertia` does. A body is a link with all links welded to it.
 
     Raises:
-        TypeError, ValueError: the file does not describe such an arm, or a joint parameter is invalid; names it.
+        TypeError, ValueError: the file does not describe such an arm, or a joint parameter is invalid. The message
+            names the link, the joint or the parameter.
         ImportError: MuJoCo is not installed.
 
     Warns:
-        UserWarning: a link that the arm moves has inertia but no mass, so its inertia is left out; a joint outside the
-            arm mimics a joint of the arm, but is held at zero; or a joint has limits beyond 10 rad or 100 m.
+        UserWarning: a link that the arm moves has inertia but no mass, so its inertia is left out. Or a joint outside
+            the arm mimics a joint of the arm, but is held at zero. Or a joint has limits beyond 10 rad or 100 m.
     """
     choice("inertia", inertia, ("given", "balanced"))
     one_of("path", path, str, Path)
@@ -83,7 +87,7 @@ def from_urdf(
 
 
 def _per_joint(name: str, given: Any, count: int, rng: np.random.Generator, unit: str, **limits: float) -> Array:
-    """Return a number for each joint, (count,)."""
+    """Return the number of each joint (count,), drawn from `rng` where `given` has a pair."""
     if not hasattr(given, "__len__") or isinstance(given, (str, Mapping)):
         return np.full(count, number(name, given, unit, **limits))
     if len(given) == 2 != count:

@@ -1,10 +1,11 @@
-"""Simulation of an arm with all its joints, the reference for the table of an `Approach` (paper, eq. 10).
+"""Simulate an arm with all its joints (paper, eq. 10), as a reference for the simpler table of an `Approach`.
 
     M(q) q'' + c(q, q') = D (q_m' - q') + K (q_m - q) - J' F
 
-with elastic joints between the motors at q_m and the links at q. The motors follow the line, exactly or by a servo.
-Tool and object move along the line with the contact law of the scene. MuJoCo computes M, J and the bias c, and SciPy
-integrates. MuJoCo's contacts and integrator and the compiled solver of this package are not used.
+Elastic joints connect the motors, at the angles q_m, with the links, at the angles q. The motors follow the line,
+exactly or by a servo. Tool and object move along the line; F is the contact law of the scene, or the coupling's force.
+MuJoCo computes M, J and the bias c, and SciPy integrates. Neither MuJoCo's contacts and integrator nor the compiled
+solver of this package are used, so that the results are independent of them.
 """
 
 import math
@@ -32,14 +33,14 @@ class Blow:
     """Results of an approach that was simulated with all joints."""
 
     object_velocity: float  # m/s, V_p
-    touch_time: float | None  # s, of the first touch; None: the object is not touched
+    touch_time: float | None  # s, time of the first touch; None: the object is not touched
     impact_velocity: float | None  # m/s, of the tool at the first touch
     peak_force: float  # N
     contact_time: float | None  # s, duration of the first contact; None: it has not ended
     impulse: float  # N s, on the object
     contact_count: int
     sideways: float  # m, largest distance of the flange from the line during contacts
-    turn: float  # rad, largest rotation of the flange since the first touch, during contacts
+    turn: float  # rad, largest rotation of the flange during contacts, relative to the first touch
     status: str  # "ok", or why the run ended early
 
 
@@ -48,22 +49,22 @@ def simulate(
     coriolis: bool = True, gravity: bool = False, servo: Servo | None = None, rtol: float = 1e-8,
     most_evaluations: int = MOST_EVALUATIONS,
 ) -> Blow:  # fmt: skip
-    """Simulate an approach of `arm` with all its joints along the line of `approach`; the scene has no robot.
+    """Simulate an approach of `arm` with all its joints along the line of `approach`; `scene.robot` must be None.
 
     Args:
         arm: the arm that `approach` describes.
         approach: the line, and the motors' angles along it.
-        scene: tool, object, contact and coupling; without friction, and with equal exponents of the contact.
-        motion: of the motors along the line.
-        duration: s.
+        scene: tool, object, contact and coupling. The object must have no friction, and the contact equal exponents.
+        motion: motion of the motors along the line.
+        duration: length of the run, s.
         coriolis: whether centrifugal and Coriolis forces act.
-        gravity: whether weight acts, which then also deflects the joints at the start.
-        servo: how the motors follow the line; None: exactly.
+        gravity: whether gravity acts; it then also deflects the joints at the start.
+        servo: the servo by which the motors follow the line; None: they follow it exactly.
         rtol: relative tolerance of the integration, 1e-12 to 1e-3.
         most_evaluations: number of evaluations of the equations after which the run stops with a status.
 
     Raises:
-        ValueError: a field of the scene is not modelled here, or the line ends before the object; names the field.
+        ValueError: the scene has something that is not modelled here, or the line ends before the object.
     """
     for field, value, kinds in (
         ("arm", arm, (Arm,)), ("approach", approach, (Approach,)), ("scene", scene, (Scene,)),
@@ -101,13 +102,13 @@ def simulate(
 
 
 def _run(equations: Equations, duration: float, rtol: float, status: str) -> Blow:
-    """Integrate from event to event; the result has this `status` unless the run ends early."""
+    """Integrate from event to event; return the result, with this `status` unless the run ends early."""
     scene, path, servo, touching, t = equations.scene, equations.path, equations.servo, False, 0.0
     y, d = equations.begin(scene.object.distance), damping_factor(scene.contact.dissipation, scene.contact.restitution)
     touches, parted, impact, rotation, undetected = list[float](), list[float](), None, np.eye(3), True
     peak = sideways = turn = 0.0
-    due = 0.0 if servo else math.inf  # s, of the next sample
-    late = deque[tuple[float, Array]]()  # torques that do not act yet, and the times at which they will
+    due = 0.0 if servo else math.inf  # s, time of the servo's next sample
+    late = deque[tuple[float, Array]]()  # times at which commanded torques will begin to act, and these torques
     try:
         while t < duration:
             if servo and t >= due:
@@ -153,7 +154,7 @@ def _run(equations: Equations, duration: float, rtol: float, status: str) -> Blo
 
 
 def _highest(forces: list[float]) -> float:
-    """Return the top of the parabola through the largest of evenly spaced values and its neighbours."""
+    """Return the maximum of a curve at evenly spaced points: by a parabola through the largest and its neighbours."""
     top = int(np.argmax(forces))
     if not 0 < top < len(forces) - 1:
         return forces[top]

@@ -1,4 +1,4 @@
-"""The robot along a straight approach as a table, and the file of such a table."""
+"""A table of a robot's mass, damping and stiffness along a straight approach; reading and writing such tables."""
 
 import json
 from dataclasses import dataclass
@@ -16,26 +16,26 @@ from impact_gym.validation import WrongTypeError, choice, numbers
 
 Array = NDArray[np.float64]
 SHIPPED = Path(__file__).with_name("default_approach.json")
-IMPACT = 0.2505  # m, from the start of the shipped approach to the object; identified, see docs/provenance.md
+IMPACT = 0.2505  # m, from the start of the shipped approach to the object; inferred, see docs/provenance.md
 
 COLUMNS = {
     "position": "travel_m", "held": "m_r_kg", "damping": "c_r_N_s_per_m", "stiffness": "k_r_N_per_m",
     "effective": "effective_mass_kg", "effective_stiffness": "effective_stiffness_N_per_m",
     "composite": "composite_mass_kg",
 }  # fmt: skip
-"""Name in the file of each field; the columns of joint angles follow, with the names of the joints."""
+"""For each field, the name of its column in a file. Columns with the joints' names follow, for the joint angles."""
 
 Mass = Literal["held", "effective", "composite"]
 
 
 @dataclass(frozen=True, eq=False)
 class Approach(Parameters):
-    """The flange on a straight line at constant orientation; the arrays have a row for each place.
+    """A robot whose flange moves along a straight line at constant orientation; arrays have a row for each position.
 
-    The masses are without a tool; a tool's mass is added (paper: 'simply adds').
+    The masses do not contain a tool; the mass of a tool is added to them (paper: 'simply adds').
     """
 
-    position: Annotated[Array, SI("m")]  # of the imposed motion from its start, rising from 0
+    position: Annotated[Array, SI("m")]  # distance of the imposed motion from its start, rising from 0
     held: Annotated[Array, SI("kg")]  # m_r = M_X,11 (paper, eq. 12 and 16)
     damping: Annotated[Array, SI("N s/m")]  # c_r = D_X,11 (paper, eq. 13 and 16)
     stiffness: Annotated[Array, SI("N/m")]  # k_r = K_X,11 (paper, eq. 14 and 16)
@@ -44,9 +44,9 @@ class Approach(Parameters):
     composite: Annotated[Array, SI("kg")]  # mass of all links as one body, see `Arm.reduction`
     joint_angles: Array  # rad, m for prismatic joints, (rows, n)
     joints: tuple[str, ...]  # names
-    start: Annotated[Array, SI("m")]  # of the flange in the base's frame, (3,)
-    direction: Annotated[Array, SI("-")]  # of length 1, (3,)
-    chosen: Mass = "held"  # the mass of `robot_table` and `at`, unless another is named
+    start: Annotated[Array, SI("m")]  # position of the flange at the start, in the base's frame, (3,)
+    direction: Annotated[Array, SI("-")]  # direction of the line, of length 1, (3,)
+    chosen: Mass = "held"  # the kind of mass that `robot_table` and `at` use by default
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
@@ -76,9 +76,9 @@ class Approach(Parameters):
         object.__setattr__(self, name, array)
 
     def robot_table(self, mass: Mass | None = None) -> RobotTable:
-        """Return the robot with parameters that vary along the line, with one of its three masses.
+        """Return the robot with parameters that vary along the line; `mass` names one of three kinds of mass.
 
-        The effective mass comes with the effective stiffness, and the damping is reduced in proportion.
+        The effective mass is combined with the effective stiffness, and damping is reduced in proportion to stiffness.
         """
         mass = self.chosen if mass is None else mass
         choice("mass", mass, get_args(Mass))
@@ -89,7 +89,7 @@ class Approach(Parameters):
         return RobotTable(*(tuple(map(float, column)) for column in columns))
 
     def at(self, position: float, mass: Mass | None = None) -> Robot:
-        """Return the robot with constant parameters, as at `position` (m) of the line."""
+        """Return the robot with constant parameters: those at `position` (m) of the line."""
         return self.robot_table(mass).at(position)
 
 
@@ -100,7 +100,7 @@ def default_approach() -> Approach:
 
 
 def read(path: Path) -> Approach:
-    """Read a file of `write`."""
+    """Return the approach in a file that `write` wrote."""
     data = parsed(path, "JSON", json.loads)
     line, names = data["line"], tuple(data["line"]["joints"])
     if data["columns"] != [*COLUMNS.values(), *names]:
@@ -117,7 +117,7 @@ def read(path: Path) -> Approach:
 
 
 def write(path: Path, approach: Approach, provenance: dict[str, Any]) -> None:
-    """Write `approach` and its provenance to `path` atomically; each row is a line, with all digits."""
+    """Write `approach` and its provenance to `path` atomically; each row is a line, and floats keep all digits."""
     line = {
         "joints": list(approach.joints), "start_m": approach.start.tolist(), "direction": approach.direction.tolist(),
         "chosen": approach.chosen,

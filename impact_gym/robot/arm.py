@@ -1,6 +1,7 @@
-"""A serial arm on a fixed base, computed by MuJoCo: its flange, its inertia, and their table along a line.
+"""A serial arm on a fixed base: its flange, its inertia, and a table of its mass and stiffness along a line.
 
-Joint angles are in rad, for prismatic joints in m. All results are in the frame of the base.
+MuJoCo computes kinematics and inertia. Joint angles are in rad, for prismatic joints in m. All results are in the frame
+of the base.
 """
 
 from collections.abc import Sequence
@@ -16,33 +17,36 @@ from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.bodies import Body, specification
 from impact_gym.validation import number, numbers
 
-TOLERANCE, STEPS = 1e-10, 200  # of the search for a pose: largest error, m and rad, and number of steps
-LARGEST_TURN = 0.2  # rad or m, of a joint in a step of the search
+TOLERANCE, STEPS = (
+    1e-10,
+    200,
+)  # search for joint angles: largest error of the pose (m, rad), and largest number of steps
+LARGEST_TURN = 0.2  # rad or m, largest change of a joint in a step of the search
 SPACING, LONGEST = 0.0025, 4.0  # m, largest distance between places along a line, and largest length of a line
 
 MAX_CONDITION = 30.0
-"""Largest condition number of the Jacobian.
+"""Largest allowed condition number of the Jacobian.
 
-At 30 joint 5 of the Viper is 6 to 10 deg from a straight wrist, or joint 3 about 14 deg from a stretched arm. There a
-small displacement of the flange needs a large rotation of the joints: M_X,11 is some 100 kg, more than three times the
-mass of the robot, and eq. 11-16 no longer hold.
+At a condition number of 30, joint 5 of the Viper is 6 to 10 deg from a straight wrist, or joint 3 is about 14 deg from
+a stretched arm. There a small displacement of the flange needs a large rotation of the joints: M_X,11 is some 100 kg,
+more than three times the mass of the robot, and eq. 11-16 no longer hold.
 """
-SOFTEST, STIFFEST = 1.0, 1e8  # N/m, along a line; beyond them a unit is wrong. Servos of 20 N m/rad give 100 N/m
+SOFTEST, STIFFEST = 1.0, 1e8  # N/m, allowed stiffness along a line; outside, a unit is wrong. 20 N m/rad give 100 N/m
 
 
 class Arm:
     """A serial arm of n joints; see `from_urdf`."""
 
-    stiffness: Array  # of the joints, N m/rad or N/m, (n,)
+    stiffness: Array  # N m/rad or N/m, of the joints, (n,)
     damping: Array  # N m s/rad or N s/m, (n,)
-    rotors: Array  # inertia of the motors behind the gear, kg m^2 or kg, (n,)
+    rotors: Array  # kg m^2 or kg, inertia of the motors' rotors as seen at the joints, after the gear, (n,)
 
     def __init__(self, bodies: Sequence[Body], tip: Array) -> None:
         self._mujoco, self._specification = specification(bodies, tip)
         self.joints, self.units = tuple(body.joint for body in bodies), tuple(body.unit for body in bodies)
         self.lower, self.upper = (np.array([getattr(body, end) for body in bodies]) for end in ("low", "high"))
         self.count = len(bodies)
-        self.holds_orientation = self.count >= 6  # otherwise the flange keeps its position only
+        self.holds_orientation = self.count >= 6  # with fewer joints only the position of the flange is prescribed
         self._compile()
 
     def _compile(self) -> None:
@@ -85,19 +89,19 @@ class Arm:
         return self._data.xpos[self._tip].copy(), self._data.xmat[self._tip].reshape(3, 3).copy()
 
     def jacobian(self, angles: ArrayLike) -> Array:
-        """Return J(q): rows vx, vy, vz (m/s) and wx, wy, wz (rad/s) of the flange per joint rate, (6, n)."""
+        """Return J(q), (6, n): velocity (3 rows) and angular velocity (3 rows) of the flange per joint rate."""
         self._place(angles)
         jacobian = np.empty((6, self.count))
         self._mujoco.mj_jac(self._model, self._data, jacobian[:3], jacobian[3:], self._data.xpos[self._tip], self._tip)
         return jacobian
 
     def held_rows(self, angles: ArrayLike) -> Array:
-        """Return the rows of J(q) in which the flange is held: all, or with fewer than six joints the position's."""
+        """Return the rows of J(q) in whose directions the flange is held: six; below six joints three."""
         return self.jacobian(angles)[: 6 if self.holds_orientation else 3]
 
     @cached_property
     def rank(self) -> int:
-        """Number of held directions that are independent in general; an arm in a plane has fewer than it holds."""
+        """Rank of `held_rows` at a general pose; lower than their number, for instance, if the arm moves in a plane."""
         low, high = np.clip([self.lower, self.upper], -3.0, 3.0)
         somewhere = np.random.default_rng(0).uniform(low, np.maximum(high, low), (8, self.count))
         return max(int((sizes > 1e-9 * sizes[0]).sum()) for sizes in map(self._singular_values, somewhere))
@@ -107,12 +111,12 @@ class Arm:
         return np.linalg.svd(np.vstack([rows[:3], self.length * rows[3:]]), compute_uv=False)
 
     def condition(self, angles: ArrayLike) -> float:
-        """Return the condition number of the Jacobian's held rows: first over `rank`-th singular value."""
+        """Return the condition number of `held_rows`: the largest singular value / the `rank`-th largest."""
         sizes = self._singular_values(angles)
         return float(sizes[0] / sizes[self.rank - 1]) if sizes[self.rank - 1] > 0.0 else np.inf
 
     def check_condition(self, angles: Array, where: str) -> None:
-        """Raise ValueError if the arm is too near a singularity at these joint angles; `where` names the place."""
+        """Raise ValueError if the arm is too near a singularity at `angles`; `where` names the place in the message."""
         condition = self.condition(angles)
         if not condition <= MAX_CONDITION:
             far = np.argmax(np.abs(np.linalg.svd(self.held_rows(angles))[2][self.rank - 1]))
@@ -123,7 +127,7 @@ class Arm:
             )
 
     def mass_matrix(self, angles: ArrayLike) -> Array:
-        """Return M_q(q), kg m^2, (n, n) (paper, eq. 11)."""
+        """Return the mass matrix M_q(q), kg m^2, (n, n) (paper, eq. 11)."""
         self._place(angles)
         self._mujoco.mj_crb(self._model, self._data)
         matrix = np.empty((self.count, self.count))
@@ -132,10 +136,10 @@ class Arm:
         return np.asarray((matrix + matrix.T) / 2)  # symmetric but for rounding
 
     def dynamics(self, angles: Array, rates: Array, coriolis: bool, gravity: bool) -> tuple[Array, Array, Array]:
-        """Return the flange's position, the first three rows of J(q), and the torques of velocity and weight, (n,).
+        """Return the flange's position, the first three rows of J(q), and bias torques (n,).
 
-        The torques come from centrifugal and Coriolis forces and from gravity. `accelerations` uses the angles of the
-        last call.
+        The bias torques are those of centrifugal and Coriolis forces and of gravity, as far as `coriolis` and `gravity`
+        ask for them. `accelerations` uses the joint angles of the last call of this method.
         """
         self._move(angles)
         self._mujoco.mj_crb(self._model, self._data)
@@ -151,7 +155,7 @@ class Arm:
         return position, J, bias
 
     def accelerations(self, torques: Array) -> Array:
-        """Return M_q^-1 times `torques`, (n,)."""
+        """Return M_q^-1 times `torques`, (n,), at the joint angles of the last call of `dynamics`."""
         found = np.empty((1, self.count))
         self._mujoco.mj_solveM(self._model, self._data, found, torques[None])
         return found[0]
@@ -160,31 +164,31 @@ class Arm:
         """Return mass (kg), centre (m) and tensor of inertia about it (kg m^2) of all moving links as one body."""
         self._place(angles)
         self._mujoco.mj_crb(self._model, self._data)
-        xx, yy, zz, xy, xz, yz = self._data.crb[1, :6]  # of body 1, the first link, and all links behind it
+        xx, yy, zz, xy, xz, yz = self._data.crb[1, :6]  # inertia of body 1 (the first link) and all bodies after it
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         return float(self._model.body_subtreemass[1]), self._data.subtree_com[1].copy(), tensor
 
     def reduction(self, angles: ArrayLike, direction: ArrayLike) -> dict[str, float]:
-        """Return the row of an `Approach` at these joint angles, by the names of its columns.
+        """Return a row of an `Approach`, at these joint angles and for motion in `direction`; keys are its field names.
 
-        Mass, damping and stiffness are elements (1,1) of the Cartesian matrices (paper, eq. 12-16). They describe a
-        flange that is *held* in its other directions; a flange that is free in them is lighter and softer. The
-        effective mass is what an impulse along the line meets at first; the effective stiffness is static force over
-        deflection along the line. By Cauchy-Schwarz they never exceed the held mass and stiffness. The composite mass
-        is the mass of all links as one free rigid body; an arm under stiff position control behaves nearly like that
-        (Wang, Dehio and Kheddar, arXiv 2202.12646).
+        Held mass, damping and stiffness are the elements (1,1) of the Cartesian matrices (paper, eq. 12-16). They
+        describe a flange that is *held* in all directions but the line's; a flange that is free in them is lighter and
+        softer. The effective mass is the mass that an impulse along the line meets at first. The effective stiffness is
+        static force / deflection along the line. By Cauchy-Schwarz they never exceed the held mass and stiffness. The
+        composite mass is that of all links as one free rigid body; an arm under stiff position control behaves nearly
+        like such a body (Wang, Dehio and Kheddar, arXiv 2202.12646).
 
-        For an arm with more joints than held directions A_X = (J A^-1 J')^-1.
+        For an arm with more joints than held directions, a Cartesian matrix is A_X = (J A^-1 J')^-1.
 
         Raises:
-            ValueError: the arm cannot move that way, or is too near a singularity.
+            ValueError: the arm cannot move in `direction`, or is too near a singularity.
         """
         u, M, J = _unit(direction), self.mass_matrix(angles), self.held_rows(angles)
         self.check_condition(np.asarray(angles, dtype=np.float64), "the place")
         held = np.concatenate([u, np.zeros(len(J) - 3)])
         invert = np.linalg.inv if self.rank == len(J) else partial(np.linalg.pinv, rcond=1e-12)
         M_X, K_X = invert(J @ np.linalg.solve(M, J.T)), invert((J / self.stiffness) @ J.T)
-        rates = (J / self.stiffness).T @ K_X @ held  # of the joints at 1 m/s along the line; J^-1 held with six
+        rates = (J / self.stiffness).T @ K_X @ held  # joint rates at 1 m/s along the line; with six joints J^-1 held
         if not np.abs(J @ rates - held).max() < 1e-6:
             raise ValueError(f"direction must be one along which the arm can move alone, got {u}")
         x = u @ J[:3]
@@ -199,16 +203,16 @@ class Arm:
         }  # fmt: skip
 
     def along(self, start: ArrayLike, direction: ArrayLike, length: float | ArrayLike) -> Approach:
-        """Return the arm along a straight line, the flange keeping its orientation if the arm can hold it.
+        """Return the table of the arm along a straight line; an arm with six joints or more keeps the orientation.
 
         Args:
-            start: joint angles where the line begins, rad, m for prismatic joints, (n,).
-            direction: of the line in the base's frame, of any length above 0, (3,).
-            length: of the line, m; or the places of the rows, m from the start, rising from 0.
+            start: joint angles where the line begins (n,), rad, for prismatic joints m.
+            direction: direction of the line in the base's frame (3,), of any length above 0.
+            length: length of the line, m; or the positions of the table's rows, m from the start, rising from 0.
 
         Raises:
-            ValueError: the arm cannot follow the line; names the first refused place, and the joint. Or the arm is so
-                soft or so stiff along the line that a unit must be wrong.
+            ValueError: the arm cannot follow the line; the message names the first place that it cannot reach, and the
+                joint. Or the arm is so soft or so stiff along the line that a unit must be wrong.
         """
         unit, angles, given = _unit(direction), np.array(numbers("start", start, "rad")), length
         if not hasattr(given, "__len__"):
@@ -245,11 +249,12 @@ def _unit(direction: ArrayLike) -> Array:
 def joint_angles(arm: Arm, position: ArrayLike, rotation: Array | None, near: ArrayLike) -> Array:
     """Return the joint angles (n,) that put the flange at `position`; the search starts from the angles `near`.
 
-    Newton's method with the least change of the joints in each step; so an arm with more joints than it needs has one
-    solution. Without a `rotation` matrix the orientation is free.
+    The search is Newton's method with the least change of the joints in each step, so that also an arm with more joints
+    than needed gets one definite solution. If `rotation` is None, the orientation is free.
 
     Raises:
-        ValueError: the arm cannot reach the pose within its limits, or only near a singularity; names place and joint.
+        ValueError: the arm cannot reach the pose within its limits, or only near a singularity; the message names place
+            and joint.
     """
     goal, angles = np.asarray(position, dtype=np.float64), np.array(near, dtype=np.float64)
     where = f"x = {goal[0]:.6g} m, y = {goal[1]:.6g} m, z = {goal[2]:.6g} m"

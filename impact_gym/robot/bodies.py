@@ -1,6 +1,6 @@
-"""The bodies of an arm: each is a joint, and the links behind it that are welded together as one rigid body.
+"""The bodies of an arm. A body is a joint with the links that it moves and that are welded together.
 
-Only the sum of such links is checked, as a frame or a point payload may have no inertia.
+Only the total inertia of the welded links is checked, because one of them may be a mere frame or a point mass.
 """
 
 import importlib
@@ -14,35 +14,35 @@ from impact_gym.robot.approach import Array
 
 LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # least allowed values of a body, kg and kg m^2
 LARGEST_GYRATION = 3.0
-"""m, allowed radius of gyration of a body, unless the arm reaches farther; in kg mm^2 a finger's would be larger."""
+"""m, largest radius of gyration of a body, unless the arm's reach is larger; it detects inertia given in kg mm^2."""
 ROUNDING = 1e-6
-"""Allowed relative excess of the largest moment of inertia over the sum of the others; files have six digits."""
+"""The largest moment of inertia may exceed the sum of the two others by this part, as files have about six digits."""
 
 
 class Body(NamedTuple):
-    """A joint of an arm, and the rigid body behind it."""
+    """A joint of an arm, and the rigid body that it moves."""
 
     joint: str  # name
     unit: str  # of the joint's position, rad or m
     low: float  # limits of that position
     high: float
-    place: Array  # of the joint in the frame of the previous body, homogeneous, (4, 4)
-    axis: Array  # of length 1, (3,)
+    place: Array  # pose of the joint in the frame of the previous body, homogeneous, (4, 4)
+    axis: Array  # axis of the joint, of length 1, (3,)
     mass: float  # kg
     moments: Array  # principal moments of inertia, kg m^2, (3,)
     axes: Array  # principal axes of inertia and centre of mass, homogeneous, (4, 4)
 
 
 def pseudo_inertia(mass: float, tensor: Array, place: Array) -> Array:
-    """Return the integral J of r r' over the mass of a link, with r = (x, y, z, 1) in the link's frame, (4, 4).
+    """Return the pseudo-inertia J (4, 4): the integral of r r' over a link's mass, r = (x, y, z, 1) in its frame.
 
-    For links that are welded together the integrals add up; in a frame at T the integral is T J T'. See Wensing, Kim
-    and Slotine, IEEE Robotics and Automation Letters 3 (2018).
+    The J of links that are welded together add up in a common frame; in a frame in which the link has the pose T it is
+    T J T'. See Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3 (2018).
 
     Args:
         mass: kg.
-        tensor: of inertia about the centre of mass, kg m^2, (3, 3).
-        place: of the centre of mass and the tensor's axes, homogeneous, (4, 4).
+        tensor: tensor of inertia about the centre of mass, kg m^2, (3, 3).
+        place: position of the centre of mass and directions of the tensor's axes, homogeneous, (4, 4).
     """
     own = np.zeros((4, 4))
     own[:3, :3], own[3, 3] = np.trace(tensor) / 2 * np.eye(3) - tensor, mass
@@ -55,11 +55,11 @@ def welded_body(joint: str, links: Mapping[str, Array], reach: float, balanced: 
     Args:
         joint: name of the joint.
         links: pseudo-inertia of each link in the joint's frame.
-        reach: of the arm, m.
-        balanced: whether all moments of inertia are set to their mean if one exceeds the sum of the others.
+        reach: reach of the arm, m.
+        balanced: whether all three moments of inertia are set to their mean if one exceeds the sum of the others.
 
     Raises:
-        ValueError: no rigid body has such an inertia, or it has other units; names the links.
+        ValueError: no rigid body has such an inertia, or its units seem wrong; the message names the links.
     """
     total = np.sum(list(links.values()), axis=0)
     mass, centre = float(total[3, 3]), total[:3, 3] / max(total[3, 3], LEAST_MASS)
@@ -78,7 +78,7 @@ def welded_body(joint: str, links: Mapping[str, Array], reach: float, balanced: 
     if not least >= LEAST_INERTIA:
         raise ValueError(f"{found}: each must be above 0, at least {LEAST_INERTIA:g}")
     if most <= (1.0 + ROUNDING) * (least + middle):
-        spread = np.maximum(spread, 1e-12 * spread.sum())  # MuJoCo allows no rounding
+        spread = np.maximum(spread, 1e-12 * spread.sum())  # MuJoCo refuses moments that break the rule by rounding
         moments = spread.sum() - spread
     elif balanced:
         moments = np.full(3, spread.sum() * 2.0 / 3.0)
@@ -94,7 +94,7 @@ def welded_body(joint: str, links: Mapping[str, Array], reach: float, balanced: 
 
 
 def specification(bodies: Sequence[Body], tip: Array) -> tuple[Any, Any]:
-    """Return the module mujoco, and its specification of a chain of bodies with the frame `tip`, (4, 4), on the last.
+    """Return the module mujoco, and an MjSpec of a chain of bodies; `tip` is the flange's pose in the last body (4, 4).
 
     Raises:
         ImportError: MuJoCo is not installed.

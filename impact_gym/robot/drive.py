@@ -1,4 +1,4 @@
-"""The motion of an arm's motors: commands along a line, and a sampled servo that follows them."""
+"""The motion of an arm's motors: the commanded motion along a line, and a sampled servo that follows it."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class Path:
     """The commanded motion along the line: pieces of constant acceleration; the last piece never ends."""
 
     def __init__(self, motion: Trapezoid | Motion) -> None:
-        self.pieces = [(0.0, 0.0, 0.0, 0.0)]  # time (s), position, velocity and acceleration at the start of each
+        self.pieces = [(0.0, 0.0, 0.0, 0.0)]  # of each piece at its start: time (s), position, velocity, acceleration
         self._motion, self.threshold = motion, math.inf  # N, force that triggers the brake
         if isinstance(motion, Trapezoid):
             self._change(0.0, motion.speed, motion.acceleration)
@@ -26,19 +26,19 @@ class Path:
             self._change(t, velocity, max(abs(velocity - self.at(t)[1]) / (end - t), 1e-12))
 
     def at(self, t: float) -> tuple[float, float, float]:
-        """Return position (m), velocity and acceleration."""
+        """Return commanded position (m), velocity (m/s) and acceleration (m/s^2) at time `t` (s)."""
         begin, place, speed, rate = next(piece for piece in reversed(self.pieces) if piece[0] <= t)
         since = t - begin
         return place + (speed + 0.5 * rate * since) * since, speed + rate * since, rate
 
     def brake(self, detection: float) -> None:
-        """Brake; `detection` (s) is when the force first exceeded the threshold, and the brake's delay follows."""
+        """Add the braking; it begins the brake's delay after `detection` (s), when the force exceeded the threshold."""
         assert isinstance(self._motion, Trapezoid)
         assert self._motion.brake is not None
         self._change(detection + self._motion.brake.delay, 0.0, self._motion.deceleration)
 
     def _change(self, t: float, velocity: float, acceleration: float) -> None:
-        """Change to this velocity (m/s) from `t` (s) on, with this acceleration (m/s^2), and keep it."""
+        """From `t` (s) on, go to `velocity` (m/s) with `acceleration` (m/s^2), then keep it."""
         place, speed, _ = self.at(t)
         duration = abs(velocity - speed) / acceleration
         self.pieces = [piece for piece in self.pieces if piece[0] < t]
@@ -49,9 +49,11 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class Servo(Parameters):
-    """Sampled PD control of the motors' positions, with the joints' torque as a feedforward."""
+    """A sampled PD control of the motors' positions, with the torques of the elastic joints as feedforward."""
 
-    frequency: Annotated[float, SI("rad/s", above=0)] = 300.0  # natural frequency of the controlled rotor alone
+    frequency: Annotated[float, SI("rad/s", above=0)] = (
+        300.0  # natural frequency of a controlled rotor without its link
+    )
     damping_ratio: Annotated[float, SI("-", above=0)] = 1.0
     period: Annotated[float, SI("s", at_least=1e-4, at_most=0.1)] = 1e-3  # between samples
     delay: Annotated[float, SI("s", at_least=0, at_most=0.1)] = 1e-3  # from a sample until its torque acts
@@ -64,11 +66,11 @@ class Servo(Parameters):
     def growth(self, M: Array, stiffness: Array, damping: Array, rotors: Array) -> float:
         """Return the spectral radius of the sampled loop with elastic joints at rest; below 1 the loop is stable.
 
-        The torques are constant between samples, so matrix exponentials are exact.
+        The torques are constant between samples, so the loop is computed exactly by matrix exponentials.
         """
         n, w, inverse = len(M), self.frequency, np.linalg.inv(M)
         unit, K, D, R, zero = np.eye(n), np.diag(stiffness), np.diag(damping), np.diag(1.0 / rotors), np.zeros((n, n))
-        # rates of change of: joints, joint rates, motors, motor rates, and torques, which are constant
+        # rows: time derivatives of joints, joint rates, motors, motor rates, and torques (0 between samples)
         free = np.block([
             [zero, unit, zero, zero, zero],
             [-inverse @ K, -inverse @ D, inverse @ K, inverse @ D, zero],
@@ -79,11 +81,11 @@ class Servo(Parameters):
         control = np.hstack([
             -K, -D, K - np.diag(rotors) * w * w, D - np.diag(rotors) * 2.0 * self.damping_ratio * w
         ])  # fmt: skip
-        late = int(self.delay / self.period + 1e-9)  # whole periods of the delay; the rest is `part`
+        late = int(self.delay / self.period + 1e-9)  # number of whole periods in the delay; the rest is `part`
         part = min(max(self.delay - late * self.period, 0.0), self.period)
         first, then = (expm(free * t) for t in (part, self.period - part))
         state = 4 * n
-        loop = np.zeros((state + n * (late + 1),) * 2)  # the state, then the torques of the last samples
+        loop = np.zeros((state + n * (late + 1),) * 2)  # acts on the state, followed by the torques of the last samples
         loop[:state, :state] = (then @ first)[:state, :state]
         loop[:state, state + n * late :] += then[:state, :state] @ first[:state, state:]
         if late:

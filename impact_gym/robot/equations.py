@@ -1,4 +1,4 @@
-"""The equations of an arm with all its joints, a tool and an object; see `all_joints`."""
+"""The equations of motion of an arm with all its joints, a tool and an object, for `all_joints.simulate`."""
 
 import math
 from bisect import bisect_right
@@ -14,20 +14,20 @@ from impact_gym.robot.arm import Arm
 from impact_gym.robot.drive import Path, Servo
 from impact_gym.scene import Bistable, Rigid, Scene, SpringDamper
 
-LOST = 0.05  # rad or m, deviation of a motor from its command at which the servo has failed
-MOST_EVALUATIONS = 400_000  # of the equations; they take about 15 s
-STIFF = 1e5  # 1/s, the joints' fastest mode; above it an implicit method is faster
+LOST = 0.05  # rad or m; if a motor deviates more from its command, the servo is considered to have failed
+MOST_EVALUATIONS = 400_000  # default: most evaluations of the equations in a run; so many take about 15 s
+STIFF = 1e5  # 1/s; if the joints' fastest mode is faster, an implicit integration method is used
 
 
 class Unfinished(Exception):  # noqa: N818 a status, not an error
-    """A run ended early; its text says why."""
+    """Raised if a run must end early; the message says why."""
 
 
 class Equations:
-    """The equations of motion.
+    """The equations of motion, and their numbers.
 
-    The state is: angles and rates of the joints; with a servo, angles and rates of the motors; position and velocity of
-    the tool and of the object; impulse on the object.
+    The state consists of angles and rates of the joints; with a servo, angles and rates of the motors; position and
+    velocity of the tool and of the object; and the impulse on the object.
     """
 
     def __init__(
@@ -44,12 +44,12 @@ class Equations:
         inverse, unit = np.linalg.inv(self.arm.mass_matrix(self.motors(scene.object.distance))), np.eye(n)
         modes = np.linalg.eigvals(np.block([[0.0 * unit, unit], [-inverse * arm.stiffness, -inverse * arm.damping]]))
         self.n, self.stiff = n, bool(np.abs(modes).max() > STIFF)
-        self.torque = np.zeros(n)  # of the motors, constant during a sample
-        self.damping = 0.0  # chi of the present contact, N s/m^(1 + n)
+        self.torque = np.zeros(n)  # torques of the motors, constant between two samples of the servo
+        self.damping = 0.0  # N s/m^(1 + n), chi of the present contact
         self.evaluations, self.most_evaluations = 0, most_evaluations
 
     def begin(self, distance: float) -> Array:
-        """Return the state at rest, in equilibrium."""
+        """Return the state at t = 0, at rest and in equilibrium, with the object `distance` (m) ahead."""
         q = q_m = self.motors(0.0)
         if self.gravity:
             q = fsolve(lambda q: self.arm.dynamics(q, q * 0.0, False, True)[2] - self.arm.stiffness * (q_m - q), q_m)
@@ -59,7 +59,7 @@ class Equations:
         return np.concatenate([q, np.zeros(self.n), motors, [place, 0.0, distance, 0.0, 0.0]])
 
     def driven(self, t: float, y: Array) -> tuple[Array, Array]:
-        """Return angles and rates of the motors."""
+        """Return angles and rates of the motors at time `t` (s) in the state `y`."""
         if self.servo:
             return y[2 * self.n : 3 * self.n], y[3 * self.n : 4 * self.n]
         s, rate, _ = self.path.at(t)
@@ -70,7 +70,7 @@ class Equations:
         return angles, rates
 
     def sample(self, t: float, y: Array) -> Array:
-        """Return the motors' torques that the servo computes from the state."""
+        """Return the torques of the motors that the servo computes at time `t` (s) from the state `y`."""
         assert self.servo is not None
         s, rate, rise = self.path.at(t)
         q_m, v_m = self.driven(t, y)
@@ -100,14 +100,14 @@ class Equations:
         return float(held.force(place)) - front + rear
 
     def flange(self, y: Array) -> tuple[float, float, Array, Array]:
-        """Return position and velocity of the flange along the line, the line's row of the Jacobian, and the bias."""
+        """Return position and velocity of the flange along the line, the Jacobian's row for it, and bias torques."""
         q, rates = y[: self.n], y[self.n : 2 * self.n]
         place, J, bias = self.arm.dynamics(q, rates, self.coriolis, self.gravity)
         row = self.u @ J
         return float(self.u @ (place - self.start)), float(row @ rates), row, bias
 
     def rates(self, t: float, y: Array, touching: bool) -> Array:
-        """Return the derivative of the state."""
+        """Return the time derivative of the state."""
         self.evaluations += 1
         if self.evaluations > self.most_evaluations:
             raise Unfinished(f"more than {self.most_evaluations} evaluations of the equations")
@@ -140,7 +140,7 @@ class Equations:
         return math.sqrt(away @ away), math.acos(min(1.0, max(-1.0, 0.5 * (float(np.sum(rotation * turned)) - 1.0))))
 
     def piece(self, t: float, until: float, y: Array, touching: bool, undetected: bool, rtol: float) -> Any:
-        """Integrate until `until` or the first event: touch or parting, end of the line, force over the threshold."""
+        """Integrate to `until` (s) or the first event: touch or parting, end of the line, force above the threshold."""
         events: list[Any] = [
             lambda _, y: self.penetration(y)[0],
             lambda t, _: min((s := self.path.at(t)[0]) + 1e-9, self.places[-1] - s),
@@ -155,7 +155,7 @@ class Equations:
             longest = min(longest, depth / closing)
         elif isinstance(self.scene.coupling, Bistable):
             longest = min(longest, 2.0 * math.sqrt(self.m_t / self.scene.coupling.stop_stiffness))
-        # LSODA restarts too slowly for a servo's samples, and oscillates with stiff joints
+        # LSODA restarts too slowly at each sample of a servo, and oscillates if the joints are stiff
         method = "DOP853" if self.servo else "Radau" if self.stiff else "LSODA"
         return solve_ivp(
             lambda t, y: self.rates(t, y, touching), (t, until), y, method, events=events, rtol=rtol,

@@ -1,10 +1,10 @@
-"""The serial arm between two links of a URDF file.
+"""Read the serial arm between two links of a URDF file.
 
-Links that other joints connect to the arm move with it; such joints, of a gripper say, are held at zero. Links that the
-arm does not move are not checked. Meshes, colours and transmissions are ignored.
+Joints that are not between the two links, such as those of a gripper, are held at zero, so the links behind them move
+with the arm. Links that the arm does not move are not checked. Meshes, colours and transmissions are ignored.
 
-MuJoCo's own reader of URDF is not used: it needs the meshes, ignores mimic joints without a warning, and does not name
-the link of a wrong inertia.
+MuJoCo's own URDF reader is not used: it needs the mesh files, ignores mimic joints without a warning, and does not name
+the link whose inertia is wrong.
 """
 
 import codecs
@@ -22,27 +22,27 @@ from impact_gym.robot.bodies import Body, pseudo_inertia, welded_body
 from impact_gym.validation import number, unit_text
 
 UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
-"""Types of joints that an arm may have, and the unit of each."""
+"""Types of joints that an arm may have, and the unit of each type's position."""
 MOST_MASS, MOST_INERTIA, FARTHEST, MOST_TURN = 1e6, 1e12, 100.0, 10.0
-"""Limits of the numbers in a file, in kg, kg m^2, m and rad; larger numbers are in other units."""
-MOST_JOINTS, MOST_BYTES = 1000, 1 << 24  # of an arm, as MuJoCo recurses along it; and of a file
+"""Largest numbers allowed in a file, in kg, kg m^2, m and rad; larger ones are probably in other units."""
+MOST_JOINTS, MOST_BYTES = 1000, 1 << 24  # most joints of an arm, along which MuJoCo recurses; most bytes of a file
 
 Element = ElementTree.Element
 
 
 class Joint(NamedTuple):
-    """A joint of a file."""
+    """A joint as the file describes it."""
 
     name: str
     kind: str
-    parent: str  # the link above it
+    parent: str  # name of the link above it
     child: str
     mimics: str | None  # name of the joint that this joint follows
     element: Element
 
 
 def decoded(content: bytes) -> str:
-    """Return the text of an XML file, decoded as its first bytes or its declaration say, else as UTF-8.
+    """Return the text of an XML file, in the encoding that its first bytes or its declaration state, else in UTF-8.
 
     Raises:
         ValueError, LookupError: the file is compressed, too large, or in an unknown encoding.
@@ -59,12 +59,12 @@ def decoded(content: bytes) -> str:
 
 
 def read(text: str, base: str, tip: str, balanced: bool, remarks: list[str]) -> tuple[list[Body], Array]:
-    """Return the bodies from the link `base` to the link `tip`, and the place of `tip` in the last body, (4, 4).
+    """Return the bodies from the link `base` to the link `tip`, and the pose of `tip` in the last body (4, 4).
 
-    Warnings are appended to `remarks`; `balanced` is explained at `bodies.welded_body`.
+    Warnings are appended to `remarks`. For `balanced` see `bodies.welded_body`.
 
     Raises:
-        ValueError: the text is no URDF of such an arm; names link or joint.
+        ValueError: the text is not a URDF of such an arm; the message names link or joint.
     """
     robot = _parsed(text)
     links = _named(robot, "link")
@@ -84,7 +84,7 @@ def read(text: str, base: str, tip: str, balanced: bool, remarks: list[str]) -> 
     if not 2 <= len(chain) <= MOST_JOINTS:
         wanted = "two joints or more" if len(chain) < 2 else f"at most {MOST_JOINTS} joints"
         raise ValueError(f"an arm has {wanted}, between {base!r} and {tip!r} there are {len(chain)}")
-    places = {base: (0, np.eye(4))}  # of each link: its body (0: fixed), and its place in the body's frame
+    places = {base: (0, np.eye(4))}  # for each link: number of its body (0: fixed), and its pose in the body's frame
     begins, welded = [np.eye(4)], [dict[str, Array]()]
     for joint in joints:
         behind, place = places.get(joint.parent, (0, np.eye(4)))
@@ -113,8 +113,8 @@ def read(text: str, base: str, tip: str, balanced: bool, remarks: list[str]) -> 
 
 
 def _parsed(text: str) -> Element:
-    """Return the robot of a file."""
-    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # a prefix is part of the name here
+    """Return the element `robot` of an XML text."""
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # keeps a namespace prefix as part of the name
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:
         parser.Parse(text, True)
@@ -131,7 +131,7 @@ def _parsed(text: str) -> Element:
 
 
 def _named(robot: Element, kind: str) -> dict[str, Element]:
-    """Return all links, or all joints, by name."""
+    """Return all elements of a `kind`, "link" or "joint", by name."""
     named: dict[str, Element] = {}
     for each in robot.findall(kind):
         name = each.get("name", "")
@@ -142,7 +142,7 @@ def _named(robot: Element, kind: str) -> dict[str, Element]:
 
 
 def _only(of: Element | None, tag: str, name: str) -> Element | None:
-    """Return the element with this tag in the part called `name`, if there is one."""
+    """Return the only child with this tag, or None; `name` is the name of the parent for messages."""
     found = [] if of is None else of.findall(tag)
     if of is not None and len(found) > 1:
         raise ValueError(f"{of.tag} {name!r} has {len(found)} elements <{tag}>, allowed is one")
@@ -150,7 +150,7 @@ def _only(of: Element | None, tag: str, name: str) -> Element | None:
 
 
 def _downwards(links: Iterable[str], elements: Mapping[str, Element]) -> list[Joint]:
-    """Return the joints, each of them after all joints above it."""
+    """Return the joints, sorted so that each one follows all joints above it."""
     below: dict[str, list[Joint]] = {link: [] for link in links}
     children: set[str] = set()
     for name, element in elements.items():
@@ -176,7 +176,7 @@ def _downwards(links: Iterable[str], elements: Mapping[str, Element]) -> list[Jo
 
 
 def _path(joints: Iterable[Joint], link: str) -> list[Joint]:
-    """Return the joints above a link, from the root on."""
+    """Return the joints from the root of the tree down to a link."""
     above, path = {joint.child: joint for joint in joints}, list[Joint]()
     while link in above:
         path.insert(0, above[link])
@@ -185,10 +185,10 @@ def _path(joints: Iterable[Joint], link: str) -> list[Joint]:
 
 
 def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, most: float) -> tuple[float, ...]:
-    """Return the numbers of an attribute; `missing` replaces an absent one, and has as many words."""
+    """Return the numbers in an attribute; if it is absent, those in the text `missing`, which has the same count."""
     text = missing if of is None else of.get(key, missing)
     try:
-        values = [float(each) for each in text.split()] if "_" not in text else []  # only Python allows 1_0
+        values = [float(each) for each in text.split()] if "_" not in text else []  # float() would accept 1_0
     except ValueError:
         values = []
     if len(values) != (count := len(missing.split())):
@@ -212,7 +212,7 @@ def _place(name: str, of: Element) -> Array:
 
 
 def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
-    """Return unit and limits of a joint of the arm."""
+    """Return the unit, the lower and the upper limit of a joint of the arm."""
     name, limit = joint.name, _only(joint.element, "limit", joint.name)
     if joint.mimics is not None:
         raise ValueError(f"joint {name!r} mimics another, which is not allowed between base and tip")
@@ -249,7 +249,7 @@ def _inertia(link: Element, remarks: list[str]) -> Array:
         return np.zeros((4, 4))
     (mass,) = _numbers(f"mass of {name}", _only(inertial, "mass", name), "value", "kg", "missing", MOST_MASS)
     number(f"mass of {name}", mass, "kg", at_least=0)
-    xx = yy = zz = xy = xz = yz = 0.0  # a point
+    xx = yy = zz = xy = xz = yz = 0.0  # if the file gives no inertia, the link is a point mass
     if (inertia := _only(inertial, "inertia", name)) is not None:
         xx, yy, zz, xy, xz, yz = (
             _numbers(f"i{axes} of {name}", inertia, f"i{axes}", "kg m^2", "missing", MOST_INERTIA)[0]

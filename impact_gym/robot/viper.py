@@ -1,13 +1,13 @@
-"""The paper's arm, the Viper s650, and an approach that is solved for to have the paper's numbers.
+"""The paper's arm, the Viper s650, and a default approach on which it has the paper's mass and stiffness.
 
-The paper gives neither joint angles nor place of the impact. Of its Fig. 12 the text prints only m_r + m_t = 5.35 kg at
-the impact. k_r = 1.9e5 N/m at the impact and the 0.2505 m of travel before it are identified from other printed numbers
-(see docs/provenance.md).
+The paper gives neither the joint angles nor the place of the impact. Of the curves in its Fig. 12 it prints only
+m_r + m_t = 5.35 kg at the impact. We infer k_r = 1.9e5 N/m at the impact, and a travel of 0.2505 m before it, from
+other printed numbers (see docs/provenance.md).
 
-With the tool in the plane of the arm (y = 0) m_r and k_r depend on the place of the wrist centre alone: the orientation
-is held, so links 5 and 6 only translate. m_r and k_r have the wanted values at one place. The arm reaches it on a
-straight line of that length with every joint at least 15 degrees from its limits. The tool is horizontal, along the
-approach.
+With the tool in the plane of the arm (y = 0), m_r and k_r depend only on the position of the wrist centre, because the
+orientation is held and links 5 and 6 only translate. `default_line` finds the one position at which m_r and k_r have
+the values above. The arm reaches it on a straight line of 0.2505 m, with every joint at least 15 degrees from its
+limits. The tool is horizontal and points along the approach.
 """
 
 from pathlib import Path
@@ -22,40 +22,42 @@ from impact_gym.robot.arm import Arm, joint_angles
 
 FILE = Path(__file__).with_name("viper_s650.urdf")
 STIFFNESS = (10000.0, 10000.0, 3000.0, 1000.0, 700.0, 300.0)
-"""Of the joints, N m/rad. An estimate, not measured: with it k_r = 1.5e5 N/m with the tool down at x = 0.50 m,
-z = 0.20 m. The split between joints is arbitrary."""
+"""Stiffness of the joints, N m/rad. It is an estimate, not measured; the ratios between joints are arbitrary.
+
+It gives k_r = 1.5e5 N/m at x = 0.50 m, z = 0.20 m with the tool pointing down.
+"""
 DAMPING_OVER_STIFFNESS = 3.7e-4
-"""beta in D = beta K, s: a damping ratio of about 3 % at 26 Hz."""
+"""s, factor beta in D = beta K; it gives a damping ratio of about 3 % at 26 Hz."""
 MASS_AT_IMPACT = 5.35 - 0.125
-"""m_r, kg: the printed m_r + m_t (paper, section 3.2) less the tool."""
+"""kg, m_r at the impact: the printed m_r + m_t (paper, section 3.2) minus the mass of the tool."""
 STIFFNESS_AT_IMPACT = 1.9e5
-"""k_r at the impact, N/m: identified from the paper's Fig. 13b and 14a, not printed."""
+"""N/m, k_r at the impact: not printed, but inferred from the paper's Fig. 13b and 14a."""
 PITCH = {"down": np.pi, "horizontal": np.pi / 2}
-"""Angle of the flange's z axis from the vertical, towards +x, rad: the tool points down, or along the approach."""
-PROVENANCE = {  # without version and date: the same table makes the same file
+"""rad, angle from the vertical to the flange's z axis, towards +x. "horizontal": the tool points along the approach."""
+PROVENANCE = {  # without version and date, so that the same table gives the same file
     "made_by": "impact_gym.robot.viper.write_default_approach()",
     "robot": "Viper s650, viper_s650.urdf and viper.py beside this file: inertia and joint stiffness are ESTIMATES",
     "choice": "solved for, see impact_gym/robot/viper.py",
     "columns": "paper, eq. 12-16: m_r, c_r, k_r: elements (1,1); effective: 1/(M_X^-1)_11, 1/(K_X^-1)_11; joints rad",
 }
-ELBOW_UP = (0.0, -0.7, 3.2, 0.0, -2.5, 0.0)  # rad, in the middle of the workspace, at pitch 0
+ELBOW_UP = (0.0, -0.7, 3.2, 0.0, -2.5, 0.0)  # rad, joint angles with the elbow up, in the middle of the workspace
 
 
 def viper() -> Arm:
-    """Return the arm; at zero angles all its frames are parallel. The z axis of the flange points away from the arm."""
+    """Return the Viper. At joint angles of 0 all its frames are parallel. The flange's z axis points away from it."""
     damping = tuple(DAMPING_OVER_STIFFNESS * stiffness for stiffness in STIFFNESS)
     return from_urdf(FILE, "base", "flange", joint_stiffness=STIFFNESS, joint_damping=damping)
 
 
 def angles_at(arm: Arm, x: float, y: float, z: float, orientation: str) -> Array:
-    """Return the joint angles, elbow up, with the flange at x, y, z (m) and the tool "down" or "horizontal"."""
+    """Return joint angles, with the elbow up, that put the flange at x, y, z (m); `orientation` is a key of PITCH."""
     pitch = PITCH[orientation]
     near = np.add(ELBOW_UP, [np.arctan2(y, x), 0.0, 0.0, 0.0, pitch, 0.0])
     return joint_angles(arm, (x, y, z), Rotation.from_rotvec([0.0, pitch, 0.0]).as_matrix(), near)
 
 
 def default_line(arm: Arm) -> Approach:
-    """Solve for the default approach.
+    """Find the default approach numerically and return it.
 
     Raises:
         ValueError: no line was found, or the robot cannot reach a place that the search tried.
@@ -72,7 +74,7 @@ def default_line(arm: Arm) -> Approach:
         raise ValueError(f"no line with the wanted robot at the impact was found: {solution.message}")
     x, z = map(float, solution.x)
     back = arm.along(angles_at(arm, x, 0.0, z, "horizontal"), (-1.0, 0.0, 0.0), IMPACT)
-    beyond = np.linspace(IMPACT, IMPACT + 0.08, 33)[1:]  # m: 16 ms at 1 m/s and a brake take 0.0785 m
+    beyond = np.linspace(IMPACT, IMPACT + 0.08, 33)[1:]  # m; 16 ms at 1 m/s and the braking after them take 0.0785 m
     return arm.along(back.joint_angles[-1], (1.0, 0.0, 0.0), [*np.linspace(0.0, IMPACT, 102), *beyond])
 
 

@@ -1,18 +1,18 @@
-"""The outer loop: a command to the flange is a ramp and a hold, each a sequence of flights and contacts."""
+"""The outer loop: a command ramps the flange's velocity and holds it; meanwhile flights and contacts alternate."""
 
-cdef double GRAZE = 1e-12  # m/s, smallest approach velocity: from exactly zero the scaled equations never start
-cdef double LOST = 1e11  # largest deflection over the distance to the object: beyond, rounding exceeds 1e-5 of the distance
-cdef double SHORT = 1e-6  # m, added to that distance
+cdef double GRAZE = 1e-12  # m/s, smallest approach velocity; with exactly 0 the scaled equations would stay at their initial state
+cdef double LOST = 1e11  # largest ratio deflection / distance to the object; above it rounding exceeds 1e-5 of the distance
+cdef double SHORT = 1e-6  # m, added to the distance to the object in that ratio
 
 
 cdef void reset_memory(Memory *memory, double step) noexcept nogil:
-    """Begin a contact or a flight with a first trial `step`."""
+    """Reset the step control for a new contact or flight; its first trial step is `step`."""
     memset(memory, 0, sizeof(Memory))
     memory.step, memory.method, memory.patience = step, EXPLICIT, UNCHECKED
 
 
 cdef double REST_SPEED = 1e-3  # m/s, a tool that stays slower counts as at rest
-cdef double REST_STEP = 1e-3  # s, between two checks whether the tool is at rest
+cdef double REST_STEP = 1e-3  # s, time between two checks whether the tool is at rest
 
 
 cdef void reset_chain(Chain *chain, const Law *law, double distance, double friction) noexcept nogil:
@@ -28,7 +28,7 @@ cdef void reset_chain(Chain *chain, const Law *law, double distance, double fric
 
 
 cdef void begin_contact(const Run *run, Chain *chain) noexcept nogil:
-    """Open a contact at the state of `chain`: a new approach velocity, impulses of 0."""
+    """Begin a contact at the present state of `chain`: store its approach velocity, and set its impulses to 0."""
     cdef double mass = run.object_mass
     chain.touching = chain.holding = 1
     chain.penetration = 0.0
@@ -71,8 +71,8 @@ cdef double take_peak(const Run *run, Chain *chain) noexcept nogil:
 cdef int command(Run *run, Chain *chain, double target, double acceleration, double until) noexcept nogil:
     """Bring the flange to the velocity `target` (m/s) at `acceleration` (m/s^2) and hold it, until time `until` (s).
 
-    Return earlier: DETECTED when the contact force first exceeds the threshold, TOUCHED at the first touch if
-    `run.tell_touch` is set.
+    It returns ARRIVED at `until`, but earlier DETECTED when the contact force first exceeds the threshold, or TOUCHED
+    at the first touch if `run.tell_touch` is set.
     """
     cdef double change, ramp, end
     cdef bint ramp_ends
@@ -117,7 +117,7 @@ cdef int advance(Run *run, Chain *chain, double acceleration, double until) noex
 
 
 cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
-    """Fly until the first touch (TOUCHED), or until the object comes to rest or time `until` (s; both ARRIVED)."""
+    """Advance a flight to the first touch (TOUCHED), or to `until` (s) or until the object comes to rest (ARRIVED)."""
     cdef double rest = INFINITY
     cdef int status
     if ground_now(run, chain) > 0.0:
@@ -129,7 +129,7 @@ cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept
 
 
 cdef int fly_on(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
-    """Fly until the first touch or time `until` (s), while the object stays at rest or in motion."""
+    """Advance a flight to the first touch or to `until` (s), in which the object neither starts nor stops."""
     cdef double distance, touch, left = until - chain.time
     if run.law.kind == INTEGRATED:
         return integrate(run, chain, acceleration, until, True)
@@ -154,8 +154,9 @@ cdef int fly_on(Run *run, Chain *chain, double acceleration, double until) noexc
 cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
     """Return a bound on the future displacement of the tool, m, if the tool counts as at rest, else inf.
 
-    The tool is at rest when the imposed motion has stopped, and tool and flange stay slower than REST_SPEED. The speed
-    of a swing about its nearest equilibrium is at most hypot(v, a / omega), for any omega below its own.
+    The tool counts as at rest when the imposed motion has stopped, and tool and flange stay slower than REST_SPEED. An
+    oscillation about an equilibrium is never faster than hypot(v, a / omega), with its present speed v and acceleration
+    a, for any omega below its own angular frequency.
     """
     cdef const Law *law = run.law
     cdef RobotTable table
@@ -184,19 +185,19 @@ cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef inline double slow_swing(double velocity, double acceleration, double frequency) noexcept nogil:
-    """Return twice the amplitude of a swing of a frequency (rad/s), m; inf if the swing is faster than REST_SPEED."""
+    """Return twice the amplitude (m) of an oscillation of this angular frequency; inf if it gets above REST_SPEED."""
     cdef double fastest = hypot(velocity, acceleration / frequency)
     return 2.0 * fastest / frequency if fastest <= REST_SPEED else INFINITY
 
 
 cdef void note_tool_rest(const Run *run, Chain *chain) noexcept nogil:
-    """With friction, record since when the tool counts as at rest."""
+    """With friction, store in `chain` the time since which the tool has counted as at rest."""
     if run.ground > 0.0:
         chain.tool_rest_time = min(chain.tool_rest_time, chain.time) if reach_at_rest(run, chain) < INFINITY else INFINITY
 
 
 cdef void record_rest(const Run *run, Chain *chain, double distance) noexcept nogil:
-    """With friction, write how far the object slides from `distance` (m), and when object and tool are at rest.
+    """With friction, store how far from its start at `distance` (m) the object comes to rest, and when both bodies rest.
 
     An object in motion is assumed to slide until it stops, without another contact.
     """
@@ -220,15 +221,15 @@ cdef struct Approach:  # scene and motion of one run
     double threshold  # N, inf without a brake
     double delay  # s
     double deceleration  # m/s^2
-    int64_t motion, points  # index of the times of a `Motion`, then as many velocities; 0 points: a trapezoid
+    int64_t motion, points  # of a `Motion`: index of its times among all tables, followed by its velocities; their number
     double duration  # s
-    double frame  # m/s, velocity of the frame of reference, with which flange, tool and object start
+    double frame  # m/s, common velocity of flange, tool and object at t = 0
 
 
 cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
-    """Run `chain` from rest: trapezoid, contact alarm, brake, or a motion by points.
+    """Run `chain` from rest: a trapezoid with, if there is a brake, alarm and braking; or a motion by points.
 
-    A contact unfinished at the end is recorded with an end of nan.
+    A contact that is unfinished at the end is recorded with the end nan.
     """
     cdef const double *times = run.tables + plan.motion
     cdef const double *velocities = times + plan.points
@@ -267,7 +268,7 @@ cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
 
 
 cpdef double separation_velocity(double damping, double stiffness_exponent, double damping_exponent) noexcept:
-    """Integrate an isolated contact u'' = -u^m - d u^n u'; return its separation velocity over its approach velocity."""
+    """Integrate an isolated contact u'' = -u^m - d u^n u'; return separation velocity / approach velocity."""
     cdef Law law
     cdef Work work
     cdef Run run

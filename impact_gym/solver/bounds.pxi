@@ -1,4 +1,4 @@
-"""Bounds on the motion of an INTEGRATED chain: frequencies, energy, reach."""
+"""Bounds on the motion of an INTEGRATED chain: on its frequencies, its energy, and how far the tool can move."""
 
 
 cdef inline double coupling_energy(const Law *law, double stretch) noexcept nogil:
@@ -9,14 +9,14 @@ cdef inline double coupling_energy(const Law *law, double stretch) noexcept nogi
 
 
 cdef inline double coupling_reach(const Law *law, double stretch, double kinetic) noexcept nogil:
-    """Return a bound on the future stretch, m, with so much `kinetic` energy (J)."""
+    """Return a bound on the future stretch, m, given the present stretch and `kinetic` energy (J)."""
     if law.stops:
         return mechanism_reach(&law.mechanism, stretch, kinetic)
     return sqrt(stretch * stretch + 2.0 * kinetic / law.stiffness)
 
 
 cdef inline double moving_mass(const Run *run, double position) noexcept nogil:
-    """Return the mass that touches the object, kg: of the tool, and of the robot if they are one mass."""
+    """Return the mass that strikes the object, kg: the tool's, plus the robot's if the coupling is rigid."""
     cdef RobotTable table
     if run.law.kind != INTEGRATED or run.law.coupled:
         return run.law.tool_mass
@@ -25,7 +25,7 @@ cdef inline double moving_mass(const Run *run, double position) noexcept nogil:
 
 
 cdef double highest_frequency(const Run *run, double position) noexcept nogil:
-    """Return a bound on the angular frequencies, without the stops, rad/s."""
+    """Return a bound on the chain's angular frequencies, rad/s, without those of stops."""
     cdef const Law *law = run.law
     cdef RobotTable table = robot_table(run)
     cdef double square = law.stiffest if law.intervals else 0.0, k = law.stiffness
@@ -39,7 +39,7 @@ cdef double highest_frequency(const Run *run, double position) noexcept nogil:
 
 
 cdef Units flight_units(const Run *run, const Chain *chain, double acceleration) noexcept nogil:
-    """Return natural units of a flight: from the highest frequency of the chain and the largest present velocity."""
+    """Return natural units of a flight, from the highest frequency of the chain and the largest present velocity."""
     cdef Units units
     units.time = 1.0 / highest_frequency(run, chain.flange_position)
     units.velocity = max(fabs(chain.penetration_rate - chain.deflection_rate), fabs(chain.flange_velocity))
@@ -51,15 +51,15 @@ cdef Units flight_units(const Run *run, const Chain *chain, double acceleration)
 
 
 cdef enum:
-    TABLE = 2  # factor on the energy of the swing, for the robot's parameters, which vary slowly within an interval
+    TABLE = 2  # safety factor on the energy, because the robot's parameters vary (slowly) within an interval of its table
 
 
 cdef double longest_blind_step(const Piece *now, const double *x, double longest, double shortest) noexcept nogil:
-    """Return a step of a flight between `shortest` and `longest` (scaled) in which tool and object cannot touch.
+    """Return a step of a flight, from `shortest` to `longest` (scaled), in which tool and object cannot touch.
 
-    The energy E of the swing bounds the velocity of the tool relative to the imposed motion. The acceleration a adds at
-    most |a| sqrt(2 E m) per second to E, so sqrt(E) grows by at most |a| sqrt(m / 2) t. If no longer step is safe,
-    return `shortest`.
+    If no longer step is safe, return `shortest`. The energy E of the motion relative to the imposed motion bounds the
+    tool's velocity relative to the imposed motion. The acceleration a of the imposed motion adds at most
+    |a| sqrt(2 E m) per second to E, so that sqrt(E) grows by at most |a| sqrt(m / 2) t in the time t.
     """
     cdef const Law *law = now.law
     cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
@@ -81,7 +81,7 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
         span = h * now.units.time
         gained = fabs(now.acceleration) * sqrt(0.5 * mass) * span
         fed = sqrt(TABLE * max(energy - floor, 0.0)) + gained
-        if floor + fed * fed >= barrier:  # then the other side, with a lower energy, can be reached
+        if floor + fed * fed >= barrier:  # then the slider can reach the other side, where its energy can be lower
             fed = sqrt(TABLE * energy) + gained
         if span * (closing + (fabs(now.acceleration) + ground) * span + fed * sqrt(2.0 / touching)) < gap:
             return h
@@ -90,7 +90,7 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
 
 
 cdef double integrated_reach(const Run *run, const Chain *chain) noexcept nogil:
-    """Return a bound on the future deflection, m, while the imposed motion rests and there is no contact."""
+    """Return a bound on the future deflection, m, if the imposed motion stays at rest and no contact occurs."""
     cdef const Law *law = run.law
     cdef RobotTable table = robot_table(run)
     cdef RobotNow robot

@@ -1,10 +1,10 @@
-"""Functions that depend on the kind of chain."""
+"""Functions whose formulas differ between the kinds of chain: RIGID, SPRING and INTEGRATED."""
 
 
 cdef void begin_piece(
     const Run *run, const Chain *chain, double acceleration, double until, bint flying, Piece *now
 ) noexcept nogil:
-    """Set the constants of the piece that starts at the state of `chain` and ends at time `until` (s) or earlier."""
+    """Set the constants `now` of the piece that starts at the state of `chain` and ends at time `until` (s) or earlier."""
     cdef const Law *law = run.law
     now.law, now.flying, now.acceleration = law, flying, acceleration
     now.units = flight_units(run, chain, acceleration) if flying else chain.units
@@ -12,7 +12,7 @@ cdef void begin_piece(
     if not chain.holding:
         now.contact.held = now.contact.damping = 0.0
     now.tolerance = run.tolerance
-    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # such chains are integrated in contacts only
+    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # of such chains only contacts are integrated
     now.threshold = run.threshold / now.units.force
     now.horizon = (until - chain.time) / now.units.time
     now.push = acceleration * now.units.time / now.units.velocity
@@ -38,7 +38,7 @@ cdef void begin_piece(
 
 
 cdef void begin_integrated(const Run *run, const Chain *chain, Piece *now) noexcept nogil:
-    """Set the constants of an INTEGRATED chain."""
+    """Set those constants of a piece that only an INTEGRATED chain has."""
     cdef double direction = chain.flange_velocity if chain.flange_velocity != 0.0 else now.acceleration
     now.robot = robot_table(run)
     if now.robot.intervals:
@@ -68,7 +68,7 @@ cdef void load(const Piece *now, const Chain *chain, double *x) noexcept nogil:
 
 
 cdef void store(const Piece *now, const Chain *base, const double *x, Chain *chain) noexcept nogil:
-    """Write the scaled state `x` into `chain`; `base`, which may be the same, is the chain at the start of the piece."""
+    """Write the scaled state `x` into `chain`; `base` is the chain at the start of the piece, and may be `chain` itself."""
     cdef double impulse = now.units.force * now.units.time
     if now.law.kind == SPRING:
         chain.deflection_integral = base.deflection_integral
@@ -85,7 +85,7 @@ cdef void store(const Piece *now, const Chain *base, const double *x, Chain *cha
 
 
 cdef void rates(const Piece *now, const double *x, double *out) noexcept nogil:
-    """Write d(state)/ds (in flight d/dt) at the scaled state `x`."""
+    """Write the derivative of the scaled state with respect to s (in flight to time) at `x` into `out`."""
     cdef RigidRates of_rigid
     cdef SpringRates of_spring
     cdef IntegratedRates of_all
@@ -101,7 +101,7 @@ cdef void rates(const Piece *now, const double *x, double *out) noexcept nogil:
 
 
 cdef void jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
-    """Write d(rates)/d(state) at the scaled state `x`."""
+    """Write the Jacobian d(rates)/d(state) at the scaled state `x` into `J`."""
     memset(J, 0, sizeof(double) * WIDTH * WIDTH)
     if now.law.kind == RIGID:
         rigid_jacobian(now, x, J)
@@ -112,7 +112,7 @@ cdef void jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept
 
 
 cdef inline double explicit_step(const Piece *now, Work *work, double h) noexcept nogil:
-    """Try a step of `h` by the explicit pair; return its error over what is allowed."""
+    """Try a step of `h` by the explicit pair; return estimated error / allowed error."""
     if now.law.kind == SPRING:
         return spring_step(now, work, h)
     if now.law.kind == RIGID:
@@ -121,7 +121,7 @@ cdef inline double explicit_step(const Piece *now, Work *work, double h) noexcep
 
 
 cdef void dense_output(const Piece *now, Work *work, double h) noexcept nogil:
-    """Find the upper four coefficients of the polynomial through the last explicit attempt."""
+    """Compute the upper four coefficients of the polynomial through the last step tried by the explicit pair."""
     if now.law.kind == SPRING:
         spring_dense(now, work, h)
     elif now.law.kind == RIGID:
@@ -131,7 +131,7 @@ cdef void dense_output(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nogil:
-    """Return the estimated eigenvalue: of an explicit step from its last two stages, of a series by `fastest`."""
+    """Return the estimated largest eigenvalue: for an explicit step from its last two stages, for a series by `fastest`."""
     if work.method == SERIES:
         return fastest(now, work.trial, work.trial_rate)
     if now.law.kind == SPRING:
@@ -142,12 +142,12 @@ cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nog
 
 
 cdef inline double ground_now(const Run *run, const Chain *chain) noexcept nogil:
-    """Return the deceleration of the object by friction, without contact, m/s^2."""
+    """Return the present deceleration of the object by friction while the tool does not touch it, m/s^2."""
     return run.ground if chain.object_state != STUCK else 0.0
 
 
 cdef inline void drift(const Run *run, Chain *chain, double acceleration, double time) noexcept nogil:
-    """Move a chain with a closed form exactly through `time` (s) of flight."""
+    """Move a RIGID or SPRING chain through `time` (s) of flight, by its exact formulas."""
     if run.law.kind == RIGID:
         rigid_drift(chain, acceleration, ground_now(run, chain), time)
     else:
@@ -155,7 +155,7 @@ cdef inline void drift(const Run *run, Chain *chain, double acceleration, double
 
 
 cdef inline double touch_time(const Run *run, const Chain *chain, double acceleration, double horizon) noexcept nogil:
-    """Return the time (s) until a chain with a closed form touches the object; inf if not within `horizon`."""
+    """Return the time (s) until a RIGID or SPRING chain touches the object; inf if not within `horizon` (s)."""
     cdef double time, ground = ground_now(run, chain)
     if run.law.kind == SPRING:
         return spring_touch(run.law, chain, acceleration, ground, horizon)
@@ -181,7 +181,7 @@ cdef double smooth_until(const Run *run, const Chain *chain, double acceleration
 cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
     """Return whether tool and object can never touch again while the imposed motion stays at rest.
 
-    The object does not come back, and the energy of the chain bounds the reach of the tool.
+    The object does not come back, and the energy of the chain bounds how far the tool can move.
     """
     cdef double reach
     if run.law.kind == RIGID:
@@ -196,7 +196,7 @@ cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef void round_off(const Law *law, Chain *chain, double target) noexcept nogil:
-    """Set the imposed motion to the exact velocity (m/s) at the end of a ramp; tool and object keep theirs."""
+    """At the end of a ramp set the imposed velocity to exactly `target` (m/s); tool and object keep their velocities."""
     cdef double shift = target - chain.flange_velocity
     if law.kind == RIGID:
         chain.penetration_rate += shift
@@ -242,6 +242,6 @@ cdef Accelerations motion_now(const Run *run, const Chain *chain, double acceler
 
 
 cdef double tool_momentum(const Run *run, const Chain *chain) noexcept nogil:
-    """Return the momentum that the tool gained in the contact, without the momentum of mass that joined it, N s."""
+    """Return the momentum gained by the moving mass in the contact, N s, without momentum of robot mass that joined it."""
     cdef double before = moving_mass(run, chain.start_flange_position) * chain.start_tool_velocity
     return moving_mass(run, chain.flange_position) * tool_velocity(chain) - before - chain.joined

@@ -1,27 +1,27 @@
-"""Events within a smooth piece. Each event is a row: a value, negative until the event occurs, and its slope.
+"""Find events within a smooth piece. An event has a row: a value, negative until the event occurs, and its slope.
 
-In an accepted step, the rows at both ends show which events have occurred at its end, and which have occurred and
-ended within it. The event is located on the integrator's polynomial; then one step is taken that ends there.
+The rows at the two ends of a step show which events have occurred at its end, and which may have occurred and ended
+within the step. The first event is located on the integrator's polynomial; then a step is taken that ends there.
 """
 
 cdef enum:
     CLOCK  # the end of the piece is reached
     SEPARATION  # the root z passes zero; beyond it dt = z ds runs backwards
-    CLAMP  # the force becomes a pull, or a push again
+    CLAMP  # the contact force would become a pull, or becomes a push again
     FORCE  # the force exceeds the threshold; its largest value is recorded
     SLIP  # the force exceeds the friction of an object that sticks
     REST  # a sliding object comes to rest
-    TOP  # largest speed of a sliding object; only recorded, not an event
-    FRONT_STOP  # a stop begins or ceases to push
+    TOP  # largest speed of a sliding object; it is recorded, but does not end the step
+    FRONT_STOP  # this stop begins or ceases to push; the same for the next row
     REAR_STOP
-    ALIGNMENT  # the slider passes it
-    TOUCH  # a flight ends
+    ALIGNMENT  # the slider of a mechanism passes its alignment
+    TOUCH  # tool and object touch: a flight ends
     ROWS
     NOTHING = -1
-    SHORTER = -2  # an event cannot be located yet: try a shorter step
+    SHORTER = -2  # an event cannot be located in this step: try a shorter step
 
 cdef double SHORTEST_STEP = 1e-10
-# A step that starts on an event and ends beyond it is shortened to this length at least; then the event is at its start.
+# A step that starts on an event and ends beyond it is shortened, down to this length; then the event is at its start.
 
 
 cdef struct Events:
@@ -30,7 +30,7 @@ cdef struct Events:
 
 
 cdef void evaluate_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
-    """Fill the rows of this piece."""
+    """Compute the rows of this piece at the scaled state `x`."""
     cdef double z = x[ROOT], w = x[RATE]
     if now.law.stops:
         evaluate_slider_events(now, x, rate, events)
@@ -45,7 +45,7 @@ cdef void evaluate_events(const Piece *now, const double *x, const double *rate,
     if now.contact.held != 0.0:
         events.value[CLAMP], events.slope[CLAMP] = -events.value[CLAMP], -events.slope[CLAMP]
         events.height[FORCE], events.slope[FORCE] = force_along(&now.contact, z, w, rate[RATE])
-        if z == 0.0:  # where the slope may vanish although the force rises
+        if z == 0.0:  # there the slope may be 0 although the force rises
             events.slope[FORCE] = 1e-300
     events.height[CLAMP] = events.value[CLAMP]
     events.value[FORCE] = events.height[FORCE] - now.threshold
@@ -54,7 +54,7 @@ cdef void evaluate_events(const Piece *now, const double *x, const double *rate,
 
 
 cdef void evaluate_object_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
-    """Fill the rows of an object with friction; the rows of the force are known."""
+    """Compute the rows of an object with friction; the rows of the force must be computed before."""
     cdef double speed = -x[RATE], gain = now.push * rate[TIME] - rate[RATE]
     events.value[SLIP] = events.height[SLIP] = events.height[FORCE] - now.friction
     events.slope[SLIP] = events.slope[FORCE]
@@ -69,7 +69,7 @@ cdef void evaluate_object_events(const Piece *now, const double *x, const double
 
 
 cdef inline bint acts(const Piece *now, int row) noexcept nogil:
-    """Return whether a piece has a row."""
+    """Return whether the event `row` can occur in this piece."""
     if SLIP <= row <= TOP:
         return now.rough and (row == SLIP) == (now.object_state == STUCK)
     if row == ALIGNMENT:
@@ -78,7 +78,7 @@ cdef inline bint acts(const Piece *now, int row) noexcept nogil:
 
 
 cdef void evaluate_slider_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
-    """Fill the rows of a coupling with stops."""
+    """Compute the rows of a coupling with stops."""
     cdef const Mechanism *law = &now.law.mechanism
     cdef double pace = rate[TIME], per_s = pace * now.units.time
     cdef double stretch = (x[DEFLECTION] - x[OFFSET]) * now.units.length
@@ -100,17 +100,17 @@ cdef void evaluate_slider_events(const Piece *now, const double *x, const double
 
 
 cdef struct Finding:
-    int event  # the first one, NOTHING, or SHORTER
-    double share  # of the step until the event; for SHORTER the factor on the step
-    double within  # share of the step after which the event has occurred for certain
-    double peak, top  # scaled: largest force, and largest speed of an object with friction, inside the step
-    double peak_at, top_at  # from the start of the step
+    int event  # the first event in the step, NOTHING, or SHORTER
+    double share  # place of the event, 0 to 1, as a fraction of the step; for SHORTER the factor on the step
+    double within  # fraction of the step after which the event has occurred for certain
+    double peak, top  # scaled largest force, and scaled largest speed of an object with friction, inside the step
+    double peak_at, top_at  # distances from the start of the step to the peak and to the top
 
 
 cdef Finding search(
     const Piece *now, Work *work, double h, const Events *start, const Events *end, bint undetected
 ) noexcept nogil:
-    """Return the first event in the last attempt of `h`, from `start` to `end`."""
+    """Return the first event in the last tried step, of length `h`, with the rows `start` and `end` at its ends."""
     cdef Finding found = Finding(NOTHING, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
     cdef int row
     cdef double high, share, reached
@@ -121,7 +121,7 @@ cdef Finding search(
         high, reached = 1.0, end.value[row]
         if (row == FORCE or row == SLIP) and now.contact.n == 0.0 and work.x[ROOT] == 0.0:
             if end.slope[FORCE] < 0.0 and rises_at_onset(now, work, h):
-                return Finding(SHORTER, 0.25, 1.0, 0.0, 0.0, 0.0, 0.0)  # one that ends before the peak
+                return Finding(SHORTER, 0.25, 1.0, 0.0, 0.0, 0.0, 0.0)  # try a step that ends before the peak
         elif (row == FORCE or (row >= CLAMP and reached <= 0.0)) and comes_back(row, h, start, end):
             share = climb(now, work, h, row, start, end, &summit)
             if row == FORCE:
@@ -150,22 +150,22 @@ cdef Finding search(
 cdef bint rises_at_onset(const Piece *now, Work *work, double h) noexcept nogil:
     """Return whether the force grows at the onset of a contact with n = 0, where df/ds is always zero."""
     cdef Events soon
-    probe_exactly(now, work, h, 1e-3)  # a millionth of the step's time
+    probe_exactly(now, work, h, 1e-3)  # to 1e-3 of s, which is 1e-6 of the step's duration
     evaluate_events(now, work.probe, work.probe_rate, &soon)
     return soon.slope[FORCE] > 0.0
 
 
 cdef bint starts_on(int row, double h, const Events *start, double reached) noexcept nogil:
-    """Return whether a step of `h` starts on an event and ends beyond it: a shorter step must separate the zeros."""
+    """Return whether a step of `h` starts on an event and ends beyond it; then a shorter step must separate the two zeros."""
     if row < CLAMP or h <= SHORTEST_STEP or start.value[row] <= -1e-9 * reached:
         return False
     return FRONT_STOP <= row <= ALIGNMENT or start.slope[row] <= 0.0
 
 
 cdef int before_landing(const Piece *now, const Events *end, int landed, bint undetected) noexcept nogil:
-    """Return another event that has occurred in a step that ends on event `landed`, or NOTHING.
+    """Return another event that occurred in a step that ends on event `landed`, or NOTHING.
 
-    Beyond a separation time runs backwards, which can hide an event shortly before it.
+    Beyond a separation time runs backwards. So an event shortly before the separation can be hidden at the step's end.
     """
     cdef int row
     for row in range(FRONT_STOP if now.flying else CLOCK, ROWS if now.flying else TOUCH):
@@ -177,7 +177,7 @@ cdef int before_landing(const Piece *now, const Events *end, int landed, bint un
 
 
 cdef double extremum(double start, double start_slope, double end, double end_slope) noexcept nogil:
-    """Return the place in (0, 1) of the maximum of the cubic with these values and slopes at 0, rising, and 1, falling."""
+    """Return where in (0, 1) a cubic, rising at 0 and falling at 1, has its maximum; given are values and slopes there."""
     cdef double a = 3.0 * (end - start) - 2.0 * start_slope - end_slope, b = start_slope + end_slope - 2.0 * (end - start)
     cdef double root = sqrt(max(a * a - 3.0 * b * start_slope, 0.0))
     cdef double place = -start_slope / (a - root)
@@ -193,7 +193,7 @@ cdef double on_cubic(double t, double start, double start_slope, double end, dou
 
 
 cdef bint comes_back(int row, double h, const Events *start, const Events *end) noexcept nogil:
-    """Return whether a row rises and falls within a step, and may exceed zero."""
+    """Return whether the value of a row first rises and then falls within a step, and may exceed zero in between."""
     cdef double v0 = start.height[row], v1 = end.height[row], s0 = h * start.slope[row], s1 = h * end.slope[row], top
     if row == TOP and s1 < 0.0 < start.slope[SLIP]:  # at a slip the speed begins to grow, but its slope is a rounding error
         return True
@@ -208,10 +208,11 @@ cdef bint comes_back(int row, double h, const Events *start, const Events *end) 
 cdef double climb(
     const Piece *now, Work *work, double h, int row, const Events *start, const Events *end, Events *summit
 ) noexcept nogil:
-    """Find the share of the step at which a row that rises and falls is largest, and all rows at that share.
+    """Find the fraction of the step at which a row that rises and falls is largest, and all rows there.
 
-    Secant method on the slope, kept inside the bracket (Illinois): on the polynomial to a millionth of the step, which
-    is accurate enough for the height; then with exact steps, the first of which nearly always confirms the maximum.
+    The slope's zero is found by a secant method inside a bracket (Illinois). It is first found on the polynomial, to a
+    millionth of the step, which is accurate enough for the height. Then exact steps are taken to the maximum; nearly
+    always the first of them confirms it.
     """
     cdef double low = 0.0, high = 1.0, low_slope = start.slope[row], high_slope = end.slope[row], before, gain
     cdef double share = extremum(start.height[row], h * low_slope, end.height[row], h * high_slope)
@@ -245,7 +246,7 @@ cdef double climb(
 
 
 cdef double cubic_zero(double start, double start_slope, double end, double end_slope) noexcept nogil:
-    """Estimate the zero in (0, 1) of the cubic with these values, of opposite signs, and slopes at 0 and 1."""
+    """Estimate the zero in (0, 1) of the cubic with these values and slopes at 0 and 1; the values differ in sign."""
     cdef double f, tangent, a = 3.0 * (end - start) - 2.0 * start_slope - end_slope
     cdef double b = start_slope + end_slope - 2.0 * (end - start), t = start / (start - end)
     for _ in range(4):
@@ -260,9 +261,9 @@ cdef double cubic_zero(double start, double start_slope, double end, double end_
 cdef double crossing_share(
     const Piece *now, Work *work, double h, int row, const Events *start, const Events *end, double high
 ) noexcept nogil:
-    """Find the zero of a row that is negative at the start and positive at `high`, to a share of 1e-9.
+    """Find the zero of a row that is negative at the start of a step and positive at `high`, to 1e-9 of the step.
 
-    Newton's method on the polynomial through the step, held inside the bracket by bisection.
+    It uses Newton's method on the polynomial through the step, or bisection when Newton's method leaves the bracket.
     """
     cdef double low = 0.0, share = 0.5 * high, value, move
     cdef Events events
@@ -290,14 +291,15 @@ cdef double crossing_share(
 
 
 cdef double clock_share(const Piece *now, const Work *work, double h) noexcept nogil:
-    """Estimate the share at which the piece ends, by the polynomial of order 7 through t, z, w and dw/ds at both ends.
+    """Estimate the fraction of the step at which the piece ends.
 
-    Its error is mostly below 1e-9; `land` corrects the step.
+    It uses the polynomial of order 7 through t, z, w and dw/ds at the step's two ends. The error is mostly below 1e-9;
+    `land` corrects it.
     """
     cdef double v0 = h * work.x[ROOT], a0 = 0.25 * h * h * work.x[RATE], j0 = h * h * h / 12.0 * work.rate[RATE]
     cdef double v1 = h * work.trial[ROOT], a1 = 0.25 * h * h * work.trial[RATE], j1 = h * h * h / 12.0 * work.trial_rate[RATE]
     cdef double way = work.trial[TIME] - work.x[TIME], left = now.horizon - work.x[TIME]
-    # residuals at the end of the cubic Taylor polynomial at the start: value and three derivatives
+    # errors, at the step's end, of the cubic Taylor polynomial at its start: of the value and of three derivatives
     cdef double p = way - v0 - a0 - j0, q = v1 - v0 - 2.0 * a0 - 3.0 * j0
     cdef double r = a1 - a0 - 3.0 * j0, t = j1 - j0
     cdef double c4 = 35.0 * p - 15.0 * q + 5.0 * r - t, c5 = -84.0 * p + 39.0 * q - 14.0 * r + 3.0 * t
@@ -316,9 +318,9 @@ cdef double clock_share(const Piece *now, const Work *work, double h) noexcept n
 
 
 cdef double bend_share(const Work *work, double h) noexcept nogil:
-    """Return the share of a step of flight at which the gap may close although it opens at both ends; 1 if none.
+    """Return at which fraction of a step of flight the gap may close although it opens at the step's two ends; 1: nowhere.
 
-    A step to that share then decides. Between the ends the gap has at most one inflection, see `LARGEST_STEP`.
+    A step that ends there then decides. Within a step the gap has at most one inflection, see `LARGEST_STEP`.
     """
     cdef double w0 = work.x[RATE], w1 = work.trial[RATE], bend0 = h * work.rate[RATE], bend1 = h * work.trial_rate[RATE]
     cdef double share
@@ -329,10 +331,10 @@ cdef double bend_share(const Work *work, double h) noexcept nogil:
 
 
 cdef double land(const Piece *now, Work *work, const Finding *found, double tried, double *error) noexcept nogil:
-    """Take a step that ends on an event found in the step `tried`; return its length, and its error.
+    """Take a step that ends on an event found in a step of length `tried`; return its length, and write its `error`.
 
-    Newton's method on the step length. Each iterate is a full step of the integrator, so the result is a zero of the
-    computed motion, not of a polynomial. The last ten-millionth of the step is extrapolated linearly.
+    The length is found by Newton's method. Each iteration takes a full step of the integrator, so the result is a zero
+    of the computed motion, not of a polynomial. The last ten-millionth of the step is extrapolated linearly.
     """
     cdef double h = found.share * tried, low = 0.0, high = found.within * tried, off
     cdef int row = found.event

@@ -1,18 +1,18 @@
-"""The integration loop: a contact, or a flight without a closed form, from event to event."""
+"""The integration loop: integrates a contact, or a flight that has no formula, to the next event."""
 
-cdef double FIRST_STEP = 0.3  # of the variable s of a contact
-cdef double FIRST_FLIGHT = 0.1  # of a flight, over the inverse of the chain's highest angular frequency
+cdef double FIRST_STEP = 0.3  # first trial step of a contact, in its variable s
+cdef double FIRST_FLIGHT = 0.1  # first trial step of a flight, times the chain's highest angular frequency
 cdef double LARGEST_STEP = 1.0
 # Likewise, without the frequency of stops. In such a step the third derivative of the gap rarely changes sign twice, as
 # the search for a touch assumes. If a touch is impossible, a step may be longer (`longest_blind_step`).
 cdef double OVERSHOOT = 1e3
-# In a contact with friction a step is at most so many times the time left. When the tool rests against the object or
-# pushes it steadily, every step is accepted; without a bound, a step could grow too long for locating the end of the
-# piece in it.
+# In a contact with friction a step is at most this many times the time left in the piece. When the tool rests against
+# the object or pushes it steadily, every step is accepted. Without this bound a step could become so long that the end
+# of the piece cannot be located in it.
 
 cdef enum:
-    TRACE_POINTS = 8  # in a step of a contact
-    EVENTS_IN_TURN = 20  # most landings tried in one step
+    TRACE_POINTS = 8  # trace points in a step of a contact
+    EVENTS_IN_TURN = 20  # most events on which a step is tried to end, one after another
 
 
 cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bint flying) noexcept nogil:
@@ -77,7 +77,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
 
 
 cdef void add_ground_impulse(const Piece *now, const Run *run, Chain *chain, const double *x) noexcept nogil:
-    """Add the impulse of the ground over a piece: of the contact force if the object sticks, else mu m_p g times time."""
+    """Add the impulse of the ground in a piece: that of the contact force if the object sticks, else mu m_p g times time."""
     if now.object_state == STUCK:
         chain.ground_impulse += x[IMPULSE] * now.units.force * now.units.time
     else:
@@ -85,7 +85,7 @@ cdef void add_ground_impulse(const Piece *now, const Run *run, Chain *chain, con
 
 
 cdef void come_to_rest(Chain *chain) noexcept nogil:
-    """Make the object stick."""
+    """Set the object to STUCK, at rest on the ground."""
     chain.object_state, chain.object_rest_time = STUCK, chain.time
     chain.penetration_rate = tool_velocity(chain)
 
@@ -93,7 +93,7 @@ cdef void come_to_rest(Chain *chain) noexcept nogil:
 cdef bint good_step(
     const Piece *now, Work *work, const Events *start, Events *end, bint undetected, double *h, double *taken, Finding *found
 ) noexcept nogil:
-    """Try a step of `h`, or up to the first event in it; return whether to accept it, and set `h` to the next trial."""
+    """Try a step of `h`, or to the first event in it; return whether it is accepted, and set `h` to the next trial step."""
     cdef double error, factor, tried, left = INFINITY, most = INFINITY
     if now.flying:
         left = now.horizon - work.x[TIME]
@@ -130,7 +130,7 @@ cdef bint good_step(
 cdef double land_on_first(
     const Piece *now, Work *work, double tried, const Events *start, Events *end, bint undetected, Finding *found, double *error
 ) noexcept nogil:
-    """Land on the event found in a step, or on an earlier one found on the way; return the length of that step.
+    """Take a step that ends on the event found, or on an earlier event found on the way; return its length.
 
     `found.event` becomes SHORTER if a shorter step must be tried first.
     """
@@ -152,7 +152,7 @@ cdef double land_on_first(
 
 
 cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogil:
-    """Apply the effect of an event to `chain`; return the status."""
+    """Change `chain` as the event requires, such as the stop that is pressed; return the status."""
     if event == NOTHING:
         return STEP_LIMIT
     if event == CLOCK:
@@ -181,11 +181,11 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
 
 
 cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noexcept nogil:
-    """Trace points along the accepted step, each by a separate step, which is more exact than the polynomial."""
+    """Record trace points along the accepted step; each takes a step of its own, more exact than the polynomial."""
     cdef Chain ghost = chain[0]
     cdef Events events
     cdef int64_t point, points = TRACE_POINTS
-    if run.work.method == SERIES:  # its steps are longer
+    if run.work.method == SERIES:  # steps by a series are longer than others
         points = 3 * TRACE_POINTS // 2
     if now.flying:
         points = <int64_t> ceil(taken * now.units.time / run.recorder.interval)

@@ -1,9 +1,9 @@
-"""Equations of motion of the chain without a closed form: a coupling on a compliant robot, one with stops, or both.
+"""Equations of motion of an INTEGRATED chain, whose flights have no formula.
 
-The tool is on a spring and damper, with or without stops, or on a mechanism, with a rigid robot or a robot table; or it is
-one mass with such a robot. Flights are integrated like contacts. Forces are computed in SI units, then scaled. Further
-components of the state are the impulse of the coupling on the tool, the momentum of the mass that has joined the tool,
-the offset of the flange from the imposed motion and its rate.
+Such a chain has a compliant robot with a coupling, a coupling with stops, or both; or tool and robot are one mass whose
+parameters vary along a table. Its flights are integrated like contacts. Forces are computed in SI units, then scaled.
+After the components of all chains the state has: the impulse of the coupling on the tool; the momentum of the robot
+mass that has joined the moving part; the offset of the flange from the imposed motion; the rate of this offset.
 """
 
 
@@ -12,16 +12,16 @@ cdef struct IntegratedRates:
 
 
 cdef struct Swing:  # the chain relative to the imposed motion, SI units
-    double x_r, v_r  # m, m/s, of the imposed motion
-    double y, y_dot, q, q_dot  # deflection and flange offset
+    double x_r, v_r  # m, m/s, position and velocity of the imposed motion
+    double y, y_dot, q, q_dot  # m, m/s, deflection and flange offset with their rates
     RobotNow robot
 
 
 cdef struct Accelerations:  # scaled accelerations, and forces
     double tool, flange  # relative to the imposed motion
-    double gap  # of the tool relative to the object
+    double gap  # acceleration of the tool relative to the object
     double pull  # N, of the coupling on the tool
-    double joined  # N, momentum per second of the mass that joins the moving part
+    double joined  # N, rate of the momentum of robot mass that joins the moving part
 
 
 cdef inline Swing swing(const Piece *now, double t, double y, double v, double q, double r) noexcept nogil:
@@ -60,7 +60,7 @@ cdef inline Accelerations motion(const Piece *now, const Swing *at, double push)
         move.pull = coupling_pull(now, at.y - at.q, at.y_dot - at.q_dot)
         move.gap = (move.pull - push) * now.tool_rate
         if now.robot.intervals:
-            flange_rate = now.per_acceleration / robot.mass  # a division that need not wait for the pull
+            flange_rate = now.per_acceleration / robot.mass  # divided here, as this need not wait for the pull
             move.flange = (-robot.stiffness * at.q - robot.damping * at.q_dot - move.pull) * flange_rate - now.push
     move.tool = move.gap - now.push
     move.gap += now.ground - push * now.object_rate
@@ -70,7 +70,7 @@ cdef inline Accelerations motion(const Piece *now, const Swing *at, double push)
 cdef inline IntegratedRates integrated_rates(
     const Piece *now, double z, double w, double t, double y, double v, double q, double r
 ) noexcept nogil:
-    """Return d/ds of the scaled state; in flight d/dt."""
+    """Return the derivative of the scaled state with respect to s; in flight to time."""
     cdef IntegratedRates rates
     cdef Swing at = swing(now, t, y, v, q, r)
     cdef double pace = 1.0 if now.flying else z
@@ -90,9 +90,9 @@ cdef inline IntegratedRates integrated_rates(
 
 
 cdef struct Gradient:  # derivatives of one entry of `Accelerations`
-    double y, y_dot  # by the deflection, per m, and its rate, s/m
-    double q, q_dot  # by the flange offset and its rate
-    double time  # per s
+    double y, y_dot  # derivatives by the deflection (per m) and by its rate (per m/s)
+    double q, q_dot  # derivatives by the flange offset and by its rate
+    double time  # derivative by time (per s)
 
 
 cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept nogil:
@@ -115,7 +115,7 @@ cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept n
 
 
 cdef inline Gradient flange_gradient(const Piece *now, const Swing *at, const Gradient *pull, double T) noexcept nogil:
-    """Return the derivatives of the force on a separate flange over its mass, from those of the coupling's pull T (N)."""
+    """Return the derivatives of force / mass of a separate flange, from those of the coupling's pull T (N)."""
     cdef const RobotNow *robot = &at.robot
     cdef RobotSlopes slopes = robot_slopes(&now.robot, now.place, at.x_r)
     cdef double m = robot.mass, force = -robot.stiffness * at.q - robot.damping * at.q_dot - T
@@ -127,7 +127,7 @@ cdef inline Gradient flange_gradient(const Piece *now, const Swing *at, const Gr
 
 
 cdef inline void gradient_row(const Piece *now, const Gradient *part, double scale, double *row) noexcept nogil:
-    """Write a row except the columns of z and w; `scale` is the scaled rate per unit of the entry of `part`."""
+    """Write a row of the Jacobian, except the columns of z and w; `scale` converts the entry of `part` to the scaled rate."""
     row[DEFLECTION] = scale * part.y * now.units.length
     row[DEFLECTION_RATE] = scale * part.y_dot * now.units.velocity
     row[OFFSET] = scale * part.q * now.units.length

@@ -1,45 +1,45 @@
-"""Constants of one smooth piece of a contact or a flight, and functions for every chain."""
+"""The constants of one smooth piece of a contact or a flight, and functions that are the same for every kind of chain."""
 
 cdef enum:
     DEFLECTION = 4, DEFLECTION_RATE = 5  # components of the scaled state after z, w, t and the impulse: y and y'
-    DEFLECTION_INTEGRAL = 6  # of a SPRING chain
-    PULL_IMPULSE = 6, JOINED = 7, OFFSET = 8, OFFSET_RATE = 9  # of an INTEGRATED chain, see its module
+    DEFLECTION_INTEGRAL = 6  # only in a SPRING chain
+    PULL_IMPULSE = 6, JOINED = 7, OFFSET = 8, OFFSET_RATE = 9  # only in an INTEGRATED chain, see `integrated.pxi`
 
-cdef double STANDSTILL = 1e-13  # over the largest velocity: rounding error of the speed from which a slip starts
+cdef double STANDSTILL = 1e-13  # relative to the largest velocity: rounding error of an object's speed when a slip starts
 
 
 cdef struct Piece:
     const Law *law
-    int width  # components of the scaled state
+    int width  # number of components of the scaled state
     Units units
-    bint analytic  # polynomial in z, w, y and v: then steps use its Taylor series
-    bint flying  # then the first component is the penetration over the unit of length, and s is time
+    bint analytic  # the equations are polynomials in z, w, y and v: then steps use their Taylor series
+    bint flying  # in flight: then the first component is penetration / unit of length instead of z, and s is time
     const Contact *grip  # the contact law
     Contact contact  # the contact law, without force while the surfaces part faster than they recover
-    bint rough  # with friction under the object
+    bint rough  # whether there is friction under the object
     int object_state
-    double friction  # mu m_p g over F0
+    double friction  # mu m_p g / F0
     double ground  # scaled deceleration by friction of an object that slides
     double standstill  # scaled backward speed at which an object that slides has come to rest
-    double share  # relative acceleration by the contact force, over that without friction
-    double tolerance  # -, local error of a step
-    double threshold  # alarm threshold over F0
+    double share  # relative acceleration by the contact force, as a fraction of its value for an object that slides
+    double tolerance  # -, local error allowed in a step
+    double threshold  # alarm threshold / F0
     double horizon  # scaled time until the end of the piece
     double position, velocity, acceleration  # m, m/s, m/s^2, of the imposed motion, at the start of the piece
 
-    # of the linear chains, in the piece's units
+    # only RIGID and SPRING chains, in the piece's units
     double push  # flange acceleration
-    double pull_y, pull_y_dot  # force of the spring and damper on the tool over its mass, per deflection and its rate
-    double tool_share  # reduced mass over tool mass
+    double pull_y, pull_y_dot  # force of the spring and damper on the tool / its mass, per deflection and per its rate
+    double tool_share  # reduced mass / tool mass
 
-    # of an INTEGRATED chain
+    # only an INTEGRATED chain
     RobotTable robot
-    int place  # interval of that table
-    RobotNow lumped  # its parameters, if it has one interval
+    int place  # index of the interval of that table in this piece
+    RobotNow lumped  # the robot's parameters, if its table has one interval
     double per_acceleration  # scaled acceleration for 1 m/s^2
     double tool_rate, object_rate  # scaled acceleration of tool and object for 1 N
     double per_force  # 1 / N
-    int pressed, side  # of the slider
+    int pressed, side  # of the slider, see `Chain`
 
 
 cdef void store_common(const Piece *now, const Chain *base, const double *x, Chain *chain) noexcept nogil:
@@ -74,12 +74,12 @@ cdef inline double tool_position(const Chain *chain) noexcept nogil:
 
 
 cdef inline double flange_velocity(const Law *law, const Chain *chain) noexcept nogil:
-    """Return the velocity of the flange, m/s, not of the imposed motion, `chain.flange_velocity`."""
+    """Return the velocity of the flange itself, m/s; `chain.flange_velocity` is that of the imposed motion."""
     return tool_velocity(chain) if law.with_tool else chain.flange_velocity + chain.flange_offset_rate
 
 
 cdef inline double flange_position(const Law *law, const Chain *chain) noexcept nogil:
-    """Return the position of the flange, m."""
+    """Return the position of the flange itself, m; `chain.flange_position` is that of the imposed motion."""
     return tool_position(chain) if law.with_tool else chain.flange_position + chain.flange_offset
 
 

@@ -1,4 +1,4 @@
-"""Recording of finished contacts and trace points. Rows that do not fit into the arrays are only counted."""
+"""Record finished contacts and trace points. Rows that do not fit into the arrays are counted, but not stored."""
 
 
 cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil:
@@ -27,7 +27,7 @@ cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil
 
 
 cdef void trace(const Run *run, Chain *counter, const Chain *chain, double acceleration, double push) noexcept nogil:
-    """Append the state of `chain` under a contact force `push` (N) to the trace, whose length is in `counter`."""
+    """Append the state of `chain` under a contact force `push` (N) to the trace; `counter` counts its points."""
     cdef TraceRow *row
     if run.recorder.trace_rows == 0:
         return
@@ -48,7 +48,7 @@ cdef void trace(const Run *run, Chain *counter, const Chain *chain, double accel
 
 
 cdef void trace_flight(const Run *run, Chain *chain, double acceleration, double duration) noexcept nogil:
-    """Trace the next `duration` (s) of a flight in closed form, with at most `interval` between two points."""
+    """Record trace points of the next `duration` (s) of a RIGID or SPRING flight, at most `interval` apart."""
     cdef Chain ghost
     cdef int64_t point, points
     if run.recorder.trace_rows == 0:

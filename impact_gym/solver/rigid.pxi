@@ -1,4 +1,4 @@
-"""A tool fixed to the flange: flight is a parabola, and a contact moves the object alone (paper, Fig. 4a)."""
+"""A RIGID chain: the tool is fixed to the flange, so a flight is a parabola and a contact moves only the object (Fig. 4a)."""
 
 
 cdef struct RigidRates:
@@ -16,7 +16,7 @@ cdef inline RigidRates rigid_rates(const Piece *now, double z, double w) noexcep
 
 
 cdef inline void contact_rows(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
-    """Write the rows of z, t and the impulse of the Jacobian of a contact."""
+    """Write those rows of a contact's Jacobian that belong to z, t and the impulse."""
     cdef double f_z, f_w, z = x[ROOT]
     f_z, f_w = contact_gradient(&now.contact, z, x[RATE])
     J[ROOT][RATE] = 0.5
@@ -35,20 +35,20 @@ cdef void rigid_jacobian(const Piece *now, const double *x, double[WIDTH] *J) no
 cdef double gap_closes(double gap, double speed, double acceleration) noexcept nogil:
     """Return the time (s) until gap - speed t - acceleration t^2 / 2 falls to zero from above; inf if never.
 
-    A gap of zero that opens counts as open, one that closes as closed. There is no cancellation.
+    A gap of zero counts as open if it opens, and as closed if it closes. The formulas avoid cancellation.
     """
     cdef double square = speed * speed + 2.0 * acceleration * gap
     if square < 0.0:
         return INFINITY
     if speed > 0.0:
         return 2.0 * gap / (speed + sqrt(square)) if gap > 0.0 else 0.0
-    if acceleration > 0.0:  # not closing yet, or just opened: it closes after the acceleration has reversed the motion
+    if acceleration > 0.0:  # the gap opens now, and closes after the acceleration has reversed its motion
         return (sqrt(square) - speed) / acceleration
     return INFINITY
 
 
 cdef void rigid_drift(Chain *chain, double acceleration, double ground, double time) noexcept nogil:
-    """Move `chain` exactly through `time` (s) of flight; `ground` (m/s^2) is the deceleration of the object."""
+    """Move `chain` exactly through `time` (s) of flight; `ground` (m/s^2) is the object's deceleration by friction."""
     chain.penetration += time * (chain.penetration_rate + 0.5 * (acceleration + ground) * time)
     chain.penetration_rate += (acceleration + ground) * time
     chain.flange_position += time * (chain.flange_velocity + 0.5 * acceleration * time)

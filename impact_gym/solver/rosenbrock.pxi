@@ -1,10 +1,10 @@
 """The L-stable 5(4) pair Rodas5P, for stiff pieces: a slow contact under a push, an overdamped spring, a hard stop.
 
-A Rosenbrock method: linearly implicit, one factorisation of 1 / (gamma h) - J in a step and no iteration, with the
-exact Jacobian J. Coefficients: Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks
+A Rosenbrock method is linearly implicit: a step inverts one matrix, 1 / (gamma h) - J with the exact Jacobian J, and
+needs no iteration. Coefficients: Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks
 within the Julia Differential Equations package (BIT Numerical Mathematics 63:27, 2023), in the form of Hairer, Wanner,
-Solving Ordinary Differential Equations II (1996), IV.7, eq. 7.25. Time is a place of the state: the equations are
-autonomous.
+Solving Ordinary Differential Equations II (1996), IV.7, eq. 7.25. Time is a component of the state, so the equations
+are autonomous.
 """
 
 cdef enum:
@@ -12,7 +12,7 @@ cdef enum:
 
 cdef double STIFF_GAMMA = 0.21193756319429014
 
-cdef double[STIFF_STAGES][STIFF_STAGES] STIFF_A  # weights of the earlier stages in the state of each
+cdef double[STIFF_STAGES][STIFF_STAGES] STIFF_A  # row i: weights of the earlier stages in the state of stage i
 STIFF_A[1][:1] = [3.0]
 STIFF_A[2][:2] = [2.849394379747939, 0.45842242204463923]
 STIFF_A[3][:3] = [-6.954028509809101, 2.489845061869568, -10.358996098473584]
@@ -25,9 +25,9 @@ STIFF_A[6][:6] = [
 ]
 STIFF_A[7][:7] = [
     -7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946, 1.0, 1.0
-]  # plus the last stage gives the end of the step
+]  # the state at the end of the step is that of the last row plus the last stage
 
-cdef double[STIFF_STAGES][STIFF_STAGES] STIFF_C  # weights over h of the earlier stages on the right side of each
+cdef double[STIFF_STAGES][STIFF_STAGES] STIFF_C  # row i: weights, / h, of the earlier stages on the right side of stage i
 STIFF_C[1][:1] = [-14.155112264123755]
 STIFF_C[2][:2] = [-17.97296035885952, -2.859693295451294]
 STIFF_C[3][:3] = [147.12150275711716, -1.41221402718213, 71.68940251302358]
@@ -44,9 +44,9 @@ STIFF_C[7][:7] = [
 
 
 cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
-    """Try a step of `h` from `work.x`, whose rate is known, into `work.trial`; return its estimated error.
+    """Try a step of `h` from `work.x`, whose rate is known, into `work.trial`; return estimated error / allowed error.
 
-    The error, of order 4, is over the allowed error, as for the explicit pair.
+    The error estimate is of order 4.
     """
     cdef int stage, earlier, i, n = now.width
     cdef double total = 0.0, a, c, size
@@ -84,8 +84,8 @@ cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
 cdef void invert(int n, double[WIDTH] *matrix) noexcept nogil:
     """Replace the first `n` rows and columns of `matrix` by the transpose of their inverse (Gauss and Jordan).
 
-    Rows are exchanged for the largest pivot. A product with the inverse is faster than the solution of two triangular
-    systems, in which each component depends on the one before.
+    Rows are exchanged to get the largest pivot. The inverse is used because multiplying by it is faster than solving
+    two triangular systems, in which each component has to wait for the one before.
     """
     cdef double[WIDTH][WIDTH] inverse
     cdef int k, row, column, pivot

@@ -1,20 +1,20 @@
-"""Steps by the Taylor series of a polynomial piece: `taylor.h` expands it, this file chooses and takes the step."""
+"""Steps by Taylor series, for analytic pieces: `taylor.h` computes the series; this file chooses and takes the step."""
 
 cdef enum:
-    LAST_ORDERS = 3  # for the estimate of convergence; from z = 0, without damping, two of every five orders vanish
+    LAST_ORDERS = 3  # orders used to estimate convergence: from z = 0 without damping, two of every five orders are 0
 
-cdef double LEFT_OUT = 0.05  # truncation error over the local error allowed: errors add up over a contact
-cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error: errors add up over several contacts
+cdef double LEFT_OUT = 0.05  # truncation error / local error allowed; below 1, as errors add up over a contact
+cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error; small, as errors add up over several contacts
 cdef double TOO_STEEP = 1e30  # mean square of coefficients above which the explicit pair takes over
 
 
 cdef void expand(const Piece *now, Work *work) noexcept nogil:
-    """Expand the state at `work.x` in a series, and find its longest step, 0 if unknown."""
+    """Compute the Taylor series of the state at `work.x`, and the longest step for which it is accurate, 0 if unknown."""
     cdef Polynomial law = Polynomial(
         now.contact.held, now.contact.damping, now.share, now.ground,
         now.tool_share, now.push, now.pull_y, now.pull_y_dot,
     )
-    if now.law.kind == RIGID:  # a spring without effect, so that one series is enough for both
+    if now.law.kind == RIGID:  # treated as a SPRING chain whose spring has no effect, so that one series serves both
         law.ground += now.push
         law.tool_share = law.push = law.pull_y = law.pull_y_dot = 0.0
         work.x[DEFLECTION] = work.x[DEFLECTION_RATE] = work.x[DEFLECTION_INTEGRAL] = 0.0
@@ -23,8 +23,8 @@ cdef void expand(const Piece *now, Work *work) noexcept nogil:
 
 
 cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil:
-    """Return the step with the allowed truncation error, if the coefficient of order k falls as the k-th power of a radius."""
-    cdef float inverse_radius = -7.0  # log, at least: the last orders can vanish by chance or in a float
+    """Return the step with the allowed truncation error, assuming coefficients of order k proportional to radius^-k."""
+    cdef float inverse_radius = -7.0  # its logarithm, at least -7: the last orders can vanish by chance or underflow
     cdef double[PLACES] weight
     cdef double squares, left_out = min(LEFT_OUT * now.tolerance, MOST_LEFT_OUT)
     cdef int i, k
@@ -42,7 +42,7 @@ cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil
 
 
 cdef void evaluate(const Piece *now, const Work *work, double h, double *x, double *rate) noexcept nogil:
-    """Find the state and its rate after `h` on the series, by Horner's scheme for even and odd orders."""
+    """Evaluate the series and its derivative after `h`, by Horner's scheme, separately for even and odd orders."""
     cdef double[PLACES] odd, even
     cdef double square = h * h
     cdef int i, k
@@ -58,7 +58,7 @@ cdef void evaluate(const Piece *now, const Work *work, double h, double *x, doub
 
 
 cdef double fastest(const Piece *now, const double *x, const double *rate) noexcept nogil:
-    """Return the largest eigenvalue of the contact alone and the spring alone, at the scaled state `x` of an analytic piece."""
+    """Return the larger of the eigenvalues of the contact alone and of the spring alone, for an analytic piece at `x`."""
     cdef double z = x[ROOT], force, spring = 0.0
     if now.law.kind == SPRING:
         spring = z * largest_root(-now.pull_y_dot, -now.pull_y)
@@ -69,6 +69,6 @@ cdef double fastest(const Piece *now, const double *x, const double *rate) noexc
 
 
 cdef inline double largest_root(double b, double c) noexcept nogil:
-    """Absolute value of the larger root of r^2 + b r + c, b not negative."""
+    """Return the absolute value of the larger root of r^2 + b r + c, where b is not negative."""
     cdef double square = 0.25 * b * b - c
     return 0.5 * b + sqrt(square) if square > 0.0 else sqrt(c)

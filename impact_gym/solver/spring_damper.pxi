@@ -1,7 +1,7 @@
-"""A tool on a spring and damper: flight in closed form, the first touch bracketed by extrema of the gap."""
+"""A SPRING chain: a tool on a spring and damper. Its flight has a formula. The first touch is searched between extrema of the gap."""
 
 cdef enum:
-    MOST_BENDS = 300000  # most intervals between zeros of the gap's third derivative, in one flight
+    MOST_BENDS = 300000  # most intervals between zeros of the gap's third derivative that are searched in one flight
 
 
 cdef struct SpringRates:
@@ -40,7 +40,7 @@ cdef void spring_jacobian(const Piece *now, const double *x, double[WIDTH] *J) n
 
 
 cdef void spring_drift(const Law *law, Chain *chain, double acceleration, double ground, double time) noexcept nogil:
-    """Move `chain` exactly through `time` (s) of flight; `ground` (m/s^2) is the deceleration of the object."""
+    """Move `chain` exactly through `time` (s) of flight; `ground` (m/s^2) is the object's deceleration by friction."""
     cdef double z, z_dot, rest = -acceleration / (law.frequency * law.frequency)
     cdef double object_speed = tool_velocity(chain) - chain.penetration_rate
     cdef double travel = time * (chain.flange_velocity + 0.5 * acceleration * time)
@@ -59,8 +59,8 @@ cdef struct Glide:  # the gap as a function of time: penetration = start + z(t) 
     double damping_ratio
     double position, velocity  # m, m/s: z(0) = y + a / omega^2, z'(0)
     double start  # m, penetration at t = 0, not positive
-    double closing  # m/s, flange velocity less object velocity
-    double acceleration  # m/s^2, of the flange less that of the object
+    double closing  # m/s, flange velocity minus object velocity
+    double acceleration  # m/s^2, flange acceleration minus object acceleration
 
 
 cdef struct Gap:
@@ -68,7 +68,7 @@ cdef struct Gap:
 
 
 cdef Gap gap_at(const Glide *glide, double time) noexcept nogil:
-    """Return the penetration at `time` and its derivatives."""
+    """Return the penetration and its derivatives at `time` (s)."""
     cdef double z, w2 = glide.frequency * glide.frequency, c = 2.0 * glide.damping_ratio * glide.frequency
     cdef Gap gap
     z, gap.order[1] = free_decay(glide.frequency, glide.damping_ratio, glide.position, glide.velocity, time)
@@ -82,9 +82,9 @@ cdef Gap gap_at(const Glide *glide, double time) noexcept nogil:
 
 
 cdef double monotone_zero(const Glide *glide, int order, bint rising, double low, double high) noexcept nogil:
-    """Return the zero of derivative `order` between `low` and `high`, where it is monotone, to rounding.
+    """Return the zero, exact to rounding, of the penetration's derivative `order` between `low` and `high`.
 
-    Newton's method, kept inside the bracket by bisection.
+    The derivative must be monotone there. It uses Newton's method, or bisection when that leaves the bracket.
     """
     cdef Gap gap
     cdef double following, time = 0.5 * (low + high)
@@ -104,7 +104,10 @@ cdef double monotone_zero(const Glide *glide, int order, bint rising, double low
 
 
 cdef double inflection_time(const Glide *glide, double after, const Gap *gap) noexcept nogil:
-    """Return the first zero of the gap's third derivative, a free decay, after the time `after` of `gap`; inf if none."""
+    """Return the first time after `after` (s) at which the gap's third derivative is zero; inf if none.
+
+    The third derivative is a free damped oscillation. `gap` is the gap at the time `after`.
+    """
     cdef double w = glide.frequency, zeta = glide.damping_ratio, p = gap.order[3]
     cdef double slope = gap.order[4] + zeta * w * p, square = (1.0 - zeta) * (1.0 + zeta) * w * w
     cdef double damped, phase, ratio, split
@@ -117,7 +120,7 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
     if slope == 0.0:
         return INFINITY
     ratio = -p / slope
-    if ratio * w <= 1e-9:  # past, or the zero at `after` itself: there is no other
+    if ratio * w <= 1e-9:  # the only zero is in the past, or at `after` itself
         return INFINITY
     if square == 0.0:
         return after + ratio
@@ -128,8 +131,8 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
 cdef double within_reach(const Glide *glide, double now) noexcept nogil:
     """Return the first time from `now` on at which a bound allows a touch; inf if never.
 
-    The free decay loses energy, so it stays below r / omega with r^2 = z'^2 + omega^2 z^2. The gap closes no earlier
-    than with a tool that stays deflected by r / omega.
+    The free oscillation z loses energy, so |z| stays below r / omega with r^2 = z'^2 + omega^2 z^2. The gap closes no
+    earlier than it would with z constantly at r / omega.
     """
     cdef double gap, swing, closed, z = glide.position, z_dot = glide.velocity
     if now > 0.0:
@@ -145,10 +148,10 @@ cdef double within_reach(const Glide *glide, double now) noexcept nogil:
 cdef double spring_touch(
     const Law *law, const Chain *chain, double acceleration, double ground, double horizon
 ) noexcept nogil:
-    """Return the time (s) of the first touch, inf if not within `horizon`, nan after MOST_BENDS.
+    """Return the time (s) until the first touch; inf if not within `horizon` (s), nan if MOST_BENDS did not suffice.
 
-    Between two zeros of its third derivative the gap has at most one inflection, hence at most two extrema, hence at
-    most three monotone pieces. Each is tested at its ends, so no touch is missed.
+    Between two zeros of its third derivative the gap has at most one inflection, so at most two extrema, so at most
+    three monotone pieces. Each piece is tested at its two ends, so no touch is missed.
     """
     cdef Glide glide
     cdef Gap first, between, last
@@ -184,7 +187,7 @@ cdef double touch_in_bend(
 ) noexcept nogil:
     """Return the first touch between `begin` and `end`, where the gap has no inflection; inf if there is none.
 
-    While the gap opens there is no touch; an apparent one right after a contact is a rounding error.
+    While the gap opens there is no touch: an apparent touch right after a contact is a rounding error.
     """
     cdef bint closing = first.order[1] > 0.0, still = last.order[1] > 0.0
     cdef double turn

@@ -1,18 +1,18 @@
-"""The records of the solver: the constants of a run, the state of a row, and work arrays.
+"""The structures of the solver: the constants of a run, the state of a row, and work arrays.
 
-Some are also NumPy records of the same names and layout, see `kernels.pyx`.
+Some also exist as NumPy data types with the same names and layout, see `kernels.pyx`.
 """
 
 cpdef enum:
-    RIGID, SPRING, INTEGRATED  # chains: tool of imposed motion, tool on one spring and damper, and any without a closed form
+    RIGID, SPRING, INTEGRATED  # kinds of chain: tool with imposed motion, tool on one spring and damper, any other chain
 
 cpdef enum:
-    ARRIVED = 0  # at the requested time
+    ARRIVED = 0  # the requested time is reached
     DETECTED = 1  # the contact force has just exceeded the threshold for the first time
     TOUCHED = 2  # a contact begins
     PARTED = 3  # the contact has ended
     SWITCHED = 4  # the equations of motion change: at a stop, at the alignment, or where the force would become a pull
-    UNSETTLED = 5  # at the end of an episode contacts are still possible
+    UNSETTLED = 5  # when the simulation after an episode was stopped, contacts were still possible
     STEP_LIMIT = -1  # more integration steps than allowed
     NOT_FINITE = -2  # a state became inf or nan
 
@@ -29,20 +29,20 @@ cpdef enum:
 cdef struct Mount:  # coupling and robot, as a user describes them
     int64_t coupling_kind, robot_kind
     double tool_mass  # kg
-    CouplingNumbers coupling  # 0: its kind does not have this number
-    RobotNumbers robot  # of a LUMPED one, else 0
-    int64_t table, intervals  # of a TABLE_OF_POSITION, as in `Law`
+    CouplingNumbers coupling  # a number that this kind of coupling does not have is 0
+    RobotNumbers robot  # numbers of a LUMPED robot, else 0
+    int64_t table, intervals  # place of the table of a TABLE_OF_POSITION, as in `Law`
     double stiffest
 
 
 cdef struct Interval:  # a robot table of one interval
     double begin, end  # m
-    double[4] mass, stiffness, damping  # coefficients
+    double[4] mass, stiffness, damping  # coefficients of cubic polynomials
 
 
 cdef struct Law:  # the simplest chain equivalent to the mount
-    int64_t kind  # of chain
-    double tool_mass  # kg; of a RIGID or SPRING chain with the robot mass that moves with the tool
+    int64_t kind  # RIGID, SPRING or INTEGRATED
+    double tool_mass  # kg; in a RIGID or SPRING chain it includes the robot mass that moves with the tool
     double frequency  # rad/s, omega of a SPRING chain
     double damping_ratio  # -, zeta of a SPRING chain
     int64_t coupled  # of an INTEGRATED chain: 1 with a coupling between tool and flange, 0 if they are one mass
@@ -55,37 +55,37 @@ cdef struct Law:  # the simplest chain equivalent to the mount
     int64_t table  # where the robot's table begins among the numbers of all tables; -1 if it is `lumped`
     int64_t intervals  # of that table; 0 if the robot is rigid
     Interval lumped
-    double stiffest  # 1/s^2, largest k_r / m_r at the breaks: an estimate, not a bound
+    double stiffest  # 1/s^2, largest k_r / m_r at the breaks of the table; between breaks it may be larger
 
 
 cdef struct Memory:  # step control of a contact or a flight, kept between steps
     double step  # next trial step
     int64_t method  # of the next step: EXPLICIT or STIFF
-    int64_t seen  # attempts by this method; after `patience` explicit ones only those near the limit of stability
-    int64_t patience  # attempts of the explicit pair without a check of stiffness
-    int64_t rejected  # 1 if the last attempt was
+    int64_t seen  # attempts by this method; of the explicit pair, after `patience`, only those near the limit of stability
+    int64_t patience  # number of attempts of the explicit pair before stiffness is checked
+    int64_t rejected  # 1 if the last attempt was rejected
     double log_before  # log of the error of the last accepted attempt
 
 
 cdef struct Chain:  # a row: the state of motion, and results so far
     double time  # s
-    double flange_position  # m, of the imposed motion; of the flange, if the robot is rigid
-    double flange_velocity  # m/s, likewise
+    double flange_position  # m, of the imposed motion; with a rigid robot also of the flange
+    double flange_velocity  # m/s, of the imposed motion
     double deflection  # m, tool minus imposed motion
     double deflection_rate  # m/s
-    double penetration  # m, tool face minus object face: minus the gap
+    double penetration  # m, position of the tool's face minus that of the object's face; in flight minus the gap
     double penetration_rate  # m/s
     double flange_offset  # m, flange minus imposed motion; nonzero only with a compliant robot and a coupling
     double flange_offset_rate  # m/s
     int64_t pressed  # which stop pushes: 1 front, -1 rear, 0 none
-    int64_t side  # of the alignment on which the slider of a mechanism is: 1 front, -1 rear
+    int64_t side  # on which side of its alignment the slider of a mechanism is: 1 front, -1 rear
     int64_t object_state  # SLIDING or STUCK; without friction always SLIDING
 
     # the present contact
     int64_t touching  # 0 or 1
-    int64_t holding  # 0 while the surfaces part faster than they recover, else 1
+    int64_t holding  # 0 while the contact force is 0 because the surfaces part faster than they spring back; else 1
     Units units
-    double start  # s
+    double start  # s, time at which it began; more values at that time follow
     double approach_velocity  # m/s
     double start_tool_velocity  # m/s
     double start_object_velocity  # m/s
@@ -96,7 +96,7 @@ cdef struct Chain:  # a row: the state of motion, and results so far
     double ground_impulse  # N s, of the friction of the ground on the object
     double deflection_integral  # m s
     double pull_impulse  # N s, of the coupling on the tool, in an INTEGRATED chain
-    double joined  # N s, momentum of mass that has joined the moving part, see `integrated.pxi`
+    double joined  # N s, momentum of robot mass that has joined the moving part, see `integrated.pxi`
     double contact_peak_force  # N
     Memory memory
 
@@ -107,28 +107,28 @@ cdef struct Chain:  # a row: the state of motion, and results so far
     double peak_force  # N
     double peak_object_velocity  # m/s, with friction; without friction the object never loses velocity
     double object_rest_time  # s, when the object last came to rest
-    double tool_rest_time  # s, since then the tool stays slower than REST_SPEED; inf if it does not, or without friction
-    double slide  # m, from the object's first position to where it rests, with friction
-    double rest_time  # s, when object and tool are at rest, with friction; inf if the tool is not
-    double unread_force  # N, largest since the last `take_peak`
-    double coupling_impulse  # N s, over the finished contacts (paper, eq. 21)
-    double momentum_error  # -, largest over the finished contacts (paper, eq. 20)
+    double tool_rest_time  # s, since when the tool is slower than REST_SPEED; inf if it is faster, or without friction
+    double slide  # m, with friction: from the object's first position to where it rests
+    double rest_time  # s, with friction: when object and tool are at rest; inf if the tool is not
+    double unread_force  # N, largest contact force since the last call of `take_peak`
+    double coupling_impulse  # N s, sum over the finished contacts (paper, eq. 21)
+    double momentum_error  # -, largest momentum error of the finished contacts (paper, eq. 20)
     int64_t steps  # integration steps, rejected ones included
     int64_t logged  # rows of the contact log, including those that did not fit
-    int64_t traced  # rows of the trace, likewise
-    int64_t snaps  # passages of the slider through the alignment, likewise
-    int64_t status  # how an approach ended
+    int64_t traced  # rows of the trace, including those that did not fit
+    int64_t snaps  # passages of the slider through its alignment, including those that did not fit
+    int64_t status  # 0 if an approach ran to its end, else the status that ended it
     double final_object_velocity, final_tool_velocity, final_flange_velocity  # m/s, at the end of an approach
 
 
 cdef struct ContactRow:
-    double start, end  # s; nan if unfinished
+    double start, end  # s; the end of an unfinished contact is nan
     double approach_velocity, separation_velocity  # m/s
     double peak_force  # N
     double impulse  # N s, on the object
-    double object_velocity  # m/s, at the end
+    double object_velocity  # m/s, at the end of the contact
     double coupling_impulse  # N s, on the tool (paper, eq. 21)
-    double momentum_error  # -, residual of the paper's eq. 20 over the impulse
+    double momentum_error  # -, residual of the momentum balance (paper, eq. 20) / impulse
 
 
 cdef struct TraceRow:
@@ -143,7 +143,7 @@ cdef struct TraceRow:
 cdef struct Recorder:  # arrays for contacts and trace; empty ones record nothing
     ContactRow *contacts
     TraceRow *trace
-    double *snaps  # s, when a slider passes its alignment
+    double *snaps  # s, times at which a slider passes its alignment
     int64_t contact_rows, trace_rows, snap_rows
     double interval  # s, between two points of a trace in flight
 
@@ -159,23 +159,23 @@ cdef extern from "solver/taylor.h" nogil:
 
 
 cdef enum:
-    WIDTH = 10  # places of the longest scaled state
-    KEPT = 8  # stages of a step that are kept: the rates of stages 5 to 11 for dense output, or all of a stiff step
+    WIDTH = 10  # number of components of the longest scaled state
+    KEPT = 8  # stages of a step that are kept: the rates of stages 5 to 11 for dense output, or all stages of a stiff step
 
 
 cdef struct Work:  # work arrays of the integrator
-    double[WIDTH] x, rate  # the state a step starts from
-    double[WIDTH] trial, trial_rate  # the state it tries
-    double[WIDTH] probe, probe_rate  # a state within it
-    double[WIDTH] late  # the last stage but one
+    double[WIDTH] x, rate  # the state at the start of a step
+    double[WIDTH] trial, trial_rate  # the state at the end of the step that is tried
+    double[WIDTH] probe, probe_rate  # a state within the step
+    double[WIDTH] late  # the state at the last stage but one
     double[KEPT][WIDTH] stage
     double[7][WIDTH] dense  # polynomial through the step
     bint dense_known
-    double[ORDER + 1][PLACES] series  # of the state from `x` on
+    double[ORDER + 1][PLACES] series  # Taylor coefficients of the state at `x`
     bint expanded  # whether `series` is known
     double longest  # longest step for which `series` is accurate; 0: none
     double[WIDTH][WIDTH] matrix
-    int method  # of the present step
+    int method  # method of the present step
     Memory memory
 
 
@@ -185,16 +185,16 @@ cdef struct Run:  # constants of a run
     Contact contact
     double object_mass  # kg
     double ground  # m/s^2, mu g, deceleration of an object that slides; 0 without friction
-    double threshold  # N, of the contact alarm; inf if there is none
+    double threshold  # N, threshold of the contact alarm; inf if there is no alarm
     bint tell_touch  # whether `command` returns at the first touch
-    double tolerance  # -, local error of a step in its own scales
+    double tolerance  # -, local error allowed in a step, in the units of its piece
     int64_t max_steps
     Recorder recorder
     Work *work
 
 
 cdef inline RobotTable robot_table(const Run *run) noexcept nogil:
-    """Return the robot's table: breaks, then coefficients."""
+    """Return the robot's table; among the numbers of all tables it has first its breaks, then its coefficients."""
     cdef RobotTable table
     table.intervals = run.law.intervals
     table.breaks = <const double *> &run.law.lumped if run.law.table < 0 else run.tables + run.law.table

@@ -1,27 +1,28 @@
-"""One step of the integrator: by a Taylor series, by the explicit pair DOP853, or by an L-stable one.
+"""One step of the integrator: by a Taylor series, by the explicit pair DOP853, or by the L-stable pair Rodas5P.
 
-If the equations are polynomial, a step uses their series (`series.pxi`), which determines its length and gives every
-point in it. Otherwise it is a step of the explicit pair. Stiffness is detected as in Hairer's code: the last two stages
-are at the same time, and their rates differ by about lambda times the difference of their states. For a series the
-eigenvalues are known. Near the limit of stability, h lambda about 6, the error estimate limits the step, however smooth
-the motion is. After repeated attempts near the limit, accepted or not, the L-stable pair replaces the explicit pair.
-Every few steps the explicit pair is tried again, and kept if that succeeds. If it succeeds soon, as with swings that
-only look stiff, the next change to the L-stable pair takes more attempts.
+If the equations are polynomials, a step uses their Taylor series (`series.pxi`), which determines the step's length and
+gives every point in the step. Otherwise a step uses the explicit pair. Stiffness is detected as in Hairer's code: the
+last two stages are at the same time, and their rates differ by about lambda times the difference of their states, where
+lambda is the largest eigenvalue. For a series the eigenvalues are known. Near the limit of stability, h lambda about 6,
+the error estimate keeps the step h short, however smooth the motion is. After repeated attempts near the limit, whether
+accepted or not, the L-stable pair replaces the explicit pair. Every few steps the explicit pair is tried again, and
+kept if it works. If it works soon, because an oscillation only looked stiff, the next change to the L-stable pair needs
+more attempts near the limit.
 """
 
 cdef enum:
     EXPLICIT, STIFF, SERIES
-    UNCHECKED = 25  # attempts without a check of stiffness: most smooth pieces have fewer
+    UNCHECKED = 25  # number of attempts before stiffness is checked; most smooth pieces need fewer
     REPEATED = 10  # attempts near the limit of stability before the change to the L-stable pair
     TRY = 10  # stiff steps between two trials of the explicit pair
-    IN_VAIN = 2  # trials; if the explicit pair succeeds within so many, the change was not needed
-    MOST = 16 * UNCHECKED
+    IN_VAIN = 2  # if the explicit pair succeeds within this many trials, the change to the L-stable pair was not needed
+    MOST = 16 * UNCHECKED  # largest number of attempts before stiffness is checked
 
-cdef double NEAR = 3.5  # h lambda near the limit of 6, where accepted and rejected attempts alternate between 4 and 7
+cdef double NEAR = 3.5  # h lambda above this is near the limit of 6; attempts there alternate between about 4 and 7
 
 
 cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
-    """Try a step of `h` from `work.x` into `work.trial`; return its estimated error over what is allowed."""
+    """Try a step of `h` from `work.x` into `work.trial`; return estimated error / allowed error."""
     if work.method == SERIES:
         evaluate(now, work, h, work.trial, work.trial_rate)
         return 0.5 if h <= work.longest else 2.0
@@ -32,13 +33,13 @@ cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double judge(const Piece *now, Work *work, double h, double *error) noexcept nogil:
-    """Return the factor on the step after an attempt of `h`; an estimated `error` above 1 means rejected.
+    """Return the factor by which to change the step after an attempt of `h`, and choose the method of the next step.
 
-    Also choose the method of the next step.
+    `error` is estimated error / allowed error; above 1 the attempt is rejected.
     """
     cdef Memory *memory = &work.memory
     memory.seen += 1
-    if work.method != STIFF and memory.method == STIFF:  # a trial: one step can have a small error although the method is unstable
+    if work.method != STIFF and memory.method == STIFF:  # a trial of the explicit pair: its error can be small although it is unstable
         if error[0] > 1.0 or h * apparent_eigenvalue(now, work) > NEAR:
             memory.seen, error[0] = 0, 2.0
             return 1.0
@@ -53,7 +54,7 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
 
 
 cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
-    """Choose the method: in a stiff piece sometimes the explicit one. A new series sets the step."""
+    """Choose the method of the step; in a stiff piece the explicit pair is sometimes tried. A new series sets `h`."""
     cdef const Memory *memory = &work.memory
     cdef bint stiff = memory.method == STIFF, known = work.expanded
     work.method = STIFF if stiff and (memory.seen == 0 or memory.seen % TRY != 0) else EXPLICIT
@@ -68,12 +69,12 @@ cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
 
 
 cdef double step_factor(Work *work, double error) noexcept nogil:
-    """Return the factor on the step, by the order of the method.
+    """Return the factor by which to change the step, from its error and the order of the method.
 
-    For the explicit pair with Hairer's stabilisation: it uses the previous error, too, and a step after a rejected one
-    does not grow. One attempt in eight is rejected; without the stabilisation one in four.
+    For the explicit pair Hairer's stabilisation is used: the factor also depends on the previous error, and a step after
+    a rejected attempt does not grow. With it one attempt in eight is rejected, without it one in four.
     """
-    cdef float factor, log_error  # single precision suffices for a step
+    cdef float factor, log_error  # single precision is enough for the length of a step
     cdef Memory *memory = &work.memory
     if work.method == SERIES:
         return 1.0
@@ -93,7 +94,7 @@ cdef double step_factor(Work *work, double error) noexcept nogil:
 
 
 cdef void probe(const Piece *now, Work *work, double h, double share) noexcept nogil:
-    """Find the state and its rate at a share of the last attempt of `h`, on the polynomial if there is one."""
+    """Compute the state and its rate at the fraction `share` of the last attempt of `h`, on the polynomial if it has one."""
     cdef int i
     if work.method != EXPLICIT:
         probe_exactly(now, work, h, share)
@@ -105,7 +106,7 @@ cdef void probe(const Piece *now, Work *work, double h, double share) noexcept n
 
 
 cdef void probe_exactly(const Piece *now, Work *work, double h, double share) noexcept nogil:
-    """Find the state and its rate at a share of the last attempt of `h`, by a step of that length."""
+    """Compute the state and its rate at the fraction `share` of the last attempt of `h`, by a step that ends there."""
     cdef Work other
     if work.method == SERIES:
         evaluate(now, work, share * h, work.probe, work.probe_rate)
@@ -119,7 +120,7 @@ cdef void probe_exactly(const Piece *now, Work *work, double h, double share) no
 
 
 cdef void fit_polynomial(const Piece *now, Work *work, double h) noexcept nogil:
-    """Fit the explicit pair's polynomial to the last attempt, unless that is done."""
+    """Compute the explicit pair's polynomial through the last attempt; do nothing if this is done already."""
     cdef double change
     cdef int i
     if work.dense_known:
@@ -134,7 +135,7 @@ cdef void fit_polynomial(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef inline (double, double) on_polynomial(const Work *work, int i, double share) noexcept nogil:
-    """Return component `i` at a share of the step, on its polynomial (Hairer's CONTD8), and its derivative by the share."""
+    """Evaluate the step's polynomial (Hairer's CONTD8) for component `i` at `share`; return value and derivative."""
     cdef double left = 1.0 - share, value = work.dense[6][i], slope = 0.0
     cdef int k
     for k in range(5, 0, -2):

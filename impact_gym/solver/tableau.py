@@ -1,10 +1,11 @@
-"""The 8(5,3) pair of Dormand and Prince, DOP853 in Hairer and Wanner's code, and its steps as code for each chain.
+"""Generate the code of the explicit integrator: the 8(5,3) pair of Dormand and Prince, called DOP853 in Hairer's code.
 
-Order 8, 12 stages, first same as last. Coefficients, error estimates and dense output of order 7: Hairer, Norsett,
-Wanner, Solving Ordinary Differential Equations I (1993), II.10, in double precision from SciPy.
+The pair has order 8 and 12 stages; the last stage of a step is the first of the next. Coefficients, error estimates and
+dense output of order 7 are those of Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I (1993), II.10,
+taken in double precision from SciPy.
 
-From these numbers setup.py writes `dop853.pxi`: straight-line code on local variables, which a compiler keeps in
-registers. It takes half the time of loops over a table in memory.
+From these numbers setup.py writes `dop853.pxi` for each kind of chain: code without loops on local variables, which a
+compiler keeps in registers. It takes half the time of loops over a table in memory.
 """
 
 from collections.abc import Iterable
@@ -14,12 +15,12 @@ from scipy.integrate import DOP853
 
 
 def by_stage(rows: Iterable[Iterable[float]]) -> tuple[dict[int, float], ...]:
-    """Return the nonzero weights of each row, by stage."""
+    """Return, for each row of coefficients, its nonzero weights by the index of the stage."""
     return tuple({stage: float(weight) for stage, weight in enumerate(row) if weight} for row in rows)
 
 
 A = by_stage([*DOP853.A, DOP853.B, *DOP853.A_EXTRA])
-"""Weights of the earlier stages in each stage. Row 12 is also the solution; rows 13 to 15 are for dense output only."""
+"""Row i: weights of the earlier stages in stage i. Row 12 is also the solution; rows 13 to 15 are for dense output."""
 ERROR = by_stage([DOP853.E5, DOP853.E3])
 """Weights of the stages in the error estimates of orders 5 and 3."""
 DENSE = by_stage(DOP853.D)
@@ -34,9 +35,9 @@ KEPT = range(5, LAST)  # stages for dense output, in addition to the first and t
 class Layout:
     """The components of a chain's scaled state."""
 
-    name: str  # of its functions
+    name: str  # first part of the names of the generated functions
     places: str  # one letter for each component, in order
-    used: str  # the components on which the rates depend; the others are pure integrals
+    used: str  # the components on which the rates depend; the other components are integrals
 
 
 LAYOUTS = (
@@ -47,12 +48,12 @@ LAYOUTS = (
 
 
 def weighed(weights: dict[int, float], place: str) -> str:
-    """Return the weighted sum of the stages' rates of a component."""
+    """Return code for the weighted sum of the stages' rates of the component `place`."""
     return " + ".join(f"{weight!r} * k{stage}.{place}" for stage, weight in weights.items())
 
 
 def moved(stage: int, place: str, newest: bool) -> str:
-    """Return the assignment of a component at a stage; with `newest`, its newest rate is added last."""
+    """Return code that computes a component at a stage; with `newest`, the newest rate is added last."""
     *earlier, last = A[stage].items()
     if not newest:
         return f"{place}{stage} = {place}0 + h * ({weighed(A[stage], place)})"
@@ -61,7 +62,7 @@ def moved(stage: int, place: str, newest: bool) -> str:
 
 
 def stage_lines(layout: Layout, stage: int) -> list[str]:
-    """Return the lines that compute the state at a stage and its rates."""
+    """Return lines of code that compute the state at a stage and its rates."""
     lines = [f"h{stage} = h * {list(A[stage].values())[-1]!r}"]
     lines += [moved(stage, place, newest=True) for place in layout.used]
     arguments = ", ".join(f"{place}{stage}" for place in layout.used)
@@ -69,7 +70,7 @@ def stage_lines(layout: Layout, stage: int) -> list[str]:
 
 
 def header(layout: Layout, name: str, stages: range, given: dict[int, str]) -> list[str]:
-    """Return the head of a function that starts at `work.x` and copies the rates of stages in `given`."""
+    """Return the first lines of a function: declarations, the state `work.x`, and copies of the rates in `given`."""
     kind = f"{layout.name.title()}Rates"
     return [
         f"cdef {name} noexcept nogil:",
@@ -82,7 +83,7 @@ def header(layout: Layout, name: str, stages: range, given: dict[int, str]) -> l
 
 
 def step(layout: Layout) -> list[str]:
-    """Return the function that steps from `work.x` to `work.trial` and returns the estimated error."""
+    """Return the code of a function that steps from `work.x` to `work.trial` and returns the estimated error."""
     integrals = [place for place in layout.places if place not in layout.used]
     lines = header(
         layout, f"double {layout.name}_step(const Piece *now, Work *work, double h)",
@@ -109,7 +110,7 @@ def step(layout: Layout) -> list[str]:
 
 
 def dense(layout: Layout) -> list[str]:
-    """Return the function that computes the upper coefficients of the polynomial through the last step."""
+    """Return the code of a function that computes the upper coefficients of the polynomial through the last step."""
     given = {0: "work.rate", **{stage: f"work.stage[{i}]" for i, stage in enumerate(KEPT)}, LAST: "work.trial_rate"}
     stages = range(LAST + 1, len(A))
     lines = header(layout, f"void {layout.name}_dense(const Piece *now, Work *work, double h)", stages, given)
@@ -120,7 +121,7 @@ def dense(layout: Layout) -> list[str]:
 
 
 def eigenvalue(layout: Layout) -> list[str]:
-    """Return the function that compares the last two stages, see `solver/stepper.pxi`."""
+    """Return the code of a function that estimates an eigenvalue from the last two stages, see `stepper.pxi`."""
     lines = [f"cdef double {layout.name}_eigenvalue(const Work *work) noexcept nogil:"]
     body = ["cdef double apart, rates = 0.0, states = 0.0"]
     for place in layout.used:

@@ -13,7 +13,7 @@ typedef double Pair __attribute__((vector_size(16)));
 typedef double Stored __attribute__((vector_size(16), aligned(8), may_alias));
 
 enum {
-    ORDER = 12, /* of the series */
+    ORDER = 12, /* order of the series */
     PLACES = 8 /* z, w, time, impulse, y, v, integral of y, and one that stays zero */
 };
 

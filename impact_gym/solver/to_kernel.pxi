@@ -1,4 +1,4 @@
-"""The simplest chain equivalent to a mount, a coupling and a robot as a user describes them."""
+"""Convert a mount, the coupling and the robot as a user describes them, to the simplest equivalent chain (`Law`)."""
 
 cdef double STANDARD_GRAVITY = 9.80665  # m/s^2
 cdef double EVERYWHERE = 1e9  # m, half the length of the one interval in the table of a LUMPED robot
@@ -7,10 +7,10 @@ cdef double EVERYWHERE = 1e9  # m, half the length of the one interval in the ta
 cpdef double rest_of(
     double stiffness, double free_length, double height, double front_stop, double stop_stiffness
 ) noexcept nogil:
-    """Return the position of a slider at which its front stop balances the spring, m.
+    """Return the position (m) of the slider at which the force of the front stop balances that of the spring.
 
-    The net force is concave in the depth and negative at the stroke. From there Newton's method decreases monotonically
-    to the only zero, until rounding ends it.
+    The net force is a concave function of the depth in the stop, and negative at the stroke. Started at the stroke,
+    Newton's method decreases monotonically to the only zero, until rounding stops the decrease.
     """
     cdef Mechanism law = Mechanism(stiffness, free_length, height, 0.0, front_stop, 0.0, stop_stiffness, 0.0, 0, 0.0)
     cdef double depth = sqrt((free_length - height) * (free_length + height)) - front_stop, net, lower
@@ -23,7 +23,7 @@ cpdef double rest_of(
 
 
 cdef void law_to_kernel(const Mount *mount, Law *law) noexcept nogil:
-    """Write the simplest chain equivalent to `mount`."""
+    """Write the simplest chain equivalent to `mount` into `law`."""
     cdef const RobotNumbers *robot = &mount.robot
     memset(law, 0, sizeof(Law))
     law.tool_mass = mount.tool_mass

@@ -1,4 +1,4 @@
-"""The task: arguments, action, observation, reward and draws of an episode.
+"""The task: the environment's arguments, and action, observation, reward and random draws of an episode.
 
 `nested`           nested records and their dotted paths
 `scenario`         ranges of scenarios, and named sets of ranges
@@ -8,11 +8,11 @@
 `episodes`         draws of an episode, and the options of `reset`; compiled: `draw.pxi`
 `evaluation_sets`  frozen scenarios
 `range_sensor`     the range sensor; compiled: `range_sensor.pxi`
-`numbers`          writes `numbers.pxi`, records of the compiled program
+`numbers`          writes `numbers.pxi`, structures of the compiled program
 
-Compiled: `episode.pxi` plays the control steps, `alarm.pxi` raises the alarm, `reward.pxi` gives the reward,
-`settle.pxi` ends the episode, `records.pxi` holds the other records. The table of all numbers, `quantities`, is in
-`impact_gym`.
+Compiled files: `episode.pxi` plays the control steps, `alarm.pxi` raises the alarm, `reward.pxi` computes the reward,
+`settle.pxi` ends the episode, `records.pxi` has the other structures. The table of all numbers is in
+`impact_gym.quantities`.
 """
 
 from impact_gym.quantities import QUANTITIES, Quantity

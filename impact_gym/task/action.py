@@ -1,4 +1,4 @@
-"""The action: its numbers, and their conversion from [-1, 1] to SI units and back."""
+"""The numbers of an action, and their conversion from [-1, 1] to SI units and back."""
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -10,7 +10,7 @@ from impact_gym.kernels import ACTION, FASTEST_WITHDRAWAL
 if TYPE_CHECKING:
     from impact_gym.task.task import Task
 
-RESOLUTION = 1e-6  # m/s or m/s^2, grid of velocities and accelerations: a float32 then gives 8 m/s^2 exactly
+RESOLUTION = 1e-6  # m/s or m/s^2; values are rounded to it, so that a float32 action gives 8 m/s^2 exactly
 
 
 class Action(NamedTuple):
@@ -18,16 +18,17 @@ class Action(NamedTuple):
 
     id: str
     unit: str
-    low: float  # at -1
-    high: float  # at 1
+    low: float  # value at -1
+    high: float  # value at 1
     words: str
     resolution: float = RESOLUTION  # spacing of the grid to which values are rounded; 0: no grid
 
 
 class ActionSpec:
-    """The numbers of the action of a task, `entries` in their order: velocity and acceleration of the flange.
+    """The numbers of a task's action, in order: `entries`.
 
-    With an operator these are the gain on the operator's command, acceleration and withdrawal.
+    They are velocity and acceleration of the flange; with an operator, the gain on the operator's command, the
+    acceleration and the withdrawal.
     """
 
     def __init__(self, task: "Task") -> None:
@@ -44,16 +45,16 @@ class ActionSpec:
         return len(self.entries)
 
     def decode(self, actions: ArrayLike) -> NDArray[np.float64]:
-        """Return the values (..., n), each in its unit, of actions (..., n), which are clipped to [-1, 1]."""
+        """Clip actions (..., n) to [-1, 1] and return their values (..., n), each in its unit."""
         share = 0.5 * (np.clip(np.asarray(actions, np.float64), -1.0, 1.0) + 1.0)
         values = self._low + share * (self._high - self._low)
         steps = np.array([entry.resolution for entry in self.entries])
         return np.where(steps > 0.0, np.rint(values / np.where(steps > 0.0, steps, 1.0)) * steps, values)
 
     def encode(self, *values: ArrayLike) -> NDArray[np.float32]:
-        """Return the actions (..., n) for arrays of values (...), one for each number of the action, in its unit.
+        """Return the actions (..., n) that have the given values: one array (...) for each number, in its unit.
 
-        A value beyond its range becomes a number beyond [-1, 1].
+        A value outside its range gives a number outside [-1, 1].
         """
         stacked = np.stack(np.broadcast_arrays(*values), axis=-1)
         return (2.0 * (stacked - self._low) / (self._high - self._low) - 1.0).astype(np.float32)

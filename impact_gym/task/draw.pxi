@@ -1,4 +1,4 @@
-"""The record of an episode from uniform random numbers."""
+"""Draw the numbers of an episode, its `Record`, from uniform random numbers."""
 
 
 cdef struct Generator:  # `bitgen_t` of NumPy's C interface
@@ -10,7 +10,7 @@ cdef struct Generator:  # `bitgen_t` of NumPy's C interface
 
 
 cpdef double draw(double low, double high, bint logarithmic, double uniform) noexcept nogil:
-    """Map `uniform` in [0, 1) to [low, high), uniformly or log-uniformly."""
+    """Map `uniform` in [0, 1) to a number in [low, high), distributed uniformly or log-uniformly."""
     if low == high:
         return low
     if logarithmic:
@@ -33,7 +33,7 @@ cpdef double hashed(double seed, int64_t count) noexcept nogil:
 
 
 cdef inline double drawn_or(double fixed, double drawn) noexcept nogil:
-    """Return `fixed`, or `drawn` where `fixed` is nan."""
+    """Return `fixed`, or `drawn` if `fixed` is nan."""
     return drawn if isnan(fixed) else fixed
 
 
@@ -42,8 +42,8 @@ cdef Record draw_record(
 ) noexcept nogil:
     """Draw the numbers of an episode that are not fixed.
 
-    Numbers of the set-up come from separate streams, seeded by the noise seed. So each episode takes equally many
-    numbers from its generator, whichever are drawn.
+    Numbers of the set-up come from separate streams, seeded by the noise seed. So every episode takes the same count of
+    uniform numbers from its generator, no matter which numbers are drawn.
     """
     cdef Record record = task.numbers
     cdef double *number = <double *> &record

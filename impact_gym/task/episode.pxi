@@ -1,8 +1,8 @@
-"""The episode of a row: beginning, control steps and end, for every front end."""
+"""Play the episode of a row: its beginning, its control steps and its end; every environment class uses this."""
 
 
 cpdef int64_t readings_in_transit(double reaction_delay, double control_period) noexcept nogil:
-    """Return the number of readings in transit from sensor to controller at t = 0."""
+    """Return how many sensor readings are in transit from sensor to controller at t = 0."""
     return <int64_t> floor(reaction_delay / control_period + 1e-9)
 
 
@@ -33,17 +33,18 @@ cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
 
 
 cdef double snap(double time, double onto) noexcept nogil:
-    """Return the earlier of `time` and `onto`; also `onto` where they differ by rounding only."""
+    """Return the earlier of `time` and `onto`; if they differ only by rounding, return `onto`."""
     return onto if time > onto - ROUNDING else time
 
 
 cdef void sample(const Run *run, Row *row) noexcept nogil:
     """Read the sensors; the reading reaches the controller `reaction_delay` later.
 
-    The sensors are read one delay before each possible observation. These times are known one delay in advance: the
-    alarm, which shifts the control steps, arrives one delay after its cause. Each reading has its time, and an
-    observation gets the last one that has arrived. A reading is skipped if its observation does not occur (at the
-    horizon, while an alarm is in transit). An alarm by the readings coincides with an observation and shifts nothing.
+    The sensors are read one `reaction_delay` before each possible observation. These times are known so far in advance,
+    because an alarm, which shifts the control steps, also arrives one `reaction_delay` after its cause. Each reading has
+    its time, and an observation gets the last reading that has arrived. A reading is skipped if its observation does not
+    occur (at the horizon, while an alarm is in transit). An alarm by a reading is raised at an observation, and shifts
+    nothing.
     """
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
@@ -60,7 +61,7 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
         last = chain.detection + row.task.after_alarm
     if not shifted:
         following = (floor((chain.time + delay + ROUNDING) / period) + 1.0) * period - delay
-        # the end of the episode is one more observation
+        # the end of the episode is an observation, too
         if chain.time < last - ROUNDING and last < following - ROUNDING:
             following = last
         episode.next_sample = following
@@ -72,7 +73,7 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
 cdef void receive(Row *row) noexcept nogil:
     """Deliver the oldest reading in transit to the controller, with the sensor's errors; negative forces become 0.
 
-    With an alarm by readings, a force above the threshold raises it, unless it is on.
+    With `alarm="reading"`, a force above the threshold raises the alarm, unless it is on already.
     """
     cdef Episode *episode = row.episode
     cdef Sensors *sensors = &episode.sensors
@@ -98,7 +99,7 @@ cdef void receive(Row *row) noexcept nogil:
 
 
 cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
-    """Play one control step: decode the action, move, read the sensors, settle if it is the last. Return the reward."""
+    """Play one control step: decode the action, move, read the sensors, and settle after the last. Return the reward."""
     cdef const Task *task = row.task
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
@@ -139,7 +140,7 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
 cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
     """Move the flange to the end of the control step, and read the sensors on the way.
 
-    With an operator the link gives the command, anew at each of its events.
+    With an operator, `link` gives the flange's command, which may change at each event of the link.
     """
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode

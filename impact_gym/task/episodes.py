@@ -1,4 +1,4 @@
-"""The draws of an episode: uniform random numbers, and the numbers that `reset(options=...)` fixes."""
+"""The random numbers that an episode draws, and the numbers that `reset(options=...)` fixes instead."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -20,28 +20,31 @@ RECORD_IDS = tuple(row.id for row in (*SCENARIO, *EPISODE))
 
 
 class EpisodeState(NamedTuple):
-    """Times of the alarm and the end of an episode, s; inf for an event yet to come."""
+    """When the alarm of an episode was raised and when the episode ended, s; inf for an event that has not occurred."""
 
-    detection: float  # contact force first above the threshold
-    alarm: float  # arrival of the last alarm at the controller, known in advance if a switch raises it
-    alarm_over: float  # end of that alarm; inf with an alarm by a switch, which stays on
-    end: float  # end of the last control step; the trace continues until all has settled
+    detection: float  # when the contact force first exceeded the threshold
+    alarm: float  # when the last alarm reaches the controller; for a switch's alarm it is known in advance
+    alarm_over: float  # when that alarm ends; inf for a switch's alarm, which stays on
+    end: float  # end of the last control step; the trace also contains the simulation that follows
 
 
 def skip_episodes(generator: np.random.Generator, count: int) -> None:
-    """Advance `generator` by `count` episodes, each of which takes UNIFORMS numbers, whatever the options."""
+    """Advance `generator` by `count` episodes; an episode always takes UNIFORMS numbers, whatever the options."""
     generator.bit_generator.advance(count * UNIFORMS)  # type: ignore[attr-defined]  # PCG64, which Gymnasium seeds
 
 
 @lru_cache(maxsize=8)
 def first_uniforms(seed: int, count: int) -> NDArray[np.float64]:
-    """Return the uniform numbers (count, UNIFORMS) that environments seeded `seed`, `seed + 1`, ... draw first."""
-    seeds = map(np.random.SeedSequence, range(seed, seed + count))  # as Gymnasium makes its generators
+    """Return the uniforms (count, UNIFORMS) of the first episodes of environments seeded `seed`, `seed + 1`, ..."""
+    seeds = map(np.random.SeedSequence, range(seed, seed + count))  # Gymnasium seeds its generators in this way
     return np.array([np.random.Generator(np.random.PCG64(each)).random(UNIFORMS) for each in seeds])
 
 
 def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[Any]:
-    """Return records (count,) with these numbers, each one for all or (count,); nan where the episode draws."""
+    """Return records (count,) with the given numbers, and nan for the numbers that the episodes draw.
+
+    A value is one number for all records, or an array (count,).
+    """
     records = np.empty(count, RECORD)
     columns = records.view(np.float64).reshape(count, -1)
     columns.fill(math.nan)
@@ -53,12 +56,13 @@ def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[
 def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None) -> tuple[NDArray[Any], int]:
     """Return the numbers that `reset(options=...)` fixes, as records (slots or 1,), and how many episodes it skips.
 
-    Where the episode draws, records are nan. A scenario overrides a record. With `slots` a value may be a sequence
-    (slots,). `tasks` are one for all slots or one for each. A number of the set-up must lie in the range of its task.
-    A reaction delay is at most the longest of the task: readings are stored for so long.
+    A number that is not fixed is nan. If "scenario" and "record" fix the same number, "scenario" counts. With `slots` a
+    value may be a sequence (slots,). `tasks` has one task for all slots or one for each slot. A number of the set-up
+    must lie in the range of its task. A reaction delay must not exceed the longest one of its task, because the memory
+    for readings in transit is sized for that.
 
     Raises:
-        TypeError, ValueError: an unknown option or field, or a value out of range.
+        TypeError, ValueError: an option or field is unknown, or a value is out of range.
     """
     one_of("options", options, Mapping, type(None))
     given, fixed = dict(options or {}), dict[str, ArrayLike]()
@@ -70,7 +74,7 @@ def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None)
             if name not in known:
                 raise ValueError(f"options[{option!r}] has no field {name!r}; its fields are {list(known)}")
             fixed[name] = _checked(f"options[{option!r}][{name!r}]", name, value, tasks, slots)
-            if name == "distance" and option == "scenario":  # the distance in a record may be out of reach
+            if name == "distance" and option == "scenario":  # a record may have a distance out of reach
                 for distance, task in zip(np.resize(fixed[name], slots or 1), cycle(tasks), strict=False):
                     task.check_distance(float(distance), f"options[{option!r}][{name!r}]")
     for name in given:
@@ -80,7 +84,7 @@ def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None)
 
 
 def _checked(field: str, name: str, value: Any, tasks: Sequence[Task], slots: int | None) -> ArrayLike:
-    """Return the number that an option fixes, or a list with one for each slot."""
+    """Check a value of an option; return it as a number, or as a list with a number for each slot."""
     several = isinstance(value, Sequence) and not isinstance(value, (str, bytes))
     listed = slots is not None and (several or getattr(value, "ndim", 0) > 0)
     if listed and len(value) != slots:

@@ -1,6 +1,6 @@
-"""Frozen evaluation sets: files of scenarios with a checksum, so that comparisons do not depend on a random generator.
+"""Evaluation sets: files of fixed scenarios with a checksum, so that comparisons do not depend on a random generator.
 
-A shipped set has the first draws of environments seeded `seed`, `seed + 1`, ... from its named ranges. To play it, call
+A shipped set has the scenarios of the first episodes of environments seeded `seed`, `seed` + 1, ... To play it, call
 `envs.reset(options={"scenario": set.scenario})` of a batch of `set.count` environments.
 """
 
@@ -24,9 +24,9 @@ SHIPPED = Path(__file__).with_name("sets")
 
 @dataclass(frozen=True, eq=False)
 class EvaluationSet:
-    """Scenarios, as arrays of their numbers."""
+    """A set of scenarios: for each number an array with its value in every scenario."""
 
-    seed: int  # of the first scenario
+    seed: int  # seed of the first scenario
     scenario: dict[str, NDArray[np.float64]]  # fields and units as in `ScenarioRanges`
 
     @property

@@ -1,4 +1,7 @@
-"""Nested records: reading and replacing values by dotted path, such as `coupling.stiffness`; records from mappings."""
+"""Read and replace values in nested records by dotted path, such as `coupling.stiffness`; make records from mappings.
+
+A record here is a dataclass instance, such as a `SpringDamper`.
+"""
 
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass, replace
@@ -12,7 +15,7 @@ Tree = Mapping[str, Any]
 
 
 def flatten(records: Tree, prefix: str = "") -> dict[str, float]:
-    """Return the numbers in nested records or mappings by dotted path, in order."""
+    """Return the numbers in nested records or mappings as one mapping from dotted paths, in order."""
     numbers: dict[str, float] = {}
     for name, value in records.items():
         if isinstance(value, float):
@@ -37,14 +40,14 @@ def get(record: Any, path: str) -> Any:
 
 
 def replaced(record: Any, numbers: Mapping[str, Any]) -> Any:
-    """Return a record, or a mapping of records, with the `numbers` at these paths replaced."""
+    """Return a copy of a record, or of a mapping of records, with the values at the paths in `numbers` replaced."""
     groups = grouped(numbers).items()
     changes = {name: replaced(get(record, name), to) if isinstance(to, dict) else to for name, to in groups}
     return {**record, **changes} if isinstance(record, Mapping) else replace(record, **changes)
 
 
 def grouped(numbers: Mapping[str, Any]) -> dict[str, Any]:
-    """Turn {"a.b": value} into {"a": {"b": value}}, splitting at the first dot only."""
+    """Turn {"a.b": value} into {"a": {"b": value}}; only the first dot of a path splits it."""
     groups: dict[str, Any] = {}
     for path, value in numbers.items():
         first, dot, rest = path.partition(".")
@@ -56,12 +59,13 @@ def grouped(numbers: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, dict[str, Range]]:
-    """Return the record that `value` describes, of one of the `kinds`, and the ranges in `value` by dotted path.
+    """Return the record of one of the classes `kinds` that `value` describes, and its ranges by dotted path.
 
-    The record has the middle of each range. It must be valid at all combinations of their ends.
+    In the record each range is replaced by its middle. The record must be valid for all combinations of the ranges'
+    ends.
 
     Raises:
-        TypeError, ValueError: a range is malformed, or a combination is invalid.
+        TypeError, ValueError: a range is malformed, or the record is invalid for a combination of ends.
     """
     if not isinstance(value, Mapping):
         return record_from(name, value, kinds), {}
@@ -78,9 +82,10 @@ def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[
 
 
 def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
-    """Return `value` if it is a record of an `allowed` kind; or make it from a mapping with its fields and "type".
+    """Return `value` if it is a record of an `allowed` class, or make one from a mapping of its fields and "type".
 
-    A mapping with exactly the fields of one kind needs no type: `EnvSpec.to_json` writes such mappings.
+    "type" is the name of the class. A mapping with exactly the fields of one class needs no "type": `EnvSpec.to_json`
+    writes such mappings.
     """
     if isinstance(value, allowed):
         return value

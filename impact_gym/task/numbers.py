@@ -1,4 +1,7 @@
-"""The records of the compiled program that hold one number for each row of the table; setup.py writes `numbers.pxi`."""
+"""Generate `numbers.pxi`: structures of the compiled program with a field for each row of `impact_gym.quantities`.
+
+setup.py writes the file.
+"""
 
 from collections.abc import Iterable, Iterator
 
@@ -7,7 +10,7 @@ from impact_gym.quantities import EPISODE, MORE_SENSORS, QUANTITIES, SCENARIO, S
 STRUCTS = {part: f"{part.capitalize()}Numbers" for part in ("coupling", "robot", "operator")}
 STRUCTS["range_sensor"] = "RangeSensorNumbers"
 STRUCTS |= dict.fromkeys(("uplink", "downlink"), "ChannelNumbers")
-"""Parts of a set-up, and the records of their numbers."""
+"""Parts of a set-up, and the names of the structures that hold their numbers."""
 NOTICE = '"""Written by setup.py from the table in `impact_gym/quantities.py`: edit that."""'
 
 

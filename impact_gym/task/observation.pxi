@@ -1,4 +1,4 @@
-"""The observation: sensor values of the present time, each scaled to the range that `task/observation.py` states."""
+"""Write the observation: the present sensor values, each scaled to the range that `task/observation.py` states."""
 
 cpdef enum:
     LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE  # curves of a number of the observation
@@ -28,7 +28,7 @@ cdef void observe(Row *row) noexcept nogil:
         value = values[entry.place]
         if entry.curve == LOGARITHM:
             if row.episode.control_steps > 0:
-                continue  # numbers on this scale are constant in an episode
+                continue  # numbers on this scale do not change during an episode
             value = log(value)
         elif entry.curve == LOGARITHM_OF_ONE_MORE and value != 0.0:
             value = log1p(value)

@@ -1,4 +1,4 @@
-"""The observation: its numbers, rows of the table of quantities, their order and their scales."""
+"""The numbers of an observation, which are rows of `impact_gym.quantities`: their order and their scales."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -18,9 +18,9 @@ Floats = NDArray[np.float64]
 class Curve(NamedTuple):
     """A function applied to a number before scaling."""
 
-    code: int  # in the compiled program
-    at: Callable[[float], float]  # of one number, as the C library computes it
-    of: Callable[[Any], Any]  # of arrays
+    code: int  # its number in the compiled program
+    at: Callable[[float], float]  # the function for one number, as the C library computes it
+    of: Callable[[Any], Any]  # the function for arrays
     inverse: Callable[[Any], Any]
 
 
@@ -40,8 +40,8 @@ class Entry(NamedTuple):
     words: str
     unit: str
     scale: Scale
-    argument: str  # of the environment, which adds it; or "always"
-    place: int  # index in the compiled record of an episode, counted in numbers
+    argument: str  # name of the environment's argument that adds the number, or "always"
+    place: int  # index of the number in the compiled record EPISODE, counted in numbers
     affine: tuple[float, float]  # offset and gain
 
 
@@ -49,14 +49,15 @@ class ObservationSpec:
     """The numbers of an observation: their order, and how each is converted to SI units.
 
     `ids` and `entries` are in the order of the observation: first the numbers for an actor,
-    `observation[..., spec.actor]`, then the true values that `privileged` appends. A critic gets all of them,
-    `observation[..., spec.critic]`. `sensors` are the observed ids without past readings and time weight, time first.
+    `observation[..., spec.actor]`, then the true values that `privileged` appends. A critic gets all numbers,
+    `observation[..., spec.critic]`. `sensors` has the ids of the sensor values: "time", then the ids of the actor's
+    numbers without past readings and time weight.
     """
 
     def __init__(self, task: Task, drawn: Iterable[str] | None = None) -> None:
         """Make the specification of the observation of `task`.
 
-        A critic gets the numbers of the set-up with ids in `drawn`; None: the numbers that the task draws.
+        `drawn` has the ids of the set-up's numbers that a critic gets; None: the numbers that the task draws.
         """
         shown = [row for row in QUANTITIES.values() if _actor_sees(row, task)]
         critic = {*(task.drawn if drawn is None else drawn)}
@@ -74,10 +75,10 @@ class ObservationSpec:
     def of_rows(cls, tasks: Sequence[Task]) -> "ObservationSpec":
         """Return the common specification of the rows of a batch.
 
-        In every row a critic gets the numbers that any of the tasks draws.
+        In every row a critic gets all numbers that at least one of the tasks draws.
 
         Raises:
-            ValueError: the observations of the tasks differ; names the arguments and the row.
+            ValueError: the observations of the tasks differ; the message names the arguments and the row.
         """
         drawn = {name for task in tasks for name in task.drawn}
         common = cls(tasks[0], drawn)
@@ -95,13 +96,13 @@ class ObservationSpec:
         return name in self._index
 
     def index(self, name: str) -> int:
-        """Return the index of the number with this id; ValueError: it is not observed."""
+        """Return the index of the number with this id in the observation; raise ValueError if it is not observed."""
         if name not in self._index:
             raise ValueError(f"{name!r} is not observed; observed are {', '.join(self.ids)}")
         return self._index[name]
 
     def scale(self, name: str) -> Scale:
-        """Return how the number with this id is scaled."""
+        """Return the scale of the number with this id."""
         return self.entries[self.index(name)].scale
 
     def decode(self, observation: ArrayLike, name: str) -> Floats:
@@ -134,7 +135,7 @@ class ObservationSpec:
 
 
 def _actor_sees(row: Quantity, task: Task) -> bool:
-    """Whether the controller of `task` observes a quantity."""
+    """Return whether the controller observes the quantity `row` in `task`."""
     match row.observed:
         case "past_readings":
             sensor, _, before = row.id.rpartition("_")
@@ -142,18 +143,18 @@ def _actor_sees(row: Quantity, task: Task) -> bool:
         case "operator" | "range_sensor":
             return getattr(task, row.observed) is not None
         case "range_noise":
-            return task.range_noise is not None  # 0: an exact estimate
+            return task.range_noise is not None  # a noise of 0 means an exact estimate
         case "observe_range_noise" | "deflection_sensor":
             return bool(getattr(task, row.observed))
     return row.observed == "always"
 
 
 def _critic_sees(row: Quantity, task: Task, drawn: set[str]) -> bool:
-    """Whether `task` appends the true value of a quantity for a critic."""
+    """Return whether the observation of `task` ends with the true value of the quantity `row`, for a critic."""
     if not task.privileged:
         return False
     if row.id == "time_since_touch":
-        return task.alarm == "reading"  # otherwise the time since the alarm is observed
+        return task.alarm == "reading"  # with a switch the observed time since the alarm is the same
     return row.observed == "privileged" or row.id in drawn
 
 

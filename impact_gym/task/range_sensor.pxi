@@ -1,6 +1,6 @@
-"""The range sensor: it reads the gap at every control step; the controller gets the newest reading and its age."""
+"""The range sensor: it reads the gap at every control step; the controller gets the newest arrived reading and its age."""
 
-cdef int64_t RANGE_STREAM = 1 << 40  # its first index in the stream of the noise seed; force readings begin at 0
+cdef int64_t RANGE_STREAM = 1 << 40  # first index of its random numbers in the stream of the noise seed; those of force readings begin at 0
 
 
 cdef void begin_range(Row *row) noexcept nogil:

@@ -10,9 +10,9 @@ class RangeSensor(Parameters, path="range_sensor"):
     """A proximity sensor on the tool, which measures the gap to the object.
 
     At every control step the reading is normally distributed about gap + `bias`, with a standard deviation of `noise` +
-    `share` x gap; negative readings become 0. A share `dropout` of the readings is lost; the others reach the
-    controller `delay` later. Before the first arrival, range and age are infinite. In a dict each number may be a pair,
-    from which episodes draw: with a bias of (-0.005, 0.005) each episode has its own.
+    `share` x gap; negative readings become 0. The fraction `dropout` of the readings is lost; the others reach the
+    controller `delay` later. Before the first reading has arrived, range and age are infinite. In a dict each number
+    may be a pair (low, high), from which episodes draw: with the bias (-0.005, 0.005) each episode has its own bias.
     """
 
     noise: float = 0.0  # m

@@ -1,14 +1,14 @@
-"""The reward: four unweighted terms of each control step, and the function that weighs them.
+"""The reward of a control step: four unweighted terms, and the function that weighs and adds them.
 
 The vector reward of `envs.objectives` uses the same terms.
 """
 
 
 cdef struct Terms:  # of a control step, or their sums in an episode
-    double time  # s, until the first contact; with an operator until the end
-    double speed  # m/s, V_p, at the end
-    double force  # N, largest contact force, at the end
-    double miss  # m/s, cost of an object that was not touched, at the end
+    double time  # s, time charged: until the first contact; with an operator until the end of the episode
+    double speed  # m/s, V_p in the last step of the episode; 0 before
+    double force  # N, largest contact force of the episode in its last step; 0 before
+    double miss  # m/s, in the last step the cost of an object that was not touched; 0 before
 
 
 cdef double reward(const Terms *step, double time_weight, double force_weight, Terms *rewards) noexcept nogil:
@@ -25,7 +25,7 @@ cdef inline void add_terms(Terms *total, const Terms *step) noexcept nogil:
 
 
 cdef double charged_time(const Chain *chain, double begun, bint to_the_end) noexcept nogil:
-    """Return the charged time of a control step that began at `begun` (s), s: until the first contact, or all of it."""
+    """Return the time (s) charged for a control step that began at `begun` (s): the part before the first contact, or all."""
     if to_the_end:
         return chain.time - begun
     return min(chain.time, chain.first_contact) - min(begun, chain.first_contact)

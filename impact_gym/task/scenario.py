@@ -26,7 +26,7 @@ class ScenarioRanges:
 
     @classmethod
     def of(cls, value: "ScenarioRanges | Mapping[str, Any] | str") -> "ScenarioRanges":
-        """Return `value` if it is a record of ranges; or make it from a mapping of some fields, or the name of a set.
+        """Return the ranges that `value` describes: a `ScenarioRanges`, a mapping of some fields, or the name of a set.
 
         Raises:
             TypeError, ValueError: `value` is none of these, or a range is wrong.
@@ -52,8 +52,8 @@ class ScenarioRanges:
 
 NAMED = {
     "train": ScenarioRanges(),
-    "test": ScenarioRanges(),  # the same ranges, with seeds that training never uses
-    "hard": ScenarioRanges(  # outside the training ranges: lighter, stiffer, less elastic and nearer objects
+    "test": ScenarioRanges(),  # the ranges of "train"; tests use seeds that training never uses
+    "hard": ScenarioRanges(  # outside the ranges of "train": lighter, stiffer, less elastic and nearer objects
         object_mass=(0.02, 0.1), contact_stiffness=(1e6, 1e8), restitution=(0.02, 0.1), distance=(0.05, 0.15)
     ),
 }

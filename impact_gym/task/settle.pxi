@@ -7,7 +7,7 @@ cdef inline double v_p(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
-    """Settle an episode that terminates, and write the terms of its last `step` except the time."""
+    """Settle an episode that terminates, and write all reward terms of its last `step` except the time."""
     cdef Episode *episode = row.episode
     if episode.status == 0 and row.chain.contacts > 0:
         episode.status = settle(run, row)
@@ -25,9 +25,9 @@ cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
 cdef int settle(Run *run, Row *row) noexcept nogil:
     """Brake the flange to rest at full deceleration, then simulate until no contact remains possible.
 
-    With friction also until the tool is at rest; it may then still touch an object that sticks. An object that has stuck
-    for half of the settle limit, with the flange at rest, is assumed to stick forever, because a tool that swings
-    against it only loses energy. Return UNSETTLED if a contact is still possible at the settle limit.
+    With friction, simulate also until the tool is at rest; it may then still touch an object that sticks. An object that
+    has stuck for half of the settle limit, with the flange at rest, is assumed to stick forever, because a tool that
+    oscillates against it only loses energy. Return UNSETTLED if a contact is still possible at the settle limit.
     """
     cdef Chain *chain = row.chain
     cdef double limit = chain.time + row.task.settle_limit, deceleration = row.task.full_deceleration, brake_end
@@ -49,14 +49,14 @@ cdef int settle(Run *run, Row *row) noexcept nogil:
 
 
 cdef inline bint has_stuck(const Chain *chain, double since) noexcept nogil:
-    """Return whether the object has stuck to the ground since a time (s) or longer, and the flange is at rest."""
+    """Return whether the object has stuck to the ground at least since the time `since` (s), and the flange is at rest."""
     return chain.object_state == STUCK and chain.object_rest_time <= since and chain.flange_velocity == 0.0
 
 
 cdef bint is_over(const Run *run, const Chain *chain) noexcept nogil:
-    """Return whether V_p is final; with friction, whether the tool is at rest, too.
+    """Return whether V_p is final and, with friction, the tool is at rest.
 
-    A touch by a tool at rest makes the object at most twice as fast as REST_SPEED.
+    If a tool that counts as at rest touches the object, the object gets at most twice as fast as REST_SPEED.
     """
     if chain.flange_velocity != 0.0:
         return False

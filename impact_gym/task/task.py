@@ -1,4 +1,4 @@
-"""The arguments of the environment, checked, and their records for the compiled program."""
+"""The arguments of the environment: `Task` checks them and converts them for the compiled program."""
 
 import math
 import warnings
@@ -25,9 +25,9 @@ VELOCITY_RANGE = (-0.5, 1.5)  # m/s
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2
 MISSED_COST = 2.0  # m/s
 SETTLE_LIMIT = 10.0  # s, longest simulation after the end of an episode
-MOST_STEPS = 2**53  # control steps, largest limit until truncation
+MOST_STEPS = 2**53  # largest value of `max_episode_steps`
 PLACES = places(RECORD)
-"""Index of each number of an episode in its record, by id."""
+"""For each number of an episode, by id, its index in the compiled record RECORD."""
 MOUNT_IDS = tuple(row.id for row in SET_UP if row.id.partition(".")[0] in ("tool_mass", "coupling", "robot"))
 """Ids of the numbers of the mount: tool, coupling and robot."""
 
@@ -35,20 +35,21 @@ PARTS: Mapping[str, tuple[Any, ...]] = {
     "coupling": get_args(Coupling), "robot": (Robot,), "range_sensor": (RangeSensor,),
     "operator": get_args(Operator), **dict.fromkeys(WAYS, (Channel,)),
 }  # fmt: skip
-"""Arguments that are records, and their classes."""
+"""Arguments that are objects of a class, and their allowed classes."""
 
 
 def argument(default: Any, words: str) -> Any:
-    """Return a field of `Task` with its words in the documentation."""
+    """Return a field of `Task`; the documentation describes it by `words`."""
     return field(default=default, metadata={"words": words})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """The arguments of the environment, checked; the same for every front end.
+    """The checked arguments of the environment; all environment classes use it.
 
     A number of the set-up may be given as a pair (low, high), from which each episode draws. Then `drawn` has the pair,
-    and the field has its middle. The type of a field is Any where the stored value differs from the given value.
+    and the field has the middle of the range. The type of a field is Any if the stored value differs from the given
+    value.
     """
 
     scenario: Any = argument("train", '"train", "test", "hard", a `ScenarioRanges` or a dict of ranges')
@@ -89,12 +90,12 @@ class Task:
     downlink: Any = argument(None, "`Channel` of the operator's view, or a dict; None: without delay or loss")
     max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
 
-    drawn: Mapping[str, Range] = field(init=False, hash=False)  # by id, in the order of the table
-    link: Link | None = field(init=False, repr=False, compare=False, default=None)  # with an operator
+    drawn: Mapping[str, Range] = field(init=False, hash=False)  # ranges by id, in the order of the table
+    link: Link | None = field(init=False, repr=False, compare=False, default=None)  # None without an operator
     _given: Mapping[str, Any] = field(init=False, repr=False, compare=False)
 
     def __new__(cls, **given: Any) -> Self:
-        """Store the arguments as given."""
+        """Keep the arguments as they were given, for `arguments`."""
         self = super().__new__(cls)
         self._put("_given", {name: {**value} if isinstance(value, dict) else value for name, value in given.items()})
         return self
@@ -141,7 +142,7 @@ class Task:
 
     @classmethod
     def of(cls, field: str, given: Any) -> "Task":
-        """Return the task of a mapping of arguments, or raise ValueError; `field` is its place in the input."""
+        """Return the task with these arguments, a mapping, or raise ValueError; messages call the mapping `field`."""
         one_of(field, given, Mapping)
         for name in given:
             if name not in ARGUMENTS:
@@ -153,7 +154,10 @@ class Task:
         return dict(self._given)
 
     def by_path(self) -> dict[str, Any]:
-        """Return all arguments except the scenario, and the parts of records, by dotted path; ranges as given."""
+        """Return the arguments except the scenario, and the parts of those that are records, by dotted path.
+
+        A range is returned as it was given.
+        """
         values: dict[str, Any] = {}
         for name in (name for name in ARGUMENTS if name != "scenario"):
             values[name] = self._given.get(name, getattr(self, name))
@@ -162,7 +166,7 @@ class Task:
         return values
 
     def changed(self, by_path: Mapping[str, Any]) -> "Task":
-        """Return the task with other arguments, or parts of them, by dotted path."""
+        """Return a copy of the task in which the arguments, or parts of them, at these dotted paths are changed."""
         arguments = self.arguments()
         for name, value in grouped(by_path).items():
             if any(path.startswith(f"{name}.") for path in by_path):
@@ -171,7 +175,7 @@ class Task:
         return Task(**arguments)
 
     def _parts(self, name: str) -> dict[str, Any]:
-        """Return the numbers of a record in the task; as they were given if that was a mapping."""
+        """Return the numbers of the record in the argument `name`; if a mapping was given, the numbers as given."""
         given = self._given.get(name)
         parts = asdict(getattr(self, name)) | (dict(given) if isinstance(given, Mapping) else {})
         return {part: value for part, value in parts.items() if part != "type" and value is not None}
@@ -202,7 +206,7 @@ class Task:
             number("max_episode_steps", self.max_episode_steps, "-", at_most=MOST_STEPS)
 
     def _check_reach(self) -> None:
-        """Refuse a range of objects all out of reach; warn if a part is, and if a stroke is too short."""
+        """Refuse distances that are all out of reach; warn if some are, and if the coupling's stroke is too short."""
         near, far = self.scenario.distance
         way = self.check_distance(near)
         if far > self.reach:
@@ -228,7 +232,7 @@ class Task:
 
     @property
     def ranges(self) -> dict[str, Range]:
-        """The ranges that episodes draw from, by id; ranges of scenario, delay and weight can have width 0."""
+        """The ranges from which episodes draw, by id; those of scenario, delay and time weight can have width 0."""
         pairs = {name: getattr(self, name) for name in ("time_weight", "reaction_delay")}
         always = {name: pair if isinstance(pair, tuple) else (pair, pair) for name, pair in pairs.items()}
         return self.scenario.by_id() | always | dict(self.drawn)
@@ -238,7 +242,7 @@ class Task:
         return self.ranges[path][1] if path in self.ranges else float(get(self, path))
 
     def ends(self, argument: str) -> Range:
-        """Return the ends of a scale that an argument of the environment determines."""
+        """Return the two ends of an observation's scale that the environment's `argument` determines."""
         if argument == "operator":
             return -0.25, 0.75 if self.operator is None else 1.75
         if argument == "horizon":
@@ -246,7 +250,7 @@ class Task:
         return (0.0, self.after_alarm) if argument == "after_alarm" else self.velocity_range
 
     def differs_in(self, other: "Task") -> list[str]:
-        """Return the arguments whose values differ in another task, however they were written."""
+        """Return the names of the arguments whose values differ from those of `other`, however they were written."""
         names = {name for name in ARGUMENTS if getattr(self, name) != getattr(other, name)}
         drawn = {name for name in {*self.drawn, *other.drawn} if self.drawn.get(name) != other.drawn.get(name)}
         return sorted(names | {name.partition(".")[0] for name in drawn})
@@ -256,9 +260,10 @@ class Task:
         return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
 
     def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
-        """Return its record (1,), TASK; the fields of DRAW of each number that episodes draw; and its tables (n,).
+        """Return the task as a record (1,), TASK; the fields of DRAW for each drawn number; the task's tables (n,).
 
-        Among all tasks, its draws begin at the index `first_draw`, the numbers of its tables at `table_at`.
+        Among the draws of all tasks, those of this task begin at index `first_draw`; among the numbers of all tables,
+        those of this task begin at index `table_at`.
         """
         held, no_table = mount_to_kernel(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)
@@ -270,14 +275,14 @@ class Task:
             numbers["range_sensor"][name] = getattr(self.range_sensor, name, 0.0)
         if self.robot is None:
             for name in ROBOT_NUMBERS:
-                numbers["robot"][name] = math.inf  # a rigid robot, for a critic
+                numbers["robot"][name] = math.inf  # what a critic observes for a rigid robot
         for row in SET_UP:
             if "." not in row.id:
                 numbers[row.id] = getattr(self, row.id) or 0.0
         draws = []
         for name, (low, high) in self.ranges.items():
             law: Any = QUANTITIES[name].draw
-            source = -1 - law.place if law.own_stream else law.place  # index, or < 0: stream -1 - source
+            source = -1 - law.place if law.own_stream else law.place  # see `Draw` in `records.pxi`
             draws.append((PLACES[name], source, QUANTITIES[name].by_ratio(low), low, high))
         action = ActionSpec(self)
         same = ("control_period", "horizon", "after_alarm", "missed_cost", "force_weight")

@@ -1,1 +1,1 @@
-"""An operator in the loop: operators, channels, and the link of both with the assistance at the arm."""
+"""An operator in the loop: operators, channels, and the link that connects them with the assistance at the arm."""

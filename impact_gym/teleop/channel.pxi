@@ -1,4 +1,4 @@
-"""The channels between operator and arm: delay and loss of each packet, with random numbers or by a recorded trace."""
+"""The channels between operator and arm: delay and loss of each packet, from random numbers or from a recorded trace."""
 
 cpdef enum:
     LONGEST_JITTER = 12  # random delays are at most this many times their mean
@@ -18,7 +18,7 @@ cdef double normal_chance(Row *row, int64_t stream, int64_t count) noexcept nogi
 
 cdef double delay_of(Row *row, const ChannelNumbers *channel, const Table *trace, int64_t stream, int64_t count,
                      double time) noexcept nogil:
-    """Return the delay of the `count`-th packet of a channel, sent at `time`, s: from the trace, else least plus random."""
+    """Return the delay (s) of a channel's `count`-th packet, sent at `time` (s): the trace's, or `delay` plus a random one."""
     cdef double mean, begin
     if trace.points > 0:
         begin = chance(row, stream + 3, 0) * trace.length
@@ -38,7 +38,7 @@ cdef double mean_delay(const ChannelNumbers *channel, const Table *trace) noexce
 
 cdef bint is_lost(Row *row, const ChannelNumbers *channel, int64_t *was_lost, int64_t stream,
                   int64_t count) noexcept nogil:
-    """Return whether the `count`-th packet is lost: a share `loss` of all, in runs of mean length `burst` (Gilbert 1960)."""
+    """Return whether the `count`-th packet is lost. The fraction `loss` is lost, on average `burst` in a row (Gilbert 1960)."""
     cdef double share = channel.loss
     if share == 0.0:
         return False

@@ -1,4 +1,4 @@
-"""Channels between an operator and an arm: delays, losses, recorded traces; and channels of telesurgery over 5G."""
+"""The channels between an operator and an arm, with delays and losses, random or recorded; and ready-made channels."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from impact_gym.validation import numbers, rising, shown
 WAYS = ("uplink", "downlink")
 CUT = float(LONGEST_JITTER)  # random delays are at most this many times their mean
 LOST = 1e6  # s, delay of a lost packet: longer than any episode
-USUAL_DELAY = 1.0  # s, above it a trace file must state the unit
+USUAL_DELAY = 1.0  # s; a trace file with a longer median delay must state the unit
 TRACE_COLUMNS = {
     "time": Column("s", r"((rel|relative|elapsed|send|sent) )?(time ?stamp|time|at)s?|t|sent"),
     "delay": Column("s", r"((one way|network|packet) )?(delay|latency|owd)s?", may_be_empty=True),
@@ -25,17 +25,18 @@ TRACE_COLUMNS = {
 
 @dataclass(frozen=True, slots=True)
 class Channel(Parameters, path="uplink"):
-    """One direction between operator and arm: a packet each control period; if a newer one overtakes it, it is dropped.
+    """A channel from operator to arm, or from arm to operator, that sends a packet each control period.
 
-    The delay of a packet is `delay` plus an exponential random time, at most twelve times its mean: `jitter`, or `tail`
-    for the share `tail_share` of the packets. A `trace`, rows of time and delay in s or a CSV file of these, gives all
-    delays instead, from a random time on; packets sent nearest to a delay of `LOST` are lost. Losses come in bursts
-    (Gilbert 1960, Bell Syst. Tech. J. 39).
+    A packet that is overtaken by a newer one is dropped. The delay of a packet is `delay` plus an exponentially
+    distributed random time; its mean is `jitter`, or `tail` for the fraction `tail_share` of the packets, and it is at
+    most twelve times its mean. A `trace` (rows of time and delay in s, or a CSV file of such rows) gives the
+    delays instead, beginning at a random time of the trace; a packet is lost if the nearest row has the delay `LOST`.
+    Losses come in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
     """
 
     delay: float = 0.0  # s
     jitter: float = 0.0  # s
-    loss: float = 0.0  # -, share of all packets
+    loss: float = 0.0  # -, fraction of all packets that is lost
     burst: float = 1.0  # -, mean number of losses in a row
     timeout: float = 0.1  # s, of the uplink only: time without a newer command after which the arm stops
     trace: Any = None
@@ -59,12 +60,15 @@ class Channel(Parameters, path="uplink"):
 
     @property
     def delays(self) -> tuple[float, ...]:
-        """Delays of the packets of the trace that arrived, s."""
+        """Delays (s) of those packets of the trace that arrived."""
         return tuple(delay for _, delay in self.trace or () if delay < LOST)
 
     @property
     def table(self) -> NDArray[np.float64]:
-        """The trace: times (s), then as many delays (s). `LOST` holds up to the middle between two packets."""
+        """The trace for the compiled program: n times (s), then n delays (s).
+
+        A delay of `LOST` applies up to the middle between its row and the next row.
+        """
         times, delays = np.array(self.trace or np.empty((0, 2)), np.float64).T
         lost = delays >= LOST
         if not lost.any():
@@ -88,7 +92,7 @@ FIFTH_GENERATION = {
 
 
 def columns_of(trace: Any) -> list[list[float]]:
-    """Return times and delays (s) of a trace: rows of both, or a CSV file, see `impact_gym.csv_files`.
+    """Return the times and delays (s) of a trace: rows of time and delay, or a CSV file, see `impact_gym.csv_files`.
 
     The times of a file are shifted to begin at 0 s. Where its delay is empty or not finite, the packet is `LOST`.
     """
@@ -113,10 +117,10 @@ def columns_of(trace: Any) -> list[list[float]]:
 
 
 def without_files(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return arguments of an environment from an untrusted file.
+    """Return the arguments of an environment, which come from an untrusted file, unless they would open a file.
 
     Raises:
-        ValueError: a trace is the name of a file or an URL instead of rows.
+        ValueError: a trace is the name of a file or a URL instead of rows.
     """
     for way in WAYS:
         channel = environment.get(way)

@@ -1,11 +1,11 @@
 """The link between operator and arm: its events, the packets in transit, the assistance at the arm, and the end of the task."""
 
 cdef double WITHDRAWAL = 0.3  # m/s, fastest withdrawal
-cdef double FADE = 0.1  # s, in which a withdrawal fades to 0
+cdef double FADE = 0.1  # s, time in which a withdrawal is reduced to 0
 FASTEST_WITHDRAWAL, WITHDRAWAL_FADE = WITHDRAWAL, FADE
-cdef double IDLE = 0.3  # s, after so long at a command of 0 the operator is done
-cdef double BESIDE = 5e-3  # m, largest penetration or gap of a tool that is done
-cdef double STANDING = 0.01  # m/s, fastest flange of such a tool
+cdef double IDLE = 0.3  # s; the operator is done after commanding 0 for this time
+cdef double BESIDE = 5e-3  # m; the tool is done if the gap, or the penetration, is at most this ...
+cdef double STANDING = 0.01  # m/s; ... and the flange is commanded at most this speed
 
 
 cdef void begin_link(Row *row) noexcept nogil:
@@ -25,7 +25,7 @@ cdef void begin_link(Row *row) noexcept nogil:
 
 
 cdef double send_display(Row *row) noexcept nogil:
-    """Send a packet to the display; return its arrival time, s. The operator stops after the first one sent since a touch."""
+    """Send a packet to the display; return its arrival time, s. One sent since a touch makes the operator stop."""
     cdef Link *link = row.link
     cdef const ChannelNumbers *channel = &row.episode.drawn.downlink
     cdef double now = row.chain.time
@@ -55,7 +55,7 @@ cdef void send(Row *row, bint regular) noexcept nogil:
 
 
 cdef void receive_commands(Row *row) noexcept nogil:
-    """Receive the commands that have arrived; use the one sent last, drop the others."""
+    """Receive the commands that have arrived; use the command that was sent last, and drop the others."""
     cdef Link *link = row.link
     cdef Packet *packet
     cdef double now = row.chain.time + ROUNDING, age
@@ -108,9 +108,9 @@ cdef void process_events(Row *row) noexcept nogil:
 
 
 cdef Command flange_command(Row *row) noexcept nogil:
-    """Return the command to the flange: a share of the operator's command, minus a withdrawal after an alarm.
+    """Return the command to the flange: gain times the operator's command, minus the withdrawal.
 
-    Where the operator's command is 0 or has expired, the flange stops at the arm's largest deceleration.
+    If the operator's command is 0 or has expired, the flange stops at the arm's largest deceleration.
     """
     cdef Link *link = row.link
     cdef const Task *task = row.task
@@ -124,7 +124,7 @@ cdef Command flange_command(Row *row) noexcept nogil:
 
 
 cdef void assist(Row *row, double gain, double acceleration, double withdrawal) noexcept nogil:
-    """Set the action of a control step, in SI units. A withdrawal is allowed for `after_alarm` after an alarm, then fades."""
+    """Set the action of a control step, in SI units. For `after_alarm` after an alarm withdrawal is allowed, then it fades."""
     cdef double since
     row.link.gain, row.link.acceleration = gain, acceleration
     row.link.withdrawal = 0.0
@@ -136,7 +136,7 @@ cdef void assist(Row *row, double gain, double acceleration, double withdrawal) 
 
 
 cdef void add_to_withheld_share(Row *row, double time) noexcept nogil:
-    """Add a span (s) before the touch to the distances commanded and withheld."""
+    """Before the touch, add the distances commanded and withheld in a time span `time` (s) to their sums."""
     row.link.commanded_way += time * fabs(row.link.effective)
     row.link.withheld_way += time * fabs(row.link.effective - row.episode.sensors.executed)
 
@@ -153,7 +153,7 @@ cdef void observe_link(Row *row) noexcept nogil:
 
 
 cdef bint task_done(Row *row) noexcept nogil:
-    """Return whether the object rests and operator or tool is done, or the operator gave up before a touch."""
+    """Return whether the episode is over: the object rests and operator or tool is done, or the operator gave up untouched."""
     cdef Chain *chain = row.chain
     cdef bint idle = chain.time >= row.link.idle_since + IDLE - ROUNDING
     if chain.contacts == 0:

@@ -1,4 +1,4 @@
-"""The link of a task: its operator and both channels, whether they fit the arm, and their compiled records."""
+"""The link of a task: its operator and its two channels; checks that they fit the arm, and converts them to records."""
 
 import math
 from collections.abc import Mapping
@@ -12,8 +12,8 @@ from impact_gym.teleop.channels import LOST, WAYS, Channel
 from impact_gym.teleop.operators import KINDS, Operator
 from impact_gym.validation import Range
 
-LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, s: the larger limits the spacing of a trace
-FADE: float = WITHDRAWAL_FADE  # s, in which a withdrawal fades to 0
+LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods; s: the longer of the two limits the spacing of a trace
+FADE: float = WITHDRAWAL_FADE  # s, time in which a withdrawal is reduced to 0
 
 
 class Link(NamedTuple):
@@ -25,14 +25,14 @@ class Link(NamedTuple):
     drawn: Mapping[str, Range]  # numbers that episodes draw, by dotted path
 
     def ends(self, part: str, name: str) -> Range:
-        """Return the least and largest value of a number of the operator or a channel; 0 if it has no such number."""
+        """Return least and largest value of the number `name` of the operator or a channel; 0 if `part` has none."""
         value = getattr(getattr(self, part), name, 0.0)
         return self.drawn.get(f"{part}.{name}", (value, value))
 
     def check(
         self, velocity_range: Range, friction: float | None, horizon: float, control_period: float
     ) -> None:  # fmt: skip
-        """Raise ValueError if the arm cannot follow the operator, or an episode would not end or see a packet."""
+        """Raise ValueError if the arm cannot follow the operator, no episode would end, or no packet would arrive."""
         low, high = velocity_range
         if low > 0.0:
             raise ValueError(f"velocity_range must not begin above 0 m/s with an operator, got {low:g} m/s")
@@ -66,7 +66,7 @@ class Link(NamedTuple):
                              f"{control_period:g} s, got one each {apart:g} s: is it in ms?")  # fmt: skip
 
     def to_kernel(self, record: NDArray[Any], begin: int) -> list[NDArray[np.float64]]:
-        """Write the link into the record of a task (1,), TASK; return its tables, which begin at `begin`."""
+        """Write the link into a task's record (1,), TASK; return its tables, which begin at index `begin`."""
         record["operator_kind"] = KINDS[type(self.operator)]
         for part in ("operator", *WAYS):
             numbers = record["numbers"][part]
@@ -84,7 +84,7 @@ class Link(NamedTuple):
         return tables
 
     def packets(self, horizon: float, control_period: float) -> int:
-        """Return how many packets must be stored: packets in transit, and packets that the operator has yet to see."""
+        """Return how many packets must be stored: those in transit, and those that the operator has not seen yet."""
         late = [LONGEST_JITTER * max(self.ends(way, name)[1] for name in ("jitter", "tail")) for way in WAYS]
         up, down = (self.ends(way, "delay")[1] + max((0.0, *getattr(self, way).delays)) for way in WAYS)
         most = max(up + late[0], down + late[1] + self.ends("operator", "reaction")[1])

@@ -1,9 +1,9 @@
-"""The operators: what each commands at a time, with motor noise."""
+"""The operators: what each kind of operator commands at a time, with motor noise."""
 
 cpdef enum:
     NO_OPERATOR, REPLAY, PERSON, STEADY, REACH, SECOND_ORDER_LAG, TRACKER
 
-cdef double MUSCLE = 0.04  # s, time constant of each of two lags between control and motion (Todorov 2005)
+cdef double MUSCLE = 0.04  # s, time constant of two first-order lags in series from control to motion (Todorov 2005)
 
 
 cdef double step_response(double omega, double zeta, double time) noexcept nogil:
@@ -37,9 +37,9 @@ cdef double intended(Row *row, double time) noexcept nogil:
         return max(speed, numbers.creep) if share > 0.5 else speed
     if row.task.operator_kind == SECOND_ORDER_LAG:
         omega, zeta = sqrt(numbers.stiffness), 0.5 * numbers.damping / sqrt(numbers.stiffness)
-        share = exp(-M_PI * zeta / sqrt(1.0 - zeta * zeta)) if zeta < 1.0 else 0.0  # overshoot as a share
+        share = exp(-M_PI * zeta / sqrt(1.0 - zeta * zeta)) if zeta < 1.0 else 0.0  # overshoot as a fraction of the step
         speed /= 1.0 + share
-        share = time - link.believed / speed  # s, since the target has arrived
+        share = time - link.believed / speed  # s, time since the target arrived
         speed *= step_response(omega, zeta, time) - step_response(omega, zeta, share)
         return max(speed, numbers.creep) if omega * share > 1.0 else speed
     return min(max(numbers.gain * (link.believed - seen_position(row, time)), numbers.creep), speed)
@@ -69,7 +69,7 @@ cdef double operator_command(Row *row, double time) noexcept nogil:
     if link.stopped:
         return 0.0
     speed = intended(row, time)
-    if numbers.noise > 0.0:  # white noise of 10 ms steps, as in the source, through two lags
+    if numbers.noise > 0.0:  # as strong as white noise in 10 ms steps, as in the source, through two lags
         rate = row.task.control_period / MUSCLE
         rate = rate / (1.0 + rate)
         share = numbers.noise * sqrt(0.01 / row.task.control_period)

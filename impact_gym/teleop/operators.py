@@ -28,16 +28,18 @@ class Commander(Parameters, path="operator"):
 
 @dataclass(frozen=True, slots=True)
 class Replay(Commander):
-    """Plays recorded commands, linear between their points, and holds the last one; sees nothing.
+    """Plays recorded commands, interpolated linearly, and holds the last one; it does not react to anything.
 
-    With a `length`, several recordings follow one another, each that long. `recording` counts them from 0; of a pair
-    (0, n) each episode draws one of n recordings.
+    With a `length` (s), `time` and `velocity` contain several recordings one after another, each that long. `recording`
+    is the index of the one to play, from 0; from a pair (0, n) each episode draws one of n recordings.
     """
 
     time: Instants  # rising from 0
     velocity: Annotated[tuple[float, ...], SI("m/s", at_least=-1e3, at_most=1e3)]  # one for each time
     recording: float = 0.0  # -, rounded down
-    length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = 0.0  # at least the horizon; 0: one recording
+    length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = (
+        0.0  # of a recording, at least the horizon; 0: only one
+    )
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
@@ -48,18 +50,18 @@ class Replay(Commander):
 
     @property
     def table(self) -> NDArray[np.float64]:
-        """Recorded times (s), then as many commands (m/s)."""
+        """The recordings for the compiled program: n times (s), then n commands (m/s)."""
         return np.array([*self.time, *self.velocity])
 
 
 @dataclass(frozen=True, slots=True)
 class Person(Commander):
-    """A person: sends at each tick the velocity last passed to the environment's `command`, at first 0."""
+    """A person: each tick sends the velocity last passed to the environment's `command`; 0 before the first call."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trapezoid(Commander):
-    """A constant speed until the stop; with the arm's acceleration a trapezoid (paper, Fig. 11)."""
+    """Commands a constant speed until the stop; with the arm's acceleration this gives a trapezoid (paper, Fig. 11)."""
 
     speed: float = 0.5  # m/s
     reaction: float = SIMPLE_REACTION  # s
@@ -69,9 +71,10 @@ class Trapezoid(Commander):
 class Reach(Commander):
     """A motion of minimum jerk to the assumed place (Flash and Hogan 1985, J. Neurosci. 5, 1688-1703).
 
-    Its peak velocity is 1.875 times the mean and at most `speed`. A lag multiplies its duration, by 1.64 at 225 ms
-    (MacKenzie and Ware 1993, CHI '93, 488-493). Its motor noise is a share of the control, behind two lags of 40 ms
-    (Todorov 2005, as in the code of RothkopfLab/inverse-optimal-control).
+    The peak velocity is 1.875 times the mean velocity, and at most `speed`. Delay makes the motion longer: the sum of
+    the channels' mean delays multiplies its duration, by 1.64 at 225 ms (MacKenzie and Ware 1993, CHI '93, 488-493).
+    Motor noise is proportional to the control, and passes two lags of 40 ms (Todorov 2005, as in the code of
+    RothkopfLab/inverse-optimal-control).
     """
 
     place_error: float  # m
@@ -84,9 +87,10 @@ class Reach(Commander):
 
 @dataclass(frozen=True, slots=True)
 class SecondOrderLag(Commander):
-    """A pointing hand on a spring and damper (medians of 192 fits, `optparams/` of fl0fischer/OFC4HCI).
+    """A pointing hand, pulled by a spring and damper to a moving target.
 
-    The target of the spring moves to the assumed place, so fast that the hand reaches `speed` at its overshoot.
+    The target moves to the place where the operator assumes the object, at a speed with which the hand just reaches
+    `speed` when it overshoots. Stiffness and damping are medians of 192 fits, `optparams/` of fl0fischer/OFC4HCI.
     """
 
     place_error: float  # m
@@ -99,7 +103,7 @@ class SecondOrderLag(Commander):
 
 @dataclass(frozen=True, slots=True)
 class Tracker(Commander):
-    """The crossover model: speed is `gain` times the remaining distance that the operator sees.
+    """The crossover model: commands `gain` times the remaining distance, as the operator sees it on the display.
 
     `gain` and `reaction` are the initial values of the fits in `src/optimize_runs_u.m` of Idate96/MRAC_manual_control.
     """
@@ -116,4 +120,4 @@ KINDS = {
     Replay: REPLAY, Person: PERSON, Trapezoid: STEADY, Reach: REACH, SecondOrderLag: SECOND_ORDER_LAG,
     Tracker: TRACKER,
 }  # fmt: skip
-"""Operators, and their codes in the compiled program."""
+"""The classes of operators, and their codes in the compiled program."""

@@ -1,4 +1,4 @@
-"""The study `paper`: computes the paper's figures by our model, and judges the statements of its text about them.
+"""The study `paper`: computes the paper's figures by our model, and judges what the paper's text says of them.
 
 Each section of the paper has a module. For each figure the module computes a table (figure_02), draws it
 (_draw_figure_02), and computes the numbers that statements.toml names (_numbers_figure_02).

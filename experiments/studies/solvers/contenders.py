@@ -52,9 +52,9 @@ def limited(seconds: float) -> Iterator[None]:
 def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, float, float]:
     """Return a contender's solution at a tolerance, and its processor times (s): of the approach, of the contacts.
 
-    Our time is that of the whole call of `simulate`; for our contacts see `contacts_alone`. SciPy's time is that of the
-    contacts alone, as the reference computes flight by the matrix exponential, or at rtol 1e-12 where there is no
-    closed form. A peer's time counts only the calls of its own library.
+    Our time is that of the whole call of `simulate`; for our contacts see `contacts_alone`. SciPy's time counts
+    only the contacts: the reference computes flights without SciPy's methods, by the matrix exponential, or by
+    integration at rtol 1e-12 where there is no closed form. A peer's time counts only the calls of its own library.
     """
     kind, _, method = name.partition(" ")
     if kind == CAREFUL:
