@@ -26,12 +26,17 @@ SAMPLE = 500  # scenarios that the paper's rule plays
 
 @dataclass(frozen=True)
 class Check:
-    """Check a set-up and print what follows from it."""
+    """Check a set-up, and print what its file means.
+
+    The command prints the observation, the actions, the ranges, the training and the evaluation. It also plays the
+    paper's rule in some scenarios and prints the results. It draws a picture of the robot, the tool and the object.
+    """
 
     setup: tyro.conf.Positional[str]
-    """Set-up, by name or file."""
+    """Name of a shipped set-up, or file of a set-up."""
     picture: Path | None = None
-    """File for the picture of the chain, a PNG to scale. Needs the extra `render`. Default: reports/setups/NAME.png."""
+    """PNG file for the picture, which is to scale. The picture needs the packages of the extra `render`. Default:
+    reports/setups/NAME.png."""
 
 
 def _spread(values: Sequence[float], form: str = ".3g") -> str:

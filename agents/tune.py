@@ -1,8 +1,7 @@
 """Tune the baselines of set-ups: `impact-gym tune my.toml`, or `impact-gym tune` for all shipped set-ups.
 
-Each baseline is tuned for each time weight of the set-up's evaluation, by CMA-ES on tuning scenarios. `--bound` also
-searches the best approach of a controller that knows the object. `agents.jobs` stores finished searches, so the same
-command continues where it was stopped.
+Each baseline is tuned for each time weight of the set-up's evaluation, by CMA-ES on tuning scenarios. Finished searches
+are stored, so the same command continues where it was stopped.
 """
 
 import math
@@ -42,36 +41,37 @@ SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")
 
 @dataclass(frozen=True)
 class Tune:
-    """Tune the baselines of set-ups for time weights."""
+    """Tune the baselines of set-ups, each for several time weights."""
 
     setups: tyro.conf.Positional[tuple[str, ...]] = SETUPS
-    """Names or files. Default: all shipped set-ups."""
+    """Names of shipped set-ups, or files of set-ups. Default: all shipped set-ups."""
     names: tuple[str, ...] = ()
-    """Names of the baselines to tune. Default: all baselines of the set-ups."""
+    """Names of the baselines to tune. Default: all baselines of the set-ups that can be tuned."""
     weights: tuple[float, ...] = ()
-    """Time weights: costs of a second of approach, m/s per s. Default: the set-up's."""
+    """Time weights, costs of a second of approach, m/s per s. Default: the weights of the set-up's evaluation."""
     scenarios: int | None = None
-    """Number of scenarios that each candidate plays. Default: the set-up's, or 300."""
+    """Number of scenarios that each candidate (a set of parameters) plays. Default: the number in the set-up."""
     budget: int | None = None
-    """Number of candidates for each weight. Default: the set-up's."""
+    """Number of candidates for each time weight. Default: `baselines.budget` of the set-up."""
     population: int = 16
-    """Number of candidates in a generation, which play at the same time."""
+    """Number of candidates in a generation of the search. They play at the same time."""
     seed: int = 1
     """Seed of the search."""
     bound: bool = False
-    """Also search the best approach of a controller that knows the object, unless the set-up uses the bound of another
-    set-up."""
+    """Also search the bound: the best approach of a controller that knows the scenario. This leaves out set-ups that
+    use the bound of another set-up."""
     at_rule_time: bool = False
-    """Add time weights until one has a mean approach time that is up to 5 ms longer than the paper's rule's, and one up
-    to 5 ms shorter, so that the baseline's V_p at the rule's time can be interpolated."""
+    """Add time weights, to get mean approach times up to 5 ms shorter and up to 5 ms longer than that of the paper's
+    rule. The baseline's V_p at the mean approach time of the rule can then be interpolated."""
     processes: int = 2
-    """Number of parallel searches on this machine, each on one core; 0: search in this process."""
+    """Number of searches at the same time on this machine, each on one core. 0: the searches run in this process."""
     cluster: str | None = None
-    """Search on this Ray cluster instead: "ray" for the cluster on this machine, or an address."""
+    """Search on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster."""
     out: Path | None = None
-    """Folder for the files. Default: the folder of the shipped ones; for a set-up from a file runs/NAME/tuned."""
+    """Folder for the files of the tuned baselines. Default: for a shipped set-up the folder of its shipped baselines,
+    for another set-up runs/NAME/tuned."""
     jobs: Path = Path("runs/tune")
-    """Folder in which finished searches are stored."""
+    """Folder in which the command stores finished searches."""
 
     def __post_init__(self) -> None:
         for name, least in (("processes", 0), ("population", 4), ("seed", 0), ("scenarios", 1), ("budget", 1)):

@@ -24,23 +24,25 @@ class Command(NamedTuple):
 
 COMMANDS: Mapping[str, Mapping[str, Command]] = {
     "for your own arm and tool": {
-        "check": Command("agents.check", ("train",), "check a set-up (a TOML file) and print what follows from it"),
+        "check": Command("agents.check", ("train",), "check a set-up (a TOML file) and print what it means"),
         "tune": Command("agents.tune", ("train",), "tune the baselines of a set-up"),
-        "train": Command("agents.train", ("train",), "train a policy for a set-up, or several seeds"),
+        "train": Command("agents.train", ("train",), "train one policy or several policies for a set-up"),
         "controller": Command(
             "experiments.controller", ("train", "report"), "all in one: tune, train, report, export the best controller"
         ),
-        "report": Command("experiments.report", ("report",), "compare policies and baselines, on a page"),
-        "export": Command("agents.export", ("train",), "write a controller as C code, a policy also as ONNX"),
-        "policies": Command("experiments.policies", (), "list the shipped policies and their purposes"),
-        "play": Command("experiments.play", ("play",), "steer the tool in the browser, alone or assisted"),
+        "report": Command("experiments.report", ("report",), "write a page that compares policies and baselines"),
+        "export": Command("agents.export", ("train",), "write a controller as C code, and a policy also as ONNX"),
+        "policies": Command("experiments.policies", (), "print the purpose, failures and results of each policy"),
+        "play": Command("experiments.play", ("play",), "steer the tool in the browser, with or without assistance"),
         "identify": Command("impact_gym.identify", (), "fit mass, stiffness and restitution to measured blows"),
         "design": Command(
-            "experiments.design", ("train", "report"), "find the coupling that leaves the object slowest"
+            "experiments.design", ("train", "report"), "find the coupling with which the object leaves slowest"
         ),
     },
     "for data": {
-        "dataset": Command("experiments.dataset", ("data",), "record episodes of rule, profile, policy or person"),
+        "dataset": Command(
+            "experiments.dataset", ("data",), "record episodes of the paper's rule, a profile, a policy or a person"
+        ),
     },
     "for work on this project": {
         "study": Command("experiments.studies", ("report",), "run a study of this project again"),

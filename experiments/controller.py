@@ -29,25 +29,25 @@ QUICK_BUDGET, QUICK_STEPS, QUICK_SEEDS, QUICK_SCENARIOS, QUICK_CALLS = 320, 1_00
 
 @dataclass(frozen=True)
 class ControllerOptions:
-    """Make a controller for a set-up: baselines, policies, report and export."""
+    """Make a controller for a set-up: tune baselines, train policies, write a report and export the best controller."""
 
     setup: tyro.conf.Positional[str]
-    """Set-up by name or file."""
+    """Name of a shipped set-up, or file of a set-up."""
     out: Path
-    """Folder for all results; an earlier run for this set-up is resumed there."""
+    """Folder for all results. If an earlier run for this set-up was stopped there, the command continues it."""
     quick: bool = False
-    """A first look in a few minutes: less tuning, three seeds of a million steps, 200 scenarios. Use another folder
-    than for the full run."""
+    """Take a first look in a few minutes. The command then tunes less, trains three policies for a million steps each,
+    and compares the controllers in 200 scenarios. Use another folder than for the full run."""
     processes: int = 2
-    """Number of parallel tunings and trainings on this machine; each uses one core."""
+    """Number of tunings or trainings at the same time on this machine. Each uses one core."""
     time_weight: float | None = None
-    """What a second of approach costs, m/s of the object's velocity. The controller with the lowest cost is exported.
-    Default: the typical weight of the set-up, 2 unless its file has another."""
+    """Cost of a second of approach, in m/s of the object's final velocity. The controller with the lowest total cost is
+    exported. Default: `evaluation.typical` of the set-up, which is 2 unless the file of the set-up changes it."""
     all: bool = False
-    """Export all controllers instead of the best one."""
+    """Export all controllers, not only the best one."""
     cluster: str | None = None
-    """Tune, train and play on a Ray cluster instead of this machine: "ray" for the cluster that runs here, or an
-    address."""
+    """Tune, train and play on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a
+    cluster."""
 
 
 def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:

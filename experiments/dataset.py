@@ -49,24 +49,27 @@ Players = Callable[[float], Controller]
 
 @dataclass(frozen=True)
 class DatasetOptions:
-    """Record episodes as datasets of Minari, NAMESPACE/SETUP/PLAYER-vVERSION.
+    """Record episodes as Minari datasets, or check a dataset.
 
-    A set-up gives a dataset for each player in --who. A folder of tries written by impact-gym play gives a dataset of
-    persons, or with --operator an operator for training.
+    If you give a set-up, each player in --who plays episodes, and the command writes a dataset for each player. If you
+    give a folder of tries from impact-gym play, the command writes a dataset with these tries. The id of a dataset is
+    NAMESPACE/SETUP/PLAYER-vVERSION.
     """
 
     source: Annotated[Positional[str], arg(metavar="SETUP|FOLDER|DATASET")]
-    """A set-up by name or file, a folder of tries, or with --check the id of a dataset."""
+    """Name or file of a set-up, folder of tries, or with --check the id of a dataset."""
     who: Annotated[tuple[str, ...], arg(metavar="NAME...")] = tuple(PLAYERS)
-    """Players of a set-up: rule, profile, policy, another baseline by name, or MODULE:OBJECT with `predict`."""
+    """Players: rule (the paper's rule), profile (the first baseline in the set-up's `against`), policy (the set-up's
+    policy), the name of another baseline, or MODULE:OBJECT. The object has the method `predict`."""
     episodes: Annotated[int, arg(metavar="N")] = 1000
-    """Episodes of each player."""
+    """Number of episodes that each player plays."""
     seed: Annotated[int, arg(metavar="N")] = SEED
-    """Seed of the first episode; each next episode has the next seed."""
+    """Seed of the first episode. Each later episode has the next seed."""
     operator: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: make a dataset)")] = None
-    """Write an operator that replays a random try in each episode, as TOML for a set-up's [environment]."""
+    """With a folder of tries: file for an operator that replays a random one of these tries in each episode. The file
+    is TOML for the table [environment] of a set-up."""
     include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
-    """Include tries that are marked as interrupted or late."""
+    """Also use tries that impact-gym play marked as interrupted or late."""
     namespace: Annotated[str, arg(metavar="NAME")] = "impact"
     """First part of the dataset's id."""
     version: Annotated[int, arg(metavar="N")] = 0
@@ -74,9 +77,9 @@ class DatasetOptions:
     author: Annotated[str, arg(metavar="NAME")] = metadata("impact-gym")["Author"] or ""
     """Author of the dataset."""
     link: Annotated[str, arg(metavar="URL", help_behavior_hint="(default: version and commit)")] = ""
-    """Public address of the code."""
+    """Public address of the code that made the dataset."""
     check: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
-    """Replay a dataset and compare observations, rewards and ends bit by bit."""
+    """Replay the episodes of a dataset, and check that observations, rewards and ends are the same bit by bit."""
 
     def __post_init__(self) -> None:
         whole("episodes", self.episodes, at_least=1)

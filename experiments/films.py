@@ -117,12 +117,12 @@ FILMS: Mapping[str, tuple[str, tuple[Row, ...]]] = {
 
 @dataclass(frozen=True)
 class Films:
-    """Make short films of several controllers with the same object, one below the other, as WebP."""
+    """Make WebP films, each of several controllers that approach the same object."""
 
     names: Annotated[Positional[tuple[str, ...]], arg(metavar="[NAME ...]")] = field(default=tuple(FILMS))
-    """Names of the films; all by default."""
+    """Names of the films. Default: all films."""
     out: Annotated[Path, arg(metavar="FOLDER")] = SHIPPED
-    """Folder of the films."""
+    """Folder for the films."""
 
 
 def instants(runs: list[Run]) -> Iterator[tuple[float, float]]:

@@ -46,10 +46,10 @@ def _mean(values: Sequence[float]) -> str:
 def main() -> None:
     """Print the cards."""
     parser = argparse.ArgumentParser(
-        prog="impact-gym policies", description="Show what policies are for, where they fail and how well they do."
+        prog="impact-gym policies", description="Print the purpose, the failures and the results of policies."
     )
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="set-up of a policy, by name or file; default: all shipped policies"
+        "names", nargs="*", metavar="NAME", help="name or file of a policy's set-up; default: all shipped policies"
     )
     names = parser.parse_args().names or shipped()
     with command_line("policies"):

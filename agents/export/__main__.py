@@ -32,25 +32,27 @@ OBSERVATIONS = 10_000
 
 @dataclass(frozen=True)
 class Export:
-    """Write a controller as a C header, and a policy also as ONNX."""
+    """Write a controller as a C header, and a policy also as an ONNX file."""
 
     controller: tyro.conf.Positional[str]
-    """Policy or baseline: the name of a shipped one, or a file, or a run folder; with --all a set-up. A tuned baseline
-    is written for all time weights for which it was tuned: NAME_reset in the header takes the weight."""
+    """Name of a shipped policy or baseline, file of a policy or baseline, or folder of a training. With --all, name or
+    file of a set-up. The header of a tuned baseline contains its parameters for all time weights for which it was
+    tuned. The function NAME_reset in this header takes the time weight."""
     out: Path
-    """Folder for the files."""
+    """Folder for the C header and the ONNX file."""
     setup: str | None = None
-    """Set-up, by name or file. A rule without parameters is written for the environment of this set-up, and
-    CONTROLLER may also name a baseline of this set-up."""
+    """Name or file of a set-up. CONTROLLER may then also be the name of a baseline of this set-up. A rule without
+    parameters, such as the paper's rule, is written for the environment of this set-up."""
     all: bool = False
-    """Write all controllers of a set-up: its policy, its tuned baselines, and the rules without parameters."""
+    """Write all controllers of a set-up: its policy, its tuned baselines, and the rules without parameters, such as the
+    paper's rule."""
     folder: Path | None = None
-    """With --all: folder that contains the subfolders `policies` and `tuned` of the set-up. Default: where train and
-    tune write them."""
+    """With --all: folder with the subfolders `policies` and `tuned` of the set-up. Default: the folder to which
+    `impact-gym train --seeds` and `impact-gym tune` write these subfolders."""
     episodes: int = 10_000
-    """Number of episodes that the controller in C replays."""
+    """Number of episodes in which the controller in C is compared with the original controller."""
     calls: int = 1_000_000
-    """Number of calls of the controller in C that are timed."""
+    """Number of calls of the controller in C whose duration is measured."""
 
     def __post_init__(self) -> None:
         for name in ("episodes", "calls"):

@@ -30,57 +30,62 @@ class Training:
     steps: int = 12_000_000
     """Total number of environment steps, rounded up to whole rollouts of all environments."""
     time_weight: Range = (0.3, 8.0)
-    """Cost of a second of approach, in m/s of object velocity. Each episode draws it log-uniformly, and the policy
-    observes it, so that one policy covers the whole trade-off."""
+    """Smallest and largest time weight, the cost of a second of approach in m/s of the object's final velocity. Each
+    episode draws its time weight log-uniformly between these two. The policy observes the time weight, so one policy
+    can be used for all time weights in this range."""
     weight_power: float = 0.5
-    """Rewards are divided by (1 + time_weight) ** weight_power, so that no large weight dominates."""
+    """The training divides rewards by (1 + time_weight) ** weight_power. Without this, episodes with a large time
+    weight would dominate."""
     envs: int = 512
     """Number of parallel environments."""
     batch: int = 2048
-    """Number of samples of each gradient step."""
+    """Number of samples for each gradient step."""
     rollout: int = 64
-    """Steps of each environment between two updates; an episode has about 30."""
+    """Number of steps that each environment makes between two updates. An episode has about 30 steps."""
     epochs: int = 3
     """Number of passes over the samples of each rollout."""
     gae_lambda: float = 1.0
-    """Trade-off between bias and variance of the advantage. The discount is always 1."""
+    """Parameter lambda of PPO's estimate of the advantage. A large lambda gives less bias and more variance. The
+    discount factor is always 1."""
     entropy: float = 0.0
     """Weight of the entropy bonus, which rewards exploration."""
     clip: float = 0.2
-    """Largest relative change of an action's probability in an update."""
+    """Clip range of PPO, relative to the probability of an action before the update."""
     log_std: float = -0.8
     """Logarithm of the initial standard deviation of the actions."""
     informed_critic: bool = True
-    """Whether the critic also sees the true scenario and all other drawn numbers. The policy never does."""
+    """Whether the critic sees more than the policy: the true scenario and all other random numbers of the episode."""
     teacher: str = ""
-    """Tuned baseline, the set-up's own or a shipped one, to imitate before learning from rewards; "": none."""
+    """Name of a tuned baseline, of the set-up or shipped, that the policy imitates before it learns from rewards.
+    Empty: no imitation."""
     imitation_steps: int = 1_000_000
-    """Environment steps of imitation."""
+    """Number of environment steps in which the policy imitates the teacher."""
     learning_rate: float = 7e-4
-    """Initial learning rate; during the training it falls linearly to final_rate times this value."""
+    """Initial learning rate. During the training, the learning rate falls linearly to final_rate times this value."""
     final_rate: float = 0.1
-    """Final learning rate, as a fraction of the initial one."""
+    """Final learning rate, as a fraction of the initial learning rate."""
     width: int = 64
-    """Neurons in each hidden layer."""
+    """Number of neurons in each hidden layer."""
     depth: int = 2
     """Number of hidden layers."""
     activation: Activation = "tanh"
     """Activation function of the hidden layers."""
     nominal: float = 0.0
-    """Fraction of the environments that use the fixed arguments of the set-up's [evaluation.nominal]."""
+    """Fraction of the parallel environments that use the values in [evaluation.nominal] of the set-up."""
     rtol: float | None = None
-    """Relative tolerance of the simulation during training. Default: the environment's, which
-    validation always uses."""
+    """Relative tolerance of the simulation during training. Default: the tolerance of the set-up's environment. The
+    validation always uses the tolerance of the environment."""
     threads: int = 1
-    """Threads of torch. A second one helps only if a core is free."""
+    """Number of threads of PyTorch. A second thread helps only if a core is free."""
     simulation_threads: int | None = None
-    """Threads of the environments. Their number does not change the result. Default: one for each core."""
+    """Number of threads that simulate the environments. It does not change the result of the training. Default: one
+    thread for each core."""
     validate_every: int = 1_000_000
-    """Steps between two validations; the policy with the best score is kept."""
+    """Number of environment steps between two validations. The policy with the best validation score is kept."""
     validation_scenarios: int = 1000
-    """Scenarios of a validation, at most 1,000."""
+    """Number of scenarios of each validation, at most 1,000."""
     checkpoint_every: int = 2_000_000
-    """Steps between two checkpoints."""
+    """Number of environment steps between two checkpoints."""
 
     def __post_init__(self) -> None:
         for name, (least, most) in WHOLE.items():

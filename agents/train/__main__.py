@@ -17,31 +17,34 @@ from impact_gym.validation import whole
 
 @dataclass(frozen=True)
 class TrainOptions:
-    """Train a policy on ImpactApproach-v0; with --seeds train several policies, whose median represents the set-up."""
+    """Train a policy for a set-up, or with --seeds several policies."""
 
     setup: tyro.conf.Positional[str] = "linear-blind"
-    """Set-up, by name or file. It determines the defaults of the settings."""
+    """Name of a shipped set-up, or file of a set-up. The set-up determines the defaults of the options from --steps
+    on."""
     training: Annotated[Training, tyro.conf.arg(name="")] = field(default_factory=Training)
     """Settings."""
     seed: int = 0
-    """Seed of scenarios, network and exploration. The scenarios of the evaluation have other seeds."""
+    """Seed of the training scenarios, the initial network and the exploration. The evaluation uses other scenarios."""
     seeds: int | None = None
-    """Number of seeds to train, from 0 on. The policies of all seeds are written into one file; the median by the
-    validation score represents them. Finished seeds are kept; run the same command again to train the remaining
-    ones."""
+    """Number of policies to train, with the seeds 0, 1, 2 and so on. All policies are written into one file. The policy
+    with the median validation score represents the set-up. After an interruption, repeat the command: it trains only
+    the policies that are missing."""
     out: Path | None = None
-    """Folder for this training's files. It must not exist yet. Default: a new folder below runs/. With --seeds: folder
-    for the folders of all trainings. Default: runs/all/SETUP."""
+    """Folder for the files of the training. It must not exist yet. Default: a new folder in runs/. With --seeds, this
+    folder has a subfolder for each training. It may exist, and the default is runs/all/SETUP."""
     policies: Path | None = None
-    """With --seeds: folder for the file of the policies. Default: the folder of the shipped policies; for a set-up from
-    a file runs/NAME/policies."""
+    """With --seeds: folder for the file that contains all policies. Default: for a shipped set-up the folder of the
+    shipped policies, for another set-up runs/NAME/policies."""
     processes: int = 2
-    """With --seeds: number of parallel trainings on this machine, each on one core; 0: train in this process."""
+    """With --seeds: number of trainings at the same time on this machine, each on one core. 0: the trainings run in
+    this process."""
     cluster: str | None = None
-    """With --seeds: train on this Ray cluster instead, one core each: "ray" for the cluster on this machine, or an
-    address. Its nodes must be able to read the file of a set-up that is not shipped."""
+    """With --seeds: train on a Ray cluster, each policy on one core. Give "ray" for the cluster that runs on this
+    machine, or the address of a cluster. If the set-up is a file, the nodes of the cluster must be able to read it."""
     resume: Path | None = None
-    """Resume the run in this folder from its last checkpoint, with its settings. No other option is allowed."""
+    """Folder of an interrupted training. The training continues from its last checkpoint, with its own settings. No
+    other option is allowed."""
 
     def __post_init__(self) -> None:
         whole("processes", self.processes, at_least=0)

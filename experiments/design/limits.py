@@ -24,17 +24,17 @@ class Limits:
     """Limits that a design must keep; None: no limit."""
 
     deflection: float | None = 0.05
-    """m, largest deflection of the tool from the flange before the first touch."""
+    """Largest deflection of the tool from the flange before the first touch, m."""
     stroke: float | None = None
-    """m, largest deflection of the tool from the flange in the whole episode."""
+    """Largest deflection of the tool from the flange in the whole episode, m."""
     peak_force: float | None = None
-    """N, largest contact force."""
+    """Largest contact force, N."""
     release: float | None = None
-    """J, energy that a bistable coupling releases when it snaps through."""
+    """Largest energy that a bistable coupling may release when it snaps through, J."""
     energy: float | None = None
-    """J, kinetic energy of the object at the end of the episode."""
+    """Largest kinetic energy of the object at the end of the episode, J."""
     touched_once: float | None = None
-    """Least share of the scenarios that must have no second touch, such as 0.95."""
+    """Smallest share of scenarios in which the tool touches the object only once, such as 0.95."""
 
     def __post_init__(self) -> None:
         for name, unit in UNITS.items():

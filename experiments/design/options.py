@@ -27,29 +27,36 @@ LIMITED = (FRONT, CHOSEN)
 
 @dataclass(frozen=True)
 class DesignOptions:
-    """Search, at each approach time, for the coupling that leaves the object slowest with its best controller.
+    """Search for the coupling that, with its best controller, makes the object leave slowest at each approach time.
 
-    The limits of deflection and stroke hold in all scenarios of the search, those of peak force and energy in 95 %.
+    A design must keep the limits --deflection and --stroke in all scenarios of the search. It must keep the limits
+    --peak-force and --energy in 95 % of these scenarios.
     """
 
     setup: tyro.conf.Positional[str]
-    """Name or file of the set-up."""
+    """Name of a shipped set-up, or file of a set-up."""
     free: tuple[str, ...]
-    """NAME=LOW:HIGH for each searched number: tool_mass or one of the coupling, such as coupling.stiffness=10:300."""
+    """NAME=LOW:HIGH for each number that the search may change, such as coupling.stiffness=10:300. NAME is tool_mass or
+    a number of the coupling."""
     out: Path
-    """Folder of all results. It keeps finished searches: after an interruption, repeat the command to continue."""
+    """Folder for all results. It also keeps finished searches. After an interruption, repeat the command to
+    continue."""
     pad: str = ""
-    """Pad on the tool: memory-foam, neoprene or norbornene; empty: no pad. The tool's mass includes that of the pad."""
+    """Pad on the tool: memory-foam, neoprene or norbornene. Empty: no pad. The mass of the pad is part of the tool's
+    mass."""
     times: tuple[float, ...] = (0.9, 1.0, 1.15, 1.35)
-    """Mean approach times that designs may take, as multiples of that of the paper's rule with the paper's spring."""
+    """Approach times, as multiples of the mean approach time of the paper's rule with the paper's spring."""
     limits: Annotated[Limits, tyro.conf.arg(name="")] = field(default_factory=Limits)
     search: Annotated[SearchBudget, tyro.conf.arg(name="")] = field(default_factory=SearchBudget)
     against: tuple[str, ...] = ("bistable-blind", "bistable-paper")
-    """Set-ups with whose couplings the design is compared; a controller is searched for each coupling."""
+    """Set-ups whose couplings are compared with the design. The command also searches a controller for each of these
+    couplings."""
     seeds: int = 2
-    """Searches of a design for each approach time. The design that is best on the validation set is used."""
+    """Number of searches for each approach time, each with another seed. The command takes the design that is best on
+    the validation set."""
     processes: int = 2
-    """Searches that run at the same time, each on one core; 0: one after the other in this process."""
+    """Number of searches at the same time, each on one core. 0: the searches run one after the other in this
+    process."""
 
     def checked(self) -> "DesignOptions":
         """Return the options with sorted times.

@@ -83,14 +83,14 @@ class SearchBudget:
     """Size of a search."""
 
     tolerance: float = 0.05
-    """Largest relative error of each number of a design when it is built. Search and test draw such errors for each
-    scenario; without them the search finds mechanisms that barely hold their tool."""
+    """Largest relative error with which each number of a design is built. The search and the test draw these errors for
+    each scenario. Without errors, the search would find mechanisms that barely hold their tool."""
     scenarios: int = 500
-    """Training scenarios for each candidate."""
+    """Number of scenarios that each candidate (a design with a controller) plays."""
     budget: int = 7200
-    """Candidates that each search plays."""
+    """Number of candidates that each search tries."""
     population: int = 18
-    """Candidates in a generation; they are played together."""
+    """Number of candidates in a generation of the search. They play at the same time."""
 
     def __post_init__(self) -> None:
         number("tolerance", self.tolerance, "-", at_least=0.0, at_most=0.5)

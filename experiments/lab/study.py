@@ -81,21 +81,24 @@ class Study:
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """Measure the missing cells of a study, and write its page."""
+    """Run a study: measure the cells of its tables that have no result yet, and write a page.
+
+    A cell is one combination of settings, and gives one or more rows of a table.
+    """
 
     out: Path | None = None
-    """Folder of tables, figures and the page. Default: reports/NAME, or reports/NAME-quick."""
+    """Folder for the tables, the figures and the page. Default: reports/NAME, with --quick reports/NAME-quick."""
     quick: bool = False
-    """A first look within minutes: few cells, short searches."""
+    """Take a first look within minutes, with few cells and short searches."""
     force: bool = False
-    """Measure everything again, not only what is missing or outdated."""
+    """Measure all cells again, not only the cells whose results are missing or outdated."""
     only: tuple[str, ...] = ()
-    """Measure only these tables of the study, and the tables that they or the page need."""
+    """Names of the tables to measure. The command also measures tables that these tables or the page need."""
     processes: int | None = None
-    """Number of cells measured in parallel on this machine. Default: one cell per core; 0: all cells in this
-    process."""
+    """Number of cells that are measured at the same time on this machine. Default: one cell for each core. 0: the cells
+    are measured in this process."""
     cluster: str | None = None
-    """Measure on a Ray cluster instead of this machine: "ray" for the cluster that runs here, or an address."""
+    """Measure on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster."""
 
     def __post_init__(self) -> None:
         if self.processes is not None:

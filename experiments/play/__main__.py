@@ -14,21 +14,22 @@ from agents.command_line import run_command
 
 @dataclass(frozen=True)
 class Play:
-    """Steer the tool in the browser, on this machine only, with a chosen delay and assistance.
+    """Steer the tool in the browser, with a delay and an assistance that you choose.
 
-    The command prints the page's address and serves the page until you stop it. Every try is saved as a file.
+    The command serves a page until you stop it, and prints the address of this page. Only a browser on this machine can
+    open the page. Each try is saved as a file.
     """
 
     setup: Annotated[Positional[str], arg(metavar="[SETUP]")] = "teleop-rigid"
-    """Name or file of a set-up with an operator; the player takes the operator's place."""
+    """Name or file of a set-up with an operator. You take the place of the operator."""
     assist: Annotated[str, arg(metavar="NAME")] = "none"
-    """Assistance at the arm: none, brake, limit, policy or rule."""
+    """Assistance, a controller at the arm that may change your command: none, brake, limit, policy or rule."""
     port: Annotated[int, arg(metavar="PORT")] = 8765
-    """Port of the server; 0: any free port."""
+    """Port of the server. With 0 the command takes any free port."""
     open: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = True
     """Do not open the page in a browser."""
     out: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: runs/play/SETUP)")] = None
-    """Folder of the tries."""
+    """Folder for the files of the tries."""
 
 
 def work(options: Play) -> None:

@@ -37,41 +37,46 @@ PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-p
 
 @dataclass(frozen=True)
 class ReportOptions:
-    """Compare policies and baselines in the same scenarios, on a page.
+    """Play policies and baselines in the same scenarios, and write a page that compares them.
 
-    Default: all trained policies of linear-blind, linear-ranged, bistable-blind and paper-limits.
+    If you name neither set-ups nor policies, the command takes the set-ups linear-blind, linear-ranged, bistable-blind
+    and paper-limits. It then leaves out a set-up that has no policies yet.
     """
 
     setups: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Set-ups by name or file, with the policies and baselines that `impact-gym train` and `tune` wrote."""
+    """Names of shipped set-ups, or files of set-ups. The page compares the policies and baselines of each set-up."""
 
     folder: Path | None = None
-    """Folder that contains the subfolders `policies` and `tuned` of the set-ups. Default: where `train` and `tune`
-    write them."""
+    """Folder with the subfolders `policies` and `tuned` of the set-ups. Default: the folder to which
+    `impact-gym train --seeds` and `impact-gym tune` write these subfolders."""
     policy: tuple[str, ...] = ()
-    """Policies instead of set-ups: files, run folders or names of shipped policies. The page compares each policy
-    with the paper's rule and the baselines."""
+    """Policies to compare, if you name no set-ups: files of policies, folders of trainings, or names of shipped
+    policies. The page compares each policy with the paper's rule and with the baselines."""
     baseline: tuple[str, ...] = ()
-    """With --policy: baselines besides the paper's rule, names of tuned baselines or module:object. The object has
-    `predict`, or is a function or class that returns such an object. Default: the baselines of the policy's set-up."""
+    """With --policy: baselines to compare in addition to the paper's rule. Each is the name of a tuned baseline or
+    module:object. The object has the method `predict`, or it is a function or class that returns such an object.
+    Default: the baselines of the policy's set-up."""
     scenarios: str | None = None
-    """Scenarios to use instead of the set-ups' own: the name or the CSV file of a frozen set, or a JSON file
-    {"ranges": {...}, "seed": s, "count": n, "environment": {...}}. Every key may be left out. The key "environment"
-    holds arguments of gym.make, for example your tool and coupling."""
+    """Scenarios to use instead of those of the set-ups. Give the name or the CSV file of a frozen set of scenarios, or
+    a JSON file {"ranges": {...}, "seed": s, "count": n, "environment": {...}}. The JSON file may leave out any key. Its
+    key "environment" holds arguments of gym.make, for example your tool and coupling."""
     count: int | None = None
-    """Number of scenarios. Default: as in the set-up, or all of `scenarios`."""
+    """Number of scenarios. Default: the number in the set-up. With --scenarios or --policy, the default is all
+    scenarios of the frozen set, or "count" in the JSON file."""
     time_weight: float | None = None
-    """What a second of approach costs, m/s per s. The page recommends the controller with the lowest cost. Default:
-    the typical weight of the set-up."""
+    """Cost of a second of approach, in m/s of the object's final velocity. The page recommends the controller with the
+    lowest total cost. Default: `evaluation.typical` of the set-up."""
     out: Path = REPORTS / "latest"
-    """Folder for the page. Results are kept in a hidden folder beside it: the same command resumes there."""
+    """Folder for the page. A hidden folder beside it keeps the episodes that have been played. After an interruption,
+    repeat the command to continue."""
     force: bool = False
-    """Play and write everything again, even if kept results are up to date."""
+    """Play all episodes and write the page again, even if the page is up to date."""
     processes: int | None = None
-    """Number of parallel jobs on this machine. Default: one job per core; 0: all jobs in this process."""
+    """Number of processes on this machine that play episodes at the same time. Default: one process for each core. 0:
+    all episodes are played in the process of the command."""
     cluster: str | None = None
-    """Run the jobs on a Ray cluster instead of this machine: "ray" for the cluster that runs here, or an address. A
-    module:object must be installed on its nodes."""
+    """Play on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster. The module
+    of each module:object must be installed on the nodes of the cluster."""
 
     def __post_init__(self) -> None:
         if self.count is not None:

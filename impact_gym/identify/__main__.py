@@ -23,15 +23,17 @@ from impact_gym.task import Task
 from impact_gym.task.nested import record_from
 from impact_gym.validation import numbers, one_of, shown
 
-DESCRIPTION = "Fit numbers of a scene to a measured blow, and write their 95 % intervals as the ranges of a set-up."
+DESCRIPTION = "Fit numbers such as a stiffness to measured blows, and write their 95 % intervals as ranges of a set-up."
 
 FILE = """
-the log: a CSV file with columns time (s) and any of force (N), flange_velocity, tool_velocity, object_velocity (m/s),
-tool_acceleration, object_acceleration (m/s^2 or g). The header names other units, as in "t [ms]", or a line below it
-does. The command prints how it read the file. Several logs share the free numbers; each log has its own start.
+the log of a blow: a CSV file with the column time (s) and one or more of these columns: force (N), flange_velocity,
+tool_velocity, object_velocity (m/s), tool_acceleration, object_acceleration (m/s^2 or g). If a column has another unit,
+the header gives this unit, as in "t [ms]", or the line below the header gives it. The command prints how it read each
+file. If you give several logs, the fitted numbers are the same for all logs, but the start of the motion is fitted for
+each log.
 
-the scene, my.toml: a set-up (see agents/setups) and two more tables. Give a guess for each fitted number, and for any
-other number its value during the measurement, not a range.
+the scene, my.toml: a set-up (see agents/setups) with two more tables, [motion] and [sensor]. Give a guess for each
+number to fit. For each other number give its value during the measurement, not a range.
 
     [environment]
     tool_mass = 0.125                                    # kg
@@ -41,23 +43,24 @@ other number its value during the measurement, not a range.
     contact_stiffness = 1e5                              # N/m^1.5
     restitution = 0.5
     distance = 0.25                                      # m, between the faces at rest
-    [motion]                                             # of the robot, from rest
+    [motion]                                             # of the robot, which starts at rest
     speed = 1.0                                          # m/s; or a list with a speed for each log
     acceleration = 8.0                                   # m/s^2
     brake = { threshold = 1.0, delay = 0.016 }           # N, s; leave it out if the robot does not brake
-    [sensor.force]                                       # what you know of the sensor of this column
+    [sensor.force]                                       # what you know of the sensor of the column force
     rate = 4000.0                                        # Hz
     low_pass = 1000.0                                    # Hz, first order
     bias = "estimated"                                   # or a number, in the column's unit
     noise = 0.2                                          # standard deviation
-    cell = { mass = 0.02, frequency = 5000.0 }           # load cell of a force: kg, Hz; also damping_ratio
+    cell = { mass = 0.02, frequency = 5000.0 }           # if it is a load cell: kg, Hz; also damping_ratio
 
-the output: the set-up with the intervals as ranges, without the two tables. A number with an interval that is unlimited
-on one side keeps its value, and a comment says so.
+the output: the set-up with the 95 % intervals as ranges, without the tables [motion] and [sensor]. If the interval of a
+number has no limit on one side, the number keeps its value, and a comment says so.
 
---hold-out checks the fit on blows to which it was not fitted: a fit to every other log predicts the rest, then the
-reverse. It prints the errors of V_p, peak force, impulse and duration for each blow, and the scatter of blows with
-equal motions. With --out setup.toml the table is also written to setup.held-out.csv.
+--hold-out checks the fit on blows to which it was not fitted. The command fits the numbers to every second log and
+predicts the other logs. Then it swaps the two halves of the logs. For each blow it prints the errors of V_p (the
+object's final velocity), peak force, impulse and duration. It also prints how much blows with the same motion differ
+from each other. With --out setup.toml, the measured and predicted values are also written to setup.held-out.csv.
 """
 
 PLACES = {row.path: ("scenario", row.id) for row in SCENARIO} | {row.path: (row.id,) for row in SET_UP if row.path}
@@ -70,14 +73,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         prog="impact-gym identify", description=DESCRIPTION, epilog=FILE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
-    parser.add_argument("logs", nargs="+", metavar="log.csv", help="measured blows of the same scene")
-    parser.add_argument("--scene", type=Path, required=True, help="TOML file of known numbers and guesses, see below")
+    parser.add_argument("logs", nargs="+", metavar="log.csv", help="logs of blows, all measured with the same scene")
+    parser.add_argument("--scene", type=Path, required=True, help="TOML file with known numbers and guesses, see below")
     parser.add_argument("--free", nargs="+", default=list(FREE), help=f"numbers to fit, default: {' '.join(FREE)}")
     parser.add_argument(
-        "--hold-out", action="store_true", help="also predict each half of the logs by a fit to the other half"
+        "--hold-out", action="store_true", help="also fit each half of the logs and predict the other half, see below"
     )
-    parser.add_argument("--out", type=Path, help="file for the set-up; without it the set-up is printed")
-    parser.add_argument("--plot", type=Path, help="file for a figure of fit and residuals; needs Matplotlib")
+    parser.add_argument("--out", type=Path, help="file for the set-up; default: print the set-up")
+    parser.add_argument("--plot", type=Path, help="file for a figure of the fit and its residuals; needs Matplotlib")
     options = parser.parse_args(arguments)
     try:
         if find_spec("tomli_w") is None:
