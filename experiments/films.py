@@ -72,44 +72,34 @@ class Row(NamedTuple):
         return play(controller, 0, 0, {"time_weight": WEIGHT, **OBJECT}, options)
 
 
-FILMS: Mapping[str, tuple[str, tuple[Row, ...]]] = {
+FILMS: Mapping[str, tuple[Row, ...]] = {
     "rule-and-profile": (
-        "The paper's rule approaches at 1 m/s and brakes once it senses the touch. A tuned profile, a velocity for"
-        " each position, touches at the same time but moves more slowly where the object can be.",
-        (Row("paper's rule", "rule", "linear-blind", "rule"),
-         Row("tuned profile", "profile", "linear-blind", "blind-profile")),
+        Row("paper's rule", "rule", "linear-blind", "rule"),
+        Row("tuned profile", "profile", "linear-blind", "blind-profile"),
     ),
     "rule-profile-policy": (
-        "The learned policy approaches like the tuned profile, and the object leaves about as slowly.",
-        (Row("paper's rule", "rule", "linear-blind", "rule"),
-         Row("tuned profile", "profile", "linear-blind", "blind-profile"),
-         Row("learned policy", "policy", "linear-blind", "policy")),
+        Row("paper's rule", "rule", "linear-blind", "rule"),
+        Row("tuned profile", "profile", "linear-blind", "blind-profile"),
+        Row("learned policy", "policy", "linear-blind", "policy"),
     ),
     "hand-and-brake": (
-        "With 200 ms of delay, a hand keeps pushing the object after the touch. A brake at the arm feels the touch at "
-        "once, and stops the tool.",
-        (Row("hand alone", "person", "teleop-rigid", "alone"),
-         Row("same hand, brake on", "warning", "teleop-rigid", "brake")),
+        Row("hand alone", "person", "teleop-rigid", "alone"),
+        Row("same hand, brake on", "warning", "teleop-rigid", "brake"),
     ),
     "hand-and-spring": (
-        "A spring alone hardly helps a hand with 200 ms of delay. With the brake as well, the light tool stops before "
-        "the object has moved a centimetre.",
-        (Row("hand, rigid tool", "person", "teleop-rigid", "alone"),
-         Row("hand, tool on a spring", "person", "teleop-spring", "alone"),
-         Row("spring and brake", "warning", "teleop-spring", "brake")),
+        Row("hand, rigid tool", "person", "teleop-rigid", "alone"),
+        Row("hand, tool on a spring", "person", "teleop-spring", "alone"),
+        Row("spring and brake", "warning", "teleop-spring", "brake"),
     ),
     "couplings": (
-        "The same approach and the same brake with three couplings. The less of the arm's mass pushes the object, the "
-        "slower the object leaves.",
-        (Row("rigid", "rule", "rigid-blind", "rule"),
-         Row("spring and damper", "rule", "linear-blind", "rule"),
-         Row("bistable mechanism", "rule", "bistable-blind", "rule")),
+        Row("rigid", "rule", "rigid-blind", "rule"),
+        Row("spring and damper", "rule", "linear-blind", "rule"),
+        Row("bistable mechanism", "rule", "bistable-blind", "rule"),
     ),
     "distance-estimated": (
-        "With an estimate of the distance, good to 10 mm, the profile brakes before the touch.",
-        (Row("paper's rule", "rule", "linear-ranged", "rule"),
-         Row("profile, blind", "profile", "linear-blind", "blind-profile"),
-         Row("profile, distance estimated", "profile", "linear-ranged", "ranged-profile")),
+        Row("paper's rule", "rule", "linear-ranged", "rule"),
+        Row("profile, blind", "profile", "linear-blind", "blind-profile"),
+        Row("profile, distance estimated", "profile", "linear-ranged", "ranged-profile"),
     ),
 }  # fmt: skip
 """Sentence and rows of each film, by name; the first row is at the top."""
@@ -198,8 +188,8 @@ def work(options: Films) -> None:
         choice("film", name, list(FILMS))
     for name in options.names:
         path = options.out / f"{name}.webp"
-        write_file(path, film(FILMS[name][1]))
-        print(f"{path} ({path.stat().st_size / 1000:.0f} kB): {FILMS[name][0]}", flush=True)
+        write_file(path, film(FILMS[name]))
+        print(f"{path} ({path.stat().st_size / 1000:.0f} kB)", flush=True)
 
 
 if __name__ == "__main__":

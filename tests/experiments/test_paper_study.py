@@ -83,14 +83,11 @@ def test_answer_and_documentation_have_the_counts(findings, statements):
     agree = verdicts[Verdict.DIGITS] + verdicts[Verdict.AGREES]
     tests = [agree, *(verdicts[verdict] for verdict in (Verdict.ONE_READING, Verdict.DISAGREES, Verdict.UNDECIDED))]
     no_tests = [bases[basis] for basis in (Basis.IDENTIFIED, Basis.GIVEN, Basis.REPEATED)]
-    root = Path(__file__).parents[2]
-    paper, how_to = ((root / page).read_text() for page in ("docs/provenance.md", "docs/how-to/train.md"))
+    paper = (Path(__file__).parents[2] / "docs/provenance.md").read_text()
     assert f"compares {len(statements)} statements" in paper
     *rows, last = re.findall(r"^\| (.+) \| (\d+) \|$", paper, re.MULTILINE)
     assert [int(count) for _, count in rows] == tests
     assert [int(number) for number in (*re.findall(r"\d+", last[0]), last[1])] == [*no_tests, sum(no_tests)]
-    sentence = re.search(r"Of the (\d+) statements that are tests, (\d+) .* (\d+) .* (\d+) .*\s(\d+) cannot", how_to)
-    assert [int(number) for number in sentence.groups()] == [sum(tests), *tests]
     counts = [len(statements), sum(tests), *tests, sum(no_tests), *no_tests]
     assert [int(number) for number in re.findall(r"\d+", findings.answer)] == counts
 
