@@ -43,8 +43,8 @@ class TrainOptions:
     """With --seeds: train on a Ray cluster, each policy on one core. Give "ray" for the cluster that runs on this
     machine, or the address of a cluster. If the set-up is a file, the nodes of the cluster must be able to read it."""
     resume: Path | None = None
-    """Folder of an interrupted training. The training continues from its last checkpoint, with its own settings. No
-    other option is allowed."""
+    """Folder of an interrupted training. The training continues from its last checkpoint, with the settings it
+    was started with. No other option is allowed."""
 
     def __post_init__(self) -> None:
         whole("processes", self.processes, at_least=0)
