@@ -83,9 +83,7 @@ class Task:
     horizon: float = argument(HORIZON, "end of an episode without an alarm")
     after_alarm: float = argument(AFTER_ALARM, "from the alarm to the end of an episode")
     missed_cost: float = argument(MISSED_COST, "cost of an object that was not touched")
-    operator: Any = argument(
-        None, "the operator, see `impact_gym.operators`, or a dict; None: the controller commands alone"
-    )
+    operator: Any = argument(None, "operator, see `impact_gym.operators`, or a dict; None: the controller alone")
     uplink: Any = argument(None, "`Channel` of the operator's commands, or a dict; None: without delay or loss")
     downlink: Any = argument(None, "`Channel` of the operator's view, or a dict; None: without delay or loss")
     max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
@@ -154,10 +152,7 @@ class Task:
         return dict(self._given)
 
     def by_path(self) -> dict[str, Any]:
-        """Return the arguments except the scenario, and the parts of those that are records, by dotted path.
-
-        A range is returned as it was given.
-        """
+        """Return the arguments except the scenario, and the parts of records, by dotted path; ranges as given."""
         values: dict[str, Any] = {}
         for name in (name for name in ARGUMENTS if name != "scenario"):
             values[name] = self._given.get(name, getattr(self, name))
