@@ -134,7 +134,8 @@ def where_it_fails(played: Played, name: str) -> Failing:
     place = missed["factor"] if many else worse[0][0]["factor"]
     clauses = [(row, f"it is worse than the {plain}") for row, plain in worse if row["factor"] == place][:1]
     clauses += [(missed, f"it misses {misses}")] if many else []
-    line = ", ".join(f"at {row['setting']} {words}" if np.isfinite(row["value"]) else words for row, words in clauses)
+    placed = [(f"at {row['setting']}" if np.isfinite(row["value"]) else "there", words) for row, words in clauses]
+    line = ", ".join(f"{where} {words}" for where, words in placed)
     return Failing(called, f"{place}. {line[0].upper()}{line[1:]}.", " ".join(sentences))
 
 

@@ -254,7 +254,7 @@ def test_where_it_fails_names_the_mildest_change_of_each_kind_and_the_largest_lo
                            for change, loss in losses.items()})  # fmt: skip
     assert holds.where_it_fails(results, "seed-0") == (
         "the learned policy",
-        "compliant robot. It is worse than the paper's rule.",
+        "compliant robot. There it is worse than the paper's rule.",
         "Worse than the paper's rule with compliant robot, tool mass (0.2 kg), reaction delay.",
     )
     place = holds.heat_map(results).rows[1][2][2]
