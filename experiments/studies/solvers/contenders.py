@@ -1,4 +1,4 @@
-"""The contenders: all solvers that compute an approach, their times and their errors.
+"""The contenders: all solvers that compute an approach, their answers and errors, and their times.
 
 Times are processor times of the single thread that each contender uses. Other work on the machine lengthens a long
 call, such as SciPy's, more than the best of many short calls.
@@ -9,6 +9,7 @@ import os
 import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from time import thread_time
 from typing import Any
 
@@ -16,20 +17,78 @@ import impact_gym as ig
 from experiments import reference
 from experiments.lab.study import Row
 from experiments.studies.solvers.approaches import Approach, approach_of
-from experiments.studies.solvers.peers import PEERS
-from experiments.studies.solvers.pieces import Run
-from experiments.studies.solvers.solutions import GAVE_UP, Solution, errors, failure
+from experiments.studies.solvers.taylor import Run
 
-OURS, CAREFUL = "impact_gym", "SciPy"  # SciPy's integrators inside the reference
+OURS, CAREFUL, PEER = "impact_gym", "SciPy", "heyoka"  # SciPy's integrators inside the reference
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
 JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studies.solvers")
 """Modules besides our solver on which the rows of contenders depend."""
+MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
 TOO_WRONG = 1e-2  # m/s in V_p: an answer with a larger error is a failure
-LEAST = 5e-3  # s of one timing, so that the resolution of the clock does not matter
-MOST_CALLS = 10_000
+TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, which gives the truth, and of Radau, which is compared with it
+LEAST, MOST_CALLS = 5e-3, 10_000  # least duration of a timing (s), so that the clock is exact enough; most calls in it
 TURNS, CALLS = 10, 10  # timings of each of our contacts, and calls in each timing
 TIMES = ("microseconds", "contact_microseconds")
 SLOW = 0.2  # s: if a call takes longer, it is timed in the first round only
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A solver's answer for an approach; a number that the solver does not give is nan."""
+
+    velocity: float  # m/s, V_p
+    peak_force: float = math.nan  # N
+    contact_duration: float = math.nan  # s, sum over all contacts; an unfinished one counts up to the end
+    detection_time: float = math.nan  # s, nan if there was no alarm
+    contacts: int = 0
+    passes: int = 0  # times that the slider passes its alignment
+    steps: int = 0  # steps of the integrator, 0 if unknown
+
+    @classmethod
+    def of(cls, outcome: Any, duration: float) -> "Solution":
+        """Return the answer in an outcome of our solver or of the reference, for a run of `duration` (s)."""
+        lasted = sum((duration if contact.end is None else contact.end) - contact.start for contact in outcome.contacts)
+        detection = math.nan if outcome.detection_time is None else outcome.detection_time
+        counts = len(outcome.contacts), len(outcome.snap_through), getattr(outcome, "steps", 0)
+        return cls(outcome.object_velocity, outcome.peak_force, lasted, detection, *counts)
+
+
+def power(value: float) -> str:
+    """Return a number without leading zeros in its exponent, such as 1e-6."""
+    return f"{value:g}".replace("e-0", "e-")
+
+
+def errors(solution: Solution, truth: Solution) -> dict[str, float]:
+    """Return the errors of V_p (m/s), peak force and duration of contact (both relative), and of the alarm (s)."""
+    touched = truth.contacts > 0
+    return {
+        "velocity_error": abs(solution.velocity - truth.velocity),
+        "peak_error": abs(solution.peak_force / truth.peak_force - 1.0) if touched else abs(solution.peak_force),
+        "duration_error": abs(solution.contact_duration / truth.contact_duration - 1.0) if touched else math.nan,
+        "detection_error": abs(solution.detection_time - truth.detection_time),
+    }
+
+
+def failure(solution: Solution, truth: Solution, allowed: float) -> str:
+    """Return why a solution is wrong, or '' if V_p is within `allowed` (m/s) and all events are counted right."""
+    if not math.isfinite(solution.velocity):
+        return NOT_FINITE
+    if not abs(solution.velocity - truth.velocity) <= allowed:
+        return WRONG
+    counts = [(one.contacts, one.passes, math.isnan(one.detection_time)) for one in (solution, truth)]
+    return "" if counts[0] == counts[1] else MISCOUNTED
+
+
+def true_row(approach: str) -> list[Row]:
+    """Return the reference solution of a named approach (DOP853), and how far Radau's solution is from it."""
+    found = approach_of(approach)
+    best, second = (
+        Solution.of(reference.simulate(*found.run, rtol=rtol, method=method), found.duration)
+        for rtol, method in ((TRUE_RTOL, "DOP853"), (SECOND_RTOL, "Radau"))
+    )
+    doubt = {f"{name}_doubt": value for name, value in errors(second, best).items()}
+    counts = {"second_contacts": second.contacts, "second_passes": second.passes}
+    return [{"description": found.description} | asdict(best) | counts | doubt]
 
 
 @contextmanager
@@ -54,15 +113,17 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
 
     Our time is that of the whole call of `simulate`; for our contacts see `contacts_alone`. SciPy's time counts
     only the contacts: the reference computes flights without SciPy's methods, by the matrix exponential, or by
-    integration at rtol 1e-12 where there is no closed form. A peer's time counts only the calls of its own library.
+    integration at rtol 1e-12 where there is no closed form. The time of heyoka counts only the calls of its library.
     """
     kind, _, method = name.partition(" ")
     if kind == CAREFUL:
         outcome = reference.simulate(*approach.run, rtol=setting, method=method)
         return Solution.of(outcome, approach.duration), outcome.contact_seconds, outcome.contact_seconds
-    if name in PEERS:
-        run = Run(*approach.run, setting, PEERS[name])
-        return run.solve(), sum(run.seconds), run.seconds[True]
+    if kind == PEER:
+        run = Run(*approach.run, setting)
+        run.solve()
+        answer = Solution(run.velocity, run.peak, run.lasted, run.detection, run.contacts, run.passes)
+        return answer, sum(run.seconds), run.seconds[True]
     begun = thread_time()
     ours = ig.simulate(*approach.run, setting)
     seconds = thread_time() - begun
@@ -89,12 +150,12 @@ def contacts_alone(approach: Approach, rtol: float) -> float:
 def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Row:
     """Return the row of a contender: mean processor times of a call (µs), errors, counts and failure.
 
-    If the contender raises an error, the row has only a failure. A peer compiles in its first call, which is timed
+    If the contender raises an error, the row has only a failure. heyoka compiles in its first call, which is timed
     separately.
     """
     try:
         begun = thread_time()
-        if name in PEERS:
+        if name == PEER:
             solved(approach, name, setting)
         first = thread_time() - begun
         solution, seconds, contacts = solved(approach, name, setting)

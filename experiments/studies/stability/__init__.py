@@ -13,8 +13,7 @@ import polars as pl
 from experiments.lab.parts import Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Row, Study
 from experiments.studies.solvers import approaches
-from experiments.studies.solvers.contenders import JUDGES
-from experiments.studies.solvers.solutions import power
+from experiments.studies.solvers.contenders import JUDGES, power
 from experiments.studies.stability import promises
 from experiments.studies.stability.storm import storm_row, truth_row
 
