@@ -141,9 +141,9 @@ def analyse(frames: Frames, quick: bool) -> Findings:
         ]),
         Section("Error of the object's velocity against time", [drawn(times, truths, by) for by in TIMES]),
         Section("What is compared, and how fair it is", [
-            f"Truth: the slow independent solver (experiments/reference) with DOP853 at rtol "
+            "Truth: the slow independent solver (experiments/reference) with DOP853 at rtol "
             f"{power(contenders.TRUE_RTOL)}. Radau at {power(contenders.SECOND_RTOL)} differs by at most {doubt:.1e} "
-            f"m/s in V_p; the number of contacts or snap-throughs differs in {truths.filter(differ).height} approaches.",
+            f"m/s in V_p; the number of contacts or passes differs in {truths.filter(differ).height} approaches.",
             "impact_gym: the whole call of simulate, flights and records included, on one core. Its contacts alone: "
             "runs up to the end of each contact less runs up to its start; the median over all rivals' rows.",
             "heyoka: the same equations, in the root of the penetration, where they are smooth. Only the calls of the "
@@ -180,7 +180,7 @@ def drawn(times: pl.DataFrame, truths: pl.DataFrame, by: str) -> Picture:
     what = "Error of V_p against time per approach, a panel for each approach, a curve for each contender."
     caption = (
         "Down and left is better. Open marks: the number of contacts or of snap-throughs is wrong, the alarm is missed "
-        f"or V_p is wrong by more than {contenders.TOO_WRONG:g} m/s. Grey: the difference between two methods of the slow "
+        f"or V_p is wrong by over {contenders.TOO_WRONG:g} m/s. Grey: the difference between two methods of the slow "
         "solver. Errors outside the axes are drawn at their edge."
     )
     return Picture("velocity_error" if by == TIMES[0] else "velocity_error_contacts", figure, what, caption)

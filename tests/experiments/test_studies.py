@@ -37,13 +37,12 @@ def test_search_prefers_a_gentle_touch_to_none_however_little_time_costs():
     assert not gain.searched((0.15, 0.35), "steady", 0.05, 20, 12, 50)["missed"].any()
 
 
-@pytest.mark.filterwarnings("ignore:SpringDamper.stroke")
 def test_shares_add_up_and_worlds_differ_where_they_should(tmp_path):
     few = {"scenarios": 10, "generations": 3, "tested": 20}
     searches = [cell for cell in gain.searches(True, {}) if cell.labels["near"] == 0.15]
     searches = [cell._replace(arguments=cell.arguments | few) for cell in searches]
     assert len(searches) == 1 + 2 * len(gain.QUICK_WEIGHTS)
-    asked = {("linear-blind", world) for world in ("as trained", "friction 0.3", "stroke 20 mm")}
+    asked = {("linear-blind", world) for world in ("as trained", "sensed 200 ms late")}
     worlds = [cell for cell in gain.worlds(True, {}) if (cell.labels["setup"], cell.labels["change"]) in asked]
     worlds = [cell._replace(arguments=cell.arguments | {"scenarios": {"set": "test", "count": 8}}) for cell in worlds]
     run = small_run(gain.STUDY, tmp_path, priors=searches, worlds=worlds)
@@ -59,12 +58,8 @@ def test_shares_add_up_and_worlds_differ_where_they_should(tmp_path):
     )
     frame, names = run.frames["worlds"], [gain.RULE, gain.PROFILE, gain.POLICY]
     assert frame["contestant"].unique(maintain_order=True).to_list() == names
-    assert frame.filter(pl.col("slide").is_null())["change"].unique().sort().to_list() == ["as trained", "stroke 20 mm"]
-    table = {(row["world"], row["contestant"]): row for row in gain.by_world(frame)}
-    for who in names:
-        assert table["as trained", who]["slides (cm)"] == "-" != table["friction 0.3", who]["slides (cm)"]
-        trained, ends = (frame.filter(change=world, contestant=who) for world in ("as trained", "stroke 20 mm"))
-        assert not trained["object_velocity"].equals(ends["object_velocity"])
+    table = {(row["world"], row["contestant"]): float(row["V_p (m/s)"].split()[0]) for row in gain.by_world(frame)}
+    assert all(table["as trained", who] < table["sensed 200 ms late", who] for who in names)
 
 
 QUICK = {"quick": True}
@@ -140,38 +135,19 @@ def test_page_has_every_contestant_and_numbers_that_hold_together(study):
         assert row["brake_cost"] == pytest.approx(brake["cost"] - row["cost"], abs=1e-12)
         if who in (teleop.ALONE, teleop.BRAKE, teleop.RULE):
             assert row["taken"] == 0.0  # they do not change the command before the touch
-        if who == teleop.ALONE:  # the gain of 1
-            assert row["gain_slide"] == pytest.approx(0.0, abs=1e-12)
-            assert row["gain_cost"] <= 0.0
     for operator in (teleop.REACH, "steady"):  # the brake stops before the operator sees the touch
         assert by_name[operator, teleop.BRAKE]["slide"] < by_name[operator, teleop.ALONE]["slide"]
 
 
-def row_of(who, column, low, high, **others):
-    """A row with one number, in an interval; all others are 0."""
-    names = [*teleop.WORSE, "limit_cost"]
-    numbers = dict.fromkeys([*names, *(f"{name}_{end}" for name in names for end in ("low", "high"))], 0.0)
-    numbers |= {column: 0.5 * (low + high), f"{column}_low": low, f"{column}_high": high, "cost": 1.0}
-    return {"contestant": who, "coupling": "rigid", "operator": "steady", "delay": 0.1} | numbers | others
-
-
-def test_hurts_names_all_cells_that_are_worse_beyond_their_interval_and_the_worst():
-    rows = [
-        row_of(teleop.POLICY, "brake_slide", -0.03, -0.01), row_of(teleop.POLICY, "brake_slide", -0.03, 0.0, delay=0.2),
-        row_of(teleop.POLICY, "brake_slide", -0.09, -0.05, delay=0.4), row_of(teleop.ALONE, "brake_slide", -0.9, -0.8),
-        row_of(teleop.BRAKE, "gain_cost", -0.3, -0.1, operator="hand"),
-    ]  # fmt: skip
-    first, second = teleop.hurts(rows)
-    assert first == (
-        teleop.POLICY, f"slides further than with the {teleop.BRAKE}", "2",
-        "7.00 [5.00, 9.00] cm (rigid, steady, 400 ms)", "rigid, steady: 100, 400 ms",
-    )  # fmt: skip
-    assert second[:3] == (teleop.BRAKE, "costs more than constant gains", "1")
+def row_of(who, low, high):
+    """A row with one cost less than the brake's, in an interval."""
+    costs = {"brake_cost": 0.5 * (low + high), "brake_cost_low": low, "brake_cost_high": high, "cost": 1.0}
+    return {"contestant": who, "coupling": "rigid", "operator": "steady", "delay": 0.1} | costs
 
 
 def test_duel_counts_cells_and_weighs_all_of_them():
-    rows = [row_of(teleop.POLICY, "brake_cost", low, low + 0.2) for low in (0.1, -0.2, -0.3, 0.0, 0.3)]
-    text = teleop.duel([*rows, row_of(teleop.BRAKE, "brake_cost", 5.0, 6.0)], "brake")
+    rows = [row_of(teleop.POLICY, low, low + 0.2) for low in (0.1, -0.2, -0.3, 0.0, 0.3)]
+    text = teleop.duel([*rows, row_of(teleop.BRAKE, 5.0, 6.0)], "brake")
     assert "clearly less than the local brake in 2 of 5 cells and clearly more in 1" in text  # 0 is neither
     assert f"over all {100.0 * 0.4 / 5.4:.1f} % less" in text
     assert "by 0.400 [0.300, 0.500] m/s (rigid, steady, 100 ms) at the most and -0.200 [-0.300, -0.100] m/s" in text
