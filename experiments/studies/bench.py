@@ -11,7 +11,7 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import asdict, replace
 from itertools import cycle
@@ -50,19 +50,14 @@ RTOLS = {"1e-4": 1e-4, "1e-6": 1e-6, "1e-8 (the default)": 1e-8, "1e-10": 1e-10,
 Step = Callable[[], Any]
 
 
-def rate(
-    call: Step, steps: int, seconds: float, rounds: int = 3, clock: Callable[[], float] = time.perf_counter
-) -> float:
-    """Return the steps per second of `call`, which makes `steps` steps: the best of `rounds`, `seconds` in all."""
-    best = 0.0
-    for _ in range(rounds):
-        calls, spent, begun = 0, 0.0, clock()
-        while spent < seconds / rounds or calls == 0:
-            call()
-            calls += 1
-            spent = clock() - begun
-        best = max(best, calls * steps / spent)
-    return best
+def rate(call: Step, steps: int, seconds: float, clock: Callable[[], float] = time.perf_counter) -> float:
+    """Return the steps per second of `call`, which makes `steps` steps and is called for `seconds`."""
+    calls, spent, begun = 0, 0.0, clock()
+    while spent < seconds or calls == 0:
+        call()
+        calls += 1
+        spent = clock() - begun
+    return calls * steps / spent
 
 
 def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
@@ -82,26 +77,20 @@ def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
     return step
 
 
-def batch(name: str, size: int) -> Step:
-    """Return a function that steps the native batch of `gym.make_vec(name)` once, with random actions."""
-    return stepping(gym.make_vec(name, num_envs=size, vectorization_mode="vector_entry_point"))
-
-
 def stepped(quick: bool) -> pl.DataFrame:
     """Return step rates of our and Gymnasium's environments: the best of some rounds, each of which times all."""
     batched, rule = gym.make_vec(ID, num_envs=BATCH, rtol=RTOL), PaperTrapezoid()
     of_library = ImpactVecEnv(LEARN_ENVS)
     alike = np.tile(of_library.action_space.sample(), (LEARN_ENVS, 1))  # the same action everywhere
-    single = [(name, 1, stepping(gym.wrappers.Autoreset(gym.make(name)))) for name in (ID, SCALE)]
     steps = [
         (f"{ID}, the paper's rule", BATCH, stepping(batched, lambda last: rule.predict(last[0])[0])),
-        (BATCH_SCALE, BATCH, batch(BATCH_SCALE, BATCH)),
-        *single,
+        *((name, 1, stepping(gym.wrappers.Autoreset(gym.make(name)))) for name in (ID, SCALE)),
         ("ImpactVecEnv", LEARN_ENVS, stepping(of_library, lambda _: alike)),
-        *((ID, size, batch(ID, size)) for size in (SIZES[::2] if quick else SIZES)),
     ]
+    for name, size in [(BATCH_SCALE, BATCH), *((ID, size) for size in (SIZES[::2] if quick else SIZES))]:
+        steps.append((name, size, stepping(gym.make_vec(name, size, vectorization_mode="vector_entry_point"))))
     rounds, seconds = (1, 0.03) if quick else (5, 0.5)
-    rates = np.max([[rate(step, envs, seconds, rounds=1) for _, envs, step in steps] for _ in range(rounds)], axis=0)
+    rates = np.max([[rate(step, envs, seconds) for _, envs, step in steps] for _ in range(rounds)], axis=0)
     rows = [(name, envs, best) for (name, envs, _), best in zip(steps, rates, strict=True)]
     table = pl.DataFrame(rows, ["environment", "in a batch", "steps per second"], orient="row")
     ratio = pl.col("steps per second").first().over("in a batch") / pl.col("steps per second")
@@ -117,7 +106,7 @@ def three_rates(name: str, quick: bool) -> list[Row]:
     row: dict[str, Any] = {"environments": count}
     row["environment"] = benchmark_vector_step(envs[0], seconds, seed=0)  # type: ignore[arg-type]  # accepts 0.1 s, too
     acting = stepping(envs[1], lambda last: policy.predict(last[0])[0])
-    row["environment with inference"] = rate(acting, count, seconds)
+    row["environment with inference"] = max(rate(acting, count, seconds / 3) for _ in range(3))
     for number in sorted(threads):
         run = Run(setup, replace(setup.training, steps=steps, threads=number))
         with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
@@ -138,31 +127,31 @@ def approached(environment: dict[str, Any], quick: bool) -> list[Row]:
     return [{"microseconds": 1e6 * min(repeat(call, timer=time.process_time, repeat=rounds, number=1)) / count}]
 
 
-def cases() -> dict[str, dict[str, dict[str, Any]]]:
-    """Return the arguments of the environment in each case, by the quantity that varies and by the case's name."""
-    robot = default_approach().at(IMPACT)
-    spring, bistable = IDS["ImpactApproach-v0"], IDS["ImpactApproachBistable-v0"]
-    return {
-        "coupling": {
-            "rigid": IDS["ImpactApproachRigid-v0"],
-            "spring and damper (the default)": spring,
-            "bistable, the paper's": bistable,
-            "bistable, for slow touches": dict(load_setup("bistable-blind").environment),
-        },
-        "robot, with the default coupling": {
-            "rigid (the default)": spring,
-            "one mass on a spring": {"robot": {"type": "Robot", **asdict(robot)}},
-        },
-        "rtol, with the default coupling": {name: {"rtol": rtol} for name, rtol in RTOLS.items()},
-        "rtol, with the paper's bistable coupling": {name: {"rtol": rtol, **bistable} for name, rtol in RTOLS.items()},
-    }
+SPRING, BISTABLE = IDS["ImpactApproach-v0"], IDS["ImpactApproachBistable-v0"]
+CASES: dict[str, dict[str, Any]] = {
+    "coupling": {
+        "rigid": IDS["ImpactApproachRigid-v0"],
+        "spring and damper (the default)": SPRING,
+        "bistable, the paper's": BISTABLE,
+        "bistable, for slow touches": dict(load_setup("bistable-blind").environment),
+    },
+    "robot, with the default coupling": {
+        "rigid (the default)": SPRING,
+        "one mass on a spring": {"robot": {"type": "Robot", **asdict(default_approach().at(IMPACT))}},
+    },
+    "rtol, with the default coupling": {name: {"rtol": rtol} for name, rtol in RTOLS.items()},
+    "rtol, with the paper's bistable coupling": {name: {"rtol": rtol, **BISTABLE} for name, rtol in RTOLS.items()},
+}
+"""Arguments of the environment in each case, by the quantity that varies and by the case's name."""
 
 
-def cells_of_cost(quick: bool, _: Frames) -> Iterator[Cell]:
-    """Yield a cell for each case."""
-    for by, varied in cases().items():
-        for case, environment in varied.items():
-            yield Cell({"by": by, "case": case}, {"environment": environment, "quick": quick})
+def cells_of_cost(quick: bool, _: Frames) -> list[Cell]:
+    """Return a cell for each case."""
+    return [
+        Cell({"by": by, "case": case}, {"environment": environment, "quick": quick})
+        for by, cases in CASES.items()
+        for case, environment in cases.items()
+    ]
 
 
 def words(value: Any) -> str:
@@ -175,12 +164,6 @@ def words(value: Any) -> str:
 def table(caption: str, frame: pl.DataFrame) -> Table:
     """Return a frame as a table of a page."""
     return Table(caption, frame.columns, [[words(value) for value in row] for row in frame.iter_rows()])
-
-
-def with_ratio(costs: pl.DataFrame) -> pl.DataFrame:
-    """Return the times of cases, each with its ratio to the time of the default case."""
-    default = pl.col("microseconds").filter(pl.col("case").str.ends_with("(the default)")).first()
-    return costs.select("case", "microseconds", ratio=pl.col("microseconds") / default)
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
@@ -201,8 +184,10 @@ def analyse(frames: Frames, quick: bool) -> Findings:
         )
         sections.append(Section("The three rates", [table("Steps per second", frames["rates"]), what]))
     if "cost" in frames:
-        groups = frames["cost"].partition_by("by", as_dict=True).items()
-        tables = [table(f"By {by}", with_ratio(costs)) for (by,), costs in groups]
+        default = pl.col("microseconds").filter(pl.col("case").str.ends_with("(the default)")).first()
+        costs = frames["cost"].with_columns(ratio=pl.col("microseconds") / default.over("by"))
+        groups = costs.partition_by("by", as_dict=True, include_key=False).items()
+        tables = [table(f"By {by}", rows) for (by,), rows in groups]
         sections.append(Section(f"Time of an approach of {RULE}", [*tables, "Processor time on one core."]))
     return Findings(answer, sections)
 

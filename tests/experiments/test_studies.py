@@ -66,7 +66,7 @@ QUICK = {"quick": True}
 
 
 def test_page_has_rates_beside_gymnasiums_and_the_time_of_an_approach(tmp_path):
-    name, cases = bench.SETUPS[0], bench.cases()["coupling"]
+    name, cases = bench.SETUPS[0], bench.CASES["coupling"]
     run = small_run(
         bench.STUDY, tmp_path, environments=[Cell({}, QUICK)], rates=[Cell({"set-up": name}, {"name": name, **QUICK})],
         cost=[Cell({"by": "coupling", "case": case}, {"environment": cases[case], **QUICK}) for case in [*cases][:2]],
@@ -84,19 +84,19 @@ def test_page_has_rates_beside_gymnasiums_and_the_time_of_an_approach(tmp_path):
 
 
 def test_cost_is_beside_that_of_the_default():
-    costs = pl.DataFrame({"case": ["rigid", "spring (the default)"], "microseconds": [5.0, 20.0]})
-    assert bench.with_ratio(costs)["ratio"].to_list() == [0.25, 1.0]
+    costs = {"by": "coupling", "case": ["rigid", "spring (the default)"], "microseconds": [5.0, 20.0]}
+    (section,) = bench.analyse({"cost": pl.DataFrame(costs)}, True).sections
+    assert [row[-1] for row in section.parts[0].rows] == ["0.25", "1"]
 
 
-@pytest.mark.parametrize("rounds", [1, 3])
 @pytest.mark.parametrize(("takes", "steps", "expected"), [(0.25, 5, 20.0), (8.0, 4, 0.5)])
-def test_rate_counts_every_step_of_the_calls_made(rounds, takes, steps, expected):
+def test_rate_counts_every_step_of_the_calls_made(takes, steps, expected):
     now = [0.0]
 
     def wait():
         now[0] += takes
 
-    assert bench.rate(wait, steps, 3.0, rounds, lambda: now[0]) == expected
+    assert bench.rate(wait, steps, 3.0, lambda: now[0]) == expected
 
 
 COUNT = 25
