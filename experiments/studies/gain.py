@@ -1,4 +1,4 @@
-"""What the gain over the paper's rule comes from, and what controllers lose if the touch is sensed later than planned.
+"""What the gain over the paper's rule comes from.
 
 For each distribution of the object's distance, the paper's rule is compared with the best constant speed and with the
 best profile of speed over position. Constant speed and profile have the same limits of the arm and the same choice of
@@ -19,9 +19,7 @@ from agents.baselines.cmaes import minimise
 from agents.baselines.profile import ACCELERATION, REACTION, ReactingRule
 from agents.baselines.rule import Floats, Parameter
 from agents.evaluate import TEST_SEED, TUNING_SEED, ScenarioBatch
-from agents.setups import load_setup
 from experiments.lab import grid
-from experiments.lab.grid import Contestant, Place
 from experiments.lab.parts import Section, Table, percent
 from experiments.lab.statistics import Comparison, Resamples, estimate
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Study
@@ -112,28 +110,6 @@ def searched(
     return pl.DataFrame(columns | {name: getattr(episodes, name) for name in names})
 
 
-WORLDS: Mapping[str, Mapping[str, Any]] = {
-    "as trained": {},
-    **{f"sensed {1e3 * delay:g} ms late": {"reaction_delay": delay} for delay in (0.05, 0.1, 0.2)},
-}
-SETUPS = ("linear-blind", "linear-robust", "linear-ranged", "bistable-blind")
-RULE, PROFILE, POLICY = "paper's rule", "profile", "policy"
-MEASURES = {"object_velocity": "V_p (m/s)", "approach_time": "T (s)", "contact_count": "contacts"}
-
-
-def worlds(quick: bool, _: Frames) -> Iterable[Cell]:
-    """Yield a cell for each shipped controller in each of WORLDS."""
-    scenarios = {"set": "test", "count": QUICK_SEARCH["tested"] if quick else SEARCH["tested"]}
-    for setup in map(load_setup, SETUPS):
-        places = [Place(setup.name, world, {**setup.environment, **change}) for world, change in WORLDS.items()]
-        contestants = [
-            Contestant(RULE, {"baseline": "paper-trapezoid"}),
-            Contestant(PROFILE, {"baseline": setup.against[0]}),
-            grid.seeds_of(setup.name, POLICY)[0],
-        ]
-        yield from grid.cells(places, contestants, scenarios, [setup.evaluation.typical])
-
-
 def by_prior(frame: pl.DataFrame) -> list[dict[str, Any]]:
     """Return a row for each prior: V_p of each rule at the mean approach time of the paper's rule, with intervals."""
     lines = []
@@ -148,18 +124,6 @@ def by_prior(frame: pl.DataFrame) -> list[dict[str, Any]]:
         line["velocity"] = list(map(estimate, (rule, steady, profile)))
         line |= {name: estimate(share) for name, share in shares.items()}
         lines.append(line | {"profile": Comparison(profile, steady).reduction})
-    return lines
-
-
-def by_world(frame: pl.DataFrame) -> list[dict[str, str]]:
-    """Return a row for each controller in each world: means of MEASURES with intervals, and the number of misses."""
-    lines = []
-    for (setup, world, contestant), rows in grid.groups(frame, "setup", "change", "contestant"):
-        line = {"set-up": setup, "world": world, "contestant": contestant}
-        for name, words in MEASURES.items():
-            values = grid.sample(rows, name)
-            line[words] = f"{estimate(Resamples(values.shape[1]).means(values)):.2f}"
-        lines.append(line | {"missed": str(rows["missed"].sum())})
     return lines
 
 
@@ -185,31 +149,21 @@ def priors_section(lines: Sequence[Mapping[str, Any]]) -> Section:
 
 
 def analyse(frames: Frames, _: bool) -> Findings:
-    """Compare the rules for each prior, and the shipped controllers at each delay."""
-    answer, sections = "Shipped controllers with longer delays than they were made for.", []
-    if "priors" in frames:
-        lines = by_prior(frames["priors"])
-        known = next((line for line in lines if line["prior"].near == 0.15), lines[-1])
-        answer = (
-            f"With objects {known['prior'].words} away and no learning, V_p is {percent(known['all'], 0)} below that "
-            f"of the paper's rule at the same approach time: {percent(known['limits'], 0)} of the rule's V_p come from "
-            f"the arm's limits and a better reaction, {percent(known['place'], 0)} from knowing where objects can be."
-        )
-        sections.append(priors_section(lines))
-    if "worlds" in frames:
-        rows = by_world(frames["worlds"])
-        text = "Nothing was tuned or trained for these delays. The policy is the shipped median."
-        sections.append(Section("Longer delays", [Table("", [*rows[0]], [[*row.values()] for row in rows]), text]))
-    return Findings(answer, sections)
+    """Compare the rules for each prior."""
+    lines = by_prior(frames["priors"])
+    known = next((line for line in lines if line["prior"].near == 0.15), lines[-1])
+    answer = (
+        f"With objects {known['prior'].words} away and no learning, V_p is {percent(known['all'], 0)} below that "
+        f"of the paper's rule at the same approach time: {percent(known['limits'], 0)} of the rule's V_p come from "
+        f"the arm's limits and a better reaction, {percent(known['place'], 0)} from knowing where objects can be."
+    )
+    return Findings(answer, [priors_section(lines)])
 
 
 STUDY = Study(
     "gain",
     "What causes the gain over the paper's rule?",
-    (
-        Measurement("priors", searches, searched, ("impact_gym", "agents.baselines", "agents.evaluate")),
-        Measurement("worlds", worlds, grid.play, (*grid.PLAYED, "agents.setups")),
-    ),
+    (Measurement("priors", searches, searched, ("impact_gym", "agents.baselines", "agents.evaluate")),),
     analyse,
     packages=("cma",),
 )

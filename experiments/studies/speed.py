@@ -16,8 +16,8 @@ from experiments.lab.page import factor
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Row, Study
 from experiments.studies.solvers import contenders
-from experiments.studies.solvers.approaches import named
-from experiments.studies.solvers.contenders import CAREFUL, JUDGES, OURS, PEER, TIMES, Solution, power
+from experiments.studies.solvers.approaches import Solution, named
+from experiments.studies.solvers.contenders import CAREFUL, JUDGES, OURS, PEER, power
 
 COMPARED = (1e-4, 1e-6, 1e-8, 1e-10)  # m/s in V_p, at which contenders are compared
 FINE = 1e-6  # m/s, the one of COMPARED that the answer quotes
@@ -31,7 +31,6 @@ STYLES: dict[str, dict[str, Any]] = {
     CAREFUL: {"color": OTHERS, "marker": "s", "linestyle": "--", "linewidth": 1.2, "markersize": 4},
     PEER: {"color": SERIES[1], "marker": "^", "linestyle": "--", "linewidth": 1.2, "markersize": 4},
 }
-AXES = dict(zip(TIMES, ("processor time per approach (µs)", "processor time of all contacts (µs)"), strict=True))
 
 
 def cells_of_truth(_: bool, __: Frames) -> list[Cell]:
@@ -50,80 +49,58 @@ def cells_of_times(quick: bool, frames: Frames) -> Iterator[Cell]:
             yield Cell({"scene": row["scene"], "rival": rival}, arguments)
 
 
-def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float, by: str = TIMES[0]) -> Row | None:
-    """Return the fastest row (column `by`, one of TIMES) among settings that keep `error` (m/s in V_p).
+def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row | None:
+    """Return the fastest row among settings that keep `error` (m/s in V_p).
 
     A setting keeps it if V_p is within `error` there and at all finer settings. So an error that is small at one
-    setting by chance, because its sign changes there, does not count. Nor does a negative time, which can result on a
-    busy machine, as the time of contacts is a difference of two times.
+    setting by chance, because its sign changes there, does not count.
     """
     keeps = (pl.col("velocity_error") <= error).fill_null(value=False).cast(pl.Int8).cum_min().over("contender") == 1
-    positive = pl.col(by).is_between(0.0, math.inf, "none")
-    kept = rows.filter(pl.col("contender").is_in(names)).sort("setting").filter(keeps & positive).sort(by)
+    kept = rows.filter(pl.col("contender").is_in(names)).sort("setting").filter(keeps).sort("microseconds")
     return kept.row(0, named=True) if kept.height else None
 
 
 def ratios(times: pl.DataFrame, errors: Sequence[float] = COMPARED) -> pl.DataFrame:
-    """Return at each error each rival's time divided by ours, for a whole approach and for its contacts alone.
-
-    The time of our contacts is a small difference of two times, so its median over the cells of all rivals is taken.
-    """
-    rows, alone = [], pl.col(TIMES[1])
-    median = alone.median().over("scene", "contender", "setting")
-    times = times.with_columns(pl.when(contender=OURS).then(median).otherwise(alone).alias(TIMES[1]))
+    """Return each rival's time and ours at each error, and their ratio; times in µs of an approach."""
+    rows = []
     for (scene, rival), cell in times.group_by("scene", "rival", maintain_order=True):
+        failed = cell.filter(pl.col("contender") != OURS)["failure"].unique().to_list()
         for error in errors:
-            row: dict[str, Any] = {"scene": scene, "rival": rival, "error": error}
-            for by in TIMES:
-                best = [cheapest(cell, names, error, by) for names in ([OURS], RIVALS[str(rival)])]
-                ours, theirs = (None if each is None else each[by] for each in best)
-                comparable = (rival, by) != (CAREFUL, TIMES[0])
-                ratio = theirs / ours if ours and theirs and comparable else None
-                row |= {f"{by}_ours": ours, by: theirs, f"{by}_ratio": ratio}
-            failed = cell.filter(pl.col("contender") != OURS)["failure"].unique().to_list()
+            best = [cheapest(cell, names, error) for names in ([OURS], RIVALS[str(rival)])]
+            ours, theirs = (None if each is None else each["microseconds"] for each in best)
+            row = {"scene": scene, "rival": rival, "error": error, "ours": ours, "theirs": theirs}
+            row |= {"ratio": theirs / ours if ours and theirs else None}
             rows.append(row | {"failure": "; ".join(sorted(filter(None, failed)))})
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def answer(found: pl.DataFrame) -> str:
     """Return in words where rivals are faster than impact_gym, and how the best rivals compare with it at FINE."""
-    faster, words = list[str](), list[str]()
-    for by, what in zip(TIMES, ("the whole approach", "the contacts"), strict=True):
-        known = found.filter(pl.col(f"{by}_ratio").is_not_null()).sort(f"{by}_ratio", maintain_order=True)
-        faster += [
-            f"{row['rival']} takes {row[f'{by}_ratio']:.2f} times as long as impact_gym on {what} of '{row['scene']}' "
-            f"at {power(row['error'])} m/s"
-            for row in known.filter(pl.col(f"{by}_ratio") < 1.0).iter_rows(named=True)
-        ]
-        best = known.filter(error=FINE).unique("scene", keep="first").sort(f"{by}_ratio").to_dicts()
-        if best:
-            first, last = (f"{factor(row[f'{by}_ratio'])} ('{row['scene']}', {row['rival']})"
-                           for row in (best[0], best[-1]))  # fmt: skip
-            words.append(f"At an error of {power(FINE)} m/s in V_p the best rival takes {first} to {last} times as "
-                         f"long as impact_gym for {what}.")  # fmt: skip
-    opening = f"Faster than impact_gym: {'; '.join(faster)}." if faster else "No rival is faster than impact_gym."
-    return " ".join([opening, *words])
+    known = found.filter(pl.col("ratio").is_not_null()).sort("ratio", maintain_order=True)
+    faster = [
+        f"{row['rival']} takes {row['ratio']:.2f} times as long as impact_gym on '{row['scene']}' at "
+        f"{power(row['error'])} m/s"
+        for row in known.filter(pl.col("ratio") < 1.0).iter_rows(named=True)
+    ]
+    words = f"Faster than impact_gym: {'; '.join(faster)}." if faster else "No rival is faster than impact_gym."
+    best = known.filter(error=FINE).unique("scene", keep="first").sort("ratio").to_dicts()
+    if best:
+        first, last = (f"{factor(row['ratio'])} ('{row['scene']}', {row['rival']})" for row in (best[0], best[-1]))
+        words += f" At an error of {power(FINE)} m/s in V_p the best rival takes {first} to {last} times as long."
+    return words
 
 
-def table_of(found: pl.DataFrame, truths: pl.DataFrame) -> Table:
+def table_of(found: pl.DataFrame) -> Table:
     """Return the table of times: a row for each approach and error, a column for each contender."""
-
-    def words(approach: float | None, contacts: float | None, otherwise: str) -> str:
-        if contacts is None:
-            return otherwise
-        return f"{'-' if approach is None else f'{approach:.0f}'} / {contacts / n:.1f}"
-
     lines = []
     for (scene, error), rows in found.group_by("scene", "error", maintain_order=True):
-        n = max(truths.filter(scene=scene)["contacts"].item(), 1)
-        ours = rows.select(pl.col(f"{by}_ours").min() for by in TIMES).row(0)
-        cells = [words(ours[0], ours[1], "-")]
+        ours = rows["ours"].min()
+        cells = ["-" if ours is None else f"{ours:.0f}"]
         for row in rows.iter_rows(named=True):
-            approach = None if row["rival"] == CAREFUL else row[TIMES[0]]
-            cells.append(words(approach, row[TIMES[1]], row["failure"] or "not reached"))
+            cells.append(row["failure"] or "not reached" if row["theirs"] is None else f"{row['theirs']:.0f}")
         lines.append([f"{scene}, {power(float(str(error)))}", *cells])
     head = ("approach, error (m/s)", OURS, *found["rival"].unique(maintain_order=True))
-    return Table("µs of an approach / of a contact", head, lines)
+    return Table("µs of an approach; SciPy: only of its contacts", head, lines)
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
@@ -135,17 +112,16 @@ def analyse(frames: Frames, quick: bool) -> Findings:
     differ = (pl.col("second_contacts") != pl.col("contacts")) | (pl.col("second_passes") != pl.col("passes"))
     return Findings(answer(found), [
         Section("Who is cheapest at an error", [
-            table_of(found, truths),
+            table_of(found),
             "Each contender at its cheapest setting that keeps the error there and at every finer setting, so that an "
             "error that is small by chance does not count. In one process each rival is timed in turn with impact_gym.",
         ]),
-        Section("Error of the object's velocity against time", [drawn(times, truths, by) for by in TIMES]),
+        Section("Error of the object's velocity against time", [drawn(times, truths)]),
         Section("What is compared, and how fair it is", [
             "Truth: the slow independent solver (experiments/reference) with DOP853 at rtol "
             f"{power(contenders.TRUE_RTOL)}. Radau at {power(contenders.SECOND_RTOL)} differs by at most {doubt:.1e} "
             f"m/s in V_p; the number of contacts or passes differs in {truths.filter(differ).height} approaches.",
-            "impact_gym: the whole call of simulate, flights and records included, on one core. Its contacts alone: "
-            "runs up to the end of each contact less runs up to its start; the median over all rivals' rows.",
+            "impact_gym: the whole call of simulate, flights and records included, on one core.",
             "heyoka: the same equations, in the root of the penetration, where they are smooth. Only the calls of the "
             "library count, its flights included, on one thread. Compiling is timed separately; the first call took at "
             f"most {max(compiling, default=0.0):.1f} s of processor time.",
@@ -157,24 +133,24 @@ def analyse(frames: Frames, quick: bool) -> Findings:
     ], {"ratios": found})  # fmt: skip
 
 
-def drawn(times: pl.DataFrame, truths: pl.DataFrame, by: str) -> Picture:
-    """Draw the error of V_p against one of TIMES, a panel for each approach; grey: below the error of the reference."""
+def drawn(times: pl.DataFrame, truths: pl.DataFrame) -> Picture:
+    """Draw the error of V_p against time, a panel for each approach; grey: below the error of the reference."""
     lines, columns = ceil(truths.height / 3), min(truths.height, 3)
     figure = Figure(figsize=(3.6 * columns, 3.7 * lines))
     panels: Any = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
     handles = [Line2D([], [], label=name, **style) for name, style in STYLES.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=9)
     error = pl.col("velocity_error").fill_nan(None).fill_null(EDGES[1]).clip(*EDGES)
-    shown = times.filter(pl.col(by).is_finite()).sort("setting", descending=True).with_columns(error)
+    shown = times.filter(pl.col("microseconds").is_finite()).sort("setting", descending=True).with_columns(error)
     for axes, truth in zip(panels.flat, truths.iter_rows(named=True), strict=False):
         for (name,), curve in shown.filter(scene=truth["scene"]).group_by("contender", maintain_order=True):
             curve = curve.filter(rival=curve["rival"][0])  # ours was timed with each rival; one curve is enough
             style, wrong = STYLES[str(name).partition(" ")[0]], curve.filter(pl.col("failure") != "")
-            axes.plot(curve[by], curve["velocity_error"], **style)
-            axes.plot(wrong[by], wrong["velocity_error"], **style | {"linestyle": ""}, mfc="white")
+            axes.plot(curve["microseconds"], curve["velocity_error"], **style)
+            axes.plot(wrong["microseconds"], wrong["velocity_error"], **style | {"linestyle": ""}, mfc="white")
         axes.axhspan(EDGES[0], max(truth["velocity_error_doubt"], EDGES[0]), color="#bbbbbb", alpha=0.4, linewidth=0)
         axes.set(xscale="log", yscale="log", ylim=(EDGES[0] / 3, EDGES[1] * 3))
-        axes.set(xlabel=AXES[by], ylabel="error of V_p (m/s)")
+        axes.set(xlabel="processor time per approach (µs)", ylabel="error of V_p (m/s)")
         axes.label_outer()
         axes.set_title("\n".join(wrap(f"{truth['scene']}: {truth['description']}", 44)), fontsize=9)
     what = "Error of V_p against time per approach, a panel for each approach, a curve for each contender."
@@ -183,7 +159,7 @@ def drawn(times: pl.DataFrame, truths: pl.DataFrame, by: str) -> Picture:
         f"or V_p is wrong by over {contenders.TOO_WRONG:g} m/s. Grey: the difference between two methods of the slow "
         "solver. Errors outside the axes are drawn at their edge."
     )
-    return Picture("velocity_error" if by == TIMES[0] else "velocity_error_contacts", figure, what, caption)
+    return Picture("velocity_error", figure, what, caption)
 
 
 STUDY = Study(

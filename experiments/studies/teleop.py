@@ -5,7 +5,6 @@ they stop one reaction time after they see the touch. An assistance at the arm s
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
 from itertools import product
 from typing import Any
 
@@ -21,7 +20,6 @@ from experiments.lab.grid import Contestant, Place
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.statistics import Resamples, estimate
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
-from impact_gym.teleop.channels import FIFTH_GENERATION
 
 COUPLINGS = ("rigid", "spring", "bistable")
 DELAYS, TYPICAL = (0.0, 0.05, 0.1, 0.2, 0.4), 0.2  # s, there and back
@@ -59,23 +57,20 @@ SHOWN = {"slide": (100.0, "slide (cm)"), "done_time": (1.0, "done (s)")}
 """Rows of the figure: for each column of the table a factor and a label."""
 
 
-def environment_of(coupling: str, operator: str, link: Any) -> dict[str, Any]:
-    """Return the environment of a cell; uplink and downlink have the arguments `link`."""
+def environment_of(coupling: str, operator: str, delay: float) -> dict[str, Any]:
+    """Return the environment of a cell, in which commands and pictures both take half of `delay` (s)."""
     setup = load_setup(f"teleop-{coupling}")
     operators = {REACH: setup.environment["operator"], SEEN: setup.mixed[0][1]["operator"], **HELD_OUT}
+    link = {"delay": 0.5 * delay}
     return {**setup.environment, "operator": operators[operator], "uplink": link, "downlink": link}
 
 
 def places(quick: bool) -> Iterator[Place]:
-    """Yield all places: each coupling with each operator at each delay, and with one operator over grades of 5G."""
+    """Yield all places: each coupling with each operator at each delay."""
     delays, operators = ([TYPICAL], [REACH, "steady"]) if quick else (DELAYS, OPERATORS)
-    cells = [(*cell, "") for cell in product(COUPLINGS, delays, operators)]
-    grades = product(COUPLINGS, FIFTH_GENERATION)
-    cells += [(coupling, 2e-3 * float(name[3:-2]), REACH, name) for coupling, name in grades]
-    for coupling, delay, operator, channel in cells:
-        link = asdict(FIFTH_GENERATION[channel]) if channel else {"delay": 0.5 * delay}
-        labels = {"coupling": coupling, "delay": delay, "operator": operator, "channel": channel}
-        environment = environment_of(coupling, operator, link)
+    for coupling, delay, operator in product(COUPLINGS, delays, operators):
+        labels = {"coupling": coupling, "delay": delay, "operator": operator}
+        environment = environment_of(coupling, operator, delay)
         yield Place(f"teleop-{coupling}", f"{operator}, {1e3 * delay:g} ms", environment, labels)
 
 
@@ -94,7 +89,7 @@ def assisted(quick: bool, _: Frames) -> Iterator[Cell]:
         yield from grid.cells([place], contestants(place.setup), scenarios, weights, lenient=True)
 
 
-LABELS = ("coupling", "delay", "operator", "channel")
+LABELS = ("coupling", "delay", "operator")
 
 
 def table_of_cells(frames: Frames) -> list[dict[str, Any]]:
@@ -192,14 +187,13 @@ def answer(held_out: Sequence[Row]) -> str:
 def analyse(frames: Frames, _: bool) -> Findings:
     """Compare the assistances with each other."""
     found = table_of_cells(frames)
-    plain = [row for row in found if not row["channel"]]
-    held_out = [row for row in plain if row["operator"] in HELD_OUT]
-    trained = [row for row in plain if row["operator"] not in HELD_OUT]
+    held_out = [row for row in found if row["operator"] in HELD_OUT]
+    trained = [row for row in found if row["operator"] not in HELD_OUT]
     count, weight = found[0]["scenarios"], found[0]["weight"]
     alt = "Slide and time until all is done over the delay, for each coupling and assistance."
     caption = "Means over the operators; bands: the means of their intervals."
     everything = Table.of("", map(in_cm, found), {
-        "coupling, operator, delay": "{cell} {channel}", "assistance": "{contestant}",
+        "coupling, operator, delay": "{cell}", "assistance": "{contestant}",
         "slides (cm)": form("slide", 2), "done (s)": form("done_time", 2), "taken": "{taken:.2f}",
         "missed": "{missed:.1%}", "slides less than with the brake (cm)": form("brake_slide", 2),
         "costs less than the brake (m/s)": form("brake_cost", 3),
@@ -211,8 +205,8 @@ def analyse(frames: Frames, _: bool) -> Findings:
             Picture("held_out", chart(held_out), alt, caption, "Held-out operators"),
             Picture("trained", chart(trained), alt, caption, "Operators of the training"),
         ]),
-        Section("The policy beside brake and speed limit", [duel(plain, rival) for rival in RIVALS], key="duels"),
-        Section("All cells", ["5G: three measured grades, each way.", everything], folded=True, key="all"),
+        Section("The policy beside brake and speed limit", [duel(found, rival) for rival in RIVALS], key="duels"),
+        Section("All cells", [everything], folded=True, key="all"),
     ], {"cells": pl.DataFrame(found, infer_schema_length=None)})  # fmt: skip
 
 

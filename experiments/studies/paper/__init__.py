@@ -7,17 +7,21 @@ Each section of the paper has a module. For each figure the module computes a ta
 from collections import Counter
 from typing import Any
 
+import numpy as np
 import polars as pl
+from matplotlib.figure import Figure
 
-from experiments.lab.parts import Section, Table
+from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
 from experiments.studies.paper import beyond, section_2, section_3, section_4, section_5
-from experiments.studies.paper.layouts import picture
 from experiments.studies.paper.statements import AGREEING, DATA, Basis, Verdict, judged
 
 ABOUT = DATA["figures"]
-MODULES = (section_2, section_3, section_4, section_5, beyond)
-MADE: dict[str, Any] = {name: made for module in MODULES for name, made in vars(module).items()}
+SCALE = 0.8  # factor on the size of all figures, so that text is legible if two figures are side by side
+WIDE = 11.0  # inches, before scaling; a wider figure is alone in its row of the page
+MADE: dict[str, Any] = {
+    name: made for module in (section_2, section_3, section_4, section_5, beyond) for name, made in vars(module).items()
+}
 DEPENDS = (*SOLVER, "experiments.lab.scenes", "experiments.studies.paper.runs")
 
 
@@ -39,6 +43,20 @@ def table(caption: str, statements: pl.DataFrame) -> Table:
     return Table(caption, head, [_words(row) for row in statements.iter_rows(named=True)])
 
 
+def picture(name: str, frame: pl.DataFrame) -> Picture:
+    """Return a figure drawn from its table, with texts and layout from statements.toml."""
+    about = DATA["figures"][name]
+    figure = Figure(figsize=tuple(SCALE * length for length in about["size"]))
+    grid: Any = figure.subplots(**about.get("panels", {}))
+    MADE[f"_draw_{name}"](frame, grid, **about.get("arguments", {}))
+    for axes, texts in zip(np.ravel(grid), about["axes"], strict=True):
+        axes.set(**{name: value for name, value in texts.items() if name != "legend"})
+        if "legend" in texts:
+            axes.legend(**texts["legend"])
+    heading = f"{about['heading']}: {about['title']}"
+    return Picture(name, figure, about["alternative"], about["caption"], heading, about["size"][0] > WIDE)
+
+
 def answer(statements: pl.DataFrame) -> str:
     """Return the number of statements with each verdict, in words."""
     bases = Counter(Basis(basis).name for basis in statements["basis"])
@@ -58,8 +76,9 @@ def analyse(frames: Frames, quick: bool) -> Findings:
     ]
     for about in DATA["sections"]:
         if names := [name for name in about["figures"] if name in frames]:
-            pictures = [picture(name, MADE[f"_draw_{name}"], frames[name]) for name in names]
-            sections.append(Section(about["heading"], pictures, key=about["key"]))
+            sections.append(
+                Section(about["heading"], [picture(name, frames[name]) for name in names], key=about["key"])
+            )
             here = statements.filter(pl.col("figure").is_in(names))
             sections.append(Section(f"{len(here)} statements about these figures", [table("", here)], folded=True))
     return Findings(answer(statements), sections, {"statements": statements})

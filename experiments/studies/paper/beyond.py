@@ -3,17 +3,17 @@
 from dataclasses import replace
 from functools import partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 import polars as pl
 
 import impact_gym as ig
 from experiments.lab import scenes
-from experiments.lab.charts import FLANGE, SERIES
+from experiments.lab.charts import SERIES
 from experiments.lab.scenes import BRAKE, LINEAR, MECHANISM, MOTION, OBJECT_MASS, STEADY, scene
 from experiments.lab.study import Row
-from experiments.studies.paper.layouts import Panels, mark
-from experiments.studies.paper.runs import Numbers, changes, enclose_changes, where
+from experiments.studies.paper.runs import Numbers, changes, enclose_changes, mark, where
 from impact_gym.scene import Coupling
 
 COUPLINGS: dict[str, Coupling] = {"rigid": ig.Rigid(), "spring": LINEAR, "bistable": MECHANISM}
@@ -69,7 +69,7 @@ def _ratios(frame: pl.DataFrame) -> pl.DataFrame:
     ).filter(pl.col("delay") != NEVER)
 
 
-def _draw_beyond_delay(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_beyond_delay(frame: pl.DataFrame, grid: Any) -> None:
     rows, steps = _ratios(frame), np.arange(len(DELAYS))
     lines = {"stiffness": STIFFNESS, "restitution": RESTITUTIONS}
     for axes, (over, coupling) in zip(grid.flat, product(lines, ("spring", "bistable")), strict=True):
@@ -136,7 +136,7 @@ def beyond_detection() -> list[Row]:
     return rows
 
 
-def _draw_beyond_detection(frame: pl.DataFrame, axes: Panels) -> None:
+def _draw_beyond_detection(frame: pl.DataFrame, axes: Any) -> None:
     sources = {"tool": ("o", "sensor on the tool, 16 ms later"), "robot": ("D", "the robot itself, 16 ms later")}
     for name, (colour, label) in STYLES.items():
         rows = where(frame, coupling=name, noticed_by="grid")
@@ -184,14 +184,12 @@ def _reductions(frame: pl.DataFrame) -> pl.DataFrame:
     return frame.with_columns((pl.col("as_it_is", "changed") / pl.col("rigid") - 1.0) * -100.0)
 
 
-def _draw_beyond_objects(frame: pl.DataFrame, axes: Panels) -> None:
+def _draw_beyond_objects(frame: pl.DataFrame, axes: Any) -> None:
     for colour, size in zip(SERIES, SIZES, strict=False):
         rows = where(_reductions(frame), size=size)
         axes.semilogx(rows["object_mass"], rows["as_it_is"], color=colour, label=f"{size:g} x the radius")
         axes.semilogx(rows["object_mass"], rows["changed"], "--", color=colour)
     axes.plot([], [], "--", color="black", label="H and front stop changed by up to 10 %")
-    axes.axvline(OBJECT_MASS, color=FLANGE, linewidth=0.8, linestyle=":")
-    axes.annotate("paper", (OBJECT_MASS, 2.0), (3, 0), textcoords="offset points", fontsize=8)
 
 
 def _numbers_beyond_objects(frame: pl.DataFrame) -> Numbers:
@@ -225,7 +223,7 @@ def beyond_speed() -> list[Row]:
     return [row for name in COUPLINGS for row in enclose_changes(SPEEDS, partial(_row, name), "speed", *counts)]
 
 
-def _draw_beyond_speed(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_beyond_speed(frame: pl.DataFrame, grid: Any) -> None:
     for coupling, (colour, label) in reversed(STYLES.items()):
         rows = where(frame, coupling=coupling)
         for axes, values in zip(grid, (rows["object_velocity"], rows["object_velocity"] / rows["speed"]), strict=True):
@@ -234,9 +232,6 @@ def _draw_beyond_speed(frame: pl.DataFrame, grid: Panels) -> None:
             mark(axes, turns, np.interp(turns, rows["speed"], values), colour, "D")
     for axes in grid:
         mark(axes, [], [], marker="D", label="number of snap-throughs changes")
-        for speed, before, after in changes(where(frame, coupling="bistable"), "speed", "passes"):
-            axes.axvline(speed, color=FLANGE, linewidth=0.8, linestyle=":")
-            axes.annotate(f"{before} to {after}", (speed, 0.0), (3, 3), textcoords="offset points", size=8, rotation=90)
         axes.set_ylim(0.0, 1.25 * axes.get_ylim()[1])  # room for the legend
 
 

@@ -7,6 +7,7 @@ with an object of the reduced mass of both, so (b) is simulated in this way.
 """
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -16,7 +17,6 @@ from experiments.lab import scenes
 from experiments.lab.charts import FLANGE, FORCE, OBJECT, SERIES, TOOL
 from experiments.lab.scenes import OBJECT_MASS, REDUCED_MASS, STEADY, TOOL_MASS, scene, simulate_with_trace
 from experiments.lab.study import Row
-from experiments.studies.paper.layouts import Panels, mark
 from experiments.studies.paper.runs import Array, Numbers, Run, histories, runs_of, where
 from impact_gym.physics import impact
 
@@ -47,7 +47,7 @@ def figure_02() -> pl.DataFrame:
     return pl.DataFrame({"restitution": restitution, **{name: np.asarray(column) for name, column in columns.items()}})
 
 
-def _draw_figure_02(frame: pl.DataFrame, axes: Panels) -> None:
+def _draw_figure_02(frame: pl.DataFrame, axes: Any) -> None:
     e = frame["restitution"]
     axes.plot(e, frame["object_velocity_fixed"], color=FLANGE, linestyle="--", label="object, tool fixed (eq. 1)")
     axes.plot(e, frame["object_velocity"], color=OBJECT, label="object, tool free (eq. 4)")
@@ -71,15 +71,13 @@ def figure_03() -> pl.DataFrame:
     return pl.DataFrame({"restitution": restitution, "tool_mass": mass, "tool_velocity": tool, "object_velocity": hit})
 
 
-def _draw_figure_03(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_figure_03(frame: pl.DataFrame, grid: Any) -> None:
     for axes, column in zip(grid, ("object_velocity", "tool_velocity"), strict=True):
         for colour, restitution in zip(SERIES, OF_MASSES, strict=False):
             rows = where(frame, restitution=restitution)
             axes.semilogx(rows["tool_mass"], rows[column], color=colour, label=f"e = {restitution:g}")
         for mass in (TOOL_MASS, scenes.ROBOT_AND_TOOL):
             axes.axvline(mass, color=FLANGE, linewidth=0.8, linestyle=":")
-            placing = {"xytext": (-3, 4), "textcoords": "offset points", "rotation": 90, "ha": "right", "va": "bottom"}
-            axes.annotate(f"{mass:g} kg", (mass, 0.0), xycoords=("data", "axes fraction"), fontsize=8, **placing)
 
 
 def _numbers_figure_03(frame: pl.DataFrame) -> Numbers:
@@ -101,7 +99,7 @@ def parts(run: Run) -> tuple[Array, Array]:
     return elastic, run.trace.contact_force - elastic
 
 
-def _draw_figure_05(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_figure_05(frame: pl.DataFrame, grid: Any) -> None:
     for axes, run in zip(grid, runs_of(frame), strict=True):
         (elastic, damping), time = parts(run), run.trace.time
         axes.plot(time, elastic + damping, color=FORCE, label="contact force")
@@ -149,14 +147,12 @@ def _grids(frame: pl.DataFrame, column: str) -> Array:
     return ordered.to_numpy().reshape(2, len(RESTITUTIONS), len(STIFFNESSES))
 
 
-def _draw_figure_07(frame: pl.DataFrame, grid: Panels, column: str) -> None:
+def _draw_figure_07(frame: pl.DataFrame, grid: Any, column: str) -> None:
     """Draw `column` against k_c: a panel of `grid` (2,) for each case, a curve for each restitution."""
     for axes, curves in zip(grid, _grids(frame, column), strict=True):
         for colour, e, values in zip(SERIES, RESTITUTIONS, curves, strict=True):
             axes.loglog(STIFFNESSES, values, color=colour, label=f"e = {e:g}")
-    limits = [axes.get_ylim() for axes in grid]
-    for axes in grid:
-        axes.set_ylim(np.min(limits), np.max(limits))
+    grid[0].sharey(grid[1])
 
 
 def figure_06() -> list[Row]:
@@ -165,16 +161,12 @@ def figure_06() -> list[Row]:
     return _sweep(sorted(grid | {(CUT, float(e)) for e in CUT_RESTITUTIONS}))
 
 
-def _draw_figure_06(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_figure_06(frame: pl.DataFrame, grid: Any) -> None:
     *limit_cases, last = grid
     _draw_figure_07(frame, limit_cases, "peak_force")
     for free, colour, label in ((0, OBJECT, "tool fixed"), (1, TOOL, "tool decoupled")):
         row = where(frame, free=free, contact_stiffness=CUT)  # by rising restitution
-        restitution, force = row["restitution"], row["peak_force"]
-        last.plot(restitution, force, color=colour, label=label)
-        lowest = int(np.argmin(force))
-        mark(last, restitution[lowest], force[lowest], colour)
-    mark(last, [], [], label="smallest")
+        last.plot(row["restitution"], row["peak_force"], color=colour, label=label)
     last.set_ylim(0, None)
 
 
@@ -234,7 +226,7 @@ def beyond_contact() -> pl.DataFrame:
     return pl.concat([*contacts, *laws], how="diagonal")
 
 
-def _draw_beyond_contact(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_beyond_contact(frame: pl.DataFrame, grid: Any) -> None:
     left, right = grid
     for case, label, colour in (("linear", "linear", TOOL), ("paper", "the paper's", FORCE)):
         rows = where(frame, case=case, speed=1.0)

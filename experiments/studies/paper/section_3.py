@@ -1,12 +1,13 @@
 """Section 3, the compliant robot (3.1 model, 3.2 impacts): Fig. 11 to 14."""
 
+from typing import Any
+
 import numpy as np
 import polars as pl
 
 from experiments.lab import scenes
 from experiments.lab.charts import FLANGE, OBJECT, TOOL
-from experiments.studies.paper.layouts import Panels, imposed_and_actual
-from experiments.studies.paper.runs import Numbers, Run, histories, where
+from experiments.studies.paper.runs import Numbers, Run, histories, imposed_and_actual, where
 from impact_gym.physics.impact import GRAVITY, sliding_distance
 from impact_gym.robot import IMPACT, default_approach
 
@@ -23,7 +24,7 @@ def figure_11() -> pl.DataFrame:
     return pl.DataFrame({**columns, **events})
 
 
-def _draw_figure_11(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_figure_11(frame: pl.DataFrame, grid: Any) -> None:
     time, position, velocity, (impact, *_), _ = where(frame).values()
     before = time <= impact
     for axes, values in zip(grid, (position, velocity), strict=True):
@@ -52,7 +53,7 @@ def figure_12() -> pl.DataFrame:
     return pl.DataFrame({**columns, "at_impact": approach.position == IMPACT})
 
 
-def _draw_figure_12(frame: pl.DataFrame, grid: Panels, notes: dict[str, str]) -> None:
+def _draw_figure_12(frame: pl.DataFrame, grid: Any, notes: dict[str, str]) -> None:
     at = where(frame, at_impact=True)
     for axes, (column, effective) in zip(grid, COMPONENTS.items(), strict=True):
         axes.plot(frame["x"], frame[column], color=TOOL, label="element (1,1), as in the paper")

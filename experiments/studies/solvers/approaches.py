@@ -1,4 +1,4 @@
-"""The approaches of the studies `speed` and `stability`: six named ones, and the storm, which is drawn at random.
+"""The approaches of the studies `speed` and `stability`, six named ones and a random storm, and a solver's answer.
 
 The storm covers the ranges in which the solver must work; their ends are extreme on purpose. Scene k of the storm
 depends on the number k alone.
@@ -72,6 +72,27 @@ class Approach:
     def about(self) -> dict[str, Any]:
         """The columns of a table that describe the approach."""
         return {"coupling": kind(self.scene), "speed": self.motion.speed, "description": self.description}
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A solver's answer for an approach; a number that the solver does not give is nan."""
+
+    velocity: float  # m/s, V_p
+    peak_force: float = math.nan  # N
+    contact_duration: float = math.nan  # s, sum over all contacts; an unfinished one counts up to the end
+    detection_time: float = math.nan  # s, nan if there was no alarm
+    contacts: int = 0
+    passes: int = 0  # times that the slider passes its alignment
+    steps: int = 0  # steps of the integrator, 0 if unknown
+
+    @classmethod
+    def of(cls, outcome: Any, duration: float) -> "Solution":
+        """Return the answer in an outcome of our solver or of the reference, for a run of `duration` (s)."""
+        lasted = sum((duration if contact.end is None else contact.end) - contact.start for contact in outcome.contacts)
+        detection = math.nan if outcome.detection_time is None else outcome.detection_time
+        counts = len(outcome.contacts), len(outcome.snap_through), getattr(outcome, "steps", 0)
+        return cls(outcome.object_velocity, outcome.peak_force, lasted, detection, *counts)
 
 
 def kind(of: ig.Scene) -> str:

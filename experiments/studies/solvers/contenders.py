@@ -9,14 +9,14 @@ import os
 import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from time import thread_time
 from typing import Any
 
 import impact_gym as ig
 from experiments import reference
 from experiments.lab.study import Row
-from experiments.studies.solvers.approaches import Approach, approach_of
+from experiments.studies.solvers.approaches import Approach, Solution, approach_of
 from experiments.studies.solvers.taylor import Run
 
 OURS, CAREFUL, PEER = "impact_gym", "SciPy", "heyoka"  # SciPy's integrators inside the reference
@@ -27,30 +27,7 @@ MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wr
 TOO_WRONG = 1e-2  # m/s in V_p: an answer with a larger error is a failure
 TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, which gives the truth, and of Radau, which is compared with it
 LEAST, MOST_CALLS = 5e-3, 10_000  # least duration of a timing (s), so that the clock is exact enough; most calls in it
-TURNS, CALLS = 10, 10  # timings of each of our contacts, and calls in each timing
-TIMES = ("microseconds", "contact_microseconds")
 SLOW = 0.2  # s: if a call takes longer, it is timed in the first round only
-
-
-@dataclass(frozen=True)
-class Solution:
-    """A solver's answer for an approach; a number that the solver does not give is nan."""
-
-    velocity: float  # m/s, V_p
-    peak_force: float = math.nan  # N
-    contact_duration: float = math.nan  # s, sum over all contacts; an unfinished one counts up to the end
-    detection_time: float = math.nan  # s, nan if there was no alarm
-    contacts: int = 0
-    passes: int = 0  # times that the slider passes its alignment
-    steps: int = 0  # steps of the integrator, 0 if unknown
-
-    @classmethod
-    def of(cls, outcome: Any, duration: float) -> "Solution":
-        """Return the answer in an outcome of our solver or of the reference, for a run of `duration` (s)."""
-        lasted = sum((duration if contact.end is None else contact.end) - contact.start for contact in outcome.contacts)
-        detection = math.nan if outcome.detection_time is None else outcome.detection_time
-        counts = len(outcome.contacts), len(outcome.snap_through), getattr(outcome, "steps", 0)
-        return cls(outcome.object_velocity, outcome.peak_force, lasted, detection, *counts)
 
 
 def power(value: float) -> str:
@@ -108,47 +85,28 @@ def limited(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, float, float]:
-    """Return a contender's solution at a tolerance, and its processor times (s): of the approach, of the contacts.
+def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, float]:
+    """Return a contender's solution at a tolerance, and its processor time (s).
 
-    Our time is that of the whole call of `simulate`; for our contacts see `contacts_alone`. SciPy's time counts
-    only the contacts: the reference computes flights without SciPy's methods, by the matrix exponential, or by
-    integration at rtol 1e-12 where there is no closed form. The time of heyoka counts only the calls of its library.
+    Our time is that of the whole call of `simulate`. SciPy's time counts only the contacts: the reference computes
+    flights without SciPy's methods, by the matrix exponential, or by integration at rtol 1e-12 where there is no closed
+    form. The time of heyoka counts only the calls of its library.
     """
     kind, _, method = name.partition(" ")
     if kind == CAREFUL:
         outcome = reference.simulate(*approach.run, rtol=setting, method=method)
-        return Solution.of(outcome, approach.duration), outcome.contact_seconds, outcome.contact_seconds
+        return Solution.of(outcome, approach.duration), outcome.contact_seconds
     if kind == PEER:
         run = Run(*approach.run, setting)
-        run.solve()
-        answer = Solution(run.velocity, run.peak, run.lasted, run.detection, run.contacts, run.passes)
-        return answer, sum(run.seconds), run.seconds[True]
+        return run.solve(), run.seconds
     begun = thread_time()
     ours = ig.simulate(*approach.run, setting)
     seconds = thread_time() - begun
-    return Solution.of(ours, approach.duration), seconds, math.nan
-
-
-def contacts_alone(approach: Approach, rtol: float) -> float:
-    """Return our processor time of all contacts (s): that of runs up to each end less that up to each start."""
-    marks = [
-        mark
-        for contact in ig.simulate(*approach.run, rtol).contacts
-        for mark in (contact.start, approach.duration if contact.end is None else contact.end)
-    ]
-    best = [math.inf] * len(marks)
-    for _ in range(TURNS):
-        for place, mark in enumerate(marks):
-            begun = thread_time()
-            for _ in range(CALLS):
-                ig.simulate(approach.scene, approach.motion, mark, rtol)
-            best[place] = min(best[place], (thread_time() - begun) / CALLS)
-    return sum(best[1::2]) - sum(best[::2])
+    return Solution.of(ours, approach.duration), seconds
 
 
 def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Row:
-    """Return the row of a contender: mean processor times of a call (µs), errors, counts and failure.
+    """Return the row of a contender: mean processor time of a call (µs), errors, counts and failure.
 
     If the contender raises an error, the row has only a failure. heyoka compiles in its first call, which is timed
     separately.
@@ -158,20 +116,15 @@ def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Ro
         if name == PEER:
             solved(approach, name, setting)
         first = thread_time() - begun
-        solution, seconds, contacts = solved(approach, name, setting)
+        solution, seconds = solved(approach, name, setting)
         calls = 1
         while seconds < LEAST and calls < MOST_CALLS:
-            _, *more = solved(approach, name, setting)
-            seconds, contacts, calls = seconds + more[0], contacts + more[1], calls + 1
-        seconds, contacts = seconds / calls, contacts / calls
-        if name == OURS:
-            contacts = contacts_alone(approach, setting)
+            seconds, calls = seconds + solved(approach, name, setting)[1], calls + 1
     except Exception as problem:  # any error: that a contender fails is a result here
-        return {
-            "microseconds": math.inf, "failure": f"{GAVE_UP}: {type(problem).__name__}: {problem}".replace("\n", " ")
-        }  # fmt: skip
+        reason = f"{GAVE_UP}: {type(problem).__name__}: {problem}".replace("\n", " ")
+        return {"microseconds": math.inf, "failure": reason}
     counts = {name: getattr(solution, name) for name in ("contacts", "passes", "steps")}
-    times = {"microseconds": 1e6 * seconds, "contact_microseconds": 1e6 * contacts, "first_seconds": first}
+    times = {"microseconds": 1e6 * seconds / calls, "first_seconds": first}
     return {**times, "failure": failure(solution, truth, TOO_WRONG), **errors(solution, truth), **counts}
 
 
@@ -189,6 +142,7 @@ def timed(approach: str, truth: Mapping[str, Any], settings: Sequence[tuple[str,
             if before and before["microseconds"] > 1e6 * SLOW:
                 continue
             row = judged(found, contender, setting, true)
-            best = {name: min(row[name], before[name]) for name in TIMES if name in row} if before else {}
-            rows[contender, setting] = {**row, **best, "first_seconds": (before or row).get("first_seconds")}
+            best = min(row["microseconds"], (before or row)["microseconds"])
+            first = (before or row).get("first_seconds")
+            rows[contender, setting] = {**row, "microseconds": best, "first_seconds": first}
     return [{"contender": name, "setting": setting, **row, "load": load} for (name, setting), row in rows.items()]

@@ -16,6 +16,7 @@ from typing import Any
 
 import impact_gym as ig
 from experiments.reference.laws import BistableForce, damping_factor
+from experiments.studies.solvers.approaches import Solution
 
 LAW = ("m_t", "m_p", "k_c", "d", "k_t", "c_t", "L0", "H", "x0", "front", "rear", "k_s", "c_s")
 PARAMETERS = (*LAW, "a", "cut", "alarm", "length", "speed", "pressed", "front_on", "rear_on")
@@ -101,25 +102,25 @@ class Run:
         numbers = (motion.acceleration, 0.0, 1.0 / self.brake.threshold, 1.0, 1.0, 1.0, 1.0, 0.0)
         self.par = law_of(scene) | dict(zip(PARAMETERS[len(LAW) :], numbers, strict=True))
         self.changes = [(motion.speed / motion.acceleration, 0.0), (duration, math.nan)]  # s, m/s^2 from then
-        self.seconds = [0.0, 0.0]  # processor time of heyoka: in flights, in contacts
+        self.seconds = 0.0  # processor time of heyoka
         self.peak, self.detection, self.passes = 0.0, math.nan, 0
-        self.velocity, self.lasted, self.contacts = 0.0, 0.0, 0  # m/s, V_p; s, sum over all contacts
 
-    def solve(self) -> None:
+    def solve(self) -> Solution:
         """Integrate flights and contacts in turn."""
         rest = [0.0, 0.0]  # y and q, SI
-        t, touching, begin, delta_dot = 0.0, False, -self.distance, 0.0
+        t, touching, begin, delta_dot, v_p, lasted, contacts = 0.0, False, -self.distance, 0.0, 0.0, 0.0, 0
         while self.changes:
             length = (self.M * delta_dot**2 / self.par["k_c"]) ** 0.4 if touching else 1.0
             speed = delta_dot if touching else 1.0
             self.par |= {"length": length, "speed": speed, "pressed": 1.0}
-            state = [begin, delta_dot / speed, self.velocity / speed, 0.0, rest[0] / length, rest[1] / speed]
+            state = [begin, delta_dot / speed, v_p / speed, 0.0, rest[0] / length, rest[1] / speed]
             end, (_, w, v, _, y, q) = self._move(touching, t, state)
-            delta_dot, self.velocity, rest = w * speed, v * speed, [y * length, q * speed]
-            self.lasted, t = self.lasted + (end - t) * touching, end
+            delta_dot, v_p, rest = w * speed, v * speed, [y * length, q * speed]
+            lasted, t = lasted + (end - t) * touching, end
             touching = not touching
-            self.contacts += touching and bool(self.changes)
+            contacts += touching and bool(self.changes)
             begin = BESIDE if touching else -BESIDE
+        return Solution(v_p, self.peak, lasted, self.detection, contacts, self.passes)
 
     def _move(self, touching: bool, begun: float, state: list[float]) -> tuple[float, list[float]]:
         """Integrate one flight or contact from `begun` (s); return the time at its end and the state there."""
@@ -133,7 +134,7 @@ class Run:
             made.pars[:] = [*par.values()][: len(made.pars)]
             event = events[int(made.propagate_for(FOREVER if touching else par["cut"] - state[3])[0])]
             state = made.state.tolist()
-            self.seconds[touching] += process_time() - started
+            self.seconds += process_time() - started
             self._note(event, begun + unit * state[3], state, touching)
         return begun + unit * state[3], state
 

@@ -26,8 +26,8 @@ import impact_gym as ig
 from experiments import reference
 from experiments.lab.study import Row
 from experiments.reference.laws import damping_factor
-from experiments.studies.solvers.approaches import Approach, storm
-from experiments.studies.solvers.contenders import Solution, limited
+from experiments.studies.solvers.approaches import Approach, Solution, storm
+from experiments.studies.solvers.contenders import limited
 from impact_gym.physics.impact import GRAVITY
 
 NEVER = 1e6  # s, stands for the end of an unfinished contact
