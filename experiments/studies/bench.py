@@ -1,4 +1,4 @@
-"""`impact-gym study bench`: steps per second of our and Gymnasium's environments, and the time of an approach.
+"""`impact-gym study bench`: steps per second of our environments and of Gymnasium's.
 
 The rates at several batch sizes show how large a batch should be. For each set-up three rates are measured.
 *environment*: Gymnasium's own benchmark, random actions. *environment with inference*: the shipped policy acts.
@@ -13,10 +13,9 @@ import tempfile
 import time
 from collections.abc import Callable
 from contextlib import redirect_stdout
-from dataclasses import asdict, replace
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
-from timeit import repeat
 from typing import Any
 
 import gymnasium as gym
@@ -27,13 +26,10 @@ from gymnasium.utils.performance import benchmark_vector_step
 
 from agents import load_policy
 from agents.baselines import PaperTrapezoid
-from agents.evaluate.play import play
 from agents.setups import load_setup
 from agents.train.ppo import Run, train
 from experiments.lab.parts import Section, Table
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
-from impact_gym.envs import IDS
-from impact_gym.robot import IMPACT, default_approach
 from impact_gym.sb3 import ImpactVecEnv
 
 ID, SCALE, BATCH_SCALE, BATCH = "ImpactApproach-v0", "Pendulum-v1", "CartPole-v1", 1024
@@ -43,10 +39,6 @@ SETUPS = ("linear-blind", "bistable-blind")
 STEPS = 1_000_000  # steps of a training
 RTOL = 1e-6  # rtol of the batch: the largest power of ten with an error in V_p below 1e-6 m/s
 MIX = 80  # steps before a measurement: episodes begin together, take 20 to 75 steps, and are then in different phases
-RULE = "paper-trapezoid"
-COUNT, SEED = 10_000, 30_000_000  # number and first seed of the scenarios
-RTOLS = {"1e-4": 1e-4, "1e-6": 1e-6, "1e-8 (the default)": 1e-8, "1e-10": 1e-10, "1e-12": 1e-12}
-
 Step = Callable[[], Any]
 
 
@@ -116,44 +108,6 @@ def three_rates(name: str, quick: bool) -> list[Row]:
     return [row]
 
 
-def approached(environment: dict[str, Any], quick: bool) -> list[Row]:
-    """Return the processor time of an approach of the paper's rule on one core (µs): the best of some rounds."""
-    rounds, count = (1, 500) if quick else (3, COUNT)
-    scenarios = {"ranges": "test", "seed": SEED, "count": count}
-
-    def call() -> Any:
-        return play({"baseline": RULE}, scenarios, environment=environment)
-
-    return [{"microseconds": 1e6 * min(repeat(call, timer=time.process_time, repeat=rounds, number=1)) / count}]
-
-
-SPRING, BISTABLE = IDS["ImpactApproach-v0"], IDS["ImpactApproachBistable-v0"]
-CASES: dict[str, dict[str, Any]] = {
-    "coupling": {
-        "rigid": IDS["ImpactApproachRigid-v0"],
-        "spring and damper (the default)": SPRING,
-        "bistable, the paper's": BISTABLE,
-        "bistable, for slow touches": dict(load_setup("bistable-blind").environment),
-    },
-    "robot, with the default coupling": {
-        "rigid (the default)": SPRING,
-        "one mass on a spring": {"robot": {"type": "Robot", **asdict(default_approach().at(IMPACT))}},
-    },
-    "rtol, with the default coupling": {name: {"rtol": rtol} for name, rtol in RTOLS.items()},
-    "rtol, with the paper's bistable coupling": {name: {"rtol": rtol, **BISTABLE} for name, rtol in RTOLS.items()},
-}
-"""Arguments of the environment in each case, by the quantity that varies and by the case's name."""
-
-
-def cells_of_cost(quick: bool, _: Frames) -> list[Cell]:
-    """Return a cell for each case."""
-    return [
-        Cell({"by": by, "case": case}, {"environment": environment, "quick": quick})
-        for by, cases in CASES.items()
-        for case, environment in cases.items()
-    ]
-
-
 def words(value: Any) -> str:
     """Return a value as text for a table: floats to three digits, an empty text for None."""
     if isinstance(value, float):
@@ -168,7 +122,7 @@ def table(caption: str, frame: pl.DataFrame) -> Table:
 
 def analyse(frames: Frames, quick: bool) -> Findings:
     """Show the measured tables."""
-    sections, answer = [], "Step rates and costs, see below."
+    sections, answer = [], "Step rates, see below."
     if "environments" in frames:
         steps = frames["environments"]
         best = steps.filter(pl.col("environment") == ID).sort("steps per second").row(-1, named=True)
@@ -183,18 +137,12 @@ def analyse(frames: Frames, quick: bool) -> Findings:
             "Environment: random actions. With inference: a policy acts. Training: from the first rollout to the end."
         )
         sections.append(Section("The three rates", [table("Steps per second", frames["rates"]), what]))
-    if "cost" in frames:
-        default = pl.col("microseconds").filter(pl.col("case").str.ends_with("(the default)")).first()
-        costs = frames["cost"].with_columns(ratio=pl.col("microseconds") / default.over("by"))
-        groups = costs.partition_by("by", as_dict=True, include_key=False).items()
-        tables = [table(f"By {by}", rows) for (by,), rows in groups]
-        sections.append(Section(f"Time of an approach of {RULE}", [*tables, "Processor time on one core."]))
     return Findings(answer, sections)
 
 
 STUDY = Study(
     name="bench",
-    question="How many steps per second, and how long does an approach take?",
+    question="How many steps per second?",
     measurements=(
         # one after the other in this process, whose threads are not limited to one
         Measurement(
@@ -204,7 +152,6 @@ STUDY = Study(
             "rates", lambda quick, _: [Cell({"set-up": name}, {"name": name, "quick": quick}) for name in SETUPS],
             three_rates, ("impact_gym", "agents"), processes=0,
         ),
-        Measurement("cost", cells_of_cost, approached, ("impact_gym", "agents"), processes=0),
     ),
     analyse=analyse,
     packages=("gymnasium", "torch", "stable-baselines3"),

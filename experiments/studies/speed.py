@@ -106,9 +106,8 @@ def table_of(found: pl.DataFrame) -> Table:
 def analyse(frames: Frames, quick: bool) -> Findings:
     """Compare contenders at each error, and draw the error against time."""
     truths, times = frames["truth"], frames["times"]
-    doubt, load = truths["velocity_error_doubt"].to_numpy().max(), times["load"].drop_nulls().to_numpy()
+    doubt, load = truths["velocity_doubt"].to_numpy().max(), times["load"].drop_nulls().to_numpy()
     found = ratios(times)
-    compiling = times.filter(contender=PEER)["first_seconds"].drop_nulls().to_list()
     differ = (pl.col("second_contacts") != pl.col("contacts")) | (pl.col("second_passes") != pl.col("passes"))
     return Findings(answer(found), [
         Section("Who is cheapest at an error", [
@@ -123,8 +122,7 @@ def analyse(frames: Frames, quick: bool) -> Findings:
             f"m/s in V_p; the number of contacts or passes differs in {truths.filter(differ).height} approaches.",
             "impact_gym: the whole call of simulate, flights and records included, on one core.",
             "heyoka: the same equations, in the root of the penetration, where they are smooth. Only the calls of the "
-            "library count, its flights included, on one thread. Compiling is timed separately; the first call took at "
-            f"most {max(compiling, default=0.0):.1f} s of processor time.",
+            "library count, its flights included, on one thread; compiling does not count.",
             "SciPy: RK45, DOP853, LSODA, Radau with events through the same slow solver. Only the time inside contacts "
             "counts, as its flights are exact. Equations are Python functions, as SciPy requires.",
             "Time: processor time, so that other work on the machine counts little; the best of several rounds. Calls "
@@ -148,7 +146,7 @@ def drawn(times: pl.DataFrame, truths: pl.DataFrame) -> Picture:
             style, wrong = STYLES[str(name).partition(" ")[0]], curve.filter(pl.col("failure") != "")
             axes.plot(curve["microseconds"], curve["velocity_error"], **style)
             axes.plot(wrong["microseconds"], wrong["velocity_error"], **style | {"linestyle": ""}, mfc="white")
-        axes.axhspan(EDGES[0], max(truth["velocity_error_doubt"], EDGES[0]), color="#bbbbbb", alpha=0.4, linewidth=0)
+        axes.axhspan(EDGES[0], max(truth["velocity_doubt"], EDGES[0]), color="#bbbbbb", alpha=0.4, linewidth=0)
         axes.set(xscale="log", yscale="log", ylim=(EDGES[0] / 3, EDGES[1] * 3))
         axes.set(xlabel="processor time per approach (µs)", ylabel="error of V_p (m/s)")
         axes.label_outer()

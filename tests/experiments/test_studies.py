@@ -3,7 +3,6 @@
 from html import unescape
 
 import numpy as np
-import polars as pl
 import pytest
 from pages import text_of_a_page_that_stands_on_its_own
 from studies import small_run
@@ -53,18 +52,13 @@ def test_shares_add_up(tmp_path):
     )
 
 
-QUICK = {"quick": True}
-
-
-def test_page_has_rates_beside_gymnasiums_and_the_time_of_an_approach(tmp_path):
-    name, cases = bench.SETUPS[0], bench.CASES["coupling"]
-    run = small_run(
-        bench.STUDY, tmp_path, environments=[Cell({}, QUICK)], rates=[Cell({"set-up": name}, {"name": name, **QUICK})],
-        cost=[Cell({"by": "coupling", "case": case}, {"environment": cases[case], **QUICK}) for case in [*cases][:2]],
-    )  # fmt: skip
+def test_page_has_rates_beside_gymnasiums(tmp_path):
+    name, quick = bench.SETUPS[0], {"quick": True}
+    rates = [Cell({"set-up": name}, {"name": name, **quick})]
+    run = small_run(bench.STUDY, tmp_path, environments=[Cell({}, quick)], rates=rates)
     run.write()
     text = text_of_a_page_that_stands_on_its_own(tmp_path, figures=0)
-    assert all(word in text for word in (name, bench.BATCH_SCALE, bench.SCALE, "the default"))
+    assert all(word in text for word in (name, bench.BATCH_SCALE, bench.SCALE))
     (ours,) = run.frames["rates"].to_dicts()
     assert 0.0 < ours["training, torch threads: 1"] < ours["environment"]  # the same steps without learning
     rows = {(name, envs): (steps, ratio) for name, envs, steps, ratio in run.frames["environments"].rows()}
@@ -72,12 +66,6 @@ def test_page_has_rates_beside_gymnasiums_and_the_time_of_an_approach(tmp_path):
     assert ratio == rows[bench.ID, 1][0] / steps
     assert {envs for name, envs in rows if name == bench.ID} == {1, *bench.SIZES[::2]}
     assert min(steps for steps, _ in rows.values()) > 0.0
-
-
-def test_cost_is_beside_that_of_the_default():
-    costs = {"by": "coupling", "case": ["rigid", "spring (the default)"], "microseconds": [5.0, 20.0]}
-    (section,) = bench.analyse({"cost": pl.DataFrame(costs)}, True).sections
-    assert [row[-1] for row in section.parts[0].rows] == ["0.25", "1"]
 
 
 @pytest.mark.parametrize(("takes", "steps", "expected"), [(0.25, 5, 20.0), (8.0, 4, 0.5)])

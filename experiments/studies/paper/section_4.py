@@ -18,7 +18,7 @@ from scipy.signal import find_peaks
 
 import impact_gym as ig
 from experiments.lab.charts import SERIES
-from experiments.lab.scenes import DISTANCE, DURATION, MOTION, STEADY, decoupled
+from experiments.lab.scenes import DISTANCE, DURATION, MOTION, STEADY, scene
 from experiments.lab.study import Row
 from experiments.studies.paper import runs
 from experiments.studies.paper.runs import Array, Numbers, Run, histories, mark, runs_of, where
@@ -29,20 +29,20 @@ SETTLED_STIFFNESSES = COUPLING_STIFFNESSES[::5]  # N/m
 SETTLED = 4.0  # m, distance at which the swing from the acceleration has decayed at every k_t
 CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m: fixed along a curve
 RESTITUTION = 0.1  # restitution in Fig. 18 to 20
-INELASTIC = {"a": decoupled(1e5, RESTITUTION, 150.0), "b": decoupled(1e3, RESTITUTION, 150.0)}  # Fig. 19 and 20
+SPRING = ig.SpringDamper(150.0)  # of Fig. 17, 19 and 20
+INELASTIC = {"a": scene(1e5, RESTITUTION, SPRING), "b": scene(1e3, RESTITUTION, SPRING)}  # Fig. 19 and 20
 
 
 def _point(
     k_t: float, k_c: float, restitution: float, zeta: float = 1.0, distance: float = DISTANCE, braked: bool = True
 ) -> Row:
     """Simulate one approach; return its row."""
-    scene = decoupled(k_c, restitution, k_t, zeta, distance)
-    outcome = ig.simulate(scene, MOTION if braked else STEADY, DURATION + distance / MOTION.speed)
+    approach = scene(k_c, restitution, ig.SpringDamper(k_t, zeta), distance=distance)
+    outcome = ig.simulate(approach, MOTION if braked else STEADY, DURATION + distance / MOTION.speed)
     return {
         "braked": braked, "distance": distance, "damping_ratio": zeta, "contact_stiffness": k_c,
-        "coupling_stiffness": float(k_t),
-        "contacts": len(outcome.contacts), "object_velocity": outcome.object_velocity,
-        "object_velocity_first": outcome.contacts[0].object_velocity,
+        "coupling_stiffness": float(k_t), "contacts": len(outcome.contacts),
+        "object_velocity": outcome.object_velocity, "object_velocity_first": outcome.contacts[0].object_velocity,
     }  # fmt: skip
 
 
@@ -158,7 +158,7 @@ _draw_figure_20 = runs.impulses
 
 def figure_17() -> pl.DataFrame:
     """Simulate Fig. 17a and 17b."""
-    return histories({"a": decoupled(1e5, 1.0, 150.0), "b": decoupled(1e4, 1.0, 150.0)})
+    return histories({"a": scene(1e5, 1.0, SPRING), "b": scene(1e4, 1.0, SPRING)})
 
 
 def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
@@ -181,8 +181,8 @@ def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
 
 def figure_19() -> pl.DataFrame:
     """Simulate Fig. 19a and 19b, 19a and 19b with e = 1, and all four again without a brake."""
-    cases = INELASTIC | {"a, e = 1": decoupled(1e5, 1.0, 150.0), "b, e = 1": decoupled(1e3, 1.0, 150.0)}
-    never = {f"{case}, no brake": scene for case, scene in cases.items()}
+    cases = INELASTIC | {"a, e = 1": scene(1e5, 1.0, SPRING), "b, e = 1": scene(1e3, 1.0, SPRING)}
+    never = {f"{case}, no brake": approach for case, approach in cases.items()}
     return pl.concat([histories(cases), histories(never, STEADY)])
 
 

@@ -6,7 +6,7 @@ depends on the number k alone.
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
@@ -16,9 +16,7 @@ from experiments.lab.scenes import DISTANCE, MOTION, scene
 from impact_gym.robot import default_approach
 from impact_gym.scene import Coupling, Dissipation
 
-CRUISE = ig.Trapezoid(
-    1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0)
-)  # the alarm is recorded, but the robot does not brake
+CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # an alarm is recorded, but nothing brakes
 STORM_SEED = 4
 
 RANGES = {
@@ -71,7 +69,7 @@ class Approach:
     @property
     def about(self) -> dict[str, Any]:
         """The columns of a table that describe the approach."""
-        return {"coupling": kind(self.scene), "speed": self.motion.speed, "description": self.description}
+        return {"coupling": kind(self.scene), "speed": self.motion.speed}
 
 
 @dataclass(frozen=True)
@@ -116,15 +114,14 @@ def named() -> tuple[Approach, ...]:
     at_threshold = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))
     held, heavy = scene(1e3, 0.1, ig.Bistable(), distance=distance), scene(1e6, 1.0, spring, object_mass=1.0)
-    slow_and_pushed = "k_c 1e8, e 0.1, spring 150 N/m, no brake: the second contact is slow and pushed"
-    below_threshold = "bistable coupling 4e-5 m/s below its threshold, k_c 1e3, e 0.1"
+    slow, below = "k_c 1e8, e 0.1, no brake: the second contact is slow", "bistable, 4e-5 m/s below its threshold"
     return (
         Approach("soft", "k_c 1e3, e 0.7, spring 50 N/m", scene(1e3, 0.7, soft), MOTION, 1.5),
         Approach("stiff", "k_c 1e8, e 0.7, spring 50 N/m: two short contacts", scene(1e8, 0.7, soft), MOTION, 1.5),
         Approach("inelastic", "k_c 1e5, e 0.02 (d = 73.5), spring 50 N/m", scene(1e5, 0.02, soft), MOTION, 1.5),
         Approach("multiple", "k_c 1e6, e 1, spring 150 N/m, object 1 kg: six contacts", heavy, MOTION, 1.5),
-        Approach("pushed", slow_and_pushed, scene(1e8, 0.1, spring), CRUISE, 0.8),
-        Approach("bistable", below_threshold, held, at_threshold, 1.5),
+        Approach("pushed", slow, scene(1e8, 0.1, spring), CRUISE, 0.8),
+        Approach("bistable", below, held, at_threshold, 1.5),
     )
 
 
@@ -173,9 +170,7 @@ def storm(number: int) -> Approach:
     tool = ig.Tool(draw.value("tool mass"))
     target = ig.Object(tool.mass * draw.value("mass ratio"), draw.value("distance"))
     m, n = EXPONENTS[draw.rng.integers(len(EXPONENTS))]
-    laws = [
-        law for law in get_args(Dissipation) if law != "fixed"
-    ]  # `roughened` draws "fixed", so that scenes of older versions stay as they were
+    laws = [law for law in get_args(Dissipation) if law != "fixed"]  # "fixed" is drawn by `roughened`
     law: Dissipation = laws[draw.rng.integers(len(laws))] if draw.share(0, 1) < 0.5 else "hu-guo"
     contact = ig.Contact(draw.value("contact stiffness"), draw.value("restitution"), law, m, n)
     couplings: tuple[Callable[[], Coupling], ...] = (
@@ -191,7 +186,7 @@ def storm(number: int) -> Approach:
     motion = ig.Trapezoid(draw.value("speed"), draw.value("acceleration"), brake)
     duration = target.distance / motion.speed + motion.speed / motion.acceleration + AFTERMATH
     made = roughened(ig.Scene(tool, target, contact, coupling, robot), motion.acceleration, _Draw(number, 1))
-    return Approach(str(number), describe(made, motion), made, motion, duration)
+    return Approach(str(number), kind(made), made, motion, duration)
 
 
 def roughened(smooth: ig.Scene, acceleration: float, draw: _Draw) -> ig.Scene:
@@ -206,14 +201,3 @@ def roughened(smooth: ig.Scene, acceleration: float, draw: _Draw) -> ig.Scene:
         rest = smooth.tool.mass * acceleration / coupling.stiffness
         coupling = replace(coupling, stroke=rest * draw.value("stroke over rest"))
     return replace(smooth, object=target, contact=contact, coupling=coupling)
-
-
-def describe(stormy: ig.Scene, motion: ig.Trapezoid) -> str:
-    """Return the numbers of a scene in one line, to three digits."""
-    words = [kind(stormy)]
-    for part in (stormy.tool, stormy.object, stormy.contact, stormy.coupling, stormy.robot, motion, motion.brake):
-        values = {} if part is None else asdict(part)
-        written = [f"{name} {value:.3g}" for name, value in values.items() if isinstance(value, float)]
-        written += [value for value in values.values() if isinstance(value, str)]
-        words += [f"{type(part).__name__}: {', '.join(written)}"] if written else []
-    return "; ".join(words)

@@ -24,11 +24,11 @@ class Promise(NamedTuple):
     about: pl.Expr = FINISHED  # rows to which the promise applies
 
     def broken(self, rows: pl.DataFrame) -> pl.DataFrame:
-        """Return scene, promise, reason and description of the rows that break the promise."""
+        """Return scene, promise, reason and coupling of the rows that break the promise."""
         wrong = rows.filter(self.about, ~self.kept.fill_null(value=False))
         number = self.number.map_elements(lambda value: f"{value:.3g}", pl.String)
         reason = pl.when(FINISHED).then(number).otherwise("failure")
-        return wrong.select("scene", promise=pl.lit(self.text), reason=reason, description="description")
+        return wrong.select("scene", promise=pl.lit(self.text), reason=reason, coupling="coupling")
 
     def finding(self, rows: pl.DataFrame) -> str:
         """Return in words how many rows break the promise, and the median and the largest number."""
@@ -62,24 +62,10 @@ def failures(rows: pl.DataFrame) -> pl.DataFrame:
     return pl.concat([promise.broken(rows) for promise in PROMISES]).sort("scene")
 
 
-class Verdict(NamedTuple):
-    """Whether a promise is kept."""
-
-    text: str
-    finding: str
-    met: bool
-
-
-def over_storm(rows: pl.DataFrame) -> list[Verdict]:
-    """Return the verdicts on all promises about the storm."""
-    return [Verdict(promise.text, promise.finding(rows), met=promise.broken(rows).is_empty()) for promise in PROMISES]
-
-
 def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
     """Return the storm's rows that the independent solver solved, with `velocity_error` and the difference in words."""
-    known = truths.filter(FINISHED).select(
-        "scene", true_velocity="velocity", true_contacts="contacts", true_passes="passes"
-    )
+    true = {f"true_{name}": name for name in ("velocity", "contacts", "passes")}
+    known = truths.filter(FINISHED).select("scene", **true)
     size = pl.max_horizontal(pl.col("true_velocity").abs(), 1e-6 * pl.col("speed"))  # V_p = 0: only rounding is left
     error = (pl.col("object_velocity") - pl.col("true_velocity")).abs() / size
     alike = (pl.col("velocity_error") <= AGREEMENT) & (pl.col("passes") == pl.col("true_passes"))
@@ -93,9 +79,12 @@ def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
     return storm.join(known, on="scene").with_columns(velocity_error=error).with_columns(apart=apart)
 
 
-def over_agreement(judged: pl.DataFrame, unknown: int) -> Verdict:
-    """Return the verdict on the agreement with the independent solver, which failed in `unknown` scenes."""
+def over_agreement(judged: pl.DataFrame, unknown: int) -> tuple[str, str, bool]:
+    """Return the promise of agreement with the independent solver, the finding, and whether the promise is kept.
+
+    `unknown` is the number of scenes that the independent solver did not solve.
+    """
     apart, errors = judged.filter(pl.col("apart") != "").height, judged["velocity_error"].drop_nans().to_numpy()
     words = f"{apart} of {judged.height} do not, the independent solver failed in {unknown}"
     words += f", median {np.median(errors):.1e}" if errors.size else ""
-    return Verdict("V_p within 1e-6 of the independent solver, on 2 %", words, judged.height > 0 and apart == 0)
+    return "V_p within 1e-6 of the independent solver, on 2 %", words, judged.height > 0 and apart == 0

@@ -68,14 +68,9 @@ def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate
     row: dict[str, Any] = {**approach.about, "failure": problem, "milliseconds": milliseconds}
     if outcome is None:
         return row
-    v_p, is_finite = outcome.object_velocity, finite(outcome)
-    traced = outcome.steps <= LONGEST_TRACE
-    row |= {
-        "steps": outcome.steps,
-        "contacts": len(outcome.contacts),
-        "passes": len(outcome.snap_through),
-        "object_velocity": v_p,
-    }
+    v_p, is_finite, traced = outcome.object_velocity, finite(outcome), outcome.steps <= LONGEST_TRACE
+    row |= {"steps": outcome.steps, "contacts": len(outcome.contacts), "passes": len(outcome.snap_through)}
+    row |= {"object_velocity": v_p}
     if traced:
         outcome, (finer, *_) = simulate(*approach.run, trace=True), run(approach, FINER)
         is_finite = is_finite and finite(outcome)
@@ -97,18 +92,17 @@ def truth_row(number: int, patience: float) -> list[Row]:
     approach = storm(number)
     law = approach.scene.contact
     d = damping_factor(law.dissipation, law.restitution, law.stiffness_exponent, law.damping_exponent)
-    methods = sorted(TRUE_RTOL, reverse=d > STIFF)
-    for method in methods:
-        try:
-            with limited(patience):
-                outcome = reference.simulate(*approach.run, rtol=TRUE_RTOL[method], method=method)
-        except Exception:
-            if method == methods[-1]:
-                raise
-        else:
-            found = vars(Solution.of(outcome, approach.duration))
-            break
-    return [{**approach.about, "failure": "", "method": method, **found}]
+    first, second = sorted(TRUE_RTOL, reverse=d > STIFF)
+
+    def row(method: str) -> list[Row]:
+        with limited(patience):
+            outcome = reference.simulate(*approach.run, rtol=TRUE_RTOL[method], method=method)
+        return [{**approach.about, "failure": "", "method": method, **vars(Solution.of(outcome, approach.duration))}]
+
+    try:
+        return row(first)
+    except Exception:
+        return row(second)
 
 
 def finite(outcome: ig.Outcome) -> bool:
