@@ -1,7 +1,7 @@
 """The study `paper`: computes the paper's figures by our model, and judges what the paper's text says of them.
 
-Each section of the paper has a module. For each figure the module computes a table (figure_02), draws it
-(_draw_figure_02), and computes the numbers that statements.toml names (_numbers_figure_02).
+Each section of the paper has a module. For each figure the module computes a table (figure_05) and the numbers that
+statements.toml names (_numbers_figure_05). A function _draw_figure_05 draws what statements.toml does not describe.
 """
 
 from collections import Counter
@@ -11,10 +11,12 @@ import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
 
+from experiments.lab.charts import SERIES
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
 from experiments.studies.paper import beyond, section_2, section_3, section_4, section_5
 from experiments.studies.paper.statements import AGREEING, DATA, Basis, Verdict, judged
+from impact_gym.render.palette import LIGHT
 
 ABOUT = DATA["figures"]
 SCALE = 0.8  # factor on the size of all figures, so that text is legible if two figures are side by side
@@ -43,16 +45,34 @@ def table(caption: str, statements: pl.DataFrame) -> Table:
     return Table(caption, head, [_words(row) for row in statements.iter_rows(named=True)])
 
 
+def draw_curves(frame: pl.DataFrame, axes: Any, curves: str | list[dict[str, Any]], where: dict[str, Any]) -> None:
+    """Draw curves that statements.toml describes, from the rows `where` columns have these values."""
+    for curve in DATA["curves"][curves] if isinstance(curves, str) else curves:
+        style = {"scale": 1.0, "label": "", "values": [None], "color": "rule"} | curve
+        x, y, scale, label, values = (style.pop(name) for name in ("x", "y", "scale", "label", "values"))
+        rows = frame.filter(**where, **style.pop("where", {})).sort(x, maintain_order=True)
+        first, by = LIGHT[style.pop("color")], style.pop("by", None)
+        for colour, value in zip([first] if by is None else SERIES, values, strict=False):
+            shown = rows if by is None else rows.filter(**{by: value})
+            axes.plot(scale * shown[x], shown[y], color=colour, label=label.format(value) or None, **style)
+
+
 def picture(name: str, frame: pl.DataFrame) -> Picture:
-    """Return a figure drawn from its table, with texts and layout from statements.toml."""
+    """Return a figure drawn from its table, with curves, texts and layout from statements.toml."""
     about = DATA["figures"][name]
     figure = Figure(figsize=tuple(SCALE * length for length in about["size"]))
     grid: Any = figure.subplots(**about.get("panels", {}))
-    MADE[f"_draw_{name}"](frame, grid, **about.get("arguments", {}))
-    for axes, texts in zip(np.ravel(grid), about["axes"], strict=True):
-        axes.set(**{name: value for name, value in texts.items() if name != "legend"})
-        if "legend" in texts:
-            axes.legend(**texts["legend"])
+    if draw := MADE.get(f"_draw_{name}"):
+        draw(frame, grid, **about.get("arguments", {}))
+    for axes, given in zip(np.ravel(grid), about["axes"], strict=True):
+        texts = dict(given)
+        draw_curves(frame, axes, texts.pop("curves", []), texts.pop("where", {}))
+        for position in texts.pop("marked", []):
+            axes.axvline(position, color=LIGHT["flange"], linewidth=0.8, linestyle=":")
+        legend = texts.pop("legend", None)
+        axes.set(**texts)
+        if legend is not None:
+            axes.legend(**legend)
     heading = f"{about['heading']}: {about['title']}"
     return Picture(name, figure, about["alternative"], about["caption"], heading, about["size"][0] > WIDE)
 

@@ -136,18 +136,6 @@ def beyond_detection() -> list[Row]:
     return rows
 
 
-def _draw_beyond_detection(frame: pl.DataFrame, axes: Any) -> None:
-    sources = {"tool": ("o", "sensor on the tool, 16 ms later"), "robot": ("D", "the robot itself, 16 ms later")}
-    for name, (colour, label) in STYLES.items():
-        rows = where(frame, coupling=name, noticed_by="grid")
-        axes.plot(1e3 * rows["delay"], rows["object_velocity"], color=colour, label=label)
-        for source, (marker, _) in sources.items():
-            point = where(frame, coupling=name, noticed_by=source)
-            mark(axes, 1e3 * point["delay"], point["object_velocity"], colour, marker)
-    for marker, words in sources.values():
-        mark(axes, [], [], marker=marker, label=words)
-
-
 def _numbers_beyond_detection(frame: pl.DataFrame) -> Numbers:
     bistable = frame.filter(coupling="bistable")
     grid, tool, robot = (where(bistable, noticed_by=source) for source in ("grid", "tool", "robot"))

@@ -9,7 +9,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 import impact_gym as ig
-from experiments.lab.charts import FORCE, PERSON, SERIES, velocities
+from experiments.lab.charts import SERIES
 from experiments.lab.scenes import DURATION, MOTION, OBJECT_MASS, THRESHOLD, TOOL_MASS, simulate_with_trace
 from experiments.lab.study import Row
 from impact_gym.physics import impact
@@ -120,22 +120,6 @@ def runs_of(frame: pl.DataFrame) -> tuple[Run, Run]:
 def mark(axes: Any, x: Any, y: Any, colour: str = "none", marker: str = "o", label: str | None = None) -> None:
     """Mark points of a curve; without points and colour, add an entry to the legend."""
     axes.plot(x, y, marker, color=colour, markeredgecolor="black", label=label)
-
-
-def velocities_and_forces(frame: pl.DataFrame, grid: Any) -> None:
-    """Draw two cases of `frame`: the layout of Fig. 17, 19 and 23."""
-    for (upper, lower), run in zip(grid.T, runs_of(frame), strict=True):
-        velocities(upper, run.trace)
-        lower.plot(run.trace.time, run.trace.contact_force, color=FORCE, label="contact force on the object")
-        lower.plot(run.trace.time, run.trace.coupling_force, color=PERSON, label="force of the coupling on the tool")
-    lower.figure.legend(loc="outside lower center", ncols=2, handles=lower.get_lines()[:2])
-
-
-def imposed_and_actual(frame: pl.DataFrame, grid: Any) -> None:
-    """Draw the velocities of two cases with a compliant robot against time: the layout of Fig. 13 and 14."""
-    for axes, run in zip(grid, runs_of(frame), strict=True):
-        velocities(axes, run.trace._replace(flange_velocity=run.trace.command_velocity))
-        axes.lines[0].set_label("imposed")
 
 
 def impulses(frame: pl.DataFrame, axes: Any, cases: Sequence[str]) -> None:

@@ -14,7 +14,7 @@ import polars as pl
 
 import impact_gym as ig
 from experiments.lab import scenes
-from experiments.lab.charts import FLANGE, FORCE, OBJECT, SERIES, TOOL
+from experiments.lab.charts import FLANGE, FORCE, OBJECT, TOOL
 from experiments.lab.scenes import OBJECT_MASS, REDUCED_MASS, STEADY, TOOL_MASS, scene, simulate_with_trace
 from experiments.lab.study import Row
 from experiments.studies.paper.runs import Array, Numbers, Run, histories, runs_of, where
@@ -47,13 +47,6 @@ def figure_02() -> pl.DataFrame:
     return pl.DataFrame({"restitution": restitution, **{name: np.asarray(column) for name, column in columns.items()}})
 
 
-def _draw_figure_02(frame: pl.DataFrame, axes: Any) -> None:
-    e = frame["restitution"]
-    axes.plot(e, frame["object_velocity_fixed"], color=FLANGE, linestyle="--", label="object, tool fixed (eq. 1)")
-    axes.plot(e, frame["object_velocity"], color=OBJECT, label="object, tool free (eq. 4)")
-    axes.plot(e, frame["tool_velocity"], color=TOOL, label="free tool (eq. 3)")
-
-
 def _numbers_figure_02(frame: pl.DataFrame) -> Numbers:
     _, tool, hit, fixed = where(frame).values()
     return {
@@ -69,15 +62,6 @@ def figure_03() -> pl.DataFrame:
     restitution, mass = (axis.ravel() for axis in np.meshgrid(OF_MASSES, every_mass, indexing="ij"))
     tool, hit = (np.asarray(velocity) for velocity in impact.free_tool(mass, OBJECT_MASS, 1.0, 0.0, restitution))
     return pl.DataFrame({"restitution": restitution, "tool_mass": mass, "tool_velocity": tool, "object_velocity": hit})
-
-
-def _draw_figure_03(frame: pl.DataFrame, grid: Any) -> None:
-    for axes, column in zip(grid, ("object_velocity", "tool_velocity"), strict=True):
-        for colour, restitution in zip(SERIES, OF_MASSES, strict=False):
-            rows = where(frame, restitution=restitution)
-            axes.semilogx(rows["tool_mass"], rows[column], color=colour, label=f"e = {restitution:g}")
-        for mass in (TOOL_MASS, scenes.ROBOT_AND_TOOL):
-            axes.axvline(mass, color=FLANGE, linewidth=0.8, linestyle=":")
 
 
 def _numbers_figure_03(frame: pl.DataFrame) -> Numbers:
@@ -147,27 +131,10 @@ def _grids(frame: pl.DataFrame, column: str) -> Array:
     return ordered.to_numpy().reshape(2, len(RESTITUTIONS), len(STIFFNESSES))
 
 
-def _draw_figure_07(frame: pl.DataFrame, grid: Any, column: str) -> None:
-    """Draw `column` against k_c: a panel of `grid` (2,) for each case, a curve for each restitution."""
-    for axes, curves in zip(grid, _grids(frame, column), strict=True):
-        for colour, e, values in zip(SERIES, RESTITUTIONS, curves, strict=True):
-            axes.loglog(STIFFNESSES, values, color=colour, label=f"e = {e:g}")
-    grid[0].sharey(grid[1])
-
-
 def figure_06() -> list[Row]:
     """Simulate the grid of panels (a) and (b), and more restitutions at k_c = CUT."""
     grid = {(k, e) for e in RESTITUTIONS for k in STIFFNESSES}
     return _sweep(sorted(grid | {(CUT, float(e)) for e in CUT_RESTITUTIONS}))
-
-
-def _draw_figure_06(frame: pl.DataFrame, grid: Any) -> None:
-    *limit_cases, last = grid
-    _draw_figure_07(frame, limit_cases, "peak_force")
-    for free, colour, label in ((0, OBJECT, "tool fixed"), (1, TOOL, "tool decoupled")):
-        row = where(frame, free=free, contact_stiffness=CUT)  # by rising restitution
-        last.plot(row["restitution"], row["peak_force"], color=colour, label=label)
-    last.set_ylim(0, None)
 
 
 def _numbers_figure_06(frame: pl.DataFrame) -> Numbers:

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 import impact_gym as ig
-from experiments.lab.charts import SERIES
 from experiments.lab.scenes import DISTANCE, DURATION, MOTION, STEADY, scene
 from experiments.lab.study import Row
 from experiments.studies.paper import runs
-from experiments.studies.paper.runs import Array, Numbers, Run, histories, mark, runs_of, where
+from experiments.studies.paper.runs import Array, Numbers, Run, histories, runs_of, where
 
 CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
 COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
@@ -95,33 +94,6 @@ def _places(holds: NDArray[np.bool_]) -> str:
     return f"holds at {holds.sum()} of {holds.size} values of k_t{where_not}"
 
 
-def _draw_figure_18(frame: pl.DataFrame, axes: Any) -> None:
-    """Draw a curve for each contact stiffness, with marks at changes of the number of contacts."""
-    near = curves(frame)
-    for colour, k_c, rows, far in zip(SERIES, CONTACT_STIFFNESSES, near, curves(frame, SETTLED), strict=False):
-        stiffness, velocity = rows["coupling_stiffness"], rows["object_velocity"]
-        label = f"k_c = $10^{round(np.log10(k_c))}$ N/m$^{{1.5}}$"
-        axes.plot(stiffness, velocity, color=colour, label=label)
-        axes.plot(far["coupling_stiffness"], far["object_velocity"], color=colour, linewidth=0.8, linestyle="--")
-        turns = np.flatnonzero(np.diff(rows["contacts"]))
-        mark(axes, stiffness[turns], velocity[turns], colour)
-    axes.plot([], [], color="black", linewidth=0.8, linestyle="--", label="ours: tool settled before the impact")
-    if any(np.ptp(rows["contacts"]) for rows in near):
-        mark(axes, [], [], label="number of contacts changes")
-
-
-def _draw_figure_16(frame: pl.DataFrame, grid: Any) -> None:
-    left, right = grid
-    _draw_figure_18(frame, left)
-    for colour, rows in zip(SERIES, curves(frame, at=DAMPED), strict=False):
-        ratio = rows["damping_ratio"]
-        right.plot(ratio, rows["object_velocity"], color=colour)
-        right.plot(ratio, rows["object_velocity_first"], color=colour, linestyle=":")
-        turns = np.flatnonzero(np.diff(rows["contacts"]))
-        mark(right, ratio[turns], rows["object_velocity"][turns], colour)
-    right.plot([], [], color="black", linestyle=":", label="after the first contact")
-
-
 def _numbers_figure_16(frame: pl.DataFrame) -> Numbers:
     soft, middle, stiff = grid = _velocities(frame)
     settled_steps = np.diff(_velocities(frame, distance=SETTLED))
@@ -152,7 +124,6 @@ def _numbers_figure_18(frame: pl.DataFrame) -> Numbers:
     }  # fmt: skip
 
 
-_draw_figure_17 = _draw_figure_19 = runs.velocities_and_forces
 _draw_figure_20 = runs.impulses
 
 

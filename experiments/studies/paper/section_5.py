@@ -1,12 +1,9 @@
 """Section 5, the bistable mechanism: Fig. 22 to 25; e = 0.1, k_c = 1e3."""
 
-from typing import Any
-
 import numpy as np
 import polars as pl
 
 import impact_gym as ig
-from experiments.lab.charts import FLANGE, OBJECT, PERSON, SERIES, velocities
 from experiments.lab.scenes import HOLD, LINEAR, MECHANISM, MOTION, scene
 from experiments.lab.study import Row
 from experiments.studies.paper import runs
@@ -24,17 +21,6 @@ def figure_22() -> list[Row]:
         for x in sorted({*POSITIONS.tolist(), mechanism.peak_position, -mechanism.peak_position, MECHANISM.front_stop}):
             rows.append({"height": height, "position": x, "force": float(mechanism.force(x))})
     return rows
-
-
-def _draw_figure_22(frame: pl.DataFrame, axes: Any) -> None:
-    for stop in (MECHANISM.rear_stop, MECHANISM.front_stop):
-        axes.axvline(1e3 * stop, color=FLANGE, linewidth=0.8)
-    for colour, height in zip(SERIES, HEIGHTS, strict=False):
-        rows = where(frame, height=height)
-        used = height == MECHANISM.height
-        label = f"H = {1e3 * height:g} mm" + (" (used)" if used else "")
-        axes.plot(1e3 * rows["position"], rows["force"], color=colour, linewidth=2.4 if used else 1.3, label=label)
-    axes.axhline(HOLD, color=FLANGE, linewidth=0.8, linestyle=":")
 
 
 def _numbers_figure_22(frame: pl.DataFrame) -> Numbers:
@@ -61,13 +47,6 @@ def _slider(trace: ig.Trace) -> tuple[Array, float]:
     x = start + trace.tool_position - trace.flange_position
     passed = np.flatnonzero((x[:-1] > 0.0) & (x[1:] <= 0.0))
     return x, float(trace.time[passed[0] + 1]) if passed.size else np.inf
-
-
-def _draw_figure_23(frame: pl.DataFrame, grid: Any) -> None:
-    runs.velocities_and_forces(frame, grid)
-    (top, bottom), both = grid[:, 0], runs_of(frame)
-    top.axvline(_slider(both[0].trace)[1], color=PERSON, linestyle=":", linewidth=1.0)
-    bottom.set_ylim(-3.0, 1.15 * max(run.peak_force for run in both))  # below the force of the rear stop
 
 
 def _numbers_figure_23(frame: pl.DataFrame) -> Numbers:
@@ -113,12 +92,6 @@ def _numbers_figure_24(frame: pl.DataFrame) -> Numbers:
 def figure_25() -> pl.DataFrame:
     """Simulate the tool fixed to the robot, and on the mechanism."""
     return histories({"rigid": scene(1e3, 0.1), "bistable": scene(1e3, 0.1, MECHANISM)})
-
-
-def _draw_figure_25(frame: pl.DataFrame, axes: Any) -> None:
-    velocities(axes, Run(frame, "rigid").trace)
-    bistable = Run(frame, "bistable").trace
-    axes.plot(bistable.time, bistable.object_velocity, color=OBJECT, linestyle=":", label="object, Fig. 23a")
 
 
 def _numbers_figure_25(frame: pl.DataFrame) -> Numbers:
