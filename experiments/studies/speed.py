@@ -94,8 +94,8 @@ def table_of(found: pl.DataFrame) -> Table:
     """Return the table of times: a row for each approach and error, a column for each contender."""
     lines = []
     for (scene, error), rows in found.group_by("scene", "error", maintain_order=True):
-        ours = rows["ours"].min()
-        cells = ["-" if ours is None else f"{ours:.0f}"]
+        ours = rows["ours"].drop_nulls().to_list()
+        cells = [f"{min(ours):.0f}" if ours else "-"]
         for row in rows.iter_rows(named=True):
             cells.append(row["failure"] or "not reached" if row["theirs"] is None else f"{row['theirs']:.0f}")
         lines.append([f"{scene}, {power(float(str(error)))}", *cells])

@@ -66,6 +66,13 @@ def test_film_runs_forward_and_slower_while_they_touch(name):
     assert slower[times < 0.5 * first].max() < slower[(times > first) & (times < first + 0.02)].min()
 
 
+def test_film_shows_motion_and_result():
+    first, *_, last = map(np.asarray, films.pictures(FILMS["rule-and-profile"][1:]))
+    head = slice(films.HEAD)
+    assert (first[films.HEAD :] != last[films.HEAD :]).any()
+    assert (first[head, 600:] != last[head, 600:]).any()
+
+
 def test_unknown_film_is_refused_before_any_is_written(tmp_path):
     refused(lambda: films.work(Films(("couplings", "no-such"), tmp_path)), "film", "no-such", "rule-and-profile")
     assert not [*tmp_path.iterdir()]

@@ -189,33 +189,6 @@ def test_player_slider_and_choice_change_the_picture(browser, page_file, width):
     assert (tops[0] == tops[1]) == (width > 600)
 
 
-def in_film(scene, time):
-    stretches = itertools.pairwise([*scene["clock"], [scene["end"], 0]])
-    return sum((min(end, time) - start) * slower for (start, slower), (end, _) in stretches if start < time)
-
-
-def test_player_positions_are_to_one_scale(browser, page_file, film):
-    page, _ = watched(browser, page_file)
-    scene = film[0]["scenes"][0]
-    for time in (0.2 * scene["end"], scene["runs"][0]["contacts"][0][0], scene["end"]):
-        seek(page, round(500 * in_film(scene, time) / in_film(scene, scene["end"])))
-        places = page.evaluate("""[...document.querySelectorAll('.igw-chain')].map(svg => {
-            const ball = svg.querySelector(':scope > circle.igw-object');
-            const tool = svg.querySelector(':scope > rect.igw-tool'), of = (shape, name) => +shape.getAttribute(name);
-            return [of(tool, 'x') + of(tool, 'width'), of(ball, 'cx') - of(ball, 'r')]; })""")
-        instant = float(page.inner_text(".igw-time").split()[0]) / 1e3
-        half_a_step = 0.5 * in_film(scene, scene["end"]) / 500
-        assert in_film(scene, instant) == pytest.approx(in_film(scene, time), abs=half_a_step + 0.02)
-        positions = []
-        for run in map(columns, scene["runs"]):
-            tool, ball = (np.interp(instant, run["time"], run[f"{name}_position"]) for name in ("tool", "object"))
-            gone_on = max(instant - run["time"][-1], 0.0)
-            positions.append([tool, ball + gone_on * run["object_velocity"][-1]])
-        scale, shift = np.polyfit(np.ravel(positions), np.ravel(places), 1)
-        assert 300.0 < scale < 3000.0
-        np.testing.assert_allclose(np.ravel(places), scale * np.ravel(positions) + shift, atol=0.2)
-
-
 @pytest.mark.parametrize("film", ["spring"], indirect=True)
 def test_player_plays_pauses_and_takes_keys(browser, page_file):
     page, problems = watched(browser, page_file, reduced_motion="reduce")

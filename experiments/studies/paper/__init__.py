@@ -48,13 +48,18 @@ def table(caption: str, statements: pl.DataFrame) -> Table:
 def draw_curves(frame: pl.DataFrame, axes: Any, curves: str | list[dict[str, Any]], where: dict[str, Any]) -> None:
     """Draw curves that statements.toml describes, from the rows `where` columns have these values."""
     for curve in DATA["curves"][curves] if isinstance(curves, str) else curves:
-        style = {"scale": 1.0, "label": "", "values": [None], "color": "rule"} | curve
-        x, y, scale, label, values = (style.pop(name) for name in ("x", "y", "scale", "label", "values"))
+        style = {"scale": 1.0, "color": "rule"} | curve
+        x, y, scale, colour = (style.pop(name) for name in ("x", "y", "scale", "color"))
         rows = frame.filter(**where, **style.pop("where", {})).sort(x, maintain_order=True)
-        first, by = LIGHT[style.pop("color")], style.pop("by", None)
-        for colour, value in zip([first] if by is None else SERIES, values, strict=False):
-            shown = rows if by is None else rows.filter(**{by: value})
-            axes.plot(scale * shown[x], shown[y], color=colour, label=label.format(value) or None, **style)
+        shown = [(LIGHT[colour], style.pop("label", None), rows)]
+        if by := style.pop("by", None):
+            (_, label, _), values = *shown, style.pop("values")
+            shown = [
+                (each, label and label.format(value), rows.filter(**{by: value}))
+                for each, value in zip(SERIES, values, strict=False)
+            ]
+        for each, label, points in shown:
+            axes.plot(scale * points[x], points[y], color=each, label=label, **style)
 
 
 def picture(name: str, frame: pl.DataFrame) -> Picture:

@@ -10,17 +10,12 @@ import polars as pl
 
 import impact_gym as ig
 from experiments.lab import scenes
-from experiments.lab.charts import SERIES
 from experiments.lab.scenes import BRAKE, LINEAR, MECHANISM, MOTION, OBJECT_MASS, STEADY, scene
 from experiments.lab.study import Row
-from experiments.studies.paper.runs import Numbers, changes, enclose_changes, mark, where
+from experiments.studies.paper.runs import Numbers, changes, enclose_changes, where
 from impact_gym.scene import Coupling
 
 COUPLINGS: dict[str, Coupling] = {"rigid": ig.Rigid(), "spring": LINEAR, "bistable": MECHANISM}
-STYLES = {
-    "rigid": (SERIES[1], "tool fixed"), "spring": (SERIES[4], "linear, k_t = 50 N/m"),
-    "bistable": (SERIES[3], "bistable"),
-}  # fmt: skip
 OBJECTS = {"light": 0.25, "heavy": 1.0}  # kg
 DELAYS = np.array([0, 4, 8, 12, 16, 20, 30, 40, 50, 75, 100, 125, 150, 200, 250, 300, 400, 500]) / 1000  # s
 STIFFNESS = np.logspace(2, 8, 25)  # N/m^1.5
@@ -150,7 +145,10 @@ def _numbers_beyond_detection(frame: pl.DataFrame) -> Numbers:
 
 
 def beyond_objects() -> pl.DataFrame:
-    """Simulate the fixed tool, the mechanism, and all small CHANGES of the mechanism that still hold the tool."""
+    """Simulate the fixed tool, the mechanism, and all small CHANGES of it that still hold the tool.
+
+    `as_it_is_less` and `changed_less` are the reductions from the V_p of the fixed tool (%).
+    """
     height, stop = MECHANISM.height, MECHANISM.front_stop
     candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
     holding = [coupling for coupling in candidates if coupling.holding_force >= scenes.HOLD]
@@ -164,32 +162,19 @@ def beyond_objects() -> pl.DataFrame:
         least = np.min([outcomes.object_velocity for outcomes in changed], axis=0)
         columns = {"object_mass": MASSES, "rigid": fixed.object_velocity, "as_it_is": used.object_velocity}
         frames.append(pl.DataFrame({**columns, "changed": least, "snap_count": used.snap_count, "size": size}))
-    return pl.concat(frames)
-
-
-def _reductions(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return the table with each velocity replaced by its reduction from the fixed tool's, in per cent."""
-    return frame.with_columns((pl.col("as_it_is", "changed") / pl.col("rigid") - 1.0) * -100.0)
-
-
-def _draw_beyond_objects(frame: pl.DataFrame, axes: Any) -> None:
-    for colour, size in zip(SERIES, SIZES, strict=False):
-        rows = where(_reductions(frame), size=size)
-        axes.semilogx(rows["object_mass"], rows["as_it_is"], color=colour, label=f"{size:g} x the radius")
-        axes.semilogx(rows["object_mass"], rows["changed"], "--", color=colour)
-    axes.plot([], [], "--", color="black", label="H and front stop changed by up to 10 %")
+    less = ((pl.col("as_it_is", "changed") / pl.col("rigid") - 1.0) * -100.0).name.suffix("_less")
+    return pl.concat(frames).with_columns(less)
 
 
 def _numbers_beyond_objects(frame: pl.DataFrame) -> Numbers:
-    rows = _reductions(frame)
-    papers = rows.filter(pl.col("object_mass") >= OBJECT_MASS)
-    changed, unchanged = papers["changed"], papers["as_it_is"]
+    papers = frame.filter(pl.col("object_mass") >= OBJECT_MASS)
+    changed, unchanged = papers["changed_less"], papers["as_it_is_less"]
     return {
         "changed": changed.to_numpy(), "changed_ends": [changed.min(), changed.max()],
         "unchanged_ends": [unchanged.min(), unchanged.max()],
-        "stuck": rows.filter(pl.col("snap_count") != 1)["object_mass"].max() or 0.0,
-        "lightest": rows.filter(pl.col("changed") >= ENOUGH)["object_mass"].min(),  # kg, smallest over all sizes
-        "least": rows["changed"].min(),
+        "stuck": frame.filter(pl.col("snap_count") != 1)["object_mass"].max() or 0.0,
+        "lightest": frame.filter(pl.col("changed_less") >= ENOUGH)["object_mass"].min(),  # kg, smallest over all sizes
+        "least": frame["changed_less"].min(),
     }  # fmt: skip
 
 
@@ -200,6 +185,7 @@ def _row(coupling: str, speed: float) -> Row:
     outcome = ig.simulate(approach, replace(MOTION, speed=speed), duration=2.0)
     return {
         "coupling": coupling, "speed": float(speed), "object_velocity": outcome.object_velocity,
+        "ratio": outcome.object_velocity / speed,
         "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),  # passes of the alignment
         "alarm": int(outcome.detection_time is not None),
     }  # fmt: skip
@@ -211,27 +197,13 @@ def beyond_speed() -> list[Row]:
     return [row for name in COUPLINGS for row in enclose_changes(SPEEDS, partial(_row, name), "speed", *counts)]
 
 
-def _draw_beyond_speed(frame: pl.DataFrame, grid: Any) -> None:
-    for coupling, (colour, label) in reversed(STYLES.items()):
-        rows = where(frame, coupling=coupling)
-        for axes, values in zip(grid, (rows["object_velocity"], rows["object_velocity"] / rows["speed"]), strict=True):
-            axes.plot(rows["speed"], values, color=colour, label=label)
-            turns = [speed for speed, _, _ in changes(rows, "speed", "passes")]
-            mark(axes, turns, np.interp(turns, rows["speed"], values), colour, "D")
-    for axes in grid:
-        mark(axes, [], [], marker="D", label="number of snap-throughs changes")
-        axes.set_ylim(0.0, 1.25 * axes.get_ylim()[1])  # room for the legend
-
-
 def _numbers_beyond_speed(frame: pl.DataFrame) -> Numbers:
     rows, linear = where(frame, coupling="bistable"), where(frame, coupling="spring")
     speed, velocity = rows["speed"], rows["object_velocity"]
     turns = changes(rows, "speed", "passes")
     at_10, at_11, at_12 = np.interp([1.0, 1.1, 1.2], speed, velocity)
     better = speed[velocity < np.interp(speed, linear["speed"], linear["object_velocity"])]
-    ratio = velocity / speed
-    others = [where(frame, coupling=name) for name in ("rigid", "spring")]
-    other_ratios = [each["object_velocity"] / each["speed"] for each in others]
+    ratio, other_ratios = rows["ratio"], [where(frame, coupling=name)["ratio"] for name in ("rigid", "spring")]
     fixed = where(frame, coupling="rigid", speed=MOTION.speed)["object_velocity"][0]
     return {
         "fixed": fixed, "faster": speed[velocity <= fixed].max(),

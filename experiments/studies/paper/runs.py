@@ -128,7 +128,4 @@ def impulses(frame: pl.DataFrame, axes: Any, cases: Sequence[str]) -> None:
         time, impulse = run.running_impulse()
         axes.plot(time, impulse, color=colour, label=f"{case}: {impulse[-1]:.4f} N s")
         mark(axes, time[-1], impulse[-1], colour)
-        last = np.flatnonzero(run.during_contact.contact_force)[-1]
-        axes.plot(time[last], impulse[last], "D", color=colour, markersize=5)
     mark(axes, [], [], label="end of the contact")
-    axes.plot([], [], "D", color="black", markersize=5, label="contact force has fallen to zero")

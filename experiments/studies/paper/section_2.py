@@ -7,18 +7,17 @@ with an object of the reduced mass of both, so (b) is simulated in this way.
 """
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 import polars as pl
 
 import impact_gym as ig
 from experiments.lab import scenes
-from experiments.lab.charts import FLANGE, FORCE, OBJECT, TOOL
 from experiments.lab.scenes import OBJECT_MASS, REDUCED_MASS, STEADY, TOOL_MASS, scene, simulate_with_trace
 from experiments.lab.study import Row
-from experiments.studies.paper.runs import Array, Numbers, Run, histories, runs_of, where
+from experiments.studies.paper.runs import Array, Numbers, histories, runs_of, where
 from impact_gym.physics import impact
+from impact_gym.scene import Dissipation
 
 OF_MASSES = (0.0, 0.25, 0.5, 0.75, 1.0)  # restitutions of Fig. 3
 MASSES = np.logspace(-2.0, 1.0, 121)  # kg
@@ -35,7 +34,7 @@ CONTACTS = {
 SPEEDS = (0.5, 1.0, 2.0)  # m/s, of the tool
 NOMINAL = np.round(np.linspace(0.01, 1.0, 100), 2)
 SMALL = 0.3  # a small restitution; the paper does not define it
-LAWS = {"hu-guo": "eq. 7 (Hu and Guo)", "hunt-crossley": "Hunt and Crossley"}
+LAWS: tuple[Dissipation, ...] = ("hu-guo", "hunt-crossley")
 
 
 def figure_02() -> pl.DataFrame:
@@ -71,29 +70,17 @@ def _numbers_figure_03(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_05() -> pl.DataFrame:
-    """Simulate the fixed and the free tool."""
+    """Simulate the fixed and the free tool; `elastic` and `damping` are the parts of the contact force (N)."""
     fixed, free = (scene(STIFFNESS, RESTITUTION, object_mass=mass) for mass in (OBJECT_MASS, REDUCED_MASS))
-    return histories({"a": fixed, "b": free}, STEADY, duration=0.5)
-
-
-def parts(run: Run) -> tuple[Array, Array]:
-    """Return the elastic part and the damping part of the contact force (N)."""
-    penetration = np.maximum(run.trace.tool_position - run.trace.object_position, 0.0)
-    elastic = np.where(run.trace.contact_force > 0.0, STIFFNESS * penetration**1.5, 0.0)
-    return elastic, run.trace.contact_force - elastic
-
-
-def _draw_figure_05(frame: pl.DataFrame, grid: Any) -> None:
-    for axes, run in zip(grid, runs_of(frame), strict=True):
-        (elastic, damping), time = parts(run), run.trace.time
-        axes.plot(time, elastic + damping, color=FORCE, label="contact force")
-        axes.plot(time, elastic, color=TOOL, linestyle="--", label="elastic part")
-        axes.plot(time, damping, color=OBJECT, linestyle=":", label="damping part")
+    frame = histories({"a": fixed, "b": free}, STEADY, duration=0.5)
+    force, depth = frame["contact_force"].to_numpy(), (frame["tool_position"] - frame["object_position"]).to_numpy()
+    elastic = np.where(force > 0.0, STIFFNESS * np.maximum(depth, 0.0) ** 1.5, 0.0)
+    return frame.with_columns(elastic=elastic, damping=force - elastic)
 
 
 def _numbers_figure_05(frame: pl.DataFrame) -> Numbers:
     a, b = runs_of(frame)
-    _, damping = parts(a)
+    damping = where(frame, case="a")["damping"]
     around = np.flatnonzero((damping[:-1] > 0.0) & (damping[1:] <= 0.0))[0] + np.array([0, 1])
     return {
         "a": a, "b": b, "peak_ratio": a.peak_force / b.peak_force,
@@ -180,6 +167,7 @@ def _contact(case: str, speed: float) -> pl.DataFrame:
     depth = np.maximum(trace.tool_position - trace.object_position, 0.0)
     elastic = contact.stiffness * depth**contact.stiffness_exponent
     columns = {"time": trace.time - record.start, "force": trace.contact_force, "elastic": elastic}
+    columns["damping"] = np.where(trace.contact_force > 0.0, trace.contact_force - elastic, np.nan)  # nan: separated
     delivered = record.separation_velocity / record.approach_velocity
     constants = {"case": case, "speed": speed, "nominal": RESTITUTION, "delivered": delivered}
     return pl.DataFrame(columns | constants).filter((trace.time >= record.start) & (trace.time <= record.end))
@@ -191,19 +179,6 @@ def beyond_contact() -> pl.DataFrame:
     delivered = {law: np.asarray(ig.effective_restitution(law, NOMINAL)) for law in LAWS}
     laws = [pl.DataFrame({"nominal": NOMINAL, "delivered": e, "case": law}) for law, e in delivered.items()]
     return pl.concat([*contacts, *laws], how="diagonal")
-
-
-def _draw_beyond_contact(frame: pl.DataFrame, grid: Any) -> None:
-    left, right = grid
-    for case, label, colour in (("linear", "linear", TOOL), ("paper", "the paper's", FORCE)):
-        rows = where(frame, case=case, speed=1.0)
-        left.plot(1e3 * rows["time"], rows["force"], color=colour, label=f"{label}: force")
-        damping = np.where(rows["force"] > 0.0, rows["force"] - rows["elastic"], np.nan)  # nan after the separation
-        left.plot(1e3 * rows["time"], damping, ":", color=colour, label="damping part")
-    for (law, label), colour in zip(LAWS.items(), (OBJECT, TOOL), strict=True):
-        rows = where(frame, case=law)
-        right.plot(rows["nominal"], rows["delivered"], color=colour, label=label)
-    right.plot([0.0, 1.0], [0.0, 1.0], color=FLANGE, linewidth=0.8, linestyle="--", label="nominal")
 
 
 def _ends(rows: dict[str, Array]) -> tuple[float, float]:

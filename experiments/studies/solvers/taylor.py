@@ -24,7 +24,6 @@ STATE = ("s", "w", "v", "tau", "y", "q")
 FOREVER = 1e6  # limit of a contact in its own units; an event ends it before
 BESIDE = 1e-20  # penetration at which a piece begins: an event at exactly zero might be missed
 ROUNDING = 1e-12  # m, rounding of the slider's position
-Coupling = type[ig.Rigid | ig.SpringDamper | ig.Bistable]
 
 
 def law_of(scene: ig.Scene) -> dict[str, float]:
@@ -42,7 +41,7 @@ def law_of(scene: ig.Scene) -> dict[str, float]:
 
 
 @cache
-def integrator(kind: Coupling, touching: bool, tolerance: float) -> tuple[Any, dict[int, str]]:
+def integrator(kind: type, touching: bool, tolerance: float) -> tuple[Any, dict[int, str]]:
     """Compile a flight or a contact; return heyoka's integrator, and the event of each of its outcomes.
 
     In a contact s is the root of the penetration, in flight the penetration itself; w is the rate of the penetration, v

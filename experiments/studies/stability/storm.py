@@ -151,42 +151,37 @@ def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple
     first = int(np.searchsorted(trace.time, contact.start, side="right")) - 1
     last = np.searchsorted(trace.time, math.inf if contact.end is None else contact.end, side="left")
     inside = slice(first, int(last) + 1)
-    time, mass = trace.time[inside], _reduced_mass(scene, trace.command_position[inside])
+    mass = _reduced_mass(scene, trace.command_position[inside])
     delta = (trace.tool_position - trace.object_position)[inside]
     rate = (trace.tool_velocity - trace.object_velocity)[inside]
-    velocity, force = trace.object_velocity[inside], trace.contact_force[inside]
-    given = _given(scene.object, time, velocity, force)
-    parts = _work(time, mass, delta, rate, given)
+    columns = trace.time[inside], mass, delta, rate, trace.object_velocity[inside], trace.contact_force[inside]
+    parts, given = _work(scene.object, *columns)
     work = float(np.sum(parts))
-    time2, velocity2, force2, mass2, delta2, rate2 = (
-        np.append(values[:-1:2], values[-1]) for values in (time, velocity, force, mass, delta, rate)
-    )
-    coarse = _work(time2, mass2, delta2, rate2, _given(scene.object, time2, velocity2, force2))
+    coarse, _ = _work(scene.object, *(np.append(values[:-1:2], values[-1]) for values in columns))
     doubt = abs(work - float(np.sum(coarse)))
-    rounding = 4 * EPS * np.sqrt(len(time)) * np.abs(given).max() * np.abs(rate).max()
+    rounding = 4 * EPS * np.sqrt(len(mass)) * np.abs(given).max() * np.abs(rate).max()
     rate[0], rate[-1] = contact.approach_velocity, -contact.separation_velocity
     kinetic = float(np.sum((mass[1:] + mass[:-1]) / 2 * np.diff(rate**2 / 2)))
     exchanged = mass.max() * contact.approach_velocity**2 / 2 + float(np.sum(np.abs(parts)))
     return (kinetic - work) / exchanged, (doubt + rounding) / exchanged
 
 
-def _given(target: ig.Object, time: Array, velocity: Array, force: Array) -> Array:
-    """Return the impulse of the contact on the object up to each point (N s): its momentum plus friction's impulse.
+def _work(
+    target: ig.Object, time: Array, mass: Array, delta: Array, rate: Array, velocity: Array, force: Array
+) -> tuple[Array, Array]:
+    """Return M a d(delta) between each two points (J), and the impulse of the contact up to each point (N s).
 
-    The friction force is mu m g while the object slides. While it sticks, friction balances the contact force.
+    M a = M delta'' + F is taken as constant between two points. The impulse of the contact is the object's momentum
+    plus the impulse of friction, which is mu m g while the object slides. While the object sticks, friction balances
+    the contact force.
     """
-    friction = GRAVITY * target.mass * (target.friction or 0.0)
+    friction, passed = GRAVITY * target.mass * (target.friction or 0.0), np.diff(time)
     slides = velocity[1:] + velocity[:-1] != 0.0
     held = np.where(slides, friction * np.sign(velocity[1:] + velocity[:-1]), (force[1:] + force[:-1]) / 2)
-    taken = np.cumsum(held * np.diff(time)) if friction else np.zeros(len(time) - 1)
-    return target.mass * velocity + np.concatenate(([0.0], taken))
-
-
-def _work(time: Array, mass: Array, delta: Array, rate: Array, given: Array) -> Array:
-    """Return M a d(delta) between each two points (J). M a = M delta'' + F is taken as constant between them."""
+    taken = np.cumsum(held * passed) if friction else np.zeros(len(time) - 1)
+    given = target.mass * velocity + np.concatenate(([0.0], taken))
     push = (mass[1:] + mass[:-1]) / 2 * np.diff(rate) + np.diff(given)
-    passed = np.diff(time)
-    return np.divide(push * np.diff(delta), passed, out=np.zeros_like(push), where=passed > 0)
+    return np.divide(push * np.diff(delta), passed, out=np.zeros_like(push), where=passed > 0), given
 
 
 def _reduced_mass(scene: ig.Scene, command: Array) -> Array:
