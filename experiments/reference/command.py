@@ -35,7 +35,12 @@ class Command:
         if self.nodes.size:
             # a node that was just reached counts as passed, even if x is before it by rounding
             ahead = self.nodes[self.nodes > x + 1e-12]
-            cut = min(cut, t + _time_to(float(ahead[0]) - x, v, a)) if ahead.size else cut
+            distance = float(ahead[0]) - x if ahead.size else inf
+            square = (
+                v * v + 2 * a * distance if ahead.size else -1.0
+            )  # of the velocity at the node; below 0: never there
+            if square >= 0 and v + sqrt(square) > 0:
+                cut = min(cut, t + 2 * distance / (v + sqrt(square)))
         return x, v, a, cut
 
     def steer(self, t: float, velocity: float, acceleration: float) -> None:
@@ -51,11 +56,3 @@ class Command:
         self.detection_time = t
         if self.brake is not None:
             self.steer(t + self.delay, 0.0, self.deceleration)
-
-
-def _time_to(distance: float, v: float, a: float) -> float:
-    """Return the time (s) to travel `distance` > 0 (m) from velocity v at acceleration a; inf if never."""
-    square = v * v + 2 * a * distance
-    if square < 0 or v + sqrt(square) <= 0:
-        return inf
-    return 2 * distance / (v + sqrt(square))

@@ -30,11 +30,9 @@ from agents.setups import load_setup
 from agents.train.ppo import Run, train
 from experiments.lab.parts import Section, Table
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
-from impact_gym.sb3 import ImpactVecEnv
 
 ID, SCALE, BATCH_SCALE, BATCH = "ImpactApproach-v0", "Pendulum-v1", "CartPole-v1", 1024
 SIZES = (64, 256, 1024, 4096, 16384)  # environments in a batch
-LEARN_ENVS = 512  # environments in a batch for training
 SETUPS = ("linear-blind", "bistable-blind")
 STEPS = 1_000_000  # steps of a training
 RTOL = 1e-6  # rtol of the batch: the largest power of ten with an error in V_p below 1e-6 m/s
@@ -72,12 +70,9 @@ def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
 def stepped(quick: bool) -> pl.DataFrame:
     """Return step rates of our and Gymnasium's environments: the best of some rounds, each of which times all."""
     batched, rule = gym.make_vec(ID, num_envs=BATCH, rtol=RTOL), PaperTrapezoid()
-    of_library = ImpactVecEnv(LEARN_ENVS)
-    alike = np.tile(of_library.action_space.sample(), (LEARN_ENVS, 1))  # the same action everywhere
     steps = [
         (f"{ID}, the paper's rule", BATCH, stepping(batched, lambda last: rule.predict(last[0])[0])),
         *((name, 1, stepping(gym.wrappers.Autoreset(gym.make(name)))) for name in (ID, SCALE)),
-        ("ImpactVecEnv", LEARN_ENVS, stepping(of_library, lambda _: alike)),
     ]
     for name, size in [(BATCH_SCALE, BATCH), *((ID, size) for size in (SIZES[::2] if quick else SIZES))]:
         steps.append((name, size, stepping(gym.make_vec(name, size, vectorization_mode="vector_entry_point"))))

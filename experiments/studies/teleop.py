@@ -4,6 +4,7 @@ An operator steers towards an object over a channel with a delay. Their belief w
 they stop one reaction time after they see the touch. An assistance at the arm senses the touch without delay.
 """
 
+import base64
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any
@@ -13,6 +14,7 @@ import polars as pl
 from matplotlib.figure import Figure
 from polars import selectors
 
+from agents.policies import load_ensemble
 from agents.setups import load_setup
 from experiments.lab import grid
 from experiments.lab.charts import SERIES
@@ -78,7 +80,9 @@ def contestants(setup: str) -> list[Contestant]:
     """Return the assistances."""
     fixed = {ALONE: "operator-alone", RULE: "paper-trapezoid", BRAKE: "local-brake", LIMIT: f"{setup}-limit"}
     everybody = [Contestant(name, {"baseline": baseline}) for name, baseline in fixed.items()]
-    return everybody + grid.seeds_of(setup, POLICY)
+    for policy in load_ensemble(setup).policies:
+        everybody.append(Contestant(POLICY, {"policy": base64.b64encode(policy.to_bytes()).decode()}, policy.seed))
+    return everybody
 
 
 def assisted(quick: bool, _: Frames) -> Iterator[Cell]:

@@ -119,7 +119,6 @@ def at(place, value):
     ({"separation_velocity": lambda v: 1.01 * v}, promises.PASSIVE),
     ({"trace.contact_force": at(400, -1e-9)}, promises.PUSHED),
     ({"impulse": lambda j: -j}, promises.PUSHED),
-    ({"trace.object_velocity": at(slice(-30, None), 0.0)}, promises.RISING),
     ({"impulse": lambda j: j * (1 + 1e-8)}, promises.BALANCED),
     ({"momentum_error": lambda _: 2e-9}, promises.BALANCED),
     ({"momentum_error": lambda _: math.nan}, promises.BALANCED),

@@ -46,7 +46,7 @@ def table(caption: str, statements: pl.DataFrame) -> Table:
 
 
 def draw_curves(frame: pl.DataFrame, axes: Any, curves: str | list[dict[str, Any]], where: dict[str, Any]) -> None:
-    """Draw curves that statements.toml describes, from the rows `where` columns have these values."""
+    """Draw curves that statements.toml describes; `where` has the values of columns in the rows to draw."""
     for curve in DATA["curves"][curves] if isinstance(curves, str) else curves:
         style = {"scale": 1.0, "color": "rule"} | curve
         x, y, scale, colour = (style.pop(name) for name in ("x", "y", "scale", "color"))

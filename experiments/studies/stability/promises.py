@@ -9,7 +9,6 @@ SLOWEST = 50.0  # ms
 MOMENTUM = 1e-9  # share of the contact's impulse
 ENERGY = 1e-6  # share of the energy exchanged in the contact, beyond the doubt of the quadrature
 PULL = 1e-12  # share of the peak force, or of the tool's speed: rounding
-FALL = 1e-8  # share of the tool's speed: rtol
 AGREEMENT = 1e-6  # relative difference of V_p
 FINISHED = pl.col("failure") == ""
 TRACED = FINISHED & pl.col("traced")
@@ -50,11 +49,10 @@ PROMISES = (
             (pl.col("momentum_error") < MOMENTUM) & (pl.col("impulse_error") < MOMENTUM)),
     Promise("no contact creates energy", CREATED, CREATED <= ENERGY, TRACED),
     Promise("the object is never pulled", pl.col("pull"), pl.col("pull") <= PULL),
-    Promise("V_p falls nowhere along a trace, to rtol", pl.col("trace_fall"), pl.col("trace_fall") <= FALL),
     Promise("V_p within 1e-6 of a run at a hundredth of rtol", pl.col("finer_change"),
             pl.col("finer_change") <= AGREEMENT, TRACED),
 )  # fmt: skip
-ENDED, FINITE, FAST, BALANCED, PASSIVE, PUSHED, RISING, SETTLED = PROMISES
+ENDED, FINITE, FAST, BALANCED, PASSIVE, PUSHED, SETTLED = PROMISES
 
 
 def failures(rows: pl.DataFrame) -> pl.DataFrame:

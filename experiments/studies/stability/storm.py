@@ -36,14 +36,13 @@ LONGEST_TRACE = 50_000  # steps; a longer trace would fill the memory
 FINER = 1e-10  # rtol of a second run of each scene with a trace
 STIFF = 20.0  # d, above which the independent solver tries an implicit method first
 TRUE_RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
-CHECKS = ("momentum_error", "impulse_error", "energy_created", "energy_doubt", "pull", "trace_fall")
+CHECKS = ("momentum_error", "impulse_error", "energy_created", "energy_doubt", "pull")
 """The worst values of a run, each without unit; all zero if there was no contact.
 
 `momentum_error` and `impulse_error`, from one contact: the residual of eq. 20, and the impulse minus the momentum that
 the object gained, both divided by the impulse. `energy_created` and `energy_doubt`, from one contact: the energy that
 the contact created (negative: lost; nan without a trace) and its doubt, both divided by all energy exchanged. `pull`: a
 contact force below 0 divided by the peak force, or a fall of V_p in a contact divided by the tool's speed.
-`trace_fall`: a fall of V_p between two points of the trace, beyond that by friction, divided by the tool's speed.
 """
 
 Array = NDArray[np.float64]
@@ -117,7 +116,7 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
     """Return the values of CHECKS for a run, from its contact records and, if it has one, its trace."""
     if not outcome.contacts:
         return dict.fromkeys(CHECKS, 0.0)
-    budgets, energies, pulls, fall = [], [], [0.0], 0.0
+    budgets, energies, pulls = [], [], [0.0]
     before, since, m_p, trace = 0.0, 0.0, scene.object.mass, outcome.trace
     slowing = GRAVITY * (scene.object.friction or 0.0)  # m/s^2
     for contact in outcome.contacts:
@@ -133,12 +132,9 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
             energies.append(energy(scene, trace, contact))
     if trace is not None:
         pulls.append(-float(trace.contact_force.min()) / max(outcome.peak_force, 1e-300))
-        fastest = max(float(np.abs(trace.tool_velocity).max()), 1e-300)
-        falls = np.diff(trace.object_velocity) + slowing * np.diff(trace.time)
-        fall = -float(falls.min(initial=0.0)) / fastest
     budget = max(budgets, key=lambda budget: _worst(*budget))
     created, doubt = max(energies, key=lambda parts: _worst(parts[0] - parts[1]), default=(math.nan, math.nan))
-    return dict(zip(CHECKS, (*budget, created, doubt, max(pulls, key=_worst), fall), strict=True))
+    return dict(zip(CHECKS, (*budget, created, doubt, max(pulls, key=_worst)), strict=True))
 
 
 def _worst(*values: float) -> float:
