@@ -32,15 +32,11 @@ class Command:
         s = t - start
         x, v = x + (v + a * s / 2) * s, v + a * s
         cut = min((p[0] for p in self.pieces if p[0] > t), default=inf)
-        if self.nodes.size:
-            # a node that was just reached counts as passed, even if x is before it by rounding
-            ahead = self.nodes[self.nodes > x + 1e-12]
-            distance = float(ahead[0]) - x if ahead.size else inf
-            square = (
-                v * v + 2 * a * distance if ahead.size else -1.0
-            )  # of the velocity at the node; below 0: never there
+        # a node that was just reached counts as passed, even if x is before it by rounding
+        for node in self.nodes[self.nodes > x + 1e-12][:1].tolist():
+            square = v * v + 2 * a * (node - x)  # of the velocity at the node
             if square >= 0 and v + sqrt(square) > 0:
-                cut = min(cut, t + 2 * distance / (v + sqrt(square)))
+                cut = min(cut, t + 2 * (node - x) / (v + sqrt(square)))
         return x, v, a, cut
 
     def steer(self, t: float, velocity: float, acceleration: float) -> None:
