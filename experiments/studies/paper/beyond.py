@@ -3,7 +3,6 @@
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -32,8 +31,11 @@ SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s
 CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s at constant speed in Fig. 23
 
 
-def beyond_delay() -> list[Row]:
-    """Simulate each coupling and object, over contact stiffness and over restitution, with all DELAYS and no brake."""
+def beyond_delay() -> pl.DataFrame:
+    """Simulate each coupling and object, over contact stiffness and over restitution, with all DELAYS and no brake.
+
+    `of_rigid` and `of_free` are V_p divided by that of the rigid tool, and by V_p without a brake.
+    """
     rows: list[Row] = []
     braking = replace(MOTION, brake=replace(BRAKE, delay=0.0))
     lines = {
@@ -47,43 +49,18 @@ def beyond_delay() -> list[Row]:
         free = ig.sweep(approach, STEADY, contact, duration=4.0)
         braked = ig.sweep(approach, braking, {**contact, "motion.brake.delay": DELAYS[None]}, duration=4.0)
         grid = np.hstack([free.object_velocity, braked.object_velocity])
-        for ((stiffness, restitution), delay), velocity in zip(
-            product(points, (NEVER, *DELAYS)), grid.flat, strict=True
-        ):
+        for (point, delay), found in zip(product(points, (NEVER, *DELAYS)), grid.flat, strict=True):
             about = {"coupling": coupling, "object": kind, "over": over, "delay": delay}
-            rows.append(about | {"stiffness": stiffness, "restitution": restitution, "object_velocity": velocity})
-    return rows
-
-
-def _ratios(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return the rows with a brake, with V_p divided by that of the rigid tool, and by V_p without a brake."""
+            rows.append(about | {"stiffness": point[0], "restitution": point[1], "object_velocity": found})
     velocity, scenario = pl.col("object_velocity"), ("object", "over", "stiffness", "restitution")
-    rigid, free = velocity.filter(coupling="rigid").first(), velocity.filter(delay=NEVER).first()
-    return frame.with_columns(
-        of_rigid=velocity / rigid.over(*scenario, "delay"), of_free=velocity / free.over("coupling", *scenario)
-    ).filter(pl.col("delay") != NEVER)
-
-
-def _draw_beyond_delay(frame: pl.DataFrame, grid: Any) -> None:
-    rows, steps = _ratios(frame), np.arange(len(DELAYS))
-    lines = {"stiffness": STIFFNESS, "restitution": RESTITUTIONS}
-    for axes, (over, coupling) in zip(grid.flat, product(lines, ("spring", "bistable")), strict=True):
-        ratios = [where(rows, coupling=coupling, object=kind, over=over)["of_rigid"] for kind in OBJECTS]
-        light, heavy = (values.reshape(len(lines[over]), -1) for values in ratios)
-        mesh = axes.pcolormesh(
-            steps, lines[over], np.log2(light), cmap="RdBu_r", vmin=-1.5, vmax=1.5, shading="nearest"
-        )
-        for values, style in ((light, "solid"), (heavy, "dashed")):
-            if values.min() < 1.0 < values.max():
-                axes.contour(steps, lines[over], values, [1.0], colors="black", linewidths=1.5, linestyles=style)
-        axes.set_xticks(steps[::3], [f"{1e3 * delay:g}" for delay in DELAYS[::3]])
-        bar = axes.figure.colorbar(mesh, ax=axes, label="V_p over the rigid tool's")
-        bar.ax.set(title="ratio")
-        bar.set_ticks([-1.0, 0.0, 1.0], labels=["1/2", "1", "2"])
+    of_rigid = velocity / velocity.filter(coupling="rigid").first().over(*scenario, "delay")
+    of_free = velocity / velocity.filter(delay=NEVER).first().over("coupling", *scenario)
+    brakes = pl.when(pl.col("delay") != NEVER)
+    return pl.DataFrame(rows).with_columns(of_rigid=brakes.then(of_rigid), of_free=brakes.then(of_free))
 
 
 def _numbers_beyond_delay(frame: pl.DataFrame) -> Numbers:
-    rows = _ratios(frame)
+    rows = frame.filter(pl.col("delay") != NEVER)
     at_16_ms = where(rows, coupling="rigid", object="light", over="stiffness", delay=BRAKE.delay)
     stiffness, gains = at_16_ms["stiffness"], 100.0 * (1.0 - at_16_ms["of_free"])
     free = [where(frame, coupling="rigid", object=kind, delay=NEVER)["object_velocity"] for kind in OBJECTS]
