@@ -81,8 +81,8 @@ def test_unknown_film_is_refused_before_any_is_written(tmp_path):
 @pytest.mark.parametrize("scheme", [0, 1], ids=["light", "dark"])
 def test_colours_of_text_can_be_read_on_page_and_panel(scheme):
     of = {}  # relative luminance (WCAG 2.2)
-    for name, colours in palette.COLOURS.items():
-        parts = np.array([*bytes.fromhex(colours[scheme].removeprefix("#"))]) / 255.0
+    for name, pair in palette.COLOURS.items():
+        parts = np.array([*bytes.fromhex(pair[scheme].removeprefix("#"))]) / 255.0
         linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
         of[name] = linear @ [0.2126, 0.7152, 0.0722]
     for name in ("rule", "policy", "profile", "person", "object", "force", "warning", "alarm", "muted", "fg", "link"):
