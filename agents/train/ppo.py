@@ -18,6 +18,7 @@ from typing import Any
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
+from torch.utils.tensorboard.writer import SummaryWriter
 
 from agents.baselines import PaperTrapezoid
 from agents.command_line import command_of, progress
@@ -28,7 +29,7 @@ from agents.setups.feasible import warnings
 from agents.setups.keys import within
 from agents.setups.training import SLOTS
 from agents.train import checkpoint
-from agents.train.callback import CollapsedError, CsvLog, OnValidation, TensorBoardLog, TrainingCallback
+from agents.train.callback import CollapsedError, OnValidation, TrainingCallback
 from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
 from agents.train.scaling import ScaledRewards
@@ -197,8 +198,7 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
     environments.seed(FIRST_SEED + run.seed * SLOTS)
     policy = partial(policy_from, model, run, record)
     callback = TrainingCallback(folder, run.setup, training, environments, policy, on_validation)
-    log = Logger(str(folder), [])
-    model.set_logger(log)
+    model.set_logger(Logger(None, []))
     saved = folder / "checkpoint.npz"
     if saved.is_file():
         callback.kept |= checkpoint.restore(saved, model, environments, training)
@@ -206,9 +206,9 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
     else:
         print(f"training for {training.whole_steps:,} steps; torch uses {training.threads} thread(s)")
     done = model.num_timesteps
-    log.output_formats = [CsvLog(folder / "progress.csv", done), TensorBoardLog(folder, done)]
-    title = f"{run.setup.name}, seed {run.seed}"
-    with closing(log), closing(progress(title, training.whole_steps, done)) as callback.bar:
+    bar = progress(f"{run.setup.name}, seed {run.seed}", training.whole_steps, done)
+    dropped = done + 1 if done else None  # first step whose values an interrupted run has written
+    with SummaryWriter(folder, purge_step=dropped) as callback.writer, closing(bar) as callback.bar:
         model.learn(
             training.whole_steps - done,
             callback=callback,
