@@ -49,24 +49,17 @@ class TrainingCallback(BaseCallback):
         )
         self.bar: Any = None  # see `agents.command_line.progress`
         self.writer: Any = None  # of TensorBoard
-        self._start_clock()
+        self._begun = time.perf_counter()
         self.kept: dict[str, Any] = {  # state that a checkpoint keeps
             "sums": dict.fromkeys(OBJECTIVES, 0.0),
             "episodes": 0,
             "last": {"row": 0, "validation": 0, "checkpoint": 0},
             "best": math.inf,
             "curve": [],  # [steps, score] of each validation
-            "clock": [],  # processor seconds until each validation
             "rows": [],  # of progress.csv
             "collapsed": 0,  # validations in a row so far with nearly all objects missed
             "seconds": 0.0,
-            "processor": 0.0,
         }
-
-    def _start_clock(self) -> None:
-        self._begun, self._processor, self._begun_at = time.perf_counter(), time.process_time(), self.num_timesteps
-
-    _on_training_start = _start_clock
 
     def _on_step(self) -> bool:
         for row in np.flatnonzero(self.locals["dones"]).tolist():
@@ -96,10 +89,10 @@ class TrainingCallback(BaseCallback):
         self._count_time()
 
     def _count_time(self) -> None:
-        """Add the seconds since the last call, by the clock and of the processor, to `kept`."""
-        self.kept["seconds"] += time.perf_counter() - self._begun
-        self.kept["processor"] += time.process_time() - self._processor
-        self._start_clock()
+        """Add the seconds since the last call to `kept`."""
+        now = time.perf_counter()
+        self.kept["seconds"] += now - self._begun
+        self._begun = now
 
     def _due(self, what: str, every: int) -> bool:
         if self.num_timesteps // every == self.kept["last"][what] // every:
@@ -118,7 +111,6 @@ class TrainingCallback(BaseCallback):
         result = self.validation.score(policy)
         policy.provenance |= {"steps": steps, "validation": result}
         self.kept["curve"].append([steps, result["score"]])
-        self.kept["clock"].append(self.kept["processor"] + time.process_time() - self._processor)
         self.logger.record("validation/score", result["score"])
         for name in ("object_velocity", "approach_time"):
             for weight, mean in zip(result["time_weight"], result[name], strict=True):
@@ -132,6 +124,7 @@ class TrainingCallback(BaseCallback):
         return policy
 
     def _check_weights(self) -> None:
+        """Raise CollapsedError if a weight is not finite."""
         if not torch.nn.utils.parameters_to_vector(self.model.policy.parameters()).isfinite().all():
             raise self._collapse("the weights are no longer finite")
 
@@ -157,8 +150,6 @@ class TrainingCallback(BaseCallback):
             for name in OBJECTIVES:
                 self.logger.record(f"objectives/{name}", self.kept["sums"][name] / self.kept["episodes"])
         self.kept |= {"sums": dict.fromkeys(OBJECTIVES, 0.0), "episodes": 0}
-        if steps := self.num_timesteps - self._begun_at:
-            self.logger.record("time/steps_per_second", steps / (time.perf_counter() - self._begun))
         row = {name: float(value) for name, value in self.logger.name_to_value.items()}
         self.logger.dump()  # forgets these values
         self.kept["rows"].append({STEPS: self.num_timesteps, **row})

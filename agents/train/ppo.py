@@ -3,7 +3,7 @@
 Each training writes a run folder. It holds `config.json` (settings, versions, command), `progress.csv` and events for
 TensorBoard, `best.npz` (the policy with the best validation score), `final.npz`, and `metrics.json` (with the speed of
 the training). Until the training ends, the folder also holds `checkpoint.npz`, from which `resume` reaches the same
-result to the bit. If a training has collapsed, `collapsed.txt` gives the reason.
+result to the bit.
 """
 
 import json
@@ -29,7 +29,7 @@ from agents.setups.feasible import warnings
 from agents.setups.keys import within
 from agents.setups.training import SLOTS
 from agents.train import checkpoint
-from agents.train.callback import CollapsedError, OnValidation, TrainingCallback
+from agents.train.callback import OnValidation, TrainingCallback
 from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
 from agents.train.scaling import ScaledRewards
@@ -143,7 +143,7 @@ def train(run: Run, out: Path | None = None, on_validation: OnValidation | None 
 
     Raises:
         FileExistsError: the run folder exists already.
-        CollapsedError: the training collapsed; `collapsed.txt` keeps the reason.
+        CollapsedError: the training collapsed.
     """
     with within(run.setup.called):
         for sentence in warnings(run.task):
@@ -161,7 +161,7 @@ def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
 
     Raises:
         ValueError: there is no run; or it is damaged, or of another version; or another process is training it.
-        CollapsedError: the training collapsed; `collapsed.txt` keeps the reason.
+        CollapsedError: the training collapsed.
     """
     try:
         record = json.loads((folder / "config.json").read_text())
@@ -175,16 +175,9 @@ def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
 
 def _to_its_end(folder: Path, run: Run, record: dict[str, Any], on_validation: OnValidation | None) -> Path:
     """Finish the training, while the folder is locked, and return the folder."""
-    collapsed = folder / "collapsed.txt"
     with writing(f"the run in {folder}"), locked(folder / "lock", wait=False):
-        if collapsed.is_file():
-            raise CollapsedError(f"{folder}: {collapsed.read_text()}")
         if not (folder / "metrics.json").is_file():
-            try:
-                _learn(folder, run, record, on_validation)
-            except CollapsedError as error:
-                write_file(collapsed, str(error))
-                raise
+            _learn(folder, run, record, on_validation)
     return folder
 
 
@@ -220,7 +213,6 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
     metrics = {
         "validation": {**scores, "paper's rule": rule},
         "curve": [{"steps": steps, "score": score} for steps, score in callback.kept["curve"]],
-        "clock": callback.kept["clock"],
         "training_seconds": callback.kept["seconds"],
         "steps_per_second": training.whole_steps / callback.kept["seconds"],
     }
