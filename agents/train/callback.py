@@ -101,11 +101,7 @@ class TrainingCallback(BaseCallback):
         return True
 
     def validate(self) -> Policy:
-        """Play the validation set, save the policy if it is the best so far, and return the policy.
-
-        Raises:
-            CollapsedError: the policy misses nearly all objects, for the COLLAPSED-th validation in a row.
-        """
+        """Play the validation set, save the policy if it is the best so far, and return the policy."""
         steps = self.num_timesteps
         policy = self._policy()
         result = self.validation.score(policy)

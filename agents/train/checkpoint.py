@@ -48,11 +48,7 @@ def write(
 
 
 def restore(path: Path, model: Any, environment: ScaledRewards, training: Training) -> dict[str, Any]:
-    """Restore `model` and `environment`, which were made from the same settings; return the state of the callback.
-
-    Raises:
-        ValueError: the file is no checkpoint, is damaged, or is a checkpoint of another model.
-    """
+    """Restore `model` and `environment`, which were made from the same settings; return the state of the callback."""
     content, arrays = read_archive(path, FORMAT)
     state = json.loads(json.dumps(content), object_hook=partial(_unpack, arrays))
     try:

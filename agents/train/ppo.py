@@ -139,12 +139,7 @@ def policy_from(model: PPO, run: Run, provenance: Mapping[str, Any]) -> Policy:
 
 
 def train(run: Run, out: Path | None = None, on_validation: OnValidation | None = None) -> Path:
-    """Train, write the run folder, and return its path; each validation calls `on_validation`.
-
-    Raises:
-        FileExistsError: the run folder exists already.
-        CollapsedError: the training collapsed.
-    """
+    """Train, write the run folder, and return its path; each validation calls `on_validation`."""
     with within(run.setup.called):
         for sentence in warnings(run.task):
             print(f"warning: {sentence}")
@@ -157,12 +152,7 @@ def train(run: Run, out: Path | None = None, on_validation: OnValidation | None 
 
 
 def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
-    """Resume the run in `folder` from its last checkpoint, or else from the beginning, and return the folder.
-
-    Raises:
-        ValueError: there is no run; or it is damaged, or of another version; or another process is training it.
-        CollapsedError: the training collapsed.
-    """
+    """Resume the run in `folder` from its last checkpoint, or else from the beginning, and return the folder."""
     try:
         record = json.loads((folder / "config.json").read_text())
         run = Run.of_record(record["settings"])

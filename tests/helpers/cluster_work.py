@@ -30,7 +30,7 @@ def calls(log):
 
 def kept(folder):
     """Return the stored results below a folder, each with its time of writing."""
-    return {path: path.stat().st_mtime_ns for path in folder.glob("**/output.pkl")}
+    return {path: path.stat().st_mtime_ns for path in folder.glob("**/*.pkl")}
 
 
 def numbers(log, number, seconds=0.0, megabytes=0):
