@@ -52,16 +52,6 @@ def test_simulate_has_a_floor_for_the_approach_velocity_in_the_damping():
     assert contact.separation_velocity == pytest.approx(1e-7 * delivered, rel=1e-8)
 
 
-@pytest.mark.parametrize(("changes", "options", "says"), [
-    ({"contact": Record(stiffness=1e5, restitution=0.5, dissipation="guess")}, {}, ("dissipation", "'guess'")),
-    ({}, {"method": "Euler"}, ("method", "must be one of")), ({"coupling": Record(stiffness=1.0)}, {}, ("coupling",)),
-])  # fmt: skip
-def test_simulate_refuses_unknown_laws_methods_and_couplings(changes, options, says):
-    case = Record(**{name: getattr(scene(), name) for name in ("tool", "object", "contact", "coupling")} | changes)
-    with pytest.raises((ValueError, NotImplementedError), match=".*".join(says)):
-        simulate(case, CRUISE, 0.1, **options)
-
-
 def first_turn(switches, method="DOP853"):
     """x'' = -x from (0, 1): x = sin(tau)."""
     swing = Record(rates=lambda _, y: [y[1], -y[0]])

@@ -21,7 +21,7 @@ from agents.archive import read_archive, write_archive
 from agents.setups import Training
 from agents.train.scaling import ScaledRewards
 
-FORMAT = "impact_gym checkpoint 2"
+FORMAT = "impact_gym checkpoint 3"
 # stable-baselines3 2.9 has no public access to these attributes; a test checks that resuming changes no bit
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
 
