@@ -54,9 +54,8 @@ class ImpactVecEnv(VecEnv):
             raise ValueError(f"options must be a mapping or {self.num_envs} of them, got {len(self._options)}")
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         asked = zip(self._options, cycle(self.envs.batch.tasks), strict=False)
-        fixed, skipped = zip(*(reset_options(options, [task]) for options, task in asked), strict=True)
-        everywhere = np.ones(self.num_envs, np.bool_)
-        observations = self.envs.begin(seeds, everywhere, np.concatenate(fixed), np.array(skipped))
+        fixed = np.concatenate([reset_options(options, [task]) for options, task in asked])
+        observations = self.envs.begin(seeds, np.ones(self.num_envs, np.bool_), fixed)
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from impact_gym.envs.arguments import filled
 from impact_gym.envs.batch import Batch
 from impact_gym.outcome import Trace
-from impact_gym.task.episodes import EpisodeState, reset_options, skip_episodes
+from impact_gym.task.episodes import EpisodeState, reset_options
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
@@ -115,7 +115,6 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - `{"record": {...}}` fixes any drawn number. With the final `info["record"]` of an episode, that episode can be
       repeated. The reaction delay must not exceed the largest one that the environment was made with. A number of the
       set-up must lie in the range that the environment was made with.
-    - `{"episode_index": k}`, together with a seed, starts the k-th episode of that seed, counted from 0.
 
     ## Episode End
     An episode terminates 0.15 s after the alarm (`after_alarm`). The flange then brakes to rest at the largest
@@ -239,10 +238,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode; see Starting State."""
-        fixed, skipped = reset_options(options, self._batch.tasks)
+        fixed = reset_options(options, self._batch.tasks)
         super().reset(seed=None if seed is None else whole("seed", seed, at_least=0))
-        if skipped:
-            skip_episodes(self.np_random, skipped)
         self._batch.begin(_ROW, [self.np_random], fixed)
         self._running = True
         if self._renderer is not None:

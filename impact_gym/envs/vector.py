@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, observation_space, steps_per_second
-from impact_gym.task.episodes import reset_options, skip_episodes
+from impact_gym.task.episodes import reset_options
 from impact_gym.task.task import Task
 from impact_gym.validation import array, choice, one_of, shown, whole
 
@@ -100,20 +100,14 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         mask = array("options['reset_mask']", everywhere if given is None else given, everywhere.shape, "b", words)
         if not mask.any():
             raise ValueError(f"options['reset_mask'] must hold {words} got none")
-        fixed, skipped = reset_options(rest, self.batch.tasks, self.num_envs)
-        return self.begin(seed, mask, fixed[mask], skipped), {}
+        return self.begin(seed, mask, reset_options(rest, self.batch.tasks, self.num_envs)[mask]), {}
 
-    def begin(
-        self, seed: Any, mask: Flags, fixed: NDArray[Any] | None = None, skipped: int | NDArray[np.int64] = 0
-    ) -> Floats:
-        """Begin an episode in the k slots of `mask`, after skipping `skipped` episodes; return the observations.
+    def begin(self, seed: Any, mask: Flags, fixed: NDArray[Any] | None = None) -> Floats:
+        """Begin an episode in the k slots of `mask`; return the observations.
 
         `fixed` are records (k,) of the numbers that are not drawn, see `Batch.begin`.
         """
         self._seed(seed, mask)
-        counts = np.where(mask, skipped, 0)
-        for slot in np.flatnonzero(counts).tolist():
-            skip_episodes(self._generators[slot], int(counts[slot]))
         self.batch.begin(np.flatnonzero(mask), self._generators, fixed)
         self._ended[mask] = False
         self._begun[mask] = True

@@ -1,4 +1,4 @@
-"""What episodes draw; episodes repeated from seed and index, from a record, from an evaluation set; altered states."""
+"""What episodes draw; episodes repeated from a record, from an evaluation set; altered states."""
 
 import re
 import shutil
@@ -27,14 +27,6 @@ def play(env, seed=None, **options):
     return play_with(env, random_actions(0), seed, **options)
 
 
-def test_episode_is_repeated_from_its_seed_and_index():
-    env = gym.make(ID, **OPTIONS)
-    episodes = [play(env, seed) for seed in (11, None, None, None)]
-    for k, episode in enumerate(episodes):
-        assert_identical(play(gym.make(ID, **OPTIONS), seed=11, episode_index=k), episode)
-    assert len({episode.info["scenario"]["object_mass"] for episode in episodes}) == 4
-
-
 @pytest.mark.parametrize("kind", ["scenario", "record"])
 def test_options_of_a_reset_fix_numbers_for_one_episode_and_change_no_other_draw(kind):
     env, free = gym.make(ID, **OPTIONS), gym.make(ID, **OPTIONS)
@@ -48,9 +40,9 @@ def test_options_of_a_reset_fix_numbers_for_one_episode_and_change_no_other_draw
 
 def test_range_of_one_number_changes_no_other_draw():
     plain, drawn = (gym.make_vec(ID, num_envs=50, **options) for options in ({}, {"tool_mass": (0.1, 0.2)}))
-    for index in range(3):
+    for seed in (3, None, None):
         for envs in (plain, drawn):
-            envs.reset(seed=3, options={"episode_index": index})
+            envs.reset(seed=seed)
         record = drawn.unwrapped.batch.info()["record"]
         assert np.ptp(record.pop("tool_mass")) > 0.05
         assert_identical(record, plain.unwrapped.batch.info()["record"])
