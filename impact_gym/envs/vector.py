@@ -79,10 +79,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._generators: list[np.random.Generator] = []
-        self._none: Flags = np.zeros(self.num_envs, np.bool_)
-        self._ended = self._none.copy()
-        self._begun = self._none.copy()
-        self._skipped = self._none
+        self._ended, self._begun, self._skipped = np.zeros((3, self.num_envs), np.bool_)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -138,9 +135,9 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         terminated, truncated = self.play(actions)
         batch, ended = self.batch, self._ended
         same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
-        acted = ~self._skipped & ~(ended if same_step else self._none)
+        acted = ~self._skipped & ~(ended & same_step)
         links, (rewards, scalar) = batch.link_columns(), self._rewards()
-        infos = masked(scalar, ~self._none) | (masked(of_rows(links, acted), acted) if acted.any() else {})
+        infos = masked(scalar, np.ones_like(ended)) | (masked(of_rows(links, acted), acted) if acted.any() else {})
         if ended.any():
             rows = np.flatnonzero(ended)
             finals = masked(batch.info(rows), ended)
@@ -153,7 +150,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
                 finals |= masked(of_rows(links, ended), ended)
                 infos |= {"final_obs": final, "_final_obs": ended, "final_info": finals, "_final_info": ended.copy()}
                 batch.begin(rows, self._generators)
-                self._ended = self._none.copy()
+                self._ended = np.zeros_like(ended)
         return batch.observations.copy(), rewards, terminated, truncated, infos
 
     def _rewards(self) -> tuple[NDArray[np.float64], dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""Events found on the integrator's polynomial: peak force, alarm, clamp, separation.
+"""Events found on the integrator's polynomial: peak force, alarm, separation.
 
 Each is compared with a closed form, to the tolerance that was asked for.
 """
