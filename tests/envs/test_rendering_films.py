@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-import subprocess
 import sys
 from types import SimpleNamespace
 
@@ -99,19 +98,6 @@ def test_every_mode_shows_each_instant_and_changes_no_result(mode, no_waiting):
             env.step(encode(0.1, 1.0))
         assert_identical(play(env, stop=3)[0], pictures[:4])
     env.close()
-
-
-def test_pygame_is_imported_for_the_first_picture_and_not_before():
-    program = """
-import sys, gymnasium as gym, impact_gym
-env = gym.make("ImpactApproach-v0", render_mode="rgb_array")
-env.reset(seed=1)
-env.step(env.action_space.sample())
-assert not {"pygame", "impact_gym.render"} & sys.modules.keys()
-env.render()
-assert "pygame" in sys.modules
-"""
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
 
 
 def test_missing_pygame_and_missing_display_are_named(monkeypatch):

@@ -60,7 +60,7 @@ STEERED_DRAWN = {
     name: STEERED | {"operator": {"type": name, **numbers}, "uplink": CHANNEL, "downlink": DISPLAY}
     for name, numbers in (OPERATORS | {"Replay": SEVERAL}).items()
 }  # fmt: skip
-"""The same, with each kind of operator."""
+"""Arguments with a range for every number, with each kind of operator."""
 RECORDED = {"type": "Replay", "time": [0.0, 0.5, 3.0, 3.1], "velocity": [0.0, 0.3, 0.3, 0.0]}
 TRACED = {"trace": [[0.0, 0.02], [0.5, 0.3], [1.0, 0.1]]}
 FIXED = st.sampled_from([

@@ -20,7 +20,7 @@ EVERY_TOLERANCE = pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8, 1e-10])
 
 
 class Elastic:
-    """A random contact without loss with a tool of imposed motion: energy conserved, so all times are beta functions.
+    """A random elastic contact with a tool of imposed motion. Energy is conserved, so all times are beta functions.
 
     From v^2 - delta_dot^2 = 2/n k/m delta^n with n = 5/2 of Hertz, or another, and x = (delta / deepest)^n:
     t(delta) = deepest/v / n B(x; 1/n, 1/2), which is half the duration at x = 1.
@@ -40,7 +40,7 @@ class Elastic:
         self.separation_velocity = self.speed
 
     def rises_to(self, force):
-        """Time from the onset at which the force reaches this, s."""
+        """Time (s) from the onset until the contact has this force (N)."""
         x = min(max(force / self.peak, 0.0), 1.0) ** (self.n / self.exponent)
         return 0.5 * self.duration * betainc(1 / self.n, 0.5, x)
 
@@ -55,7 +55,7 @@ LINEAR = {"dissipation": "exact", "stiffness_exponent": 1.0, "damping_exponent":
 
 
 class Oscillator:
-    """A linear contact, x'' + 2 zeta x' + x = 0 from x = 0, x' = 1, in its own time and force.
+    """A linear contact, x'' + 2 zeta x' + x = 0 from x = 0, x' = 1, in its own units of time and force.
 
     With zeta = sin(phi), complex above critical damping, each derivative turns the phase by pi/2 + phi,
     x^(n) = exp(-zeta t) sin(w t + n (pi/2 + phi)) / w.
@@ -87,7 +87,7 @@ class Oscillator:
         return -self.derivative(2, t)
 
     def rises_to(self, force):
-        """Time from the onset at which the force reaches this, s."""
+        """Time (s) from the onset until the contact has this force (N)."""
         if not self.least < force < self.peak:
             return 0.0 if force < self.peak else self.summit * self.second
         return brentq(lambda t: self.force(t) - force / self.newton, 0.0, self.summit, xtol=1e-15) * self.second
