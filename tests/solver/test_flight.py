@@ -47,9 +47,7 @@ def positions(record):
 
 @pytest.mark.parametrize("damping_ratio", DAMPING_RATIOS)
 def test_free_decay_is_the_matrix_exponential(damping_ratio):
-    change = math.sqrt(
-        1e-3 / max(abs(damping_ratio**2 - 1), 1e-9)
-    )  # here the formula changes: no jump there
+    change = math.sqrt(1e-3 / max(abs(damping_ratio**2 - 1), 1e-9))  # here the formula changes: no jump there
     for angle in (1e-6, 1e-2, 0.03162, 0.5, 3.0, 40.0, change * (1 - 1e-12), change * (1 + 1e-12)):
         exact = expm(np.array([[0.0, 1.0], [-1.0, -2 * damping_ratio]]) * angle)  # in units of the frequency
         for position, velocity in np.eye(2):
