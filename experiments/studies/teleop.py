@@ -1,4 +1,4 @@
-"""Which assistance helps an operator who acts late? All are compared at every coupling, delay, operator and channel.
+"""Which assistance helps an operator who acts late? All are compared at every coupling, delay and operator.
 
 An operator steers towards an object over a channel with a delay. Their belief where the object is may be 5 cm off, and
 they stop one reaction time after they see the touch. An assistance at the arm senses the touch without delay.
@@ -26,18 +26,6 @@ from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Stud
 COUPLINGS = ("rigid", "spring", "bistable")
 DELAYS, TYPICAL = (0.0, 0.05, 0.1, 0.2, 0.4), 0.2  # s, there and back
 BELIEF = {"place_error": [-0.05, 0.05], "creep": [0.05, 0.15]}
-WAY, RECORDINGS, APART = 0.9, 8, 8.0  # way of a recording, m; recordings; s between their starts
-
-
-def recordings() -> dict[str, Any]:
-    """Return recordings that no training used: eight random speeds in each, two of them lowered to a hesitation."""
-    rng, times, velocities = np.random.default_rng(0), list[float](), list[float]()
-    for begin in APART * np.arange(RECORDINGS):
-        speeds = np.concatenate([[0.0], rng.uniform(0.1, 0.45, 8), [0.0]])
-        speeds[rng.choice(np.arange(2, 8), 2, replace=False)] = 0.03
-        times += (begin + WAY / speeds.sum() * np.arange(len(speeds))).tolist()
-        velocities += speeds.tolist()
-    return {"type": "Replay", "time": times, "velocity": velocities, "length": APART, "recording": [0, RECORDINGS]}
 
 
 REACH, SEEN = "reach", "training's recordings"
@@ -45,16 +33,13 @@ HELD_OUT: Mapping[str, Mapping[str, Any]] = {
     "tracker": {"type": "Tracker", **BELIEF},
     "hand": {"type": "SecondOrderLag", **BELIEF},
     "steady": {"type": "Trapezoid", "speed": [0.1, 0.4]},
-    "recordings": recordings(),
 }
-"""Operators with which no policy was trained and no rule tuned."""
+"""Operators with which no policy was trained."""
 OPERATORS = (REACH, SEEN, *HELD_OUT)
-ALONE, RULE, BRAKE, LIMIT, POLICY = "operator alone", "paper's rule", "local brake", "speed limit", "policy"
-ASSISTANCE = (ALONE, RULE, BRAKE, LIMIT, POLICY)
+ALONE, RULE, BRAKE, POLICY = "operator alone", "paper's rule", "local brake", "policy"
+ASSISTANCE = (ALONE, RULE, BRAKE, POLICY)
 MEASURES = ("object_velocity", "slide", "done_time", "taken", "missed")
-RIVALS = {"brake": BRAKE, "limit": LIMIT}
-"""What each contestant is compared with, by the prefix of the columns with the differences."""
-COLOURS = {ALONE: SERIES[3], BRAKE: SERIES[4], LIMIT: SERIES[2], POLICY: SERIES[1]}
+COLOURS = {ALONE: SERIES[3], BRAKE: SERIES[4], POLICY: SERIES[1]}
 SHOWN = {"slide": (100.0, "slide (cm)"), "done_time": (1.0, "done (s)")}
 """Rows of the figure: for each column of the table a factor and a label."""
 
@@ -78,7 +63,7 @@ def places(quick: bool) -> Iterator[Place]:
 
 def contestants(setup: str) -> list[Contestant]:
     """Return the assistances."""
-    fixed = {ALONE: "operator-alone", RULE: "paper-trapezoid", BRAKE: "local-brake", LIMIT: f"{setup}-limit"}
+    fixed = {ALONE: "operator-alone", RULE: "paper-trapezoid", BRAKE: "local-brake"}
     everybody = [Contestant(name, {"baseline": baseline}) for name, baseline in fixed.items()]
     for policy in load_ensemble(setup).policies:
         everybody.append(Contestant(POLICY, {"policy": base64.b64encode(policy.to_bytes()).decode()}, policy.seed))
@@ -97,7 +82,7 @@ LABELS = ("coupling", "delay", "operator")
 
 
 def table_of_cells(frames: Frames) -> list[dict[str, Any]]:
-    """Return a row for each assistance in each cell: means over scenarios and seeds, differences from RIVALS."""
+    """Return a row for each assistance in each cell: means over scenarios and seeds, differences from the brake."""
     found = list[dict[str, Any]]()
     for labels, rows in grid.groups(frames["episodes"], *LABELS):
         setup = load_setup(f"teleop-{labels[0]}")
@@ -112,8 +97,8 @@ def table_of_cells(frames: Frames) -> list[dict[str, Any]]:
             row = dict(zip(LABELS, labels, strict=True))
             row |= {"contestant": who, "scenarios": resamples.scenarios, "weight": weight}
             estimates = {name: estimate(resampled) for name, resampled in ours.items()}
-            for rival, name in product(RIVALS, ("slide", "cost")):
-                estimates[f"{rival}_{name}"] = estimate(means[RIVALS[rival]][name] - ours[name])
+            for name in ("slide", "cost"):
+                estimates[f"brake_{name}"] = estimate(means[BRAKE][name] - ours[name])
             for name, value in estimates.items():
                 row |= {name: value.value, f"{name}_low": value.low, f"{name}_high": value.high}
             found.append(row)
@@ -125,14 +110,14 @@ def words_of(row: Row) -> str:
     return f"{row['coupling']}, {row['operator']}, {1e3 * row['delay']:.0f} ms"
 
 
-def duel(found: Sequence[Row], rival: str) -> str:
-    """Return in words in how many cells the policy costs clearly less or more than a rival, and the extreme cells."""
-    ours, column = [row for row in found if row["contestant"] == POLICY], f"{rival}_cost"
+def duel(found: Sequence[Row]) -> str:
+    """Return in words in how many cells the policy costs clearly less or more than the brake, and the extreme cells."""
+    ours, column = [row for row in found if row["contestant"] == POLICY], "brake_cost"
     less, more = (sum(sign * row[f"{column}_{end}"] > 0.0 for row in ours) for sign, end in ((1, "low"), (-1, "high")))
     share = 100.0 * sum(row[column] for row in ours) / sum(row["cost"] + row[column] for row in ours)
     best, worst = (f"{form(column, 3).format(**row)} m/s ({words_of(row)})"
                    for row in (chosen(ours, key=lambda row: row[column]) for chosen in (max, min)))  # fmt: skip
-    return (f"The policy costs clearly less than the {RIVALS[rival]} in {less} of {len(ours)} cells and clearly more "
+    return (f"The policy costs clearly less than the {BRAKE} in {less} of {len(ours)} cells and clearly more "
             f"in {more}; over all {share:.1f} % less. It costs less by {best} at the most and {worst} at the least "
             "(below 0: it costs more).")  # fmt: skip
 
@@ -140,7 +125,7 @@ def duel(found: Sequence[Row], rival: str) -> str:
 COMPARED = f"""95 % intervals over {{count}} scenarios on which nothing was tuned or trained, and over the seeds of each
 policy. The cost is V_p + w times the time until all is done, w = {{weight:g}} m/s per s. Policies were trained with the
 operator '{REACH}', whose beliefs were up to 30 cm wrong, and with {SEEN}, which do not stop at a touch. Held out: a
-tracker of the displayed object, a pointing hand, a steady speed, other recordings."""
+tracker of the displayed object, a pointing hand, a steady speed."""
 
 
 def chart(found: Sequence[Row]) -> Figure:
@@ -201,7 +186,6 @@ def analyse(frames: Frames, _: bool) -> Findings:
         "slides (cm)": form("slide", 2), "done (s)": form("done_time", 2), "taken": "{taken:.2f}",
         "missed": "{missed:.1%}", "slides less than with the brake (cm)": form("brake_slide", 2),
         "costs less than the brake (m/s)": form("brake_cost", 3),
-        "costs less than the speed limit (m/s)": form("limit_cost", 3),
     })  # fmt: skip
     return Findings(answer(held_out), [
         Section("With held-out operators", [
@@ -209,7 +193,7 @@ def analyse(frames: Frames, _: bool) -> Findings:
             Picture("held_out", chart(held_out), alt, caption, "Held-out operators"),
             Picture("trained", chart(trained), alt, caption, "Operators of the training"),
         ]),
-        Section("The policy beside brake and speed limit", [duel(found, rival) for rival in RIVALS], key="duels"),
+        Section("The policy beside the brake", [duel(found)], key="duel"),
         Section("All cells", [everything], folded=True, key="all"),
     ], {"cells": pl.DataFrame(found, infer_schema_length=None)})  # fmt: skip
 

@@ -10,7 +10,6 @@ from studies import small_run
 from agents.evaluate import ScenarioBatch
 from experiments.lab.study import Cell
 from experiments.studies import bench, gain, teleop
-from impact_gym.task import Task
 
 
 def test_distances_have_the_distribution_of_the_prior():
@@ -126,17 +125,7 @@ def row_of(who, low, high):
 
 def test_duel_counts_cells_and_weighs_all_of_them():
     rows = [row_of(teleop.POLICY, low, low + 0.2) for low in (0.1, -0.2, -0.3, 0.0, 0.3)]
-    text = teleop.duel([*rows, row_of(teleop.BRAKE, 5.0, 6.0)], "brake")
+    text = teleop.duel([*rows, row_of(teleop.BRAKE, 5.0, 6.0)])
     assert "clearly less than the local brake in 2 of 5 cells and clearly more in 1" in text  # 0 is neither
     assert f"over all {100.0 * 0.4 / 5.4:.1f} % less" in text
     assert "by 0.400 [0.300, 0.500] m/s (rigid, steady, 100 ms) at the most and -0.200 [-0.300, -0.100] m/s" in text
-
-
-def test_recordings_have_the_whole_length_and_are_not_those_of_the_training():
-    recorded, seen = teleop.recordings(), teleop.environment_of("rigid", teleop.SEEN, 0.1)["operator"]
-    task = Task(**teleop.environment_of("rigid", "recordings", 0.1))
-    assert min(task.operator.velocity) == 0.0
-    time, velocity = (np.array(recorded[name]).reshape(teleop.RECORDINGS, -1) for name in ("time", "velocity"))
-    assert np.trapezoid(velocity, time, axis=1) == pytest.approx(teleop.WAY)
-    assert (time[:, -1] - time[:, 0]).max() < teleop.APART
-    assert {*seen["velocity"]} & {*velocity.ravel()} == {0.0}

@@ -41,8 +41,10 @@ def law_of(scene: ig.Scene) -> dict[str, float]:
 
 
 @cache
-def integrator(kind: type, touching: bool, tolerance: float) -> tuple[Any, dict[int, str]]:
+def integrator(kind: str, touching: bool, tolerance: float) -> tuple[Any, dict[int, str]]:
     """Compile a flight or a contact; return heyoka's integrator, and the event of each of its outcomes.
+
+    `kind` is the name of the coupling's class.
 
     In a contact s is the root of the penetration, in flight the penetration itself; w is the rate of the penetration, v
     the object's velocity, tau the time since the piece began. y is the tool's deflection from the flange and q its
@@ -57,9 +59,9 @@ def integrator(kind: type, touching: bool, tolerance: float) -> tuple[Any, dict[
     )
     x, x_dot, T = x0 + length * y, speed * q, zero
     front_force, rear_force = k_s * (x - front) + c_s * x_dot, k_s * (rear - x) - c_s * x_dot
-    if kind is ig.SpringDamper:
+    if kind == "SpringDamper":
         T = -k_t * x - c_t * x_dot
-    if kind is ig.Bistable:  # paper, eq. 23-24, and the two stops
+    if kind == "Bistable":  # paper, eq. 23-24, and the two stops
         L = hy.sqrt(H * H + x * x)
         T = k_t * (L0 - L) * x / L - front_on * front_force + rear_on * rear_force
     unit, clamped = length / (speed * speed), 1.0 + d * w
@@ -67,16 +69,16 @@ def integrator(kind: type, touching: bool, tolerance: float) -> tuple[Any, dict[
     if touching:  # s * s * s: heyoka's series of s**3 divides by s, which is zero at onset
         rate, s_dot = s, 0.5 * w
         F = pressed * k_c * length * hy.sqrt(length) * (s * s * s) * clamped  # paper, eq. 5 and 7
-    tool = zero + a if kind is ig.Rigid else (T - F) / m_t
+    tool = zero + a if kind == "Rigid" else (T - F) / m_t
     w_dot = rate * unit * (tool - F / m_p)
-    y_dot, q_dot = (zero, zero) if kind is ig.Rigid else (rate * q, rate * unit * (tool - a))
+    y_dot, q_dot = (zero, zero) if kind == "Rigid" else (rate * q, rate * unit * (tool - a))
     rising, falling, both = (getattr(hy.event_direction, name) for name in ("positive", "negative", "any"))
     events = [("touching", falling if touching else rising, s)]
     if touching:
         slope = 1.5 * w * clamped + d * s * w_dot  # of F, without s^2
         events += [("peak", falling, slope), ("pressed", both, clamped)]
         events += [("alarm", rising, alarm * F - 1.0), ("cut", rising, tau - cut)]
-    if kind is ig.Bistable:
+    if kind == "Bistable":
         events += [("alignment", both, x), ("front_on", rising, x - front), ("front_on", both, front_force)]
         events += [("rear_on", rising, rear - x), ("rear_on", both, rear_force)]
     derivatives = s_dot, w_dot, rate * unit * F / m_p, rate, y_dot, q_dot
@@ -95,7 +97,9 @@ class Run:
         assert motion.brake is not None  # its threshold is that of the alarm
         self.brake, self.motion = motion.brake, motion
         self.distance, self.duration = scene.object.distance, duration
-        self.integrators = [integrator(type(scene.coupling), touching, tolerance) for touching in (False, True)]
+        self.integrators = [
+            integrator(type(scene.coupling).__name__, touching, tolerance) for touching in (False, True)
+        ]
         m_t, m_p = scene.tool.mass, scene.object.mass
         self.M = m_p if isinstance(scene.coupling, ig.Rigid) else m_t * m_p / (m_t + m_p)  # kg
         numbers = (motion.acceleration, 0.0, 1.0 / self.brake.threshold, 1.0, 1.0, 1.0, 1.0, 0.0)
