@@ -188,16 +188,9 @@ def _bistable(canvas: Canvas, view: Camera, front: float, back: float, mechanism
     pivot = (view.x(alignment), view.axis - mechanism.height * view.scale)
     thick = CLEARANCE * view.scale
     stop = view.x(alignment + mechanism.front_stop + CLEARANCE)
-    sill = view.axis + 2.0 * thick
-    arm = view.x(front - 0.5 * CLEARANCE)
-    canvas.lines([(arm, view.axis), (arm, pivot[1]), pivot], FLANGE, 4.0)
-    canvas.rectangle((view.x(front), sill, stop + thick - view.x(front), 0.5 * thick), FLANGE)
-    canvas.rectangle((stop, view.axis - 1.5 * thick, thick, thick), FLANGE)
-    canvas.rectangle((stop, view.axis + 0.5 * thick, thick, 2.0 * thick), FLANGE)
-    canvas.lines([pivot, (pivot[0], sill)], FAINT, 1.0)
+    canvas.lines([(view.x(front), view.axis), (view.x(front), pivot[1]), pivot], FLANGE, 4.0)
+    canvas.lines([(view.x(front), view.axis + 1.5 * thick), (stop + thick, view.axis + 1.5 * thick)], FLANGE, 2.0)
+    canvas.rectangle((stop, view.axis - 1.5 * thick, thick, 3.0 * thick), FLANGE)
     canvas.rectangle((slider[0], view.axis - 0.3 * thick, view.x(back) - slider[0], 0.6 * thick), TOOL)
     canvas.rectangle((slider[0] - thick, view.axis - thick, 2.0 * thick, 2.0 * thick), TOOL)
     _spring(canvas, pivot, slider, 0.6 * thick, INK, 7)
-    for joint in (pivot, slider):
-        canvas.circle(joint, 4.0, FLANGE)
-        canvas.circle(joint, 2.0, PAPER)
