@@ -1,4 +1,4 @@
-"""The answer in a sentence or two, and the trade-off of approach time and V_p.
+"""The answer in sentences and tables, and the trade-off of approach time and V_p.
 
 The primary measure is V_p at the mean approach time of the paper's rule. It was fixed before the test set was played.
 """
@@ -13,8 +13,9 @@ import polars as pl
 from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Comparison, Estimate, Floats, Front, Resamples, along, estimate, tolerated
 from experiments.report.figures import ZOOM, Figure, chart_of, looks_of
-from experiments.report.matchups import BOUND, POLICY, Matchup
+from experiments.report.matchups import BOUND, IMITATES, PAPER, POLICY, Matchup
 from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
+from impact_gym.task.task import VELOCITY_RANGE
 
 FRONT = ("approach_time", "object_velocity")
 
@@ -23,7 +24,6 @@ FRONT = ("approach_time", "object_velocity")
 class Answer:
     """Gain of the policies of one set-up over the paper's rule."""
 
-    matchup: str
     reduction: Estimate  # of V_p at the paper's mean approach time, as a fraction
     each: tuple[float, ...]  # reduction of each seed; empty if a seed's front does not reach the paper's time
     reached: bool  # whether the policy's front reaches that time; if not, `reduction` is at the front's nearest end
@@ -56,7 +56,6 @@ def answer(played: Played) -> Answer:
     missed = np.array([run["missed"] for run in played.seeds.values()])
     fastest, slowest = velocities[0].max(), velocities[0].min()
     return Answer(
-        played.matchup.name,
         reduction=at_time.reduction,
         each=tuple(reductions(played).tolist()),
         reached=bool(nearest == time),
@@ -149,53 +148,61 @@ def _at_least(answer: Answer) -> str:
     return f"{100 * tolerated(np.array(answer.each)):.1f} %" if len(answer.each) > 1 else "-"
 
 
-def trade_off(played: Played) -> Figure:
-    """Return the figure of approach time against V_p."""
-    labels = played.matchup.labels
-    runs = [(labels[name], name, run) for name, run in played.baselines.items()]
-    runs += [(POLICY, seed, run) for seed, run in played.seeds.items()]
-    runs += [(BOUND, BOUND, played.bound)] if played.bound else []
+def trade_off(played: Played, first_screen: bool = False) -> Figure:
+    """Return the figure of approach time against V_p: all seeds and baselines, or the three of the first screen."""
+    matchup = played.matchup
+    labels = {each.name: each.plain if first_screen else each.label for each in matchup.baselines}
+    names = (PAPER, matchup.rival.name) if first_screen else labels
+    runs = [(labels[name], name, played.baselines[name]) for name in dict.fromkeys(names)]
+    seeds = {matchup.chosen: played.policy} if first_screen else played.seeds
+    runs += [(POLICY, seed, run) for seed, run in seeds.items()]
+    bound = None if first_screen else played.bound
+    runs += [(BOUND, BOUND, bound)] if bound else []
     data = pl.DataFrame([
         {"contestant": name, "line": line, "w": weight, **run.means(weight)}
         for name, line, run in runs
         for weight in run.weights
     ])  # fmt: skip
-    data = data.with_columns(chosen=pl.col("line") == played.matchup.chosen)
-    looks = looks_of(data)
+    data = data.with_columns(chosen=pl.col("line") == matchup.chosen)
+    colour, dash, shape = looks_of(data)
     base = chart_of(data).encode(
-        alt.X("T:Q", title=f"mean time until {played.matchup.until} (s)", scale=alt.Scale(zero=False, nice=True)),
+        alt.X("T:Q", title=f"mean time until {matchup.until} (s)", scale=alt.Scale(zero=False, nice=True)),
         alt.Y("V:Q", title="mean V_p (m/s)", scale=alt.Scale(zero=True)),
-        looks.colour,
+        colour,
     )
     prominent = base.transform_filter("datum.chosen || datum.contestant != 'learned policy'")
-    curves = prominent.mark_line().encode(looks.dash, detail="line:N", order="w:Q")
+    curves = prominent.mark_line().encode(dash, detail="line:N", order="w:Q")
     faint = base.transform_filter("!datum.chosen && datum.contestant == 'learned policy'").mark_line(
         strokeWidth=0.8, opacity=0.45
     ).encode(detail="line:N", order="w:Q")  # fmt: skip
-    marks = prominent.mark_point(size=70).encode(looks.shape, tooltip=[
+    marks = prominent.mark_point(size=70).encode(shape, tooltip=[
         "contestant:N", alt.Tooltip("line:N", title="seed or line"),
         alt.Tooltip("w:Q", title="time weight (m/s per s)"), alt.Tooltip("T:Q", title="T (s)", format=".4f"),
         alt.Tooltip("V:Q", title="V_p (m/s)", format=".4f"), "missed:Q",
     ])  # fmt: skip
-    layers = faint + curves + marks if len(played.seeds) > 1 else curves + marks
-    bound = "" if played.bound is None else (
-        f" The {BOUND} knows the object: it is the best approach that a search found for each of the first "
-        f"{played.bound['missed'].shape[1]} scenarios."
-    )  # fmt: skip
+    chart = (faint + curves + marks if len(seeds) > 1 else curves + marks).add_params(ZOOM)
+    places = [f"{time:.3f} s and {velocity:.3f} m/s" for time, velocity in (*played.paper.front, *played.policy.front)]
+    alternative = f"Paper's rule: {places[0]}. The learned policy: from {places[1]} to {places[-1]}."
+    if first_screen:
+        speed = min(1.0, matchup.environment.get("velocity_range", VELOCITY_RANGE)[1])
+        tuning = "" if matchup.rival.name == PAPER else f", and for which the {matchup.rival.plain} is tuned"
+        caption = (
+            "Down and left is better: gentler and sooner. Along each line the time weight falls from left to right. "
+            f"Each mark is one time weight, which the policy observes{tuning}. The rule of the paper, Tommasino et al. "
+            f"2020, moves at {speed:g} m/s and brakes at the alarm."
+        )
+        title = "Final speed of the object, V_p"
+        return Figure(matchup.name, "answer", title, caption, alternative, chart, data, height=270, width=400)
     caption = (
         "Down and left is better. Each line joins the time weights of one contestant; faint lines are the other seeds."
-        + bound
     )
-    title = f"Time until {played.matchup.until} against V_p, all contestants and seeds"
-    return Figure(
-        played.matchup.name, "trade_off", title, caption, in_words(played), layers.add_params(ZOOM), data, 380
-    )
-
-
-def in_words(played: Played) -> str:
-    """Return the text alternative of a chart of the trade-off."""
-    places = [f"{time:.3f} s and {velocity:.3f} m/s" for time, velocity in (*played.paper.front, *played.policy.front)]
-    return f"Paper's rule: {places[0]}. The learned policy: from {places[1]} to {places[-1]}."
+    if bound:
+        caption += (
+            f" The {BOUND} knows the object: it is the best approach that a search found for each of the first "
+            f"{bound['missed'].shape[1]} scenarios."
+        )
+    title = f"Time until {matchup.until} against V_p, all contestants and seeds"
+    return Figure(matchup.name, "trade_off", title, caption, alternative, chart, data, height=380)
 
 
 def weights_table(played: Played) -> Table:
@@ -243,6 +250,49 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
         change = _compared(answer.rival_reduction, "slower", "faster")
         text += f" With the best tuned baseline, {answer.rival}, it leaves {change}."
     return begin + text + (f" Missed: {answer.missed} of {answer.episodes:,} objects." if answer.missed else "")
+
+
+def at_rule_time(answer: Answer, played: Played) -> str:
+    """Return the policy's gain at the paper's mean approach time, or the weight at which it would take that time."""
+    if answer.missed > MISSED_TOO_OFTEN * answer.episodes:
+        return (f"The learned policy misses {answer.missed:,} of {answer.episodes:,} objects, so nothing is claimed "
+                "for it at the time of the paper's rule.")  # fmt: skip
+    slower, rival = _less(answer.reduction.value), ""
+    if answer.rival_reduction:
+        rival = f", with the {played.matchup.rival.plain} {_less(answer.rival_reduction.value)}"
+    if answer.reached:
+        text = (
+            f"At the mean approach time of the paper's rule the object leaves {slower} with the learned policy{rival}."
+        )
+    else:
+        more, largest = ("more", "largest") if answer.later > 0.0 else ("less", "smallest")
+        needed = f"; a weight of about {answer.needed:.2g} would match the rule's time" if answer.needed > 0.0 else ""
+        text = (
+            f"Even at its {largest} time weight the learned policy takes {100 * abs(answer.later):.0f} % {more} time "
+            f"than the paper's rule{needed}. At that {largest} weight the object leaves {slower}{rival}."
+        )
+    imitates = " The policy's training began by imitating a tuned profile." if IMITATES in played.matchup.note else ""
+    return text + imitates
+
+
+def assisted(played: Played, intervals: bool = False) -> str:
+    """Return the slide of the object and the time until all is done, for each assistance of an operator."""
+    weight, plain = played.matchup.typical, {each.name: each.plain for each in played.matchup.baselines}
+    contestants = {f"the {POLICY}": list(played.seeds.values())}
+    contestants |= {plain[name]: [run] for name, run in played.baselines.items()}
+    parts = []
+    for name, runs in contestants.items():
+        slide, done = (np.array([getattr(run.at(weight), what) for run in runs]) for what in ("slide", "done_time"))
+        estimates = (estimate(played.resamples.means(values)) for values in (100.0 * slide, done))  # cm, s
+        length, time = (f"{each:.2f}" if intervals else f"{each.value:.1f}" for each in estimates)
+        parts.append(f"{length} cm and {time} s with {name}")
+    return (
+        f"Slide of the object and time until all is done, at a time weight of {weight:g} m/s per s: {'; '.join(parts)}."
+    )
+
+
+def _less(share: float) -> str:
+    return f"{100 * abs(share):.0f} % {'slower' if share >= 0.0 else 'faster'}"
 
 
 def _compared(share: Estimate, good: str, bad: str) -> str:

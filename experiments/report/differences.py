@@ -1,4 +1,4 @@
-"""Figures and tables: the learned approach, and how policy and rival differ in the same scenarios."""
+"""How policy and rival differ in the same scenarios: a table of measures, and charts of paired differences."""
 
 from dataclasses import asdict
 from typing import Any
@@ -9,8 +9,7 @@ import polars as pl
 
 from experiments.lab.parts import Table
 from experiments.lab.statistics import Comparison, estimate, quantile_groups
-from experiments.report.figures import ZOOM, Figure, chart_of, looks_of
-from experiments.report.jobs import watched_at
+from experiments.report.figures import Figure, chart_of, looks_of
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Played
 from impact_gym.quantities import QUANTITIES, SCENARIO
@@ -91,39 +90,13 @@ def paired(played: Played, field: str) -> Figure:
     )
     kind: dict[str, Any] = {"type": "log"} if QUANTITIES[field].by_ratio(played.paper[field].min()) else {"zero": False}
     axis = alt.Axis(format="~s") if field == "contact_stiffness" else alt.Axis()
-    scale, looks = alt.Scale(**kind, nice=False, padding=14), looks_of(data, policy=label)
-    base = chart_of(data).encode(alt.X("middle:Q", title=TITLES[field], scale=scale, axis=axis), looks.colour)
+    scale, (colour, _, shape) = alt.Scale(**kind, nice=False, padding=14), looks_of(data, policy=label)
+    base = chart_of(data).encode(alt.X("middle:Q", title=TITLES[field], scale=scale, axis=axis), colour)
     title = f"difference of V_p + {weight:g} T (m/s)"
     intervals = base.mark_rule(strokeWidth=2).encode(alt.Y("low:Q", title=title), y2="high:Q")
     numbers = [alt.Tooltip(f"{column}:Q", format=".3g") for column in ("from", "to", "value", "low", "high")]
-    marks = base.mark_point(size=60).encode(looks.shape, y="value:Q", tooltip=["contestant:N", *numbers])
+    marks = base.mark_point(size=60).encode(shape, y="value:Q", tooltip=["contestant:N", *numbers])
     zero = chart_of(pl.DataFrame({"zero": [0]})).mark_rule(strokeDash=[2, 3]).encode(y="zero:Q")
     chart = zero + intervals + base.mark_line(strokeWidth=1.2).encode(y="value:Q") + marks
     heading = f"Against {rival}, by {TITLES[field]}"
     return Figure(played.matchup.name, f"paired_{field}", heading, caption, verdict, chart, data, 240)
-
-
-def approach(played: Played) -> Figure:
-    """Return the chart of velocity over position before the contact, for the policy, its rival and the paper's rule."""
-    matchup, ahead = played.matchup, played.paper["distance"]
-    data = pl.concat(
-        pl.DataFrame({"contestant": matchup.labels[name], "w": weight, "x": run["position"], "velocity": velocity})
-        for name, run in played.profiles.items()
-        for weight, velocity in zip(run.weights, run["velocity"], strict=True)
-    ).drop_nans("velocity")
-    looks = looks_of(data)
-    chart = chart_of(data, 4).mark_line().encode(
-        alt.X("x:Q", title="flange position (m)"),
-        alt.Y("velocity:Q", title="flange velocity (m/s)"),
-        alt.Opacity("w:O", title="time weight (m/s per s)", scale=alt.Scale(range=[1.0, 0.7, 0.45])),
-        looks.colour, looks.dash, detail="w:N", order="x:Q",
-        tooltip=["contestant:N", alt.Tooltip("w:N", title="time weight"), alt.Tooltip("x:Q", format=".3f"),
-                 alt.Tooltip("velocity:Q", format=".3f")],
-    )  # fmt: skip
-    caption = (
-        f"Played without contact; in the scenarios the object is {ahead.min():.2f} to {ahead.max():.2f} m ahead."
-        if matchup.environment.get("range_noise") is None
-        else f"The object is at {watched_at(matchup):.3g} m, and the estimate has no error."
-    )
-    title = "Velocity over position before the contact"
-    return Figure(matchup.name, "approach", title, caption, caption, chart.add_params(ZOOM), data, 340)

@@ -6,11 +6,11 @@ On disk it is an SVG, with a CSV of its data. Series differ in dash or shape as 
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import altair as alt
 import polars as pl
@@ -87,22 +87,11 @@ def chart_of(data: pl.DataFrame, digits: int = 5) -> alt.Chart:
     return alt.Chart(alt.Data(values=rows))  # type: ignore[no-untyped-call]  # altair leaves it untyped
 
 
-class Looks(NamedTuple):
-    """Channels that distinguish the contestants of a chart."""
-
-    colour: alt.Color
-    dash: alt.StrokeDash
-    shape: alt.Shape
-
-
-def looks_of(data: pl.DataFrame, policy: str = POLICY) -> Looks:
-    """Return colours, dashes and shapes; the paper's rule and the `policy` look the same in all charts."""
+def looks_of(data: pl.DataFrame, policy: str = POLICY) -> list[Any]:
+    """Return the channels colour, dash and shape; the paper's rule and the `policy` look the same in all charts."""
     contestants = data["contestant"].unique(maintain_order=True).to_list()
     ordered = list(dict.fromkeys([PAPER, policy, *contestants]))
     place = {name: min(k, len(COLOURS) - 1) for k, name in enumerate(ordered) if name in contestants}
-
-    def channel_of(channel: Any, looks: Sequence[Any]) -> Any:
-        scale = alt.Scale(domain=list(place), range=[looks[k] for k in place.values()])
-        return channel("contestant:N", title=None, scale=scale)
-
-    return Looks(channel_of(alt.Color, COLOURS), channel_of(alt.StrokeDash, DASHES), channel_of(alt.Shape, SHAPES))
+    channels: Mapping[Any, Sequence[Any]] = {alt.Color: COLOURS, alt.StrokeDash: DASHES, alt.Shape: SHAPES}
+    scales = [alt.Scale(domain=list(place), range=[looks[k] for k in place.values()]) for looks in channels.values()]
+    return [channel("contestant:N", title=None, scale=scale) for channel, scale in zip(channels, scales, strict=True)]

@@ -16,7 +16,7 @@ from agents.provenance import todays
 from experiments.lab import page
 from experiments.lab.parts import Section, Table
 from experiments.lab.player import choose, films, fragment
-from experiments.report import ablation, answer, choice, differences, first_screen, holds
+from experiments.report import ablation, answer, choice, differences, holds
 from experiments.report.figures import Figure
 from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
@@ -59,17 +59,16 @@ def tab(played: Played) -> Tab:
     chosen = choice.choice(played)
     engineer = [Section("Which controller to take", [choice.table(chosen, played)], key="choice")]
     if matchup.operated:  # the ablation has no step for an operator
-        short = first_screen.assisted(played)
-        summary = f"{matchup.name} ({matchup.note}): {first_screen.assisted(played, intervals=True)}"
+        short = answer.assisted(played)
+        summary = f"{matchup.name} ({matchup.note}): {answer.assisted(played, intervals=True)}"
     else:
-        short = first_screen.at_rule_time(result, played)
+        short = answer.at_rule_time(result, played)
         summary = answer.sentence(result, matchup) + ablation.sentence(steps)
         engineer += [
             Section("At about the paper's approach time: mean and tail", [answer.at_one_time(played)]),
             Section("Ablation: where the gain comes from", [ablation.table(steps, matchup.labels)]),
         ]
     engineer += [
-        Section("What it learned", [differences.approach(played)], key="learned"),
         Section("Times, velocities and forces", [differences.measures(played)], key="forces"),
         Section("Robustness", [holds.heat_map(played)], key="robustness"),
         Section("Robustness: every change", [holds.table(played)], folded=True),
@@ -86,7 +85,7 @@ def tab(played: Played) -> Tab:
     ]  # fmt: skip
     return Tab(
         matchup, result, chosen, steps, f"{chosen.sentence} {short}",
-        holds.where_it_fails(played, chosen.controller), first_screen.chart(result, played), summary, engineer,
+        holds.where_it_fails(played, chosen.controller), answer.trade_off(played, first_screen=True), summary, engineer,
         statistician, Markup(fragment(watch(played), f"watch-{matchup.name}")),
     )  # fmt: skip
 

@@ -9,7 +9,7 @@ from contest import COUNT, PAPER_TIME, SPEEDS, played, run
 
 from agents.setups import load_setup, shipped
 from agents.setups.evaluation import variants
-from experiments.report import answer, choice, differences, first_screen, holds
+from experiments.report import answer, choice, differences, holds
 from experiments.report.matchups import BOUND, PAPER, POLICY
 from experiments.report.played import Run
 
@@ -19,7 +19,7 @@ TOLERANCE_OF_TWO = 26.26  # one-sided 95/95 factor (M. G. Natrella, NBS Handbook
 def summary(results):
     """Return the answer, its sentence and the headline."""
     result = answer.answer(results)
-    return result, answer.sentence(result, results.matchup), first_screen.at_rule_time(result, results)
+    return result, answer.sentence(result, results.matchup), answer.at_rule_time(result, results)
 
 
 def test_answer_is_read_where_the_papers_rule_is():
@@ -114,8 +114,6 @@ def test_answer_says_what_a_curve_does_not_reach(shares, times, said, headline):
     result, long, short = summary(results)
     assert said in long
     assert headline in short
-    drawn = str(first_screen.chart(result, results).chart.to_dict(validate=False))
-    assert ("slower'" in drawn, "faster'" in drawn) == (result.reached and result.reduction.value > 0.0, False)
     assert result.reached == len(result.each) == (times[1] <= PAPER_TIME <= times[0])
     results.baselines["profile"] = run((0.4, 0.6), (0.5, 0.301))  # s: later at every weight
     late, sentence, _ = summary(results)
@@ -278,10 +276,10 @@ def test_report_of_an_operator_gives_slide_and_done_time_of_each_assistance():
             more = {"slide": 0.1 * (k + 1), "done_time": 2.0 + k, "touch_time": 1.0, "taken": 0.5}
             runs[name] = run((1.0,) * len(each.weights), (3.0,) * len(each.weights), each.weights, **more)
     results.as_late = {"seed-0": replace(results.policy, weights=(2.0,))}
-    text = first_screen.assisted(results)
+    text = answer.assisted(results)
     assert "10.0 cm and 2.0 s with the learned policy; 20.0 cm and 3.0 s with paper's rule; " in text
     assert "20.0 cm and 3.0 s with the local brake" in text
-    assert "10.00 [10.00, 10.00] cm" in first_screen.assisted(results, intervals=True)
+    assert "10.00 [10.00, 10.00] cm" in answer.assisted(results, intervals=True)
     table = differences.measures(results)
     row = dict(zip(table.head, table.rows[-2], strict=True))
     assert (row["slide (m)"], row["until the touch (s)"], row["taken"]) == ("0.100", "1.000", "0.500")
