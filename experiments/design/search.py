@@ -7,7 +7,7 @@ search for the controller for every design.
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -19,10 +19,9 @@ from agents.baselines.cmaes import Losses, minimise
 from agents.baselines.rule import Floats, Rule
 from agents.baselines.tuned import RULES
 from agents.evaluate import RESULTS, TUNING_SEED, ScenarioBatch, Travel
-from experiments.design.limits import Limits, kinetic
+from experiments.design.limits import Limits
 from experiments.design.pads import Pad, on_pad, pad_of
 from experiments.design.variables import SearchVariable, as_built
-from impact_gym.scene import Bistable
 from impact_gym.task import Task
 from impact_gym.validation import number, whole
 
@@ -66,16 +65,6 @@ class Candidate:
             return {}
         scenario = stage.play(self.controller()).scenario  # the scenarios are drawn when they are played
         return dict(zip(CONTACT, on_pad(self.pad, *(scenario[name] for name in CONTACT)), strict=True))
-
-    def released(self, design: Mapping[str, Floats], count: int) -> Floats:
-        """Return the energy (J) that the mechanism of each of `count` designs releases between its stops, (count,)."""
-        coupling = self.task.coupling
-        if not isinstance(coupling, Bistable):
-            return np.zeros(count)
-        numbers = {name.rpartition(".")[2]: values for name, values in design.items() if name.startswith("coupling.")}
-        each = ({name: float(values[k]) for name, values in numbers.items()} for k in range(count))
-        built = [replace(coupling, **changes) for changes in each]
-        return np.array([one.energy(one.rest) - one.energy(one.rear_stop) for one in built])
 
 
 @dataclass(frozen=True)
@@ -128,7 +117,7 @@ def objective(
         velocity = np.where(played.missed, played.missed_cost, np.nan_to_num(played.object_velocity))
         velocity, time = (values.reshape(population, -1).mean(axis=1) for values in (velocity, played.approach_time))
         late = np.maximum(time / approach_time - 1.0, 0.0)
-        excess = limits.excess(played, travel, candidate.released(design, population), candidate.soft)
+        excess = limits.excess(played, travel, population, candidate.soft)
         return (velocity + PENALTY * (late + excess))[:, None]
 
     return losses
@@ -177,8 +166,7 @@ def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapp
     stage = ScenarioBatch.of(name, None, task, threads=1)
     travel = Travel(stage.count)
     played = stage.play(player.controller(), player.contact(stage), travel)
-    released = player.released({name: np.array([value]) for name, value in player.design.items()}, 1)
-    excess = Limits(**limits).excess(played, travel, released, player.soft)
+    excess = Limits(**limits).excess(played, travel, pad=player.soft)
     columns = {name: getattr(played, name) for name in RESULTS} | played.scenario
-    columns |= {"deflection": travel.deflection, "stroke": travel.stroke, "energy": kinetic(played)}
-    return pl.DataFrame(columns | {"excess": np.repeat(excess, stage.count)})
+    columns |= {"deflection": travel.deflection, "stroke": travel.stroke, "excess": np.repeat(excess, stage.count)}
+    return pl.DataFrame(columns)

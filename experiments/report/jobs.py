@@ -84,7 +84,8 @@ def jobs_of(matchup: Matchup) -> Iterator[tuple[str, Any, dict[str, Any]]]:
 
 def measured(where: str, arguments: JSON) -> Any:
     """Return the result of a job, arrays or a frame: one function for all jobs of a report."""
-    return MEASURES.get(where, play)(**arguments)
+    measure: Callable[..., Any] = MEASURES.get(where, play)
+    return measure(**arguments)
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
