@@ -100,9 +100,9 @@ def analyse(options: DesignOptions, frames: Frames, _: bool) -> Findings:
     pad = f" with a pad of {options.pad}" if options.pad else ""
     answer = (
         f"Chosen: {in_words(chosen['design'][0])}{pad}. At the mean approach time of the paper's rule it leaves the "
-        f"object {percent(gains[CHOSEN])} slower than the paper's rule with the paper's spring; in no fifth of the distances "
-        f"less than {100 * least:.1f} %. Before the first touch its tool moves at most {1e3 * moved:.1f} mm against "
-        f"the flange. Its set-up: {options.file.name}.{missed}"
+        f"object {percent(gains[CHOSEN])} slower than the paper's rule with the paper's spring; in no fifth of the "
+        f"distances less than {100 * least:.1f} %. Before the first touch its tool moves at most {1e3 * moved:.1f} mm "
+        f"against the flange. Its set-up: {options.file.name}.{missed}"
     )
     gained = [(LABELS.get(name, name), percent(gain)) for name, gain in gains.items()]
     scaled = [{**row, **{name: 1e3 * row[name] for name in ("deflection", "stroke")}} for row in rows]
