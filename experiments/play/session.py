@@ -156,13 +156,7 @@ class Session:
         self._clock.join(20.0)
         self._lock.close()
 
-    def film(self, name: str, beside: bool = False) -> dict[str, Any]:
-        """Return the film of a try and its variants, or of rule, policy and try (`beside`); ValueError: no such try.
-
-        Without a name, return the first film.
-        """
-        if not name:
-            unmarked = [self.folder / f"{entry['name']}.json" for entry in tuple(self.history) if not entry["marks"]]
-            return contest.first_film(self.setup, try_files.read(unmarked[-1]) if unmarked else None)
+    def film(self, name: str, beside: bool) -> dict[str, Any]:
+        """Return the film of a try and its variants, or of rule, policy and try (`beside`); ValueError: no such try."""
         this = try_files.read(self.folder / f"{name}.json")
         return contest.film(contest.beside(this), compact=False) if beside else contest.film(contest.again(this))

@@ -14,7 +14,7 @@ from impact_gym.validation import choice, number, numbers, one_of
 
 RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "taken", "missed"
 SLOWEST = 16.0  # times slower than real time
-MAX_TEXT, MAX_NUMBER, MAX_BYTES = 4096, 2.0**64, 1 << 23  # characters of a text, size of a number, bytes of a file
+MAX_TEXT, MAX_NUMBER = 4096, 2.0**64  # characters of a text, size of a number
 FORMAT = "impact_gym try 2"
 SPARE = 3  # ticks between the end (horizon) of one recording and the begin of the next
 
@@ -84,7 +84,7 @@ def recovered(journal: Path) -> Try:
             live.step(number("velocity", float(line), "m/s"))
         return live.finished()
 
-    return parsed(_checked_size(journal), "the journal of a try", parse)
+    return parsed(journal, "the journal of a try", parse)
 
 
 def recover(folder: Path) -> list[str]:
@@ -102,14 +102,7 @@ def recover(folder: Path) -> list[str]:
 
 def read(path: Path) -> Try:
     """Return the try in a file; ValueError: the file is no try of this version."""
-    return parsed(_checked_size(path), "a try", from_text)
-
-
-def _checked_size(path: Path) -> Path:
-    """Return a path; ValueError: the file is no regular file, or too large."""
-    if path.exists() and not (path.is_file() and path.stat().st_size <= MAX_BYTES):
-        raise ValueError(f"{path} is not read as a try: it must be a file of at most {MAX_BYTES} bytes")
-    return path
+    return parsed(path, "a try", from_text)
 
 
 def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
