@@ -3,7 +3,7 @@
 import asyncio
 import multiprocessing
 import secrets
-from collections import Counter, deque
+from collections import deque
 from contextlib import ExitStack, suppress
 from datetime import datetime
 from pathlib import Path
@@ -33,13 +33,9 @@ class Session:
         self._lock.enter_context(locked(folder / ".lock", wait=False))
         self.setup, self.assist, self.folder = setup.called, assist, folder
         self.clients: list[Any] = []  # the player is the first
-        self.refused: Counter[str] = Counter()
         self.setups = {name: about(playable(name)) for name in related(setup).values()}
         self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is in progress; its arm's velocity range, m/s
-        self._seen_at, self._newest = (
-            0.0,
-            -1,
-        )  # time at which the try's last frame is shown, s; number of the newest frame shown
+        self._seen_at, self._newest = 0.0, -1  # when the try's last frame is shown, s; number of the newest frame shown
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
         self.left_out = try_files.recover(folder)  # for each file in the folder that is not shown, why
         for path in sorted(folder.glob("*.json")):
