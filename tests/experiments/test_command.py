@@ -18,6 +18,7 @@ from policies import made_up_policy
 from scipy.stats import ttest_1samp
 
 from agents.command_line import command_line, command_of, read_command
+from agents.evaluate.play import pairs, play
 from agents.export.__main__ import Export
 from agents.policies import load_ensemble
 from agents.policies.policy import SHIPPED
@@ -28,9 +29,12 @@ from experiments import command, policies
 from experiments.controller import copy_setup
 from experiments.design.options import DesignOptions
 from experiments.design.search import SearchBudget
+from experiments.lab import grid
+from experiments.lab.statistics import Comparison
 from experiments.lab.study import StudyOptions
 from experiments.report import matchups
 from experiments.report.__main__ import ReportOptions, matchups_of
+from experiments.report.played import Run
 
 ROOT = Path(matchups.__file__).parents[2]
 
@@ -176,6 +180,22 @@ def test_controller_goes_from_a_file_to_a_controller_and_keeps_what_is_done(mine
     assert "time_weight must be" in exit_of(
         "controller", str(mine), "--out", str(out), "--quick", "--time-weight", "99"
     )
+
+
+@pytest.mark.storm
+@pytest.mark.parametrize("arm", ["desk-arm", "gantry", "ranging-wrist"])
+def test_recommended_controller_is_the_best_on_unseen_scenarios_or_within_its_interval(arm, tmp_path, exit_of):
+    out, own = tmp_path / "out", load_setup(ROOT / "tests" / "arms" / f"{arm}.toml")
+    assert exit_of("controller", str(own.path), "--out", str(out), "--quick") == 0
+    unseen = {"ranges": pairs(own.environment["scenario"]), "seed": 90_000_000, "count": 2000}
+    matchup, weight = matchups.of_setup(load_setup(out / own.path.name), unseen, out), own.evaluation.typical
+    costs = {}
+    for each in (*matchup.baselines, matchup.policy):
+        played = play(each.controller, unseen, [weight], matchup.environment)
+        costs[each.name] = Run((weight,), played, grid.missed_cost(matchup.environment)).loss(weight)
+    choice = json.loads((out / "report" / "results.json").read_text())["choices"][arm]["controller"]
+    best = min(costs.values(), key=np.mean)
+    assert Comparison.of_means(best, costs[choice]).less.low <= 0.0, {name: cost.mean() for name, cost in costs.items()}
 
 
 def test_quick_look_note_says_what_is_less_than_a_set_up_wants(mine):
