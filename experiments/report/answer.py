@@ -1,4 +1,4 @@
-"""The answer in sentences and tables, and the trade-off of approach time and V_p.
+"""The answer of a set-up in numbers and sentences.
 
 The primary measure is V_p at the mean approach time of the paper's rule. It was fixed before the test set was played.
 """
@@ -6,16 +6,12 @@ The primary measure is V_p at the mean approach time of the paper's rule. It was
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import altair as alt
 import numpy as np
-import polars as pl
 
-from experiments.lab.parts import Table, percent
+from experiments.lab.parts import percent
 from experiments.lab.statistics import Comparison, Estimate, Floats, Front, Resamples, along, estimate, tolerated
-from experiments.report.figures import ZOOM, Figure, chart_of, looks_of
-from experiments.report.matchups import BOUND, IMITATES, PAPER, POLICY, Matchup
+from experiments.report.matchups import IMITATES, POLICY, Matchup
 from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
-from impact_gym.task.task import VELOCITY_RANGE
 
 FRONT = ("approach_time", "object_velocity")
 
@@ -102,127 +98,9 @@ def reductions(played: Played) -> Floats:
     return 1.0 - along(times, velocities, np.full(len(times), time)) / velocity
 
 
-def table(answer: Answer, played: Played) -> Table:
-    """Return the answer with its intervals."""
-    rival = "-" if answer.rival_reduction is None else percent(answer.rival_reduction)
-    sooner = {"": "", "slower": "at least ", "faster": "(not reached) "}[answer.beyond] + percent(answer.sooner)
-    reduction = percent(answer.reduction) + ("" if answer.reached else " (at the nearest time it reaches)")
-    body = [
-        ("V_p lower at the paper's approach time", reduction),
-        ("95 % of trainings: at least", _at_least(answer)),
-        (f"V_p lower there, {played.matchup.rival.plain}", rival),
-        ("less approach time at the paper's V_p", sooner),
-        ("V_p at the paper's approach time (m/s)", f"{answer.velocity:.3f}"),
-        ("share of scenarios with a lower V_p", percent(answer.improvement)),
-        ("objects missed, at all weights", f"{answer.missed} of {answer.episodes:,}"),
-    ]
-    policies = f"{len(played.seeds)} trainings" if len(played.seeds) > 1 else "One policy"
-    caption = f"{policies} against the paper's rule in {played.count:,} scenarios, 95 % intervals; a miss is not lower"
-    return Table(caption, ("what", POLICY), body)
-
-
-def at_one_time(played: Played) -> Table:
-    """Return mean and 95th percentile of T, V_p and peak force of each contestant.
-
-    Each contestant plays at the weight whose mean approach time is nearest to the rule's. With friction the table also
-    has the time at which object and tool rest.
-    """
-    goal, labels = played.paper.front[0][0], played.matchup.labels
-    contestants = {labels[name]: run for name, run in played.baselines.items()} | {
-        POLICY: played.as_late[played.matchup.chosen]
-    }
-    columns = {"T (s)": "approach_time", "V_p (m/s)": "object_velocity", "peak force (N)": "peak_force"}
-    columns |= {} if played.paper.at(played.paper.weights[0]).rest_time is None else {"at rest (s)": "rest_time"}
-    body = []
-    for label, run in contestants.items():
-        weight = min(run.weights, key=lambda each: abs(run.means(each)["T"] - goal))
-        values = [getattr(run.at(weight), field) for field in columns.values()]
-        numbers = [f"{each.mean():.3g}, {np.percentile(each, 95.0):.3g}" for each in values]
-        body.append((label, f"{weight:.3g}", *numbers, str(int(run.at(weight).missed.sum()))))
-    caption = f"Mean, 95th percentile of {played.count:,} scenarios; a missed object counts as V_p = 0"
-    return Table(caption, ("contestant", "w (m/s per s)", *columns, "missed"), body)
-
-
-def _at_least(answer: Answer) -> str:
+def at_least(answer: Answer) -> str:
     """Return the reduction that 95 % of trainings reach."""
     return f"{100 * tolerated(np.array(answer.each)):.1f} %" if len(answer.each) > 1 else "-"
-
-
-def trade_off(played: Played, first_screen: bool = False) -> Figure:
-    """Return the figure of approach time against V_p: all seeds and baselines, or the three of the first screen."""
-    matchup = played.matchup
-    labels = {each.name: each.plain if first_screen else each.label for each in matchup.baselines}
-    names = (PAPER, matchup.rival.name) if first_screen else labels
-    runs = [(labels[name], name, played.baselines[name]) for name in dict.fromkeys(names)]
-    seeds = {matchup.chosen: played.policy} if first_screen else played.seeds
-    runs += [(POLICY, seed, run) for seed, run in seeds.items()]
-    bound = None if first_screen else played.bound
-    runs += [(BOUND, BOUND, bound)] if bound else []
-    data = pl.DataFrame([
-        {"contestant": name, "line": line, "w": weight, **run.means(weight)}
-        for name, line, run in runs
-        for weight in run.weights
-    ])  # fmt: skip
-    data = data.with_columns(chosen=pl.col("line") == matchup.chosen)
-    colour, dash, shape = looks_of(data)
-    base = chart_of(data).encode(
-        alt.X("T:Q", title=f"mean time until {matchup.until} (s)", scale=alt.Scale(zero=False, nice=True)),
-        alt.Y("V:Q", title="mean V_p (m/s)", scale=alt.Scale(zero=True)),
-        colour,
-    )
-    prominent = base.transform_filter("datum.chosen || datum.contestant != 'learned policy'")
-    curves = prominent.mark_line().encode(dash, detail="line:N", order="w:Q")
-    faint = base.transform_filter("!datum.chosen && datum.contestant == 'learned policy'").mark_line(
-        strokeWidth=0.8, opacity=0.45
-    ).encode(detail="line:N", order="w:Q")  # fmt: skip
-    marks = prominent.mark_point(size=70).encode(shape, tooltip=[
-        "contestant:N", alt.Tooltip("line:N", title="seed or line"),
-        alt.Tooltip("w:Q", title="time weight (m/s per s)"), alt.Tooltip("T:Q", title="T (s)", format=".4f"),
-        alt.Tooltip("V:Q", title="V_p (m/s)", format=".4f"), "missed:Q",
-    ])  # fmt: skip
-    chart = (faint + curves + marks if len(seeds) > 1 else curves + marks).add_params(ZOOM)
-    places = [f"{time:.3f} s and {velocity:.3f} m/s" for time, velocity in (*played.paper.front, *played.policy.front)]
-    alternative = f"Paper's rule: {places[0]}. The learned policy: from {places[1]} to {places[-1]}."
-    if first_screen:
-        speed = min(1.0, matchup.environment.get("velocity_range", VELOCITY_RANGE)[1])
-        tuning = "" if matchup.rival.name == PAPER else f", and for which the {matchup.rival.plain} is tuned"
-        caption = (
-            "Down and left is better: gentler and sooner. Along each line the time weight falls from left to right. "
-            f"Each mark is one time weight, which the policy observes{tuning}. The rule of the paper, Tommasino et al. "
-            f"2020, moves at {speed:g} m/s and brakes at the alarm."
-        )
-        title = "Final speed of the object, V_p"
-        return Figure(matchup.name, "answer", title, caption, alternative, chart, data, height=270, width=400)
-    caption = (
-        "Down and left is better. Each line joins the time weights of one contestant; faint lines are the other seeds."
-    )
-    if bound:
-        caption += (
-            f" The {BOUND} knows the object: it is the best approach that a search found for each of the first "
-            f"{bound['missed'].shape[1]} scenarios."
-        )
-    title = f"Time until {matchup.until} against V_p, all contestants and seeds"
-    return Figure(matchup.name, "trade_off", title, caption, alternative, chart, data, height=380)
-
-
-def weights_table(played: Played) -> Table:
-    """Return V_p + w T of policy, rival and clairvoyant search at each weight, and the tolerance bound of trainings."""
-    body = []
-    for weight in played.matchup.weights:
-        ours, theirs, chosen = played.losses(weight), played.rival.loss(weight), played.policy.loss(weight)
-        median, recipe = (Comparison.of_means(loss, theirs).ratio for loss in (chosen, ours))
-        by_seed, gap = ours.mean(axis=1), "-"
-        if played.bound is not None and weight in played.bound.weights:
-            bound = played.bound.loss(weight)
-            gaps = [Comparison.of_means(bound, loss[..., : bound.size]).less for loss in (ours, theirs)]
-            gap = ", ".join(f"{estimate:.3f}" for estimate in gaps)
-        next_one = f"{-tolerated(-by_seed):.4f}, {by_seed.max():.4f}" if by_seed.size > 1 else "-"
-        body.append((f"{weight:g}", f"{chosen.mean():.4f}", f"{theirs.mean():.4f}", f"{median:.4f}", f"{recipe:.4f}",
-                     next_one, gap))  # fmt: skip
-    head = ("time weight (m/s per s)", "median seed (m/s)", f"{played.matchup.rival.label} (m/s)", "ratio, median seed",
-            "ratio, all seeds", "95 % of trainings at most, worst seed (m/s)",
-            "above the clairvoyant search: policy, baseline (m/s)")  # fmt: skip
-    return Table("V_p + w T against the best baseline, tuned for each weight; below 1 the policy is better", head, body)
 
 
 def sentence(answer: Answer, matchup: Matchup) -> str:
@@ -234,7 +112,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
     if answer.reached:
         text = f"the object leaves {change} at the paper's mean approach time"
         if len(answer.each) > 1 and answer.reduction.value >= 0.0:
-            text += f" (95 % of trainings: at least {_at_least(answer)})"
+            text += f" (95 % of trainings: at least {at_least(answer)})"
     else:
         length, more = ("short", "more") if answer.later > 0.0 else ("long", "less")
         text = f"at no time weight is its approach as {length} as the paper's; at the nearest weight it takes "

@@ -19,8 +19,10 @@ from markupsafe import Markup
 
 from experiments.lab.charts import OTHERS, SERIES
 from experiments.lab.results import csv_of
-from experiments.report.matchups import PAPER, POLICY
+from experiments.report.matchups import BOUND, PAPER, POLICY
+from experiments.report.played import Played
 from impact_gym.files import write_file
+from impact_gym.task.task import VELOCITY_RANGE
 
 COLOURS = (*SERIES, OTHERS)
 DASHES = ([1, 0], [1, 0], [6, 3], [2, 2], [8, 3, 2, 3], [4, 4], [1, 3])
@@ -81,17 +83,68 @@ class Figure:
         return [write_file(folder / name, content).name for name, content in files.items()]
 
 
-def chart_of(data: pl.DataFrame, digits: int = 5) -> alt.Chart:
-    """Return an empty chart of `data`, with floats rounded to `digits` significant digits to keep the page small."""
-    rows = data.with_columns(pl.selectors.float().round_sig_figs(digits)).to_dicts()
-    return alt.Chart(alt.Data(values=rows))  # type: ignore[no-untyped-call]  # altair leaves it untyped
-
-
-def looks_of(data: pl.DataFrame, policy: str = POLICY) -> list[Any]:
-    """Return the channels colour, dash and shape; the paper's rule and the `policy` look the same in all charts."""
+def trade_off(played: Played, first_screen: bool = False) -> Figure:
+    """Return the figure of approach time against V_p: all seeds and baselines, or the three of the first screen."""
+    matchup = played.matchup
+    labels = {each.name: each.plain if first_screen else each.label for each in matchup.baselines}
+    names = (PAPER, matchup.rival.name) if first_screen else labels
+    runs = [(labels[name], name, played.baselines[name]) for name in dict.fromkeys(names)]
+    seeds = {matchup.chosen: played.policy} if first_screen else played.seeds
+    runs += [(POLICY, seed, run) for seed, run in seeds.items()]
+    bound = None if first_screen else played.bound
+    runs += [(BOUND, BOUND, bound)] if bound else []
+    data = pl.DataFrame([
+        {"contestant": name, "line": line, "w": weight, **run.means(weight)}
+        for name, line, run in runs
+        for weight in run.weights
+    ])  # fmt: skip
+    data = data.with_columns(chosen=pl.col("line") == matchup.chosen)
     contestants = data["contestant"].unique(maintain_order=True).to_list()
-    ordered = list(dict.fromkeys([PAPER, policy, *contestants]))
+    ordered = list(dict.fromkeys([PAPER, POLICY, *contestants]))  # these two look the same in all charts
     place = {name: min(k, len(COLOURS) - 1) for k, name in enumerate(ordered) if name in contestants}
     channels: Mapping[Any, Sequence[Any]] = {alt.Color: COLOURS, alt.StrokeDash: DASHES, alt.Shape: SHAPES}
-    scales = [alt.Scale(domain=list(place), range=[looks[k] for k in place.values()]) for looks in channels.values()]
-    return [channel("contestant:N", title=None, scale=scale) for channel, scale in zip(channels, scales, strict=True)]
+    colour, dash, shape = (
+        channel(
+            "contestant:N", title=None, scale=alt.Scale(domain=list(place), range=[looks[k] for k in place.values()])
+        )
+        for channel, looks in channels.items()
+    )
+    rows = data.with_columns(pl.selectors.float().round_sig_figs(5)).to_dicts()  # to keep the page small
+    base = alt.Chart(alt.Data(values=rows)).encode(  # type: ignore[no-untyped-call]  # altair leaves it untyped
+        alt.X("T:Q", title=f"mean time until {matchup.until} (s)", scale=alt.Scale(zero=False, nice=True)),
+        alt.Y("V:Q", title="mean V_p (m/s)", scale=alt.Scale(zero=True)),
+        colour,
+    )
+    prominent = base.transform_filter("datum.chosen || datum.contestant != 'learned policy'")
+    curves = prominent.mark_line().encode(dash, detail="line:N", order="w:Q")
+    faint = base.transform_filter("!datum.chosen && datum.contestant == 'learned policy'").mark_line(
+        strokeWidth=0.8, opacity=0.45
+    ).encode(detail="line:N", order="w:Q")  # fmt: skip
+    marks = prominent.mark_point(size=70).encode(shape, tooltip=[
+        "contestant:N", alt.Tooltip("line:N", title="seed or line"),
+        alt.Tooltip("w:Q", title="time weight (m/s per s)"), alt.Tooltip("T:Q", title="T (s)", format=".4f"),
+        alt.Tooltip("V:Q", title="V_p (m/s)", format=".4f"), "missed:Q",
+    ])  # fmt: skip
+    chart = (faint + curves + marks if len(seeds) > 1 else curves + marks).add_params(ZOOM)
+    places = [f"{time:.3f} s and {velocity:.3f} m/s" for time, velocity in (*played.paper.front, *played.policy.front)]
+    alternative = f"Paper's rule: {places[0]}. The learned policy: from {places[1]} to {places[-1]}."
+    if first_screen:
+        speed = min(1.0, matchup.environment.get("velocity_range", VELOCITY_RANGE)[1])
+        tuning = "" if matchup.rival.name == PAPER else f", and for which the {matchup.rival.plain} is tuned"
+        caption = (
+            "Down and left is better: gentler and sooner. Along each line the time weight falls from left to right. "
+            f"Each mark is one time weight, which the policy observes{tuning}. The rule of the paper, Tommasino et al. "
+            f"2020, moves at {speed:g} m/s and brakes at the alarm."
+        )
+        title = "Final speed of the object, V_p"
+        return Figure(matchup.name, "answer", title, caption, alternative, chart, data, height=270, width=400)
+    caption = (
+        "Down and left is better. Each line joins the time weights of one contestant; faint lines are the other seeds."
+    )
+    if bound:
+        caption += (
+            f" The {BOUND} knows the object: it is the best approach that a search found for each of the first "
+            f"{bound['missed'].shape[1]} scenarios."
+        )
+    title = f"Time until {matchup.until} against V_p, all contestants and seeds"
+    return Figure(matchup.name, "trade_off", title, caption, alternative, chart, data, height=380)

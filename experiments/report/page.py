@@ -16,12 +16,11 @@ from agents.provenance import todays
 from experiments.lab import page
 from experiments.lab.parts import Section, Table
 from experiments.lab.player import choose, films, fragment
-from experiments.report import ablation, answer, choice, differences, holds
-from experiments.report.figures import Figure
+from experiments.report import ablation, answer, choice, holds, tables
+from experiments.report.figures import Figure, trade_off
 from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
 from impact_gym.task import Task
-from impact_gym.task.scenario import FIELDS
 
 CHOSEN_ON = {
     "table": "these scenarios themselves", "set": "the first half of the validation set",
@@ -65,27 +64,26 @@ def tab(played: Played) -> Tab:
         short = answer.at_rule_time(result, played)
         summary = answer.sentence(result, matchup) + ablation.sentence(steps)
         engineer += [
-            Section("At about the paper's approach time: mean and tail", [answer.at_one_time(played)]),
+            Section("At about the paper's approach time: mean and tail", [tables.at_one_time(played)]),
             Section("Ablation: where the gain comes from", [ablation.table(steps, matchup.labels)]),
         ]
     engineer += [
-        Section("Times, velocities and forces", [differences.measures(played)], key="forces"),
+        Section("Times, velocities and forces", [tables.measures(played)], key="forces"),
         Section("Robustness", [holds.heat_map(played)], key="robustness"),
         Section("Robustness: every change", [holds.table(played)], folded=True),
     ]
     chosen_on = next(words for kind, words in CHOSEN_ON.items() if kind in matchup.scenarios)
     note = (f"The weight for the paper's approach time was chosen on {chosen_on}, so the mean times of policy and "
             "rule differ slightly here.")  # fmt: skip
-    trade_off = [answer.trade_off(played), answer.weights_table(played)]
+    answered = [summary] if matchup.operated else [tables.answered(result, played), note]
     statistician = [
-        Section("The answer", [summary if matchup.operated else answer.table(result, played)], key="answer"),
-        Section("Trade-off of all seeds and baselines", trade_off, folded=True, key="trade-off"),
-        Section("Differences by scenario", [note, *(differences.paired(played, field) for field in FIELDS)],
-                folded=True, key="differences"),
+        Section("The answer", answered, key="answer"),
+        Section("Trade-off of all seeds and baselines", [trade_off(played), tables.by_weight(played)], folded=True,
+                key="trade-off"),
     ]  # fmt: skip
     return Tab(
         matchup, result, chosen, steps, f"{chosen.sentence} {short}",
-        holds.where_it_fails(played, chosen.controller), answer.trade_off(played, first_screen=True), summary, engineer,
+        holds.where_it_fails(played, chosen.controller), trade_off(played, first_screen=True), summary, engineer,
         statistician, Markup(fragment(watch(played), f"watch-{matchup.name}")),
     )  # fmt: skip
 
