@@ -32,7 +32,7 @@ MARK = ".impact_gym"
 """Lock file. It marks the folder of a report: another report may overwrite such a folder."""
 DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")
 """Packages whose change makes the page outdated."""
-PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-python", "polars", "jinja2")
+PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "matplotlib", "polars", "jinja2")
 
 
 @dataclass(frozen=True)

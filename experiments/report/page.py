@@ -2,24 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-import vl_convert
-from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of
 from agents.provenance import todays
-from experiments.lab import page
-from experiments.lab.parts import Section, Table
+from experiments.lab import charts, page
+from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.player import choose, films, fragment
 from experiments.report import ablation, answer, choice, holds, tables
-from experiments.report.figures import Figure, trade_off
 from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
+from experiments.report.trade_off import trade_off
 from impact_gym.task import Task
 
 CHOSEN_ON = {
@@ -45,7 +42,7 @@ class Tab:
     steps: Sequence[ablation.Step]
     headline: str  # the controller to take, and the answer without intervals
     fails: holds.Failing
-    chart: Figure
+    chart: Picture
     summary: str  # the answer with its intervals, in a sentence or two
     engineer: Sequence[Section]
     statistician: Sequence[Section]
@@ -127,21 +124,18 @@ def watch(played: Played) -> dict[str, Any]:
 
 
 def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> list[str]:
-    """Write the page, and its figures with their data into `folder`/figures; return the names of these files."""
-    saved = list[str]()
-    for tab in tabs:
-        parts = [tab.chart, *(part for section in (*tab.engineer, *tab.statistician) for part in section.parts)]
-        for part in parts:
-            saved += part.save(folder / "figures") if isinstance(part, Figure) else []
-    bundle = vl_convert.javascript_bundle()  # type: ignore[call-arg]  # the stub requires an optional argument
+    """Write the page, and its pictures into `folder`/figures; return the names of these files."""
+    pictures = [tab.chart for tab in tabs]
+    pictures += [
+        part for tab in tabs for section in tab.statistician for part in section.parts if isinstance(part, Picture)
+    ]
+    for picture in pictures:
+        charts.save(picture.figure, folder / f"{picture.name}.svg")
     page.write(
         folder,
         "report/page.html.jinja",
-        macros={Figure: "figure"},
         runs=[about],
         about={**about, "policies": policies_table(all_played), "seeds": max(len(each.seeds) for each in all_played)},
         tabs=tabs,
-        vega=Markup(bundle.replace("</script", "<\\/script")),
-        embedded=partial(htmlsafe_json_dumps, separators=(",", ":"), allow_nan=False),
     )
-    return saved
+    return [f"{picture.name}.svg" for picture in pictures]

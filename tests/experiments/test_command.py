@@ -247,7 +247,7 @@ def test_report_needs_no_more_than_its_extra():
         extra: {re.split("[><=]", requirement)[0].replace("-", "_") for requirement in requirements}
         for extra, requirements in extras.items()
     }
-    absent = set().union(*names.values()) - names["report"] - {"packaging"}  # which altair brings
+    absent = set().union(*names.values()) - names["report"] - {"packaging"}  # which matplotlib brings
     assert {"torch", "cma", "mujoco", "ray"} <= absent
     program = (
         f"import sys; sys.modules.update(dict.fromkeys({sorted(absent)})); import experiments.report.page; "

@@ -9,9 +9,10 @@ from contest import COUNT, PAPER_TIME, SPEEDS, played, run
 
 from agents.setups import load_setup, shipped
 from agents.setups.evaluation import variants
-from experiments.report import answer, choice, figures, holds, tables
+from experiments.report import answer, choice, holds, tables
 from experiments.report.matchups import BOUND, PAPER, POLICY
 from experiments.report.played import Run
+from experiments.report.trade_off import trade_off
 
 TOLERANCE_OF_TWO = 26.26  # one-sided 95/95 factor (M. G. Natrella, NBS Handbook 91, table A-7)
 
@@ -164,11 +165,12 @@ def test_weights_table_compares_with_rival_and_search():
     assert float(row[4].split(" ")[0]) == pytest.approx(ours / theirs, abs=6e-5)
     few = SPEEDS[:20].mean()
     assert [float(gap.split(" ")[0]) for gap in row[6].split("], ")] == pytest.approx([0.2 * few, 0.4 * few], abs=6e-4)
-    figure = figures.trade_off(results)
-    assert set(figure.data["contestant"]) == {
-        PAPER, POLICY, BOUND, "tuned profile (profile)", "tuned constant speed (constant)"
-    }  # fmt: skip
-    assert figure.data.filter(contestant=PAPER).select("T", "V").row(0) == pytest.approx((PAPER_TIME, SPEEDS.mean()))
+    (axes,) = trade_off(results).figure.axes
+    curves = {line.get_label(): line.get_xydata() for line in axes.lines}
+    assert set(curves) == {PAPER, POLICY, BOUND, "tuned profile (profile)", "tuned constant speed (constant)"}
+    assert curves[PAPER][0] == pytest.approx([PAPER_TIME, SPEEDS.mean()])
+    (axes,) = trade_off(results, first_screen=True).figure.axes
+    assert [line.get_label() for line in axes.lines] == [PAPER, POLICY, "tuned profile"]
 
 
 def test_measures_are_means_over_the_same_scenarios():
