@@ -123,14 +123,12 @@ def watch(played: Played) -> dict[str, Any]:
     return watched
 
 
-def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> list[str]:
-    """Write the page, and its pictures into `folder`/figures; return the names of these files."""
-    pictures = [tab.chart for tab in tabs]
-    pictures += [
-        part for tab in tabs for section in tab.statistician for part in section.parts if isinstance(part, Picture)
-    ]
-    for picture in pictures:
-        charts.save(picture.figure, folder / f"{picture.name}.svg")
+def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> None:
+    """Write the page, and its pictures into `folder`/figures."""
+    for tab in tabs:
+        for part in (tab.chart, *(part for section in tab.statistician for part in section.parts)):
+            if isinstance(part, Picture):
+                charts.save(part.figure, folder / f"{part.name}.svg")
     page.write(
         folder,
         "report/page.html.jinja",
@@ -138,4 +136,3 @@ def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_playe
         about={**about, "policies": policies_table(all_played), "seeds": max(len(each.seeds) for each in all_played)},
         tabs=tabs,
     )
-    return [f"{picture.name}.svg" for picture in pictures]

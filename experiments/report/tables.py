@@ -1,7 +1,5 @@
 """Tables of the report: the answer with its intervals, and results of each contestant in the same scenarios."""
 
-from typing import Any
-
 import numpy as np
 
 from experiments.lab.parts import Table, percent
@@ -87,35 +85,25 @@ def measures(played: Played) -> Table:
     rows = []
     for label, (name, episodes) in runs.items():
         velocity, peak = episodes.object_velocity, episodes.peak_force
-        row: dict[str, Any] = {
-            "label": label,
-            "T": episodes.approach_time.mean(),
-            "V": estimate(played.resamples.means(velocity)),
-            "worst": np.sort(velocity)[-max(1, round(0.05 * velocity.size)) :].mean(),
-            "peak": peak.mean(),
-            "high": np.quantile(peak, 0.95),
-            "impulse": (velocity * episodes.scenario["object_mass"]).mean(),
-            "again": 100 * (episodes.contact_count > 1).mean(),
-            "contacts": episodes.contact_count.mean(),
-            "missed": episodes.missed.sum(),
-            "way": "-",
+        row = {
+            "contestant": label,
+            "T (s)": f"{episodes.approach_time.mean():.4f}",
+            "V_p (m/s)": f"{estimate(played.resamples.means(velocity)):.3f}",
+            "V_p, mean of the worst 5 %": f"{np.sort(velocity)[-max(1, round(0.05 * velocity.size)) :].mean():.3f}",
+            "peak force (N): mean, 95 %": f"{peak.mean():.1f}, {np.quantile(peak, 0.95):.0f}",
+            "impulse (N s)": f"{(velocity * episodes.scenario['object_mass']).mean():.4f}",
+            "several contacts": f"{100 * (episodes.contact_count > 1).mean():.1f} %",
+            "contacts": f"{episodes.contact_count.mean():.2f}",
+            "missed": f"{episodes.missed.sum()}",
         }
-        if travelled := played.travelled.get(name):
-            before, most = 1e3 * np.quantile(travelled["before"], 0.95), 1e3 * travelled["in_all"].max()
-            row["way"] = f"{before:.0f}, {most:.0f}"
+        if played.travelled:
+            way = played.travelled.get(name)
+            numbers = way and f"{1e3 * np.quantile(way['before'], 0.95):.0f}, {1e3 * way['in_all'].max():.0f}"
+            row["deflection (mm): 95 % before the touch, largest"] = numbers or "-"
         if matchup.operated:
-            row |= {what: getattr(episodes, what).mean() for what in ("slide", "touch_time", "taken")}
+            means = {"slide (m)": episodes.slide, "until the touch (s)": episodes.touch_time, "taken": episodes.taken}
+            row |= {heading: f"{np.mean(values):.3f}" for heading, values in means.items()}
         rows.append(row)
-    columns = {
-        "contestant": "{label}", "T (s)": "{T:.4f}",
-        "V_p (m/s)": "{V:.3f}", "V_p, mean of the worst 5 %": "{worst:.3f}",
-        "peak force (N): mean, 95 %": "{peak:.1f}, {high:.0f}", "impulse (N s)": "{impulse:.4f}",
-        "several contacts": "{again:.1f} %", "contacts": "{contacts:.2f}", "missed": "{missed}",
-    }  # fmt: skip
     caption = f"Means over the same {played.count:,} scenarios; impulse: object mass times V_p"
-    if played.travelled:
-        columns["deflection (mm): 95 % before the touch, largest"] = "{way}"
-        caption += "; deflection of the tool's spring in the first of these scenarios"
-    if matchup.operated:
-        columns |= {"slide (m)": "{slide:.3f}", "until the touch (s)": "{touch_time:.3f}", "taken": "{taken:.3f}"}
-    return Table.of(caption, rows, columns)
+    caption += "; deflection of the tool's spring in the first of these scenarios" if played.travelled else ""
+    return Table(caption, tuple(rows[0]), [tuple(row.values()) for row in rows])

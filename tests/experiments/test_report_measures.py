@@ -49,12 +49,8 @@ def test_of_controllers_that_cannot_be_told_apart_the_simplest_is_taken():
     assert order == [PAPER, "local-brake", "constant", "profile", "seed-0"]
     noise = np.random.default_rng(1).normal(0.0, 0.1, 400)
     for gain, name in ((0.0, "profile"), (0.005, "profile"), (0.03, "policy")):  # m/s; standard error 0.1 / 20 m/s
-        assert (
-            choice.simplest(
-                {"rule": np.full(400, 2.0), "profile": np.ones(400), "policy": 1.0 - gain + noise - noise.mean()}
-            )
-            == name
-        )
+        costs = {"rule": np.full(400, 2.0), "profile": np.ones(400), "policy": 1.0 - gain + noise - noise.mean()}
+        assert choice.simplest(costs) == name
 
 
 def test_choice_is_made_on_scenarios_of_its_own_and_judged_on_those_of_the_report():

@@ -31,12 +31,8 @@ def tab(browser, server):
 def test_try_from_the_first_key_to_the_replay_and_a_server_that_is_stopped_and_started(tab, tmp_path):
     with served(tmp_path / "tries", SETUP) as server:
         page = tab(server)
-        assert [each.strip() for each in page.locator("#rounds button").all_inner_texts()] == [
-            "1near",
-            "2far",
-            "3blind and late",
-            "free play",
-        ]
+        rounds = [each.strip() for each in page.locator("#rounds button").all_inner_texts()]
+        assert rounds == ["1near", "2far", "3blind and late", "free play"]
         page.keyboard.down("ArrowRight")
         page.wait_for_selector("body.playing")
         page.wait_for_selector("#picture circle.igw-object", state="visible")  # on the first level
