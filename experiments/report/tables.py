@@ -98,11 +98,12 @@ def measures(played: Played) -> Table:
         }
         if played.travelled:
             way = played.travelled.get(name)
-            numbers = way and f"{1e3 * np.quantile(way['before'], 0.95):.0f}, {1e3 * way['in_all'].max():.0f}"
-            row["deflection (mm): 95 % before the touch, largest"] = numbers or "-"
+            row["deflection (mm): 95 % before the touch, largest"] = (
+                f"{1e3 * np.quantile(way['before'], 0.95):.0f}, {1e3 * way['in_all'].max():.0f}" if way else "-"
+            )
         if matchup.operated:
-            means = {"slide (m)": episodes.slide, "until the touch (s)": episodes.touch_time, "taken": episodes.taken}
-            row |= {heading: f"{np.mean(values):.3f}" for heading, values in means.items()}
+            more = {"slide (m)": "slide", "until the touch (s)": "touch_time", "taken": "taken"}
+            row |= {heading: f"{getattr(episodes, result).mean():.3f}" for heading, result in more.items()}
         rows.append(row)
     caption = f"Means over the same {played.count:,} scenarios; impulse: object mass times V_p"
     caption += "; deflection of the tool's spring in the first of these scenarios" if played.travelled else ""
