@@ -12,9 +12,8 @@ import tomli_w
 import tyro
 
 from agents.setups import Setup, load_setup
-from experiments.design.limits import Limits
 from experiments.design.pads import on_pad, pad_of
-from experiments.design.search import CONTACT, Candidate, SearchBudget
+from experiments.design.search import CONTACT, Candidate, Limits, SearchBudget
 from experiments.design.variables import SearchVariable, search_variables, searched_environment
 from impact_gym.files import parsed, write_file
 from impact_gym.task import Task

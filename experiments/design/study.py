@@ -27,7 +27,7 @@ from impact_gym.task import Task
 
 DEPENDS = (
     "impact_gym", "agents.baselines", "agents.evaluate", "agents.setups",
-    *(f"experiments.design.{name}" for name in ("variables", "limits", "pads")),
+    *(f"experiments.design.{name}" for name in ("variables", "pads")),
 )  # fmt: skip
 STARTS = {("BlindProfile", False): "blind-profile", ("BlindProfile", True): "bistable-blind-profile"}
 """Tuned baseline at which a search starts, by rule and by whether the coupling is bistable; by default "ranged"."""

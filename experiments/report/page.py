@@ -16,7 +16,6 @@ from experiments.lab.player import choose, films, fragment
 from experiments.report import ablation, answer, choice, holds, tables
 from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
-from experiments.report.trade_off import trade_off
 from impact_gym.task import Task
 
 CHOSEN_ON = {
@@ -75,12 +74,12 @@ def tab(played: Played) -> Tab:
     answered = [summary] if matchup.operated else [tables.answered(result, played), note]
     statistician = [
         Section("The answer", answered, key="answer"),
-        Section("Trade-off of all seeds and baselines", [trade_off(played), tables.by_weight(played)], folded=True,
-                key="trade-off"),
+        Section("Trade-off of all seeds and baselines", [tables.trade_off(played), tables.by_weight(played)],
+                folded=True, key="trade-off"),
     ]  # fmt: skip
     return Tab(
         matchup, result, chosen, steps, f"{chosen.sentence} {short}",
-        holds.where_it_fails(played, chosen.controller), trade_off(played, first_screen=True), summary, engineer,
+        holds.where_it_fails(played, chosen.controller), tables.trade_off(played, first_screen=True), summary, engineer,
         statistician, Markup(fragment(watch(played), f"watch-{matchup.name}")),
     )  # fmt: skip
 

@@ -11,9 +11,8 @@ from agents.baselines import BlindProfile, ConstantSpeed
 from agents.baselines.tuned import read_tuned
 from agents.evaluate import TUNING_SEED, ScenarioBatch, Travel
 from agents.setups import load_setup
-from experiments.design.limits import Limits
 from experiments.design.pads import PADS, on_pad, pad_of
-from experiments.design.search import PENALTY, Candidate, SearchBudget, objective, play
+from experiments.design.search import PENALTY, Candidate, Limits, SearchBudget, objective, play
 from experiments.design.variables import SearchVariable, as_built, search_variables
 from impact_gym.task import Task
 

@@ -12,7 +12,7 @@ from agents.setups.evaluation import variants
 from experiments.report import answer, choice, holds, tables
 from experiments.report.matchups import BOUND, PAPER, POLICY
 from experiments.report.played import Run
-from experiments.report.trade_off import trade_off
+from experiments.report.tables import trade_off
 
 TOLERANCE_OF_TWO = 26.26  # one-sided 95/95 factor (M. G. Natrella, NBS Handbook 91, table A-7)
 
