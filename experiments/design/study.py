@@ -113,9 +113,9 @@ class Search:
         return [min((row for row in found if row["allowed"] == time), key=cost) for time in self.options.times]
 
     def _searched(self, rows: Iterable[Row]) -> Iterator[Cell]:
-        """Yield a cell that searches each row: on the line FRONT design and controller, else only the controller.
+        """Yield a cell for each row: on the line FRONT it searches design and controller, else only the controller.
 
-        The search starts at the row's parameters, or else at those of a shipped tuning.
+        The search starts at the row's parameters. If the row has none, it starts at the parameters of a shipped tuning.
         """
         options, papers_rule = self.options, self.candidate(PAPERS_RULE)
         batch = ScenarioBatch(TUNING_SEED, options.search.scenarios, papers_rule.task, threads=1)

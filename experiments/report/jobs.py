@@ -54,7 +54,7 @@ def play_matchups(
 
 
 def jobs_of(matchup: Matchup) -> Iterator[tuple[str, Any, dict[str, Any]]]:
-    """Yield field and key in `Played` and the arguments of each job; the field selects the measurement, too."""
+    """Yield for each job: the field of `Played` for its result, the key in this field, and the job's arguments."""
     scenarios, environment, typical = matchup.scenarios, matchup.environment, matchup.typical
     some = {**scenarios, "count": min(FEWER, scenarios["count"])}
     jobs: list[tuple[str, Any, JSON]] = [
