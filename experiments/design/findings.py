@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions
 from experiments.lab import grid
-from experiments.lab.charts import SERIES
+from experiments.lab.charts import OTHERS, SERIES
 from experiments.lab.parts import Picture, Section, Table, percent
 from experiments.lab.statistics import Comparison, Estimate, Resamples, quantile_groups
 from experiments.lab.study import Findings, Frames
@@ -64,22 +64,17 @@ def reduction(line: pl.DataFrame, paper: pl.DataFrame) -> Estimate:
 
 def chart(rows: Sequence[dict[str, Any]]) -> Figure:
     """Return a figure of mean V_p against mean approach time; the front's designs are labelled with deflections."""
-    figure = Figure(figsize=(8.4, 4.8))
+    figure, others = Figure(figsize=(8.4, 4.8)), iter(SERIES[2:])
     axes = figure.subplots()
-    lines: dict[str, list[dict[str, Any]]] = {}
-    for row in rows:
-        lines.setdefault(row["line"], []).append(row)
-    others = [name for name in lines if name not in (*LABELS, PAPER)]
-    for name, colour in {**dict(zip(others, SERIES[2:], strict=False)), CHOSEN: SERIES[1], FRONT: SERIES[0]}.items():
-        points = ([row[measure] for row in lines[name]] for measure in ("approach_time", "object_velocity"))
-        style = "s" if name == FRONT else "o-"
-        axes.plot(*points, style, color=colour, label=LABELS.get(name, name), markersize=5)
-    for row in lines[FRONT]:
-        place = row["approach_time"], row["object_velocity"]
-        text = f"{1e3 * row['deflection']:.1f} mm"
+    styles = {PAPER: ("*", "k"), FRONT: ("s", SERIES[0]), CHOSEN: ("o-", SERIES[1])}
+    for name in dict.fromkeys(row["line"] for row in rows):
+        style, colour = styles.get(name) or ("o-", next(others, OTHERS))
+        places = [(row["approach_time"], row["object_velocity"]) for row in rows if row["line"] == name]
+        size = 12 if name == PAPER else 5
+        axes.plot(*zip(*places, strict=True), style, color=colour, label=LABELS.get(name, name), markersize=size)
+    for row in (row for row in rows if row["line"] == FRONT):
+        place, text = (row["approach_time"], row["object_velocity"]), f"{1e3 * row['deflection']:.1f} mm"
         axes.annotate(text, place, xytext=(5, 6), textcoords="offset points", fontsize=8)
-    (paper,) = lines[PAPER]
-    axes.plot(paper["approach_time"], paper["object_velocity"], "k*", markersize=12, label=PAPER)
     axes.set(xlabel="mean approach time (s)", ylabel="mean $V_p$ (m/s)", ylim=(0.0, None))
     axes.legend(fontsize=9)
     return figure
