@@ -1,6 +1,5 @@
 """What a report plays: refusals, scenarios of choice and bound, and measurements against closed forms."""
 
-import numpy as np
 import pytest
 from contest import WEIGHTS
 
@@ -27,17 +26,6 @@ def test_play_as_late_has_the_rules_mean_time_on_the_validation_set_and_nearly_o
     assert ours["approach_time"].mean() == pytest.approx(chosen["approach_time"].mean(), abs=1e-3)
     assert ours["approach_time"].mean() <= chosen["approach_time"].mean()
     assert late["approach_time"].mean() == pytest.approx(other["approach_time"].mean(), rel=0.03)
-
-
-def test_tool_lags_behind_the_rule_as_a_critically_damped_spring_does():
-    """At 8 m/s^2 for 0.125 s, then none: it lags most a little later; every object stands beyond that."""
-    a, omega, ramp = 8.0, 20.0, 0.125
-    lag, rate = a / omega**2 * (1.0 - (1.0 + omega * ramp) * np.exp(-omega * ramp)), a * ramp * np.exp(-omega * ramp)
-    later = rate / omega / (rate + omega * lag)  # s
-    most = (lag + (rate + omega * lag) * later) * np.exp(-omega * later)
-    travelled = jobs.travelled(PAPERS_RULE, LINEAR.environment, SCENARIOS, [2.0])
-    assert travelled["before"] == pytest.approx(most, rel=5e-3)  # watched four times in a control step
-    assert (travelled["in_all"] > travelled["before"]).any()
 
 
 def test_policy_of_one_weight_is_compared_at_it_under_a_valid_file_name(tmp_path):
