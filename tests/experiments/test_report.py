@@ -118,8 +118,9 @@ def test_checksums_are_those_of_the_files(folder, results):
 @pytest.mark.parametrize("width", [390, 1280])
 def test_page_stands_on_its_own_and_has_every_chart(browser, folder, width):
     page = stands_on_its_own(browser, folder / "index.html", width)
-    shown = page.locator(".setup:not([hidden]) figure img")
-    assert [each.evaluate("image => image.naturalWidth > 200") for each in shown.all()] == [True, True]
+    page.evaluate("document.querySelectorAll('figure img').forEach(image => { image.loading = 'eager'; })")
+    shown = "[...document.querySelectorAll('.setup:not([hidden]) figure img')]"
+    page.wait_for_function(f"{shown}.filter(image => image.naturalWidth > 200).length === 2")
     assert (folder / "index.html").stat().st_size < 6e6
     pictures = {path.name for path in (folder / "figures").iterdir()}
     names = [f"{name}_{key}" for name in ("linear-blind", "twin") for key in ("answer", "trade_off")]
