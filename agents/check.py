@@ -1,7 +1,7 @@
 """Check a set-up and print what follows from it: `impact-gym check my.toml`, or the name of a shipped set-up."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,12 +39,6 @@ class Check:
     reports/setups/NAME.png."""
 
 
-def _spread(values: Sequence[float], form: str = ".3g") -> str:
-    """Return the range of `values` as text, or one number if they are equal."""
-    low, high = min(values), max(values)
-    return f"{low:{form}}" if low == high else f"{low:{form}} to {high:{form}}"
-
-
 def lag(task: Task) -> float:
     """Return how far (m) the tool lags behind the imposed motion at full acceleration, once vibrations have decayed.
 
@@ -71,10 +65,24 @@ def lines(setup: Setup) -> Iterator[str]:
     for name, (low, high) in task.ranges.items():
         quantity = QUANTITIES[name]
         how = "fixed" if low == high else "log-uniform" if quantity.by_ratio(low) else "uniform"
+        ends = f"{low:g}" if low == high else f"{low:g} to {high:g}"
         if name != "time_weight":
-            yield f"  {name}: {_spread([low, high], 'g')}{'' if quantity.unit == '-' else f' {quantity.unit}'}, {how}"
+            yield f"  {name}: {ends}{'' if quantity.unit == '-' else f' {quantity.unit}'}, {how}"
     yield "\nwhat follows"
-    yield from (f"  {consequence}" for consequence in consequences(task))
+    lags = [1e3 * lag(corner) for corner in corners(task)]
+    least, most = f"{min(lags):.3g}", f"{max(lags):.3g}"
+    behind = least if least == most else f"{least} to {most}"
+    yield f"  the tool lags {behind} mm behind at the full {task.acceleration_range[1]:g} m/s^2"
+    played = ScenarioBatch.of("validation", SAMPLE, task).play(PaperTrapezoid().for_task(task))
+    yield (
+        f"  in {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f} m/s (mean),"
+        f" {'is done' if task.operator else 'arrives'} after {played.approach_time.mean():.3f} s and misses"
+        f" {int(played.missed.sum())}"
+    )
+    if isinstance(task.coupling, Bistable):
+        force = task.coupling.holding_force
+        yield f"  the front stop holds the tool with {force:.3g} N; below that force the coupling is rigid"
+    yield from (f"  warning: {sentence}" for sentence in warnings(task))
     yield "\ntrained by"
     yield f"  {Run(setup, setup.training).command}"
     yield f"baselines: {', '.join(setup.against) or 'none'}; tuned here: {', '.join(setup.tuned)}"
@@ -88,53 +96,24 @@ def lines(setup: Setup) -> Iterator[str]:
     yield f"  changed one at a time, with the number of values: {varied or 'nothing'}"
 
 
-def consequences(task: Task) -> Iterator[str]:
-    """Yield sentences about lag, the paper's rule, the operator, the mechanism, and warnings."""
-    spread = _spread([1e3 * lag(corner) for corner in corners(task)])
-    yield f"the tool lags {spread} mm behind at the full {task.acceleration_range[1]:g} m/s^2"
-    played = ScenarioBatch.of("validation", SAMPLE, task).play(PaperTrapezoid().for_task(task))
-    yield (
-        f"in {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f} m/s (mean),"
-        f" {'is done' if task.operator else 'arrives'} after {played.approach_time.mean():.3f} s and misses"
-        f" {int(played.missed.sum())}"
-    )
-    if task.operator:
-        late = np.maximum(np.asarray(played.late), 1e-9)  # s
-        ahead = (np.asarray(played.touch_time) / late)[~played.missed]
-        least, soon, usual, last = np.quantile(ahead, [0.0, 0.05, 0.5, 0.95]) if ahead.size else [np.nan] * 4
-        yield (
-            f"the operator's own stop is {_spread((1e3 * late).tolist(), '.0f')} ms late; the touch comes after"
-            f" {soon:.1f} to {last:.1f} times this delay in nine of ten scenarios, {usual:.1f} times in the median and"
-            f" at least {least:.1f} times"
-        )
-    if isinstance(task.coupling, Bistable):
-        force = task.coupling.holding_force
-        yield f"the front stop holds the tool with {force:.3g} N; below that force the coupling is rigid"
-    yield from (f"warning: {sentence}" for sentence in warnings(task))
-
-
-def draw(setup: Setup, path: Path) -> None:
-    """Write a picture of the chain at rest, to scale; DependencyNotInstalled: pygame is missing."""
-    env = setup.make(render_mode="rgb_array")
-    env.reset(seed=VALIDATION_SEED)
-    pixels = np.asarray(env.render())
-    import pygame
-
-    with whole_file(path) as file:
-        pygame.image.save(pygame.surfarray.make_surface(np.swapaxes(pixels, 0, 1)), file, "picture.png")
-
-
 def run(options: Check) -> None:
-    """Print what follows from a set-up, and draw its chain."""
+    """Print what follows from a set-up, and draw robot, tool and object at rest."""
     setup = load_setup(options.setup)
     for line in lines(setup):
         print(line)
     path = options.picture or Path("reports/setups") / f"{setup.name}.png"
+    env = setup.make(render_mode="rgb_array")
+    env.reset(seed=VALIDATION_SEED)
     try:
-        draw(setup, path)
-        print(f"picture: {path}")
+        pixels = np.asarray(env.render())
     except DependencyNotInstalled as error:
         print(f"no picture: {error}")
+        return
+    import pygame
+
+    with whole_file(path) as file:
+        pygame.image.save(pygame.surfarray.make_surface(np.swapaxes(pixels, 0, 1)), file, "picture.png")
+    print(f"picture: {path}")
 
 
 if __name__ == "__main__":

@@ -35,27 +35,21 @@ def read_command(
 ) -> Options:
     """Return the options in `arguments`, the words after `impact-gym NAME`; None: the arguments of this process.
 
-    `default` replaces the default values of the dataclass. The help shows SETUP, NAME,
-    NUMBER and PATH instead of types.
+    `default` replaces the default values of the dataclass. The help shows NAME, NUMBER and PATH instead of types.
     """
     import tyro  # not needed to play
     from tyro import constructors
 
-    registry, inside = constructors.ConstructorRegistry(), list[object]()
-
-    def of_tyro(look_up: Callable[[Any], Any], info: object) -> Any:
-        """Return the specification that tyro would use; while tyro looks it up, the two rules below return None."""
-        if inside:
-            return None
-        inside.append(info)
-        spec = look_up(info)
-        inside.clear()
-        return spec
+    registry, within = constructors.ConstructorRegistry(), list[object]()
 
     @registry.primitive_rule
     def plain_words(info: constructors.PrimitiveTypeInfo) -> constructors.PrimitiveConstructorSpec[Any] | None:
         """Read a value as tyro does; the help has "PATH" for "{None}|PATH", and "NAME ..." for "[STR [STR ...]]"."""
-        spec = of_tyro(registry.get_primitive_spec, info)
+        if within:  # tyro looks up its own rule
+            return None
+        within.append(info)
+        spec = registry.get_primitive_spec(info)
+        within.clear()
         if not isinstance(spec, constructors.PrimitiveConstructorSpec):
             return None
         word = re.sub(r"\[(\w+) \[\1 \.\.\.\]\]", r"\1 ...", spec.metavar.replace("{None}|", ""))
@@ -65,18 +59,6 @@ def read_command(
             return ["none"] if value in (None, ()) else spec.str_from_instance(value)
 
         return replace(spec, metavar=word, str_from_instance=shown)
-
-    @registry.struct_rule
-    def flowing_help(info: constructors.StructTypeInfo) -> constructors.StructConstructorSpec | None:
-        """Read a dataclass as tyro does; the help of a field is one paragraph, without the docstring's line breaks."""
-        spec = of_tyro(registry.get_struct_spec, info)
-        if not isinstance(spec, constructors.StructConstructorSpec):
-            return None
-        texts = (field.helptext() if callable(field.helptext) else field.helptext for field in spec.fields)
-        pairs = zip(spec.fields, texts, strict=True)
-        return replace(
-            spec, fields=tuple(replace(field, helptext=" ".join((text or "").split())) for field, text in pairs)
-        )
 
     config = (tyro.conf.PositionalMetavarFromFieldName,)
     given: dict[str, Any] = {} if default is None else {"default": default}
@@ -112,9 +94,8 @@ def command_line(name: str, after: str = "the same command continues") -> Iterat
 def command_of(name: str, options: Any, default: Any = None, *first: str) -> str:
     """Return the command line `impact-gym NAME ...` from which `read_command` reads `options`.
 
-    Options that equal those of `default` are left out; without `default`, options with the
-    default value of their dataclass. The
-    words in `first` come before the options.
+    Options that equal those of `default` are left out; without `default`, options with the default value of their
+    dataclass. The words in `first` come before the options.
     """
     positional, named = _words(options, default)
     return shlex.join(["impact-gym", name, *first, *positional, *named])

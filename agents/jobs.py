@@ -1,9 +1,9 @@
 """Run independent calls in parallel, on this machine or on a Ray cluster, and store their results.
 
 A result has the same bits wherever it is computed. `cached` calls a function once for each of many arguments. The
-calling process stores each result at once with joblib.Memory. So a command that was stopped, even killed, continues
-when it is run again, and the nodes of a cluster need no common disk. Stored results are pickles, and reading a pickle
-can run code: give `cached` only a folder that `cached` has written, for the same user.
+calling process stores each result at once, in a file. So a command that was stopped, even killed, continues when it is
+run again, and the nodes of a cluster need no common disk. Stored results are pickles, and reading a pickle can run
+code: give `cached` only a folder that `cached` has written, for the same user.
 """
 
 import hashlib
@@ -11,9 +11,8 @@ import inspect
 import json
 import pickle
 import sys
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -21,7 +20,7 @@ from typing import Any
 
 from agents.command_line import progress
 from agents.workers import Answers, Call, Failure, on_cluster, on_this_machine
-from impact_gym.files import DiskFullError, writing
+from impact_gym.files import DiskFullError, write_file
 from impact_gym.validation import WrongTypeError, number, whole
 
 Workers = Callable[[Sequence[Call]], Answers]
@@ -60,15 +59,14 @@ def cached(
         processes: number of new processes on this machine; None: one for each core; 0: compute in this process.
         cluster: existing Ray cluster to use instead: "ray" for the one of this machine (or of RAY_ADDRESS), or an
             address.
-        seconds: time limit of a call by the clock, without the start of its process. A call that exceeds it fails, and
-            its process is ended. Not allowed on a cluster; without effect if `processes` is 0.
+        seconds: time limit of a call by the clock, without the start of its process. A call that exceeds it fails.
+            Not allowed on a cluster; without effect if `processes` is 0.
         failed: function that gets the arguments of a failed call and the reason, and returns a replacement for the
             result. The failure is stored, and the call is not repeated.
         done: function that this process calls with index and result of each call, stored results first.
 
     Raises:
-        JobsFailedError: `failed` is None, and calls raised an error, took too long or lost their process. It is raised
-            after all other calls.
+        JobsFailedError: `failed` is None, and calls failed. It is raised after all other calls.
         DiskFullError: the disk has no room for a result, or for a file that a call writes.
         RuntimeError: there is no such cluster, or Ray is not installed.
         TypeError, ValueError: other processes cannot import the function, or it does not take the arguments.
@@ -85,7 +83,7 @@ def cached(
     for place, each in enumerate(given):
         places.setdefault(_call(function, each, depends), []).append(place)
     results, failures = dict[int, Any](), dict[Call, Failure]()
-    answers = _answers(places, _Store(Path(folder)), failed is not None, workers)
+    answers = _answers(places, Path(folder), failed is not None, workers)
     with closing(progress(title, len(given))) as bar, closing(answers):
         for call, pickled in answers:
             bar.update(len(places[call]))
@@ -104,11 +102,11 @@ def cached(
     return [results[place] for place in range(len(given))]
 
 
-def _answers(calls: Iterable[Call], store: "_Store", keep_failures: bool, workers: Workers) -> Answers:
+def _answers(calls: Iterable[Call], folder: Path, keep_failures: bool, workers: Workers) -> Answers:
     """Yield each call with its pickled result, stored results first; store each new result before yielding it."""
     missing = []
     for call in calls:
-        pickled = store.read(call)
+        pickled = _stored(call, folder)
         if pickled is None or (not keep_failures and isinstance(pickle.loads(pickled), Failure)):
             missing.append(call)
         else:
@@ -118,8 +116,25 @@ def _answers(calls: Iterable[Call], store: "_Store", keep_failures: bool, worker
             if isinstance(answer := pickle.loads(pickled), DiskFullError):
                 raise answer
             if keep_failures or not isinstance(answer, Failure):
-                store.write(call, pickled)
+                write_file(_path(call, folder), hashlib.sha256(pickled).digest() + pickled)
             yield call, pickled
+
+
+def _path(call: Call, folder: Path) -> Path:
+    """Return the path of a call's stored result."""
+    key = json.dumps([call.function, call.arguments, call.depends])
+    return folder / f"{hashlib.sha256(key.encode()).hexdigest()}.pkl"
+
+
+def _stored(call: Call, folder: Path) -> bytes | None:
+    """Return the stored result of a call; None if there is none, or its checksum is wrong."""
+    path = _path(call, folder)
+    content = path.read_bytes() if path.is_file() else None
+    if content is None or hashlib.sha256(content[32:]).digest() == content[:32]:
+        return content and content[32:]
+    stored = f"the stored result of {call.function} {call.arguments[:400]}"
+    print(f"computed anew: {stored} in {folder} is damaged", file=sys.stderr)
+    return None
 
 
 def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: str) -> Call:
@@ -134,46 +149,3 @@ def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: s
         return Call(f"{module}:{name}", json.dumps(arguments, sort_keys=True), depends, json.dumps(arguments))
     except TypeError as error:
         raise WrongTypeError(f"arguments of {name} must be its keywords, with JSON values: {error}") from None
-
-
-class _Store:
-    """Pickled results in a folder, stored by joblib.Memory, each with its checksum."""
-
-    def __init__(self, folder: Path) -> None:
-        import joblib
-
-        self._folder, self._kept = folder, joblib.Memory(folder, verbose=0).cache(_kept, ignore=["answer"])
-        self._kept.check_call_in_cache("", "", "", None)  # stores the source of `_kept`: else joblib's first look fails
-
-    def read(self, call: Call) -> bytes | None:
-        """Return the stored result of a call; None if there is none, or it is damaged."""
-        try:
-            found = self._kept.call_and_shelve(call.function, call.arguments, call.depends, None)
-        except LookupError:
-            return None
-        with suppress(Exception):  # a damaged file may raise any error
-            digest, pickled = found.get()
-            if digest == hashlib.sha256(pickled).digest():
-                return pickled
-        stored = f"the stored result of {call.function} {call.arguments[:400]}"
-        print(f"computed anew: {stored} in {self._folder} is damaged", file=sys.stderr)
-        return None
-
-    def write(self, call: Call, pickled: bytes) -> None:
-        """Store a result atomically."""
-        from joblib.memory import CacheWarning
-
-        with writing(f"a result of {call.function} into {self._folder}"), warnings.catch_warnings():
-            warnings.simplefilter("error", CacheWarning)  # joblib only warns if the disk is full
-            try:
-                answer = hashlib.sha256(pickled).digest(), pickled
-                self._kept.call(call.function, call.arguments, call.depends, answer)
-            except CacheWarning as warning:
-                raise warning.__context__ or warning from None
-
-
-def _kept(function: str, arguments: str, depends: str, answer: Any) -> Any:
-    """Return the answer to store. When joblib.Memory finds no stored answer, it calls this with None."""
-    if answer is None:
-        raise LookupError(function, arguments, depends)
-    return answer

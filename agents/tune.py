@@ -98,7 +98,7 @@ class Tune:
         return wanted
 
     def search(self, name: str, setup: Setup) -> dict[str, Any]:
-        """Return the settings that determine the result of the search for a baseline."""
+        """Return the options of this command that determine the result of the search for a baseline."""
         budget = setup.budget if self.budget is None else self.budget
         scenarios = setup.tuned[name].scenarios if self.scenarios is None else self.scenarios
         return {"scenarios": scenarios, "budget": budget, "population": self.population, "seed": self.seed}
@@ -144,30 +144,18 @@ def tune(options: Tune) -> list[Path]:
 def next_weight(times: Mapping[float, float], target: float) -> float | None:
     """Return the time weight (m/s per s) to tune next, so that two approach times enclose `target` (s) within NEAR.
 
-    Args:
-        times: mean approach time (s) at each weight; a larger weight has a shorter time.
-        target: s.
-
-    Returns:
-        None: two times within NEAR enclose the target, or no other weight can be tried.
+    `times` are the mean approach times (s) at the weights so far; a larger weight has a shorter time. None: two times
+    enclose the target within NEAR, or no other weight can be tried.
     """
-    weights = sorted(times)
-    gaps = [times[weight] - target for weight in weights]
-    if max(gaps) <= 0.0:
-        weight = weights[0] / 1.5
-    elif min(gaps) > 0.0:
-        weight = 1.5 * weights[-1]
-    elif (sooner := -max(gap for gap in gaps if gap <= 0.0)) <= NEAR and min(gap for gap in gaps if gap > 0.0) <= NEAR:
-        return None
-    else:  # interpolate between two neighbouring weights whose times enclose the target
-        place = next((k for k, gap in enumerate(gaps[:-1]) if gap > 0.0 >= gaps[k + 1]), None)
-        if place is None:  # the target is only crossed where the time increases with the weight
+    sooner, later = ({w: t for w, t in times.items() if (t > target) == side} for side in (False, True))
+    if not (sooner and later):
+        weight = 1.5 * max(later) if later else min(sooner) / 1.5
+    else:
+        low, above = max(later), [weight for weight in sooner if weight > max(later)]
+        enclosed = target - max(sooner.values()) <= NEAR and min(later.values()) - target <= NEAR
+        if enclosed or not above:
             return None
-        pair, ends = [gaps[place + 1], gaps[place]], [weights[place + 1], weights[place]]
-        aim = math.copysign(0.6 * NEAR, NEAR - sooner)  # first aim at a time below the target
-        weight = math.exp(np.interp(aim, pair, np.log(ends)))
-        if min(abs(math.log(weight / end)) for end in ends) < 0.1 * math.log(ends[0] / ends[1]):
-            weight = math.sqrt(ends[0] * ends[1])  # too near a tuned weight, as times change steeply: bisect
+        weight = math.sqrt(low * min(above))
     weight = float(f"{weight:.3g}")
     return weight if LEAST_WEIGHT <= weight <= LARGEST_WEIGHT and weight not in times else None
 

@@ -1,8 +1,7 @@
 """Workers that run independent calls: processes of this machine or nodes of a Ray cluster; see `agents.jobs`.
 
 The processes are started by pebble: it can end a call that takes too long, and if a process dies, only its own call
-fails. joblib's pool, loky, starts in 2.6 s instead of 0.9 s for pebble, and if one process dies, all calls end.
-joblib's Ray backend returns results only after the last call: a killed command would lose all of them.
+fails.
 """
 
 import json

@@ -39,12 +39,7 @@ def write_bound(
 
 
 def read_bound(setup: Setup, folder: Path = TUNED, generations: int = GENERATIONS) -> dict[float, Floats]:
-    """Return a set-up's bound: for each time weight (m/s per s) the best parameters (scenarios, k).
-
-    Raises:
-        ValueError: the file is missing or damaged, or the search had another environment, other parameters or another
-            number of generations.
-    """
+    """Return a set-up's bound: for each time weight (m/s per s) the best parameters (scenarios, k)."""
     path, remedy = path_of(setup, folder), f"impact-gym tune {setup.called} --bound"
     try:
         content, arrays = read_archive(path, FORMAT)

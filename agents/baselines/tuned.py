@@ -47,18 +47,12 @@ def tuned_rule(content: Mapping[str, Any], time_weight: float) -> Rule:
 
 
 def tuned_table(content: Mapping[str, Any]) -> tuple[list[float], Rule]:
-    """Return the weights (m/s per s) of a tuned file, ascending, and the rule with parameters (weights, k).
-
-    Raises:
-        ValueError: the file holds no weight, or a parameter is out of its limits.
-    """
+    """Return the weights (m/s per s) of a tuned file, ascending, and the rule with parameters (weights, k)."""
     if not content["weights"]:
         raise ValueError(f"baseline {content['baseline']!r} holds no weight: tune it")
     tuned = {float(weight): found["parameters"] for weight, found in content["weights"].items()}
-    weights, names = (
-        sorted(tuned),
-        [parameter["name"] for parameter in content["parameters"]],
-    )  # an entry in "weights" may list these names in another order
+    # an entry in "weights" may list the parameters in another order
+    weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]
     table = [[tuned[weight][name] for name in names] for weight in weights]
     return weights, RULES[content["rule"]].of(table).for_task(Task(**content["environment"]))
 
@@ -73,9 +67,6 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
     """Return the content of a tuned baseline's file; its entry "weights" has the result for each time weight.
 
     The file must fit `setup`; default: the shipped set-up that tunes this baseline, if there is one.
-
-    Raises:
-        ValueError: as in `load_baseline`.
     """
     path, setup = folder / f"{name}.json", setup or owner(name)
     if setup is None and not path.is_file():
@@ -117,6 +108,6 @@ def _description(name: str, rule: str) -> dict[str, Any]:
 
 
 def _checksum(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a file's content without its entry "sha256"."""
+    """Return the SHA-256 of a file's content except the entry "sha256"."""
     rest = {field: value for field, value in content.items() if field != "sha256"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()

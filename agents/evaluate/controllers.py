@@ -31,9 +31,6 @@ def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None
 
     A tuned baseline keeps those arguments of the environment for which it was tuned that its class lists in KNOWS. If
     the task has the default scenario, the baseline also keeps the range of distances for which it was tuned.
-
-    Raises:
-        ValueError: there is no such controller, or it has no method `predict`; the message says why.
     """
     ((kind, value),) = spec.items()
     if kind not in KINDS:
@@ -80,11 +77,7 @@ KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
 
 
 def try_out(name: str, controller: Controller, observations: NDArray[np.float32], action_size: int) -> None:
-    """Call a controller once with a batch of observations (n, n_obs), as the evaluation does.
-
-    Raises:
-        ValueError: the call fails, or does not return n finite actions of `action_size` numbers.
-    """
+    """Call a controller once with a batch of observations (n, n_obs), as the evaluation does."""
     start = np.ones(len(observations), np.bool_)
     try:
         actions, _ = controller.predict(observations.copy(), state=None, episode_start=start, deterministic=True)

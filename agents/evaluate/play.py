@@ -22,12 +22,9 @@ from impact_gym.task.scenario import FIELDS
 
 
 def play(
-    controller: Mapping[str, Any],
-    scenarios: Mapping[str, Any],
-    weights: Sequence[float] = (2.0,),
-    environment: Mapping[str, Any] | None = None,
-    lenient: bool = False,
-) -> dict[str, NDArray[Any]]:
+    controller: Mapping[str, Any], scenarios: Mapping[str, Any], weights: Sequence[float] = (2.0,),
+    environment: Mapping[str, Any] | None = None, lenient: bool = False,
+) -> dict[str, NDArray[Any]]:  # fmt: skip
     """Return the results (weights, scenarios) at each time weight (m/s per s), and the scenarios' fields (scenarios,).
 
     `controller` is described as in `agents.evaluate.controllers`. `environment` must hold no scenario and no time

@@ -44,9 +44,7 @@ class Episodes:
     done_time: NDArray[np.float64] | None = None  # s, with an operator
     taken: NDArray[np.float64] | None = None  # -, with an operator
     touch_time: NDArray[np.float64] | None = None  # s, with an operator
-    late: NDArray[np.float64] | None = (
-        None  # s, with an operator: from a touch until the operator's stop reaches the arm
-    )
+    late: NDArray[np.float64] | None = None  # s, with an operator: delay from a touch to the operator's stop
 
     def cost(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
         """Return V_p + time_weight * approach time, m/s, per scenario."""
@@ -68,16 +66,15 @@ class ScenarioBatch:
         """Make a batch of `copies * count` rows: row k plays scenario `k % count`.
 
         Args:
-            seed: seed of the first scenario; scenario k is the first draw of an environment seeded `seed + k`.
+            seed: scenario k is the first draw of an environment seeded `seed + k`.
             count: number of scenarios.
             task: task of all rows; None: the default task.
             copies: number of copies of each scenario.
             time_weight: time weight of each copy, m/s per s; None: the task's.
             frozen: set from which the scenarios are taken instead of drawn; its seed must be `seed`.
-            threads: number of threads of the simulation; it changes no result.
+            threads: number of threads; it changes no result.
             quiet: do not warn if a policy was trained for another environment.
-            lenient: count a scenario whose status is not ok as missed, without an error; for searches and half-trained
-                policies.
+            lenient: count a scenario whose status is not ok as missed, without an error.
             max_steps: number of integration steps after which the solver gives up a scenario.
         """
         self.seed, self.count, self.quiet, self.lenient = seed, count, quiet, lenient
@@ -98,32 +95,26 @@ class ScenarioBatch:
         """
         frozen = evaluation_sets.load(name)
         own = task is not None and "scenario" in task.arguments()
-        return cls(
-            frozen.seed, frozen.count if count is None else count, task, frozen=None if own else frozen, **options
-        )
+        count = frozen.count if count is None else count
+        return cls(frozen.seed, count, task, frozen=None if own else frozen, **options)
 
     def play(
-        self,
-        controller: Controller,
-        record: Mapping[str, ArrayLike] | None = None,
+        self, controller: Controller, record: Mapping[str, ArrayLike] | None = None,
         watch: Callable[[Bodies], None] | None = None,
-    ) -> Episodes:
+    ) -> Episodes:  # fmt: skip
         """Play every row to its end.
 
         If the controller's action for a row does not depend on the other rows, the row's result depends only on the
-        scenario and the controller. A `Policy` fulfils this: it uses no matrix product of all rows, which BLAS would
-        round differently in batches of different size. A policy that was trained for another environment warns once.
+        scenario and the controller. A policy that was trained for another environment warns once.
 
         Args:
             controller: controller that plays.
-            record: numbers (copies * count,) that replace drawn ones, by the name in an episode's record, such as
-                `coupling.stiffness`. A number of tool, coupling or robot can be replaced only if the task has a range
-                for it.
+            record: numbers (copies * count,) that replace drawn ones, by the name in an episode's record. A number of
+                tool, coupling or robot can be replaced only if the task has a range for it.
             watch: function that gets the motion of the bodies before each control step.
 
         Raises:
-            RuntimeError: the solver failed in a scenario, or the scenario did not settle, and the batch is not
-                `lenient`.
+            RuntimeError: the solver failed in a scenario, or the scenario did not settle; not if `lenient`.
         """
         batch = self._batch
         if isinstance(controller, Policy) and not self.quiet:
@@ -156,8 +147,7 @@ class ScenarioBatch:
 class Validation:
     """The frozen validation set at several time weights. Its score selects the best policy and judges trainings.
 
-    The report plays another set, the test set. The score is the mean loss: V_p + w T, plus the charge for a miss.
-    Episodes that do not settle, as with half-trained policies, count as missed.
+    The score is the mean loss: V_p + w T, plus the charge for a miss. Episodes that do not settle count as missed.
     """
 
     def __init__(self, task: Task, weights: Sequence[float], scenarios: int, **options: Any) -> None:

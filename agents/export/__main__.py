@@ -80,12 +80,7 @@ def rounding(policy: Policy, observed: Floats, actions: Floats) -> float:
 
 
 def run(options: Export) -> list[Path]:
-    """Write the files, check them, and return their paths.
-
-    Raises:
-        ValueError: there is no such controller, a package is missing, or an exported file computes something other
-            than the controller.
-    """
+    """Write the files, check them, and return their paths."""
     if options.all:
         found = of_setup(load_setup(options.controller), options.folder)
     else:
@@ -120,9 +115,6 @@ def judged(path: Path, computed: Floats | None, missing: str, actions: Floats, a
     """Return a sentence that compares the actions `computed` by an exported network with the policy's `actions` (n, k).
 
     If `computed` is None, the network could not run, and the sentence says what is `missing`.
-
-    Raises:
-        ValueError: the actions differ by more than `allowed`.
     """
     if computed is None:
         return f"{path}: its network is not checked, {missing}"
@@ -133,11 +125,7 @@ def judged(path: Path, computed: Floats | None, missing: str, actions: Floats, a
 
 
 def judged_replay(header: Path, played: Replay | None, period: float) -> str:
-    """Return a sentence about the replayed episodes; `period` is the control period (s).
-
-    Raises:
-        ValueError: the commands of the controller in C differ from the original's.
-    """
+    """Return a sentence about the replayed episodes; `period` is the control period (s)."""
     if played is None:
         return f"{header}: its controller is not checked: no C compiler, or it uses values that no sensor measures"
     difference = f"{played.difference:.1e}"

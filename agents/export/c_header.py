@@ -41,11 +41,7 @@ def write_header(controller: Policy | Rule | Subject, path: Path) -> Path:
 
 
 def header(controller: Policy | Rule | Subject, name: str) -> str:
-    """Return the text of the header; every name in it begins with `name`.
-
-    Raises:
-        ValueError: the controller is neither a policy nor a rule, or the rule uses a value that no sensor measures.
-    """
+    """Return the text of the header; every name in it begins with `name`."""
     subject = controller if isinstance(controller, Subject) else Subject(controller)
     task, spec, value_of = subject.task, subject.spec, values(subject.spec)
     wrap = textwrap.TextWrapper(118, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False).wrap

@@ -55,17 +55,10 @@ class Subject:
     def __init__(
         self, controller: Policy | Rule, weights: Sequence[float] = (2.0,), validation: Any = None, command: str = ""
     ) -> None:
-        """Describe a controller.
+        """Describe a policy; or a rule for its environment, with parameters (k,) or (weights, k).
 
-        Args:
-            controller: a policy; or a rule for its environment, with parameters (k,), or (weights, k) for several
-                time weights.
-            weights: time weights for which a rule was tuned, m/s per s, ascending.
-            validation: results on validation scenarios, as JSON; default: those in the policy's file.
-            command: command that made the controller; default: the one in the policy's file.
-
-        Raises:
-            ValueError: the controller is neither a policy nor a rule.
+        `weights` are the time weights (m/s per s), ascending, for which a rule was tuned. `validation` (JSON) and
+        `command` say what it scored and how it was made; default: what the policy's file says.
         """
         if not isinstance(controller, Policy | Rule):
             raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
@@ -138,11 +131,7 @@ def _plain(value: Any) -> str:
 
 
 def of_baseline(name: str, setup: Setup | None = None, folder: Path = TUNED) -> Subject:
-    """Return a baseline: one without parameters for the environment of `setup`, or a tuned one from `folder`.
-
-    Raises:
-        ValueError: as `load_baseline`, or the baseline is no rule.
-    """
+    """Return a baseline: one without parameters for the environment of `setup`, or a tuned one from `folder`."""
     if name in FIXED:
         rule: Any = load_baseline(name)
         return Subject(rule.for_task(setup.task) if setup else rule)
@@ -155,11 +144,7 @@ def of_baseline(name: str, setup: Setup | None = None, folder: Path = TUNED) -> 
 
 
 def of_name(name: str, setup: Setup | None = None) -> Subject:
-    """Return the controller with this name: a baseline, the file of a tuned one, or a policy as for `load_policy`.
-
-    Raises:
-        ValueError: there is no such controller, or it cannot be exported; the message says why.
-    """
+    """Return the controller with this name: a baseline, the file of a tuned one, or a policy as for `load_policy`."""
     if name in FIXED or name in shipped_baselines():
         return of_baseline(name, setup if name in FIXED else None)
     if name.endswith(".json"):

@@ -13,11 +13,7 @@ IR_VERSION = 8  # runtimes since 2022 read this version
 
 
 def write_onnx(subject: Subject, path: Path) -> Path:
-    """Write a policy's graph with its contract: from `observation` (n, n_obs) to `action` (n, k), for any n.
-
-    Raises:
-        ValueError: the controller is no policy, or the package onnx is missing.
-    """
+    """Write a policy's graph with its contract: from `observation` (n, n_obs) to `action` (n, k), for any n."""
     if subject.policy is None:
         raise ValueError(f"only a policy has a network for ONNX, got {type(subject.controller).__name__}")
     try:

@@ -147,11 +147,7 @@ class Ensemble:
 
     @classmethod
     def unpacked(cls, content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> "Ensemble":
-        """Return the ensemble from `packed` content and arrays.
-
-        Raises:
-            ValueError, LookupError, TypeError: this is no ensemble, or was made for other scales than this version's.
-        """
+        """Return the ensemble from `packed` content and arrays."""
         task = Task(**without_files(content["environment"]))
         if any(content[name] != table for name, table in scales(task).items()):
             raise ValueError("it was made for other scales of observation or action than this version's environment")

@@ -140,12 +140,7 @@ def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Cha
 
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
-    """Yield the changes of one argument; values that the environment refuses are left out, unless `strict`.
-
-    Raises:
-        TypeError, ValueError: `values` holds no list; or, if `strict`, the argument is unknown or the environment
-            refuses a value. Names the argument.
-    """
+    """Yield the changes of one argument; values that the environment refuses are left out, unless `strict`."""
     where = f"evaluation.varied.{name}"
     multiples = isinstance(values, Mapping)
     if multiples:

@@ -3,8 +3,6 @@
 from collections.abc import Iterator
 from itertools import product
 
-import numpy as np
-
 from impact_gym.scene import Bistable
 from impact_gym.task import QUANTITIES, ObservationSpec, Task
 from impact_gym.task.task import MOUNT_IDS
@@ -20,7 +18,7 @@ def warnings(task: Task) -> list[str]:
     Raises:
         ValueError: all episodes have the problem; the message names the field.
     """
-    (near, far), most = task.scenario.distance, task.acceleration_range[1]
+    (near, far), (least, most) = task.scenario.distance, task.acceleration_range
     observed = ObservationSpec(task).scale("position").high
     first_reading = task.longest("reaction_delay") + task.control_period
     sentences = []
@@ -33,32 +31,21 @@ def warnings(task: Task) -> list[str]:
             f"the nearest objects stand {1e3 * near:.3g} mm ahead: the tool can get there before the first reading"
             f" arrives, {1e3 * first_reading:g} ms after the start"
         )
-    return sentences + _off_its_stop(task)
-
-
-def _off_its_stop(task: Task) -> list[str]:
-    """Return a sentence if a bistable mechanism can leave its front stop before a touch."""
-    least, most = task.acceleration_range
-    holds = [held(corner) for corner in corners(task)]
-    if max(holds) < least:
-        raise ValueError(
-            f"environment.coupling must hold the tool at {least:g} m/s^2, the arm's lowest acceleration; its front "
-            f"stop holds at most {max(holds):.3g} m/s^2"
-        )
-    if min(holds) >= most * (1.0 if task.robot is None else OVERSHOOT):
-        return []
-    swings = "" if task.robot is None else f", and a compliant robot overshoots to {OVERSHOOT:g} times that and more"
-    return [
-        f"the front stop holds the tool up to {min(holds):.3g} m/s^2, the arm can make {most:g}{swings}: above "
-        f"{min(holds):.3g} m/s^2 the mechanism leaves its stop before a touch"
-    ]
-
-
-def held(task: Task) -> float:
-    """Return the acceleration up to which a mechanism stays on its front stop, m/s^2; inf for other couplings."""
-    if not isinstance(task.coupling, Bistable):
-        return np.inf
-    return task.coupling.holding_force / task.tool_mass
+    if isinstance(task.coupling, Bistable):
+        tasks = [corner for corner in corners(task) if isinstance(corner.coupling, Bistable)]
+        holds = [corner.coupling.holding_force / corner.tool_mass for corner in tasks]  # m/s^2
+        if max(holds) < least:
+            raise ValueError(
+                f"environment.coupling must hold the tool at {least:g} m/s^2, the arm's lowest acceleration; its front "
+                f"stop holds at most {max(holds):.3g} m/s^2"
+            )
+        if min(holds) < most * (1.0 if task.robot is None else OVERSHOOT):
+            swings = f", and a compliant robot overshoots to {OVERSHOOT:g} times that and more" if task.robot else ""
+            sentences.append(
+                f"the front stop holds the tool up to {min(holds):.3g} m/s^2, the arm can make {most:g}{swings}: above "
+                f"{min(holds):.3g} m/s^2 the mechanism leaves its stop before a touch"
+            )
+    return sentences
 
 
 def corners(task: Task) -> Iterator[Task]:

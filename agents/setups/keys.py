@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import Any
 
-from impact_gym.validation import distinct, shown
+from impact_gym.validation import shown
 
 
 @contextmanager
@@ -42,11 +42,3 @@ def text(content: Mapping[str, Any], name: str, otherwise: str, prefix: str = ""
     if not isinstance(value, str) or not re.fullmatch(r"[^\x00-\x1f\x7f]+", value):
         raise ValueError(f"{prefix}{name} must be a text in one line, got {value!r:.80}")
     return value
-
-
-def names(field_name: str, given: Any) -> tuple[str, ...]:
-    """Return `given` as a tuple; it must be a list of names without repetition."""
-    if not isinstance(given, list) or not all(isinstance(name, str) for name in given):
-        raise ValueError(f"{field_name} must be a list of names, got {given!r}")
-    distinct(field_name, given)
-    return tuple(given)

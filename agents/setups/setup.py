@@ -12,12 +12,12 @@ import gymnasium as gym
 import numpy as np
 
 from agents.setups.evaluation import COMPLIANT, SET_UP_ARGUMENTS, Evaluation
-from agents.setups.keys import known, names, table, text, within
+from agents.setups.keys import known, table, text, within
 from agents.setups.training import Training
 from impact_gym.files import named_file, parsed
 from impact_gym.task import QUANTITIES, ObservationSpec, Task
 from impact_gym.teleop.channels import WAYS, columns_of
-from impact_gym.validation import flag, identifier, number, one_of, whole
+from impact_gym.validation import distinct, flag, identifier, number, one_of, whole
 
 SHIPPED = Path(__file__).resolve().parent
 TUNED = SHIPPED.parent / "tuned"
@@ -182,6 +182,10 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         identifier("baselines.tuned: each", name): _tuned(f"baselines.tuned.{name}", given, task)
         for name, given in listed.items()
     }
+    against = baselines.get("against", list(tuned))
+    if not isinstance(against, list) or not all(isinstance(name, str) for name in against):
+        raise ValueError(f"baselines.against must be a list of names, got {against!r}")
+    distinct("baselines.against", against)
     title = text(content, "title", path.stem)
     mixed = _mixed(training.pop("mixed", []), task)
     with within("training"):
@@ -194,21 +198,11 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     if settings.nominal and not asked.nominal:
         raise ValueError(f"training.nominal must be 0 without a table [evaluation.nominal], got {settings.nominal!r}")
     setup = Setup(
-        path.stem,
-        title,
-        text(content, "about", title),
-        environment,
-        settings,
-        tuned,
-        names("baselines.against", baselines.get("against", list(tuned))),
+        path.stem, title, text(content, "about", title), environment, settings, tuned, tuple(against),
         text(baselines, "bound", path.stem, "baselines."),
         whole("baselines.budget", baselines.get("budget", BUDGET), at_least=1),
-        asked,
-        text(content, "fails", UNSAID),
-        path,
-        mixed,
-        seeds,
-    )
+        asked, text(content, "fails", UNSAID), path, mixed, seeds,
+    )  # fmt: skip
     _refuse_unknown(setup, evaluation)
     return setup
 

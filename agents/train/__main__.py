@@ -55,11 +55,7 @@ class TrainOptions:
 
 
 def read_options(arguments: Sequence[str]) -> TrainOptions:
-    """Return the options on a command line; the set-up determines the defaults of the settings.
-
-    Raises:
-        ValueError: there is no such set-up, or --resume is combined with other options.
-    """
+    """Return the options on a command line; the set-up determines the defaults of the settings."""
     default = default_options(read_command("train", TrainOptions, arguments).setup)
     options = read_command("train", TrainOptions, arguments, default)
     if options.resume and options != replace(default, resume=options.resume):

@@ -1,8 +1,8 @@
 """Work between two rollouts: validation, best policy, checkpoints, and learning curves as CSV and for TensorBoard."""
 
 import csv
+import io
 import math
-import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import CSVOutputFormat, TensorBoardOutputFormat
-from torch.utils.tensorboard.writer import SummaryWriter
 
 from agents.evaluate import Validation
 from agents.policies.policy import Policy
@@ -50,23 +48,18 @@ class TrainingCallback(BaseCallback):
             setup.task, setup.evaluation.weights, training.validation_scenarios, threads=training.simulation_threads
         )
         self.bar: Any = None  # see `agents.command_line.progress`
-        self._start_clock()
+        self.writer: Any = None  # of TensorBoard
+        self._begun = time.perf_counter()
         self.kept: dict[str, Any] = {  # state that a checkpoint keeps
             "sums": dict.fromkeys(OBJECTIVES, 0.0),
             "episodes": 0,
             "last": {"row": 0, "validation": 0, "checkpoint": 0},
             "best": math.inf,
             "curve": [],  # [steps, score] of each validation
-            "clock": [],  # processor seconds until each validation
+            "rows": [],  # of progress.csv
             "collapsed": 0,  # validations in a row so far with nearly all objects missed
             "seconds": 0.0,
-            "processor": 0.0,
         }
-
-    def _start_clock(self) -> None:
-        self._begun, self._processor, self._begun_at = time.perf_counter(), time.process_time(), self.num_timesteps
-
-    _on_training_start = _start_clock
 
     def _on_step(self) -> bool:
         for row in np.flatnonzero(self.locals["dones"]).tolist():
@@ -96,10 +89,10 @@ class TrainingCallback(BaseCallback):
         self._count_time()
 
     def _count_time(self) -> None:
-        """Add the seconds since the last call, by the clock and of the processor, to `kept`."""
-        self.kept["seconds"] += time.perf_counter() - self._begun
-        self.kept["processor"] += time.process_time() - self._processor
-        self._start_clock()
+        """Add the seconds since the last call to `kept`."""
+        now = time.perf_counter()
+        self.kept["seconds"] += now - self._begun
+        self._begun = now
 
     def _due(self, what: str, every: int) -> bool:
         if self.num_timesteps // every == self.kept["last"][what] // every:
@@ -108,17 +101,12 @@ class TrainingCallback(BaseCallback):
         return True
 
     def validate(self) -> Policy:
-        """Play the validation set, save the policy if it is the best so far, and return the policy.
-
-        Raises:
-            CollapsedError: the policy misses nearly all objects, for the COLLAPSED-th validation in a row.
-        """
+        """Play the validation set, save the policy if it is the best so far, and return the policy."""
         steps = self.num_timesteps
         policy = self._policy()
         result = self.validation.score(policy)
         policy.provenance |= {"steps": steps, "validation": result}
         self.kept["curve"].append([steps, result["score"]])
-        self.kept["clock"].append(self.kept["processor"] + time.process_time() - self._processor)
         self.logger.record("validation/score", result["score"])
         for name in ("object_velocity", "approach_time"):
             for weight, mean in zip(result["time_weight"], result[name], strict=True):
@@ -132,6 +120,7 @@ class TrainingCallback(BaseCallback):
         return policy
 
     def _check_weights(self) -> None:
+        """Raise CollapsedError if a weight is not finite."""
         if not torch.nn.utils.parameters_to_vector(self.model.policy.parameters()).isfinite().all():
             raise self._collapse("the weights are no longer finite")
 
@@ -157,31 +146,13 @@ class TrainingCallback(BaseCallback):
             for name in OBJECTIVES:
                 self.logger.record(f"objectives/{name}", self.kept["sums"][name] / self.kept["episodes"])
         self.kept |= {"sums": dict.fromkeys(OBJECTIVES, 0.0), "episodes": 0}
-        if steps := self.num_timesteps - self._begun_at:
-            self.logger.record("time/steps_per_second", steps / (time.perf_counter() - self._begun))
-        self.logger.record(STEPS, self.num_timesteps, exclude="tensorboard")
-        self.logger.dump(step=self.num_timesteps)
-
-
-class CsvLog(CSVOutputFormat):
-    """Continues a file after its row for `steps`, and drops later rows: a resumed training logs these again."""
-
-    def __init__(self, path: Path, steps: int) -> None:
-        lines = path.read_text().splitlines(keepends=True) if path.is_file() else []
-        columns, *rows = [next(csv.reader([line]), []) for line in lines] or [[]]
-        # a broken line has no number of steps: it counts as later
-        logged = [float(dict(zip(columns, row, strict=False)).get(STEPS) or "inf") for row in rows]
-        kept = [line for line, at in zip(lines[1:], logged, strict=True) if line.endswith("\n") and at <= steps]
-        write_file(path, "".join(lines[:1] + kept))
-        super().__init__(os.devnull)  # with `path` it would empty the file
-        self.file.close()
-        self.file, self.keys = path.open("r+"), columns
-        self.file.seek(0, os.SEEK_END)
-
-
-class TensorBoardLog(TensorBoardOutputFormat):
-    """Makes TensorBoard drop the values that an interrupted run logged after its checkpoint."""
-
-    def __init__(self, folder: Path, steps: int) -> None:
-        self.writer = SummaryWriter(log_dir=str(folder), purge_step=steps + 1 if steps else None)
-        self._is_closed = False
+        row = {name: float(value) for name, value in self.logger.name_to_value.items()}
+        self.logger.dump()  # forgets these values
+        self.kept["rows"].append({STEPS: self.num_timesteps, **row})
+        columns = {name for each in self.kept["rows"] for name in each}
+        table = csv.DictWriter(text := io.StringIO(newline=""), sorted(columns))
+        table.writeheader()
+        table.writerows(self.kept["rows"])
+        write_file(self._folder / "progress.csv", text.getvalue())
+        for name, value in row.items() if self.writer else ():
+            self.writer.add_scalar(name, value, self.num_timesteps)

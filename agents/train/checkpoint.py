@@ -10,6 +10,7 @@ import json
 import random
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from agents.archive import read_archive, write_archive
 from agents.setups import Training
 from agents.train.scaling import ScaledRewards
 
-FORMAT = "impact_gym checkpoint 2"
+FORMAT = "impact_gym checkpoint 3"
 # stable-baselines3 2.9 has no public access to these attributes; a test checks that resuming changes no bit
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
 
@@ -32,43 +33,36 @@ def write(
     """Write a checkpoint of a model of stable-baselines3, its `environment` and the callback's state atomically."""
     arrays: dict[str, NDArray[Any]] = {}
     state = {
-        "model": {
-            "parameters": model.get_parameters(),
-            "variables": {name: getattr(model, name) for name in model._get_torch_save_params()[1]},
-            "counters": {name: getattr(model, name) for name in COUNTERS},
-            "last": (model._last_obs, model._last_episode_starts),
-        },
+        "parameters": model.get_parameters(),
+        "counters": {name: getattr(model, name) for name in COUNTERS},
+        "last": (model._last_obs, model._last_episode_starts),
         "environment": environment.get_state(),
-        "random": {"torch": torch.get_rng_state(), "numpy": np.random.get_state(), "python": random.getstate()},  # noqa: NPY002 - stable-baselines3 draws from it
-        "log": [dict(values) for values in _unwritten(model)],
-        "callback_state": dict(callback_state),
+        "torch": torch.get_rng_state(),
+        "numpy": np.random.get_state(legacy=False),  # noqa: NPY002 - stable-baselines3 draws from it
+        "python": random.getstate(),
+        "log": _unwritten(model),
+        "callback_state": callback_state,
+        "settings": asdict(training),
     }
-    write_archive(path, FORMAT, {"settings": asdict(training), "state": _pack(state, arrays)}, arrays)
+    write_archive(path, FORMAT, json.loads(json.dumps(state, default=partial(_pack, arrays))), arrays)
 
 
 def restore(path: Path, model: Any, environment: ScaledRewards, training: Training) -> dict[str, Any]:
-    """Restore `model` and `environment`, which were made from the same settings; return the state of the callback.
-
-    Raises:
-        ValueError: the file is no checkpoint, is damaged, or is a checkpoint of another model.
-    """
+    """Restore `model` and `environment`, which were made from the same settings; return the state of the callback."""
     content, arrays = read_archive(path, FORMAT)
-    state = _unpack(content["state"], arrays)
+    state = json.loads(json.dumps(content), object_hook=partial(_unpack, arrays))
     try:
-        of_model = state["model"]
-        model.set_parameters(of_model["parameters"])
-        with torch.no_grad():
-            for name, value in of_model["variables"].items():
-                getattr(model, name).copy_(value)
-        for name, value in of_model["counters"].items():
+        model.set_parameters(state["parameters"])
+        for name, value in state["counters"].items():
             setattr(model, name, value)
-        model._last_obs, model._last_episode_starts = of_model["last"]
+        model._last_obs, model._last_episode_starts = state["last"]
         environment.set_state(state["environment"])
-        torch.set_rng_state(state["random"]["torch"])
-        np.random.set_state(state["random"]["numpy"])  # noqa: NPY002 - stable-baselines3 draws from it
-        random.setstate(state["random"]["python"])
+        torch.set_rng_state(state["torch"])
+        np.random.set_state(state["numpy"])  # noqa: NPY002 - stable-baselines3 draws from it
+        version, words, gauss = state["python"]
+        random.setstate((version, tuple(words), gauss))
     except (LookupError, TypeError, ValueError, RuntimeError) as error:
-        before, now = content.get("settings", {}), json.loads(json.dumps(asdict(training)))
+        before, now = content["settings"], json.loads(json.dumps(asdict(training)))
         changed = [name for name in now if name in before and before[name] != now[name]]
         differs = ", ".join(f"{name} is {before[name]!r} in the checkpoint, got {now[name]!r}" for name in changed)
         reason = differs or " ".join(str(error).split())  # torch's messages have several lines
@@ -83,41 +77,18 @@ def _unwritten(model: Any) -> tuple[dict[str, Any], ...]:
     return model.logger.name_to_value, model.logger.name_to_count, model.logger.name_to_excluded
 
 
-def _pack(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
-    """Return `value` as JSON; its tensors and arrays are put into `arrays`, and their names stand in their place."""
-    match value:
-        case torch.Tensor():
-            name = f"tensor_{len(arrays)}"
-            arrays[name] = value.detach().numpy()
-            return {"tensor": name}
-        case np.ndarray():
-            name = f"array_{len(arrays)}"
-            arrays[name] = value
-            return {"array": name}
-        case Mapping():
-            return {"items": [[key, _pack(part, arrays)] for key, part in value.items()]}
-        case tuple() | list():
-            return {type(value).__name__: [_pack(part, arrays) for part in value]}
-        case np.generic():
-            return {"scalar": _pack(np.asarray(value), arrays)["array"]}
-        case None | str() | int() | float():
-            return value
-    raise TypeError(f"a checkpoint cannot hold {type(value)}")
+def _pack(arrays: dict[str, NDArray[Any]], value: Any) -> dict[str, str]:
+    """Put a tensor or an array into `arrays`; return what represents it in JSON."""
+    name = str(len(arrays))
+    arrays[name] = np.asarray(value)
+    return {"tensor" if isinstance(value, torch.Tensor) else "array": name}
 
 
-def _unpack(tree: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
-    """Return the value that `_pack` turned into `tree`."""
-    match tree:
-        case {"items": pairs}:
-            return {key: _unpack(part, arrays) for key, part in pairs}
-        case {"tuple": parts}:
-            return tuple(_unpack(part, arrays) for part in parts)
-        case {"list": parts}:
-            return [_unpack(part, arrays) for part in parts]
-        case {"scalar": name}:
-            return arrays[name][()]
+def _unpack(arrays: Mapping[str, NDArray[Any]], table: dict[str, Any]) -> Any:
+    """Return what a table of JSON represents; JSON turned the whole numbers among the keys into text."""
+    match table:
         case {"tensor": name}:
             return torch.from_numpy(arrays[name])
         case {"array": name}:
-            return arrays[name]
-    return tree
+            return arrays[name][()]
+    return {int(key) if key.isdigit() else key: value for key, value in table.items()}

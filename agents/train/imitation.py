@@ -25,11 +25,7 @@ class Teacher:
     """
 
     def __init__(self, setup: Setup, name: str) -> None:
-        """Make a teacher from a baseline without parameters, or from a tuned one of the set-up or a shipped one.
-
-        Raises:
-            ValueError: there is no such baseline, or the set-up does not observe a number that the baseline needs.
-        """
+        """Make a teacher from a baseline without parameters, or from a tuned one of the set-up or a shipped one."""
         rules, means, self.checksum = [FIXED[name]()] if name in FIXED else [], [(0.0, 0.0)], name
         if not rules:
             its_own = name in setup.tuned

@@ -48,10 +48,9 @@ def standardisation(tasks: Sequence[Task]) -> NDArray[np.float64]:
     spec, pairs = ObservationSpec.of_rows(tasks), []
     drawn = {name: pair for task in reversed(tasks) for name, pair in task.ranges.items() if pair[0] < pair[1]}
     for name in spec.ids:
-        if (
-            known := CENTRE_AND_SPREAD.get(re.sub(r"_\d$", "", name))
-        ) is not None:  # a past reading has the entry of the newest one
-            pairs.append(known)
+        newest = re.sub(r"_\d$", "", name)  # a past reading has the entry of the newest one
+        if newest in CENTRE_AND_SPREAD:
+            pairs.append(CENTRE_AND_SPREAD[newest])
         elif name in drawn:
             low, high = spec.encode(name, drawn[name])
             pairs.append((0.5 * (low + high), max(high - low, 1e-3) / np.sqrt(12.0)))

@@ -3,7 +3,7 @@
 Each training writes a run folder. It holds `config.json` (settings, versions, command), `progress.csv` and events for
 TensorBoard, `best.npz` (the policy with the best validation score), `final.npz`, and `metrics.json` (with the speed of
 the training). Until the training ends, the folder also holds `checkpoint.npz`, from which `resume` reaches the same
-result to the bit. If a training has collapsed, `collapsed.txt` gives the reason.
+result to the bit.
 """
 
 import json
@@ -18,6 +18,7 @@ from typing import Any
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
+from torch.utils.tensorboard.writer import SummaryWriter
 
 from agents.baselines import PaperTrapezoid
 from agents.command_line import command_of, progress
@@ -28,7 +29,7 @@ from agents.setups.feasible import warnings
 from agents.setups.keys import within
 from agents.setups.training import SLOTS
 from agents.train import checkpoint
-from agents.train.callback import CollapsedError, CsvLog, OnValidation, TensorBoardLog, TrainingCallback
+from agents.train.callback import OnValidation, TrainingCallback
 from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
 from agents.train.scaling import ScaledRewards
@@ -138,12 +139,7 @@ def policy_from(model: PPO, run: Run, provenance: Mapping[str, Any]) -> Policy:
 
 
 def train(run: Run, out: Path | None = None, on_validation: OnValidation | None = None) -> Path:
-    """Train, write the run folder, and return its path; each validation calls `on_validation`.
-
-    Raises:
-        FileExistsError: the run folder exists already.
-        CollapsedError: the training collapsed; `collapsed.txt` keeps the reason.
-    """
+    """Train, write the run folder, and return its path; each validation calls `on_validation`."""
     with within(run.setup.called):
         for sentence in warnings(run.task):
             print(f"warning: {sentence}")
@@ -156,12 +152,7 @@ def train(run: Run, out: Path | None = None, on_validation: OnValidation | None 
 
 
 def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
-    """Resume the run in `folder` from its last checkpoint, or else from the beginning, and return the folder.
-
-    Raises:
-        ValueError: there is no run; or it is damaged, or of another version; or another process is training it.
-        CollapsedError: the training collapsed; `collapsed.txt` keeps the reason.
-    """
+    """Resume the run in `folder` from its last checkpoint, or else from the beginning, and return the folder."""
     try:
         record = json.loads((folder / "config.json").read_text())
         run = Run.of_record(record["settings"])
@@ -174,16 +165,9 @@ def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
 
 def _to_its_end(folder: Path, run: Run, record: dict[str, Any], on_validation: OnValidation | None) -> Path:
     """Finish the training, while the folder is locked, and return the folder."""
-    collapsed = folder / "collapsed.txt"
     with writing(f"the run in {folder}"), locked(folder / "lock", wait=False):
-        if collapsed.is_file():
-            raise CollapsedError(f"{folder}: {collapsed.read_text()}")
         if not (folder / "metrics.json").is_file():
-            try:
-                _learn(folder, run, record, on_validation)
-            except CollapsedError as error:
-                write_file(collapsed, str(error))
-                raise
+            _learn(folder, run, record, on_validation)
     return folder
 
 
@@ -197,8 +181,7 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
     environments.seed(FIRST_SEED + run.seed * SLOTS)
     policy = partial(policy_from, model, run, record)
     callback = TrainingCallback(folder, run.setup, training, environments, policy, on_validation)
-    log = Logger(str(folder), [])
-    model.set_logger(log)
+    model.set_logger(Logger(None, []))
     saved = folder / "checkpoint.npz"
     if saved.is_file():
         callback.kept |= checkpoint.restore(saved, model, environments, training)
@@ -206,9 +189,9 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
     else:
         print(f"training for {training.whole_steps:,} steps; torch uses {training.threads} thread(s)")
     done = model.num_timesteps
-    log.output_formats = [CsvLog(folder / "progress.csv", done), TensorBoardLog(folder, done)]
-    title = f"{run.setup.name}, seed {run.seed}"
-    with closing(log), closing(progress(title, training.whole_steps, done)) as callback.bar:
+    bar = progress(f"{run.setup.name}, seed {run.seed}", training.whole_steps, done)
+    dropped = done + 1 if done else None  # first step whose values an interrupted run has written
+    with SummaryWriter(folder, purge_step=dropped) as callback.writer, closing(bar) as callback.bar:
         model.learn(
             training.whole_steps - done,
             callback=callback,
@@ -220,7 +203,6 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
     metrics = {
         "validation": {**scores, "paper's rule": rule},
         "curve": [{"steps": steps, "score": score} for steps, score in callback.kept["curve"]],
-        "clock": callback.kept["clock"],
         "training_seconds": callback.kept["seconds"],
         "steps_per_second": training.whole_steps / callback.kept["seconds"],
     }

@@ -26,12 +26,7 @@ def train_seeds(
     setup: Setup, training: Training, seeds: int, out: Path, policies: Path, processes: int | None = None,
     cluster: str | None = None,
 ) -> Path:  # fmt: skip
-    """Train `seeds` seeds from 0 on, except those finished in `out`; return the file with all policies, in `policies`.
-
-    Raises:
-        ValueError: a run in `out` has other settings.
-        JobsFailedError: trainings failed; the others are finished.
-    """
+    """Train the seeds from 0 on, except those finished in `out`; return the file with all policies, in `policies`."""
     training = replace(training, simulation_threads=1)  # does not change the result
     runs = [Run(setup, training, seed) for seed in range(seeds)]
     folders = [out.resolve() / f"seed-{seed}" for seed in range(seeds)]

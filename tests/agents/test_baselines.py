@@ -93,9 +93,7 @@ def test_clairvoyant_uses_the_true_gap():
     rule = Clairvoyant([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 10.0, 20.0, *STAY])
     velocity, _ = rule.approach(View(seen, env.unwrapped.observation_spec))
     far = np.sqrt(0.6**2 + 2 * 10.0 * (0.2718 - 0.04))
-    assert velocity == pytest.approx(
-        min(1.5, far), abs=1e-6
-    )  # the commanded velocity, which it does not reach within a period
+    assert velocity == pytest.approx(min(1.5, far), abs=1e-6)
     assert rule.speed(np.array([-0.015, 0.0, 0.015, 0.1])) == pytest.approx([0.45, 0.3, 0.15, 0.1])
 
 
@@ -186,9 +184,7 @@ def test_shipped_baseline_beats_the_papers_rule_at_its_weights_and_misses_almost
     """With an operator the rival is the operator alone."""
     content, setup = read_tuned(name), owner(name)
     rival = OperatorAlone() if "operator" in content["environment"] else PaperTrapezoid()
-    poor = isinstance(
-        content["environment"].get("range_noise"), list
-    )  # standard deviation of the estimate: up to 30 mm
+    poor = isinstance(content["environment"].get("range_noise"), list)  # errors of the estimate: up to 30 mm
     assert content["rule"] == setup.tuned[name].rule
     for weight in map(float, content["weights"]):
         task = Task(**content["environment"] | (CLEAN_ALARM if setup.tuned[name].clean_alarm else {}))

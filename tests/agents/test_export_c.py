@@ -167,11 +167,8 @@ def observed_by_hand(history, field, by_reading):
     return observed_by_hand(before, field, by_reading) + now["time"] - before[-1]["time"] if on_before else 0.0
 
 
-NOT_TOLD = [
-    "-U__FAST_MATH__",
-    "-U__FINITE_MATH_ONLY__",
-    "-U__ASSOCIATIVE_MATH__",
-]  # as with a compiler that does not define them
+NOT_TOLD = [f"-U__{name}__" for name in ("FAST_MATH", "FINITE_MATH_ONLY", "ASSOCIATIVE_MATH")]
+"""Flags that make a compiler one that does not define these macros."""
 HOW = [["-O2"], ["-Ofast", *NOT_TOLD], ["-ffinite-math-only", *NOT_TOLD]]
 
 

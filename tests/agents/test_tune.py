@@ -74,9 +74,7 @@ def test_minimise_depends_on_its_seed_and_not_on_the_global_generator():
 
 def test_jittery_adds_the_same_error_of_the_given_size_to_all_candidates_in_a_scenario():
     jittery = Jittery(Always(0.5, 10.5), 0.01, 5000, np.random.default_rng(1))
-    first, second = (
-        jittery.predict(np.zeros((3 * 5000, 8)))[0] for _ in range(2)
-    )  # commands in the middle of their range
+    first, second = (jittery.predict(np.zeros((3 * 5000, 8)))[0] for _ in range(2))
     assert np.array_equal(first[:5000], first[5000:10000])
     assert np.array_equal(first[:5000], first[10000:])
     assert np.abs(np.corrcoef(first[:5000, 0], second[:5000, 0])[0, 1]) < 4.0 / np.sqrt(5000)

@@ -34,11 +34,11 @@ def run_of(options):
 def test_stopped_study_continues_and_ends_with_a_set_up(small):
     begun = run_of(small)
     begun.frames["searches"] = begun.frame(begun.study.measurements[0])  # stopped here
-    kept = {file.name: file.stat().st_mtime_ns for file in small.out.rglob("output.pkl")}
+    kept = {file.name: file.stat().st_mtime_ns for file in small.out.rglob("*.pkl")}
     run = run_of(small)
     run.write()
     assert run.frames["searches"].equals(begun.frames["searches"])
-    assert {file.stat().st_mtime_ns for file in small.out.rglob("output.pkl")} >= {*kept.values()}
+    assert {file.stat().st_mtime_ns for file in small.out.rglob("*.pkl")} >= {*kept.values()}
     rows = summary(run.frames["designs"])
     assert [(row["line"], row["allowed"]) for row in rows if row["line"] != FRONT] == [
         (PAPER, 1.0), *((name, time) for name in (CHOSEN, "paper's spring") for time in (1.0, 1.3))

@@ -14,23 +14,23 @@ from impact_gym.files import whole_file
 
 def _called(log, number):
     with Path(log).open("a") as file:
-        file.write(f"{number} {os.getppid()}\n")
+        file.write(f"{number} {os.getppid()} {os.getpid()}\n")
 
 
 def begun(log):
-    """Return the started calls in order: number, and the parent process of the worker, one for each node."""
+    """Return number, parent process (one for each node) and process of the started calls, in their order."""
     lines = Path(log).read_text().splitlines() if Path(log).exists() else []
     return [tuple(map(int, line.split())) for line in lines]
 
 
 def calls(log):
     """Return the numbers of the started calls."""
-    return [number for number, _ in begun(log)]
+    return [number for number, *_ in begun(log)]
 
 
 def kept(folder):
     """Return the stored results below a folder, each with its time of writing."""
-    return {path: path.stat().st_mtime_ns for path in folder.glob("**/output.pkl")}
+    return {path: path.stat().st_mtime_ns for path in folder.glob("**/*.pkl")}
 
 
 def numbers(log, number, seconds=0.0, megabytes=0):

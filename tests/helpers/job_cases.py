@@ -43,7 +43,7 @@ def lose_node(folder, cluster, node):
     raylet = node.all_processes["raylet"][0].process.pid
 
     def on_node():
-        return [number for number, parent in begun(folder / "log") if parent == raylet]
+        return [number for number, parent, _ in begun(folder / "log") if parent == raylet]
 
     def lose(place, _):
         fetched.append(place)

@@ -6,5 +6,4 @@ time.sleep(1.0)
 
 
 def at_once():
-    """Return at once."""
     return 1.0
