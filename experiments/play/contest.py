@@ -1,11 +1,7 @@
-"""Films that compare a try with variants: the same commands with another assistance, another coupling, or no delay.
-
-A second film compares the try with the paper's rule and the learned policy in the same scenario.
-"""
+"""Films that compare a try with variants: the same commands with another assistance, another coupling, or no delay."""
 
 import math
 from collections.abc import Mapping
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,25 +71,15 @@ def _without_delay(this: Try) -> Try:
     return _changed(this, record=record | silent, operator=operator)
 
 
-def beside(this: Try) -> dict[str, Variant]:
-    """Return a try, and tries of a scripted operator with the paper's rule and with the policy in the same scenario."""
-    found, operator = {}, dict(load_setup(this.setup).environment["operator"])
-    for name, kind in {"paper's rule": "rule", "learned policy": "policy"}.items():
-        with suppress(ValueError):  # no policy was trained for this set-up
-            found[name] = Variant(Live(Try(this.setup, kind, this.seed, dict(this.record), operator)).finished())
-    return found | {"you": Variant(this)}
-
-
-def film(variants: Mapping[str, Variant], compact: bool = True) -> dict[str, Any]:
+def film(variants: Mapping[str, Variant]) -> dict[str, Any]:
     """Return a slow-motion film that lasts SECONDS, as a dict for the page.
 
     `html` is the film; `slides` has for each variant's name how far the object slides (m).
-    A compact film has neither enlarged faces nor time histories.
     """
     replays = {name: replayed(each.played) for name, each in variants.items()}
     runs = {name: Run(History(*each, ended=True), each[1]) for name, each in replays.items()}
-    scene: dict[str, Any] = {"label": "one scenario for all", "number": 0, "compact": compact}
-    scene |= scene_of(runs, COARSE if compact else 1.0)
+    scene: dict[str, Any] = {"label": "one scenario for all", "number": 0, "compact": True}
+    scene |= scene_of(runs, COARSE)
     for run, variant in zip(scene["runs"], variants.values(), strict=True):
         run["sentence"] = variant.sentence
     scene["clock"] = _fitted(scene)

@@ -147,15 +147,15 @@ async function fetched(where) {
 }
 
 // Show the film of a try.
-async function film(name, box = part("film"), where = "film") {
-  const number = box === part("film") ? ++page.film : page.film, found = box.closest("details");
+async function film(name) {
+  const number = ++page.film, box = part("film");
   try {
-    const {html: text, slides} = await fetched(`${where}/${encodeURIComponent(name)}`);
+    const {html: text, slides} = await fetched(`film/${encodeURIComponent(name)}`);
     if (page.running || number !== page.film) return;
     box.innerHTML = text;
-    if (!found) box.prepend(html("h2", {}, null, "Your own hand again"));
+    box.prepend(html("h2", {}, null, "Your own hand again"));
     for (const watched of box.querySelectorAll("slow-motion")) watched.start();
-    if (!found) summarise(slides);
+    summarise(slides);
   } catch (problem) {
     box.textContent = problem.message;
   }
@@ -245,7 +245,6 @@ const HEARD = {
     page.stage.begin(message.radius);
     write("state", `${page.played && page.played.assist === "brake" ? "brake on: " : ""}push until you touch`);
     part("film").replaceChildren();
-    part("beside").hidden = true;
     ready();
   },
   frame(message) {
@@ -269,8 +268,6 @@ const HEARD = {
     result(entry);
     tabulate();
     write("state", entry.missed ? "missed" : `slid ${centimetres(entry.slide)}`);
-    part("beside").open = false;
-    part("beside").hidden = entry.missed;
     if (entry.missed) part("film").replaceChildren();
     else film(entry.name);
   },
@@ -312,10 +309,6 @@ function connect() {
 part("go").addEventListener("click", begin);
 part("help").addEventListener("click", again);
 part("end").addEventListener("click", end);
-part("beside").addEventListener("toggle", () => {
-  const last = page.tries[page.tries.length - 1];
-  if (part("beside").open && last) film(last.name, part("beside").querySelector(".film"), "beside");
-});
 part("theme").addEventListener("click", () => {
   const order = ["system", "light", "dark"], root = document.documentElement;
   const next = order[(order.indexOf(root.dataset.theme || "system") + 1) % 3];

@@ -120,10 +120,10 @@ class Site:
             return reply(503, f"at most {MAX_CLIENTS} pages\n") if full else None
         if kind in self.files and not name:
             return reply(200, *self.files[kind])
-        if kind not in ("film", "beside"):
+        if kind != "film":
             return reply(404, "not found\n")
         try:
-            film = await asyncio.to_thread(self.session.film, unquote(name), kind == "beside")
+            film = await asyncio.to_thread(self.session.film, unquote(name))
         except (OSError, RuntimeError, ValueError, TypeError, LookupError) as problem:
             return reply(404, str(problem))
         return reply(200, json.dumps(film), "application/json")

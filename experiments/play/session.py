@@ -37,7 +37,7 @@ class Session:
         self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is in progress; its arm's velocity range, m/s
         self._seen_at, self._newest = 0.0, -1  # when the try's last frame is shown, s; number of the newest frame shown
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
-        self.left_out = try_files.recover(folder)  # for each file in the folder that is not shown, why
+        self.left_out = list[str]()  # for each file in the folder that is not shown, why
         for path in sorted(folder.glob("*.json")):
             try:
                 name = identifier(f"name of {path}", path.stem)
@@ -152,7 +152,6 @@ class Session:
         self._clock.join(20.0)
         self._lock.close()
 
-    def film(self, name: str, beside: bool) -> dict[str, Any]:
-        """Return the film of a try and its variants, or of rule, policy and try (`beside`); ValueError: no such try."""
-        this = try_files.read(self.folder / f"{name}.json")
-        return contest.film(contest.beside(this), compact=False) if beside else contest.film(contest.again(this))
+    def film(self, name: str) -> dict[str, Any]:
+        """Return the film of a try and its variants; ValueError: no such try."""
+        return contest.film(contest.again(try_files.read(self.folder / f"{name}.json")))

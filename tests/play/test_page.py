@@ -54,9 +54,6 @@ def test_try_from_the_first_key_to_the_replay_and_a_server_that_is_stopped_and_s
         if this.result["slide"] > 0.0:
             page.wait_for_function(f"() => document.querySelector('#picture').textContent.includes('slid {slid}')")
         assert "last" in page.locator("#chart").text_content() or this.marks
-        page.click("#beside summary")
-        page.wait_for_selector("#beside .igw-panel")
-        assert page.locator("#beside h3").all_inner_texts() == ["paper's rule", "learned policy", "you"]
         page.click("#earlier summary")
         page.click("#rows button >> nth=0")
         page.wait_for_selector("#film .igw-panel")

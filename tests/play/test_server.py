@@ -11,7 +11,6 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
-from pathlib import Path
 
 import pytest
 from playing import ROOT, SETUP, closed, heard, say, served
@@ -19,7 +18,6 @@ from refusals import refused
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 
 from experiments.play import __main__ as command
-from experiments.play import tries
 
 
 def answer(server, path=None, **headers):
@@ -164,28 +162,11 @@ def test_server_that_is_stopped_in_the_middle_loses_nothing(how, exit_code, tmp_
         assert max(this.operator["velocity"]) > 0.1
 
 
-def test_try_of_a_server_and_a_clock_that_are_killed_at_once_is_there_after_a_restart(tmp_path):
-    with served(tmp_path / "tries") as server, server.connect() as page:
-        server.push(page, 20)
-        os.killpg(server.process.pid, signal.SIGKILL)
-    assert server.tries() == []
-    with served(tmp_path / "tries", server.setup) as again, again.connect() as page:
-        (entry,) = heard(page, "hello")["tries"]
-        (this,) = again.tries()
-        assert entry["marks"] == this.marks == ["interrupted: the server was killed"]
-        assert max(this.operator["velocity"][:20]) > 0.1
-        assert this.operator["velocity"][-1] == 0.0  # nobody commanded its end
-        assert tries.simulated(this).slide == this.result["slide"]
-        assert not [*again.folder.glob("*.journal")]
-
-
-def test_second_server_of_a_folder_is_refused_and_leaves_the_journal_of_the_first(tmp_path):
+def test_second_server_of_a_folder_is_refused_and_leaves_the_try_of_the_first(tmp_path):
     with served(tmp_path / "tries") as server, server.connect() as page:
         server.push(page, 5)
-        (journal,) = server.folder.glob("*.journal")
         mine = command.Play(str(server.setup), open=False, out=tmp_path / "tries", port=0)
         refused(lambda: command.work(mine), f"{tmp_path / 'tries'} is being written by another process")
-        assert journal.exists()
         say(page, done=1)
         assert heard(page, "ended")["entry"]["marks"] == []
 
@@ -193,20 +174,15 @@ def test_second_server_of_a_folder_is_refused_and_leaves_the_journal_of_the_firs
 def test_files_of_which_no_try_can_be_made_are_kept_and_said_and_reach_no_page(tmp_path):
     with served(tmp_path / "tries") as server, server.connect() as page:
         name = server.push(page)["entry"]["name"]
-        server.push(page, 5)
-        os.killpg(server.process.pid, signal.SIGKILL)
-    (journal,) = server.folder.glob("*.journal")
     whole = (server.folder / f"{name}.json").read_text()
-    kept = {"a.json": json.dumps(json.loads(whole) | {"marks": ["</script>"]}), "b.json": "{", "<b>.json": whole,
-            "c.journal": "", "d.journal": journal.read_text() + "what\n"}  # fmt: skip
+    kept = {"a.json": json.dumps(json.loads(whole) | {"marks": ["</script>"]}), "b.json": "{", "<b>.json": whole}
     for file, text in kept.items():
         (server.folder / file).write_text(text)
-    Path(server.setup).unlink()
     with served(tmp_path / "tries", SETUP) as again, again.connect() as page:
         assert [entry["name"] for entry in heard(page, "hello")["tries"]] == [name]
-        said = [again.process.stdout.readline() for _ in range(len(kept) + 1)]
+        said = [again.process.stdout.readline() for _ in range(len(kept))]
         assert "Traceback" not in again.end()[1]
-    for file in (*kept, journal.name):
+    for file in kept:
         assert (server.folder / file).exists()
         assert sum(f"/{file} " in line for line in said) == 1
 
