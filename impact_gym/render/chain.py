@@ -202,26 +202,3 @@ def _bistable(canvas: Canvas, view: Camera, front: float, back: float, mechanism
     for joint in (pivot, slider):
         canvas.circle(joint, 4.0, FLANGE)
         canvas.circle(joint, 2.0, PAPER)
-
-
-def close_up(canvas: Canvas, history: History, state: State, box: Box) -> None:
-    """Draw the two faces enlarged, and the force; the scale is such that the hardest possible impact fits."""
-    left, top, width, height = box
-    scale = 0.4 * width / min(max(history.impact_depth(history.task.velocity_range[1]), 1e-9), 1.0)
-    radius = object_radius(history.info["scenario"]["object_mass"]) * scale
-    face, middle = left + 0.4 * width, top + 0.5 * height
-    with canvas.clipped(box):
-        canvas.rectangle(box, BACKGROUND)
-        rows = [0.5 * height * step / 12.0 for step in range(-12, 13)]
-        rim = [(face + radius - math.sqrt(max(radius * radius - y * y, 0.0)), middle + y) for y in rows]
-        rear = face + radius if radius < 0.5 * height else left + width
-        canvas.polygon([*rim, (rear, rim[-1][1]), (rear, rim[0][1])], OBJECT)
-        tool = face + state.penetration * scale
-        if tool > left:
-            canvas.rectangle((left, top, tool - left, height), TOOL)
-        if state.penetration > 0.0:
-            canvas.lines([(face, top), (face, top + height)], PAPER, 1.0)
-    words = "touch, enlarged" if state.penetration <= 0.0 else f"pressed {1e3 * state.penetration:.2f} mm"
-    canvas.text(words, (left + 0.5 * width, top - 16.0), SMALL, INK, "center")
-    if state.contact_force > 0.0:
-        canvas.text(f"{state.contact_force:.3g} N", (left + width - 8.0, top + 20.0), TEXT, PAPER, "midright")
