@@ -19,7 +19,7 @@ from agents.baselines.random import Jittery
 from agents.baselines.rule import Floats, Rule
 from agents.baselines.tuned import RULES, read_tuned, write_tuned
 from agents.command_line import command_of, run_command
-from agents.evaluate import TUNING_SEED, ScenarioBatch
+from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
 from agents.jobs import cached
 from agents.provenance import circumstances, digest_of
 from agents.setups import Setup, load_setup, shipped

@@ -94,9 +94,11 @@ class Rule:
         return [parameter.name for parameter in cls.PARAMETERS]
 
     @classmethod
-    def of(cls, parameters: ArrayLike) -> "Rule":
+    def of(cls, parameters: ArrayLike) -> Self:
         """Return the rule with these parameters, even if its constructor has other arguments."""
-        return cls(parameters)
+        rule = cls.__new__(cls)
+        Rule.__init__(rule, parameters)
+        return rule
 
     def for_environment(self, arguments: Mapping[str, Any]) -> Self:
         """Return the same rule for an environment of `gym.make` with these arguments, such as `env.spec.kwargs`."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.baselines.rule import Floats
-from agents.evaluate import Episodes, Travel
+from agents.evaluate.scenario_batch import Episodes, Travel
 from experiments.design.pads import Pad
 from impact_gym.validation import number
 

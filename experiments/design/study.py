@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 
 from agents.baselines.tuned import read_tuned
-from agents.evaluate import TUNING_SEED, ScenarioBatch
+from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
 from experiments.design.findings import ENTRY, analyse, mean
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions, with_papers_spring
 from experiments.design.search import MARGIN, PENALTY, Candidate, play, search

@@ -70,7 +70,7 @@ def rescore(
     controller: Any, frozen: str | evaluation_sets.EvaluationSet, numbers: Sequence[int], options: Mapping[str, Any],
     time_weight: float, rtol: float = RTOL,
 ) -> dict[str, NDArray[Any]]:  # fmt: skip
-    """Play scenarios of a frozen set together, as `agents.evaluate.ScenarioBatch` does.
+    """Play scenarios of a frozen set together, as `agents.evaluate.scenario_batch.ScenarioBatch` does.
 
     Row k of the batch that the controller gets is scenario numbers[k]. Returns an array for each field of `Outcome`.
 

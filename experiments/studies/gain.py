@@ -18,7 +18,7 @@ from agents.baselines import BlindProfile, PaperTrapezoid
 from agents.baselines.cmaes import minimise
 from agents.baselines.profile import ACCELERATION, REACTION, ReactingRule
 from agents.baselines.rule import Floats, Parameter
-from agents.evaluate import TEST_SEED, TUNING_SEED, ScenarioBatch
+from agents.evaluate.scenario_batch import TEST_SEED, TUNING_SEED, ScenarioBatch
 from agents.setups import load_setup
 from experiments.lab import grid
 from experiments.lab.grid import Contestant, Place

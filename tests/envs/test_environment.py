@@ -14,7 +14,7 @@ from episodes import ID, PAPERS_SPRING, Always, Given, assert_identical, encode,
 import impact_gym as ig
 from agents.baselines import PaperTrapezoid
 from agents.baselines.profile import ConstantDeceleration
-from agents.evaluate import ScenarioBatch
+from agents.evaluate.scenario_batch import ScenarioBatch
 from experiments.reference import task as slow
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.sb3 import ImpactVecEnv
