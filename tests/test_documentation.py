@@ -31,7 +31,7 @@ LISTED = {file.read_text() for file in (ROOT / "docs/examples").glob("*.py")}
 """Listings of docs/examples, which have tests of their own."""
 FILES = ("toml", "json", "c", "python")
 SLOW = {module for name, module in MODULES.items() if name not in ("check", "policies")}
-SLOW |= {"experiments.films", "experiments.loop"}
+SLOW.add("experiments.loop")
 """Modules that run for minutes, which have tests of their own."""
 ELSEWHERE = {"git", "source", "tensorboard", "cleanrl/ppo_continuous_action.py", "rl_zoo3.train"}
 """Programs of others; tests/envs/test_ecosystem.py runs rl_zoo3."""
