@@ -93,7 +93,7 @@ class Task:
     _given: Mapping[str, Any] = field(init=False, repr=False, compare=False)
 
     def __new__(cls, **given: Any) -> Self:
-        """Keep the arguments as they were given, for `arguments`."""
+        """Keep the arguments as given; the method `arguments` returns them."""
         self = super().__new__(cls)
         self._put("_given", {name: {**value} if isinstance(value, dict) else value for name, value in given.items()})
         return self

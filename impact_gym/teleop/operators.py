@@ -37,9 +37,7 @@ class Replay(Commander):
     time: Instants  # rising from 0
     velocity: Annotated[tuple[float, ...], SI("m/s", at_least=-1e3, at_most=1e3)]  # one for each time
     recording: float = 0.0  # -, rounded down
-    length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = (
-        0.0  # of a recording, at least the horizon; 0: only one
-    )
+    length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = 0.0  # of each recording; 0: only one recording
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
