@@ -37,7 +37,7 @@ LARGEST = 100_000_000  # bytes, largest file that `parsed` reads
 
 
 def parsed(
-    path: Path, kind: str, parse: Callable[[str], Content], decode: Callable[[bytes], str] | None = None
+    path: Path, kind: str, parse: Callable[[Any], Content], decode: Callable[[bytes], Any] | None = None
 ) -> Content:
     """Read a file and return `parse(text)`. Devices and pipes are refused, because reading them might never end.
 

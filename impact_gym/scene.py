@@ -162,19 +162,9 @@ class Bistable(Parameters, path="coupling"):
         return float(self.force(self.rest))
 
     @property
-    def barrier(self) -> float:
-        """Energy of the spring at the alignment minus its energy at a stable equilibrium, J."""
-        return float(self.energy(0.0))
-
-    @property
     def peak_position(self) -> float:
         """Position of the slider at which the spring's force is largest, m; there L^3 = L0 H^2."""
         return math.sqrt((self.free_length * self.height**2) ** (2 / 3) - self.height**2)
-
-    @property
-    def peak_force(self) -> float:
-        """Largest force of the spring towards the object, N."""
-        return float(self.force(self.peak_position))
 
     def force(self, position: ArrayLike) -> NDArray[np.float64] | float:
         """Return the force of the spring, without the stops, on the tool, N, at slider positions (m) of any shape."""

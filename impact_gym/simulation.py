@@ -18,7 +18,7 @@ from impact_gym.outcome import Advice, Advised, Array, ContactRecord, Model, Out
 from impact_gym.quantities import QUANTITIES
 from impact_gym.robot import Approach, Arm
 from impact_gym.robot.approach import Mass
-from impact_gym.scene import Bistable, Rigid, RobotTable, Scene, SpringDamper, warn_of_stroke
+from impact_gym.scene import Rigid, RobotTable, Scene, SpringDamper, warn_of_stroke
 from impact_gym.task.nested import flatten, parts, replaced
 from impact_gym.threads import CORES, over_rows
 from impact_gym.to_kernel import LOCAL_SHARE, STATUS_MESSAGES, approach_to_kernel, to_bytes
@@ -226,14 +226,6 @@ def advise(
 
 
 FROZEN = "frozen where the object stands"
-TOOLS: dict[str, Callable[[Any], Any]] = {
-    "": lambda tool: tool,
-    "tool fixed to the flange": lambda tool: Rigid() if isinstance(tool, SpringDamper) else tool,
-    "stops ten times softer": lambda tool: (
-        replace(tool, stop_stiffness=0.1 * tool.stop_stiffness) if isinstance(tool, Bistable) else tool
-    ),
-}
-"""Changes that simplify a coupling, by name; "" leaves the coupling as it is."""
 
 
 def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
@@ -247,16 +239,17 @@ def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scen
     else:
         for mass in get_args(Mass):
             robots[f"robot one mass, {mass}"] = robots[f"robot one mass, {mass}, {FROZEN}"] = line.robot_table(mass)
-    for (name, robot), (tool, of_tool) in product(robots.items(), TOOLS.items()):
+    for (name, robot), tool in product(robots.items(), ("", "tool fixed to the flange")):
         if name or tool:
-            yield ", ".join(filter(None, (name, tool))), partial(_simplified, robot, name.endswith(FROZEN), of_tool)
+            yield ", ".join(filter(None, (name, tool))), partial(_simplified, robot, name.endswith(FROZEN), tool != "")
 
 
-def _simplified(robot: Any, frozen: bool, of_tool: Callable[[Any], Any], scene: Scene) -> Scene:
-    """Return the scene with `robot`, with constant parameters if `frozen`, and its coupling changed by `of_tool`."""
+def _simplified(robot: Any, frozen: bool, fixed: bool, scene: Scene) -> Scene:
+    """Return the scene with `robot`, with constant parameters if `frozen`, and without its spring if `fixed`."""
     own = scene.robot if robot == "its own" else robot
     robot = own.at(scene.object.distance) if frozen and isinstance(own, RobotTable) else own
-    return replace(scene, robot=robot, coupling=of_tool(scene.coupling))
+    coupling = Rigid() if fixed and isinstance(scene.coupling, SpringDamper) else scene.coupling
+    return replace(scene, robot=robot, coupling=coupling)
 
 
 def _timed(

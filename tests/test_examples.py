@@ -58,27 +58,6 @@ def test_contact_of_the_padded_design_is_that_of_the_usual_scenarios_behind_its_
     assert DRAWN in setup.about
 
 
-def test_examples_all_have_a_test():
-    here = {"gymnasium_loop.py", "vector_loop.py", "stable_baselines3_ppo.py", "bistable-robust.toml", *DESIGNED}
-    here |= {"sensed-drawn.toml"}
-    elsewhere = {"minari_again.py"}  # tests/experiments/test_dataset.py
-    elsewhere |= {
-        f"rl_zoo3-{algorithm}.yml" for algorithm in ("ppo", "sac", "td3", "tqc", "crossq")
-    }  # tests/envs/test_ecosystem.py
-    on_a_page = {"mujoco_restitution.py", "morl_capql.py", "offline_d3rlpy.py"}  # physics/mujoco.md, libraries.md
-    on_a_page |= {"first_steps.ipynb"}  # tests/test_documentation.py
-    assert {file.name for file in EXAMPLES.iterdir() if file.is_file()} == here | elsewhere | on_a_page
-
-
-def test_set_up_sensed_drawn_is_linear_sensed_with_drawn_errors_of_the_sensor():
-    setup, sensed = load_setup(EXAMPLES / "sensed-drawn.toml"), load_setup("linear-sensed")
-    others = {name: value for name, value in sensed.environment.items() if name != "range_sensor"}
-    assert others == {name: value for name, value in setup.environment.items() if name != "range_sensor"}
-    drawn = {name.partition(".")[2] for name in Task(**setup.environment).drawn}
-    assert drawn == {"noise", "share", "bias", "dropout"}
-    assert feasible.warnings(Task(**setup.environment)) == []
-
-
 def test_mechanism_is_held_in_every_corner_of_its_ranges():
     task = Task(**load_setup(EXAMPLES / "bistable-robust.toml").environment)
     assert feasible.warnings(task) == []

@@ -77,7 +77,7 @@ def spoiled(draw, tree, hostile):
 ACTION = [0.4, -0.2]
 RESET = {"seed": 3, "options": {
     "scenario": {"object_mass": 0.3, "contact_stiffness": 1e5, "restitution": 0.5, "distance": 0.2},
-    "record": {"noise_seed": 7, "reaction_delay": 0.01, "tool_mass": 0.1}, "episode_index": 1,
+    "record": {"noise_seed": 7, "reaction_delay": 0.01, "tool_mass": 0.1},
 }}  # fmt: skip
 ARGUMENTS = EVERYTHING_DRAWN["mechanism"] | {
     "alarm": "reading", "dissipation": "exact", "force_weight": 0.01, "control_period": 0.02, "rtol": 1e-6,

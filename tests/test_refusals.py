@@ -199,7 +199,7 @@ CALLS = {
     "angles_at": lambda **place: angles_at(six(), **place), "jacobian": lambda angles: six().jacobian(angles),
     "Approach": partial(replace, default_approach()), "Approach.robot_table": default_approach().robot_table,
 }  # fmt: skip
-"""The function of each table by its name; if there are several, all refuse the same."""
+"""The function that each table calls, by the table's name. If there are several, all refuse the same input."""
 
 
 def samples(index):
@@ -243,7 +243,7 @@ THINGS = {
 
 
 def cases(first, *rest):
-    """The changes and words of a row, which may be several."""
+    """The changes of a row, each with the words of its message."""
     if isinstance(first, dict):
         return [(first, rest)]
     values, *words = rest

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from impact_gym.envs.state import taken
 from impact_gym.sb3 import ImpactVecEnv
+from impact_gym.validation import array
 
 
 class ScaledRewards(VecEnvWrapper):
@@ -39,7 +39,7 @@ class ScaledRewards(VecEnvWrapper):
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore a state from `get_state`; ValueError: it does not fit these environments."""
-        scale = taken(state, "scale", self._scale)
+        scale = array("scale of a state", state.get("scale"), self._scale.shape, "f")
         self._envs.set_state(state.get("envs", {}))
         self._scale = scale
 

@@ -1,49 +1,10 @@
-"""Put the arguments of `Task` into the signatures of all environment classes, and tables into their docstrings."""
-
-import inspect
-from collections.abc import Callable
-from functools import wraps
-from typing import ParamSpec
+"""Tables of the arguments, the observation and the draws, for the docstrings of the environment classes."""
 
 from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP, Quantity
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import ARGUMENTS
-from impact_gym.validation import WrongTypeError, shown
 
-P = ParamSpec("P")
 Rows = list[tuple[str, ...]]
-
-
-def with_task_arguments(**without: str) -> Callable[[Callable[P, None]], Callable[P, None]]:
-    """Return a decorator that replaces `**arguments` in a constructor's signature by the arguments of `Task`.
-
-    The decorated constructor refuses the names in `without`; their values there complete the error message.
-    """
-
-    def decorate(constructor: Callable[P, None]) -> Callable[P, None]:
-        own = inspect.signature(constructor)
-        parameters = [p for p in own.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
-        task = [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=item.default, annotation=item.type)
-            for name, item in ARGUMENTS.items()
-            if name not in without
-        ]
-        names = {parameter.name for parameter in (*parameters, *task)} - {"self"}
-
-        @wraps(constructor)
-        def checked(*given: P.args, **options: P.kwargs) -> None:
-            for name in options:
-                if name in without:
-                    raise WrongTypeError(f"{name} {without[name]}")
-                if name not in names:
-                    known = [name for name in (*ARGUMENTS, *own.parameters) if name in names]
-                    raise WrongTypeError(f"unknown argument {shown(name)}; allowed are {', '.join(known)}")
-            constructor(*given, **options)
-
-        checked.__signature__ = own.replace(parameters=[*parameters, *task])  # type: ignore[attr-defined]
-        return checked
-
-    return decorate
 
 
 def filled(text: str) -> str:

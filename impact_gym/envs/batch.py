@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -9,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_gym import kernels
 from impact_gym.envs.infos import Infos
-from impact_gym.envs.state import digest, taken
 from impact_gym.outcome import Trace
 from impact_gym.simulation import MAX_STEPS
 from impact_gym.task.action import ActionSpec
@@ -196,10 +196,10 @@ class Batch:
             number("command", velocity, "m/s", at_least=max(lows), at_most=min(highs))
         self.links["person_command"] = velocities
 
-    def get_state(self) -> dict[str, Any]:
-        """Return a copy of the whole state of the batch, for `set_state`."""
-        arrays = {name: getattr(self, name).copy() for name in _STATE}
-        return arrays | {"sha256": digest((self._tasks, self._tables, *arrays.values()))}
+    def get_state(self, **more: Any) -> dict[str, Any]:
+        """Return a copy of the whole state of the batch, and `more`, for `set_state`."""
+        state = {name: getattr(self, name).copy() for name in _STATE} | more
+        return state | {"sha256": self._digest(state)}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore a state that `get_state` returned.
@@ -207,14 +207,22 @@ class Batch:
         Raises:
             ValueError: the state was altered, or comes from a batch with another size or task; nothing was changed.
         """
-        arrays = {name: taken(state, name, getattr(self, name)) for name in _STATE}
-        found = digest((self._tasks, self._tables, *arrays.values()))
-        if (taken(state, "sha256", found) != found).any():
-            raise ValueError(
-                "sha256 of a state must match its arrays and tasks: it was altered, or is of another batch"
-            )
         for name in _STATE:
-            getattr(self, name)[:] = arrays[name]
+            own = getattr(self, name)
+            array(f"{name} of a state", state.get(name), own.shape, own.dtype.kind, f"{own.dtype}")
+        if state.get("sha256") != self._digest(state):
+            about = "must match its arrays, generators and tasks: it was altered, or is of another batch"
+            raise ValueError(f"sha256 of a state {about}")
+        for name in _STATE:
+            getattr(self, name)[:] = state[name]
+
+    def _digest(self, state: Mapping[str, Any]) -> str:
+        """Return a digest of the tasks and of everything in `state` but the digest."""
+        rest = {name: value for name, value in state.items() if name not in (*_STATE, "sha256")}
+        total = sha256(repr(rest).encode())
+        for values in (self._tasks, self._tables, *(np.asarray(state[name]) for name in _STATE)):
+            total.update(str(values.dtype).encode() + values.tobytes())
+        return total.hexdigest()
 
     def info(self, rows: int | NDArray[np.int64] | None = None) -> dict[str, Any]:
         """Return the entries of the final info with their present values.

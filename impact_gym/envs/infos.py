@@ -53,22 +53,20 @@ class Infos:
         if tasks[0].operator:
             numbers |= LINKED
         entries = (*numbers, "peak_force", "contact_count", "missed", "status")
-        self._layout = grouped({name: place for place, name in enumerate(entries)})
-        self._smooth = [not task.friction and "slide" in numbers for task in tasks]
-        self._not_drawn = [[name for name in drawn if name not in task.drawn] for task in tasks]
         self._numbers = np.array([[_PLACES[name]] for name in numbers.values()])
+        self._layout = grouped({name: place for place, name in enumerate(entries)})
+        self._layouts = []
+        for task in tasks:
+            absent = {f"record.{name}" for name in drawn if name not in task.drawn} | {*(SLIDE * (not task.friction))}
+            own = {name: place for place, name in enumerate(entries) if name not in absent}
+            self._layouts.append(grouped(own))
 
     def infos(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
         """Return a list with the info of each of `rows`."""
         numbers, others = self._values(episodes, chains, rows)
         values = zip(*numbers.tolist(), *(column.tolist() for column in others), strict=True)
-        infos = [filled(self._layout, of_row) for of_row in values]
-        for row, info in zip(rows.tolist(), infos, strict=True):
-            for name in self._not_drawn[row % len(self._not_drawn)]:
-                del info["record"][name]
-            for name in SLIDE if self._smooth[row % len(self._smooth)] else ():
-                del info[name]
-        return infos
+        layouts = [self._layouts[row % len(self._layouts)] for row in rows.tolist()]
+        return [filled(layout, of_row) for layout, of_row in zip(layouts, values, strict=True)]
 
     def columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> dict[str, Any]:
         """Return the infos of `rows` as arrays (size,), with 0 or None in the rows that were not asked for."""

@@ -5,7 +5,6 @@ only in the reward from the environment without "mo-", here "ImpactApproach-v0".
 """
 
 from collections.abc import Sequence
-from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -36,30 +35,15 @@ def vector_rewards(batch: Batch) -> Rewards:
     return totals[0] - totals[1]
 
 
-def soonest(task: Task, distance: float) -> float:
-    """Return the shortest time (s) in which a rigid tool covers `distance` (m) from rest.
+def described(tasks: Sequence[Task]) -> tuple[Box, int, Rewards]:
+    """Return reward space, reward dimension and reference point for a batch of `tasks`.
 
-    The tool accelerates at the largest acceleration of an action, up to the largest velocity of an action.
-    """
-    velocity, acceleration = task.velocity_range[1], task.acceleration_range[1]
-    ramp = 0.5 * velocity**2 / acceleration  # m
-    if distance < ramp:
-        return float(np.sqrt(2.0 * distance / acceleration))
-    return float(velocity / acceleration + (distance - ramp) / velocity)
-
-
-def described(tasks: Sequence[Task]) -> tuple[Box, int, Rewards, Rewards]:
-    """Return reward space, reward dimension, reference point and utopia point for a batch of `tasks`.
-
-    The two points bound the sum of the rewards of an episode from below and from above. Reference point: nothing is
-    touched until the horizon; the force, which has no bound, is infinite. Utopia point: a rigid tool reaches the
-    nearest object in the shortest possible time (see `soonest`) and leaves it at rest.
+    The reference point bounds the sum of the rewards of an episode from below: nothing is touched until the horizon.
+    The force has no bound, so there it is -inf.
     """
     worst = [max(task.horizon for task in tasks), max(task.missed_cost for task in tasks)]
     worst += [np.inf] if any(task.force_weight > 0.0 for task in tasks) else []
-    best = np.zeros(len(worst))
-    best[0] = min(soonest(task, task.scenario.distance[0]) for task in tasks)
-    return Box(-np.inf, 0.0, best.shape, np.float64), len(best), -np.array(worst), -best
+    return Box(-np.inf, 0.0, (len(worst),), np.float64), len(worst), -np.array(worst)
 
 
 class MOImpactApproachEnv(ImpactApproachEnv):
@@ -69,17 +53,16 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`. In each step the first number is -T (s), the time that is
     charged. In the last step of an episode the second number is -V_p or -`missed_cost` (m/s), and with a `force_weight`
     the third is -(largest contact force) (N). With an operator T runs until the task is done.
-    The sum of an episode's rewards lies between `reference_point` and `utopia_point`, both (reward_dim,): see
-    `impact_gym.envs.objectives.described`.
+    The sum of an episode's rewards is at least `reference_point`, (reward_dim,): the horizon, `missed_cost` and inf,
+    each with a minus sign.
 
     ## Version History
     * v0: first version
     """
 
-    @wraps(ImpactApproachEnv.__init__)  # type: ignore[misc]  # the same arguments
     def __init__(self, **arguments: Any) -> None:
         super().__init__(**arguments)
-        self.reward_space, self.reward_dim, self.reference_point, self.utopia_point = described(self._batch.tasks)
+        self.reward_space, self.reward_dim, self.reference_point = described(self._batch.tasks)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
         """Play one control step; the reward is (reward_dim,)."""
@@ -90,10 +73,9 @@ class MOImpactApproachEnv(ImpactApproachEnv):
 class MOImpactApproachVectorEnv(ImpactApproachVectorEnv):
     """`ImpactApproachVectorEnv` with vector rewards (num_envs, reward_dim)."""
 
-    @wraps(ImpactApproachVectorEnv.__init__)  # type: ignore[misc]  # the same arguments
     def __init__(self, num_envs: int = 1, **arguments: Any) -> None:
         super().__init__(num_envs, **arguments)
-        self.reward_space, self.reward_dim, self.reference_point, self.utopia_point = described(self.batch.tasks)
+        self.reward_space, self.reward_dim, self.reference_point = described(self.batch.tasks)
 
     def _rewards(self) -> tuple[Rewards, dict[str, Any]]:
         """Return the vector rewards of the last step, and an info with the scalar rewards."""

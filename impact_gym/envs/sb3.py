@@ -1,32 +1,19 @@
 """The batch as a `VecEnv`, because stable-baselines3 does not accept Gymnasium's vector environments."""
 
-import warnings
 from collections.abc import Mapping, Sequence
-from functools import cache
 from itertools import cycle
 from typing import Any
 
 import numpy as np
-import torch
 from gymnasium import Wrapper
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.task.episodes import reset_options
-from impact_gym.threads import CORES
 from impact_gym.validation import one_of
-
-
-@cache
-def warn_of_threads(threads: int, available: int) -> None:
-    """Warn, once per process, if torch uses more than half of the cores, which slows down small networks."""
-    if threads > max(1, available // 2):
-        text = f"torch uses {threads} threads on {available} cores, which makes small networks several times slower:"
-        warnings.warn(f"{text} call torch.set_num_threads(1)", stacklevel=2)
 
 
 class ImpactVecEnv(VecEnv):
@@ -37,7 +24,6 @@ class ImpactVecEnv(VecEnv):
     most 16 environments, `render` returns one picture with all environments side by side, as `VecVideoRecorder` needs.
     """
 
-    @with_task_arguments()
     def __init__(
         self,
         num_envs: int,
@@ -45,9 +31,8 @@ class ImpactVecEnv(VecEnv):
         render_mode: str | None = None,
         threads: int | None = None,
         per_slot: Sequence[Mapping[str, Any]] | None = None,
-        **arguments: Any,  # arguments of `Task`, see `with_task_arguments`
+        **arguments: Any,  # arguments of `Task`
     ) -> None:
-        warn_of_threads(torch.get_num_threads(), CORES)
         mode = AutoresetMode.DISABLED  # `step_wait` resets on the step that ends an episode
         self.envs = ImpactApproachVectorEnv(
             num_envs, render_mode=render_mode, autoreset_mode=mode, threads=threads, per_slot=per_slot, **arguments
@@ -69,9 +54,8 @@ class ImpactVecEnv(VecEnv):
             raise ValueError(f"options must be a mapping or {self.num_envs} of them, got {len(self._options)}")
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         asked = zip(self._options, cycle(self.envs.batch.tasks), strict=False)
-        fixed, skipped = zip(*(reset_options(options, [task]) for options, task in asked), strict=True)
-        everywhere = np.ones(self.num_envs, np.bool_)
-        observations = self.envs.begin(seeds, everywhere, np.concatenate(fixed), np.array(skipped))
+        fixed = np.concatenate([reset_options(options, [task]) for options, task in asked])
+        observations = self.envs.begin(seeds, np.ones(self.num_envs, np.bool_), fixed)
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()

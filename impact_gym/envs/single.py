@@ -8,14 +8,14 @@ import numpy as np
 from gymnasium import Space, spaces
 from numpy.typing import NDArray
 
-from impact_gym.envs.arguments import filled, with_task_arguments
+from impact_gym.envs.arguments import filled
 from impact_gym.envs.batch import Batch
 from impact_gym.outcome import Trace
-from impact_gym.task.episodes import EpisodeState, reset_options, skip_episodes
+from impact_gym.task.episodes import EpisodeState, reset_options
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
-from impact_gym.validation import choice, flag, whole
+from impact_gym.validation import WrongTypeError, choice, flag, whole
 
 if TYPE_CHECKING:
     from impact_gym.render import Renderer
@@ -115,7 +115,6 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - `{"record": {...}}` fixes any drawn number. With the final `info["record"]` of an episode, that episode can be
       repeated. The reaction delay must not exceed the largest one that the environment was made with. A number of the
       set-up must lie in the range that the environment was made with.
-    - `{"episode_index": k}`, together with a seed, starts the k-th episode of that seed, counted from 0.
 
     ## Episode End
     An episode terminates 0.15 s after the alarm (`after_alarm`). The flange then brakes to rest at the largest
@@ -170,7 +169,6 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         "render_fps": 30,
     }
 
-    @with_task_arguments(max_episode_steps="is an argument of gymnasium.make, whose TimeLimit applies it")
     def __init__(self, *, render_mode: str | None = None, record_trace: bool = False, **arguments: Any) -> None:
         """Make an environment; see Arguments.
 
@@ -182,7 +180,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.render_mode = render_mode
         self._renderer: Renderer | None = None
         points = TRACE_POINTS if record_trace or render_mode is not None else 0
-        self.task = Task(**arguments)
+        if "max_episode_steps" in arguments:
+            raise WrongTypeError("max_episode_steps is an argument of gymnasium.make, whose TimeLimit applies it")
+        self.task = Task.of("environment", arguments, "render_mode", "record_trace")
         self._batch = Batch(1, self.task, threads=1, trace_points=points)
         if render_mode == "rgb_array":
             self.metadata = {**self.metadata, "render_fps": steps_per_second(self.task)}
@@ -238,10 +238,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode; see Starting State."""
-        fixed, skipped = reset_options(options, self._batch.tasks)
+        fixed = reset_options(options, self._batch.tasks)
         super().reset(seed=None if seed is None else whole("seed", seed, at_least=0))
-        if skipped:
-            skip_episodes(self.np_random, skipped)
         self._batch.begin(_ROW, [self.np_random], fixed)
         self._running = True
         if self._renderer is not None:
@@ -281,7 +279,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._renderer is None:
             from impact_gym.render import Renderer
 
-            self._renderer = Renderer(self.render_mode)
+            self._renderer = Renderer(self.render_mode, self.metadata["render_fps"])
         return self._renderer.render(self._batch.history(0))
 
     def close(self) -> None:

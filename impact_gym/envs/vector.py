@@ -12,11 +12,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, observation_space, steps_per_second
-from impact_gym.envs.state import taken
-from impact_gym.task.episodes import reset_options, skip_episodes
+from impact_gym.task.episodes import reset_options
 from impact_gym.task.task import Task
 from impact_gym.validation import array, choice, one_of, shown, whole
 
@@ -44,7 +42,6 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     For `set_scenario`, `sensors` and `command` see `Batch`.
     """
 
-    @with_task_arguments()
     def __init__(
         self,
         num_envs: int = 1,
@@ -53,7 +50,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
         per_slot: Sequence[Mapping[str, Any]] | None = None,
-        **arguments: Any,  # arguments of `Task`, see `with_task_arguments`
+        **arguments: Any,  # arguments of `Task`
     ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {shown(render_mode)}")
@@ -69,10 +66,11 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         one_of("per_slot", per_slot, Sequence, type(None))
         if per_slot is not None and len(per_slot) != self.num_envs:
             raise ValueError(f"per_slot must be a mapping for each of {self.num_envs} slots, got {len(per_slot)}")
-        changed: Sequence[Mapping[str, Any]] = [{}] if per_slot is None else per_slot
-        for slot, changes in enumerate(changed):
+        others = ("num_envs", "render_mode", "autoreset_mode", "threads", "per_slot")
+        tasks = [] if per_slot else [Task.of("environment", arguments, *others)]
+        for slot, changes in enumerate(per_slot or ()):
             one_of(f"per_slot[{slot}]", changes, Mapping)
-        tasks = [Task.of(f"per_slot[{slot}]", {**arguments, **changes}) for slot, changes in enumerate(changed)]
+            tasks.append(Task.of(f"per_slot[{slot}]", {**arguments, **changes}))
         self.batch = batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
         self.set_scenario, self.sensors, self.command = batch.set_scenario, batch.sensors, batch.set_operator_velocity
         self.metadata["render_fps"] = steps_per_second(tasks[0])
@@ -82,15 +80,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._generators: list[np.random.Generator] = []
-        self._renderers: list[Any] = []
-        if render_mode is not None:
-            from impact_gym.render import Renderer
-
-            self._renderers = [Renderer(render_mode) for _ in range(self.num_envs)]
-        self._none: Flags = np.zeros(self.num_envs, np.bool_)
-        self._ended = self._none.copy()
-        self._begun = self._none.copy()
-        self._skipped = self._none
+        self._ended, self._begun, self._skipped = np.zeros((3, self.num_envs), np.bool_)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -108,21 +98,15 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         mask = array("options['reset_mask']", everywhere if given is None else given, everywhere.shape, "b", words)
         if not mask.any():
             raise ValueError(f"options['reset_mask'] must hold {words} got none")
-        fixed, skipped = reset_options(rest, self.batch.tasks, self.num_envs)
-        return self.begin(seed, mask, fixed[mask], skipped), {}
+        return self.begin(seed, mask, reset_options(rest, self.batch.tasks, self.num_envs)[mask]), {}
 
-    def begin(
-        self, seed: Any, mask: Flags, fixed: NDArray[Any] | None = None, skipped: int | NDArray[np.int64] = 0
-    ) -> Floats:
-        """Begin an episode in the k slots of `mask`, after skipping `skipped` episodes; return the observations.
+    def begin(self, seed: Any, mask: Flags, fixed: NDArray[Any] | None = None) -> Floats:
+        """Begin an episode in the k slots of `mask`; return the observations.
 
         `fixed` are records (k,) of the numbers that are not drawn, see `Batch.begin`.
         """
         self._seed(seed, mask)
-        counts = np.where(mask, skipped, 0)
-        for slot in np.flatnonzero(counts).tolist():
-            skip_episodes(self._generators[slot], int(counts[slot]))
-        self._draw_and_begin(np.flatnonzero(mask), fixed)
+        self.batch.begin(np.flatnonzero(mask), self._generators, fixed)
         self._ended[mask] = False
         self._begun[mask] = True
         return self.batch.observations.copy()
@@ -140,7 +124,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             raise ResetNeeded("some episodes have ended: reset them with options={'reset_mask': ...}")
         batch.step(actions, skip)
         if skip.any():
-            self._draw_and_begin(np.flatnonzero(skip))
+            batch.begin(np.flatnonzero(skip), self._generators)
             batch.rewards[skip] = 0.0
         self._skipped = skip
         terminated, truncated = batch.episodes["terminated"] == 1, batch.episodes["truncated"] == 1
@@ -152,9 +136,9 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         terminated, truncated = self.play(actions)
         batch, ended = self.batch, self._ended
         same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
-        acted = ~self._skipped & ~(ended if same_step else self._none)
+        acted = ~self._skipped & ~(ended & same_step)
         links, (rewards, scalar) = batch.link_columns(), self._rewards()
-        infos = masked(scalar, ~self._none) | (masked(of_rows(links, acted), acted) if acted.any() else {})
+        infos = masked(scalar, np.ones_like(ended)) | (masked(of_rows(links, acted), acted) if acted.any() else {})
         if ended.any():
             rows = np.flatnonzero(ended)
             finals = masked(batch.info(rows), ended)
@@ -166,8 +150,8 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
                     final[row] = batch.observations[row].copy()
                 finals |= masked(of_rows(links, ended), ended)
                 infos |= {"final_obs": final, "_final_obs": ended, "final_info": finals, "_final_info": ended.copy()}
-                self._draw_and_begin(rows)
-                self._ended = self._none.copy()
+                batch.begin(rows, self._generators)
+                self._ended = np.zeros_like(ended)
         return batch.observations.copy(), rewards, terminated, truncated, infos
 
     def _rewards(self) -> tuple[NDArray[np.float64], dict[str, Any]]:
@@ -186,12 +170,14 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             return None
         if not self._begun.all():
             raise ResetNeeded("some slots have no episode under way: call reset before render")
-        return tuple(renderer.render(self.batch.history(slot)) for slot, renderer in enumerate(self._renderers))
+        from impact_gym.render import Renderer
+
+        renderer = Renderer(self.render_mode, self.metadata["render_fps"])
+        return tuple(renderer.render(self.batch.history(slot)) for slot in range(self.num_envs))
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of the whole state, including the random generators, for `set_state`."""
-        generators = [generator.bit_generator.state for generator in self._generators]
-        return {"batch": self.batch.get_state(), "generators": generators}
+        return self.batch.get_state(generators=[generator.bit_generator.state for generator in self._generators])
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore a state that `get_state` returned.
@@ -199,24 +185,12 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         Raises:
             ValueError: the state was altered, or comes from a batch with another size or task; nothing was changed.
         """
-        given, generators = state.get("generators"), list[np.random.Generator]()
-        begun = taken(state.get("batch"), "episodes", self.batch.episodes)["drawn"]["object_mass"] != 0.0
-        if not isinstance(given, list) or len(given) != (self.num_envs if begun.any() or given else 0):
-            raise ValueError(f"generators of a state must be a list of {self.num_envs}, got {shown(given)}")
-        for slot, there in enumerate(given):
-            generators.append(seeding.np_random(0)[0])
-            try:
-                generators[-1].bit_generator.state = there
-            except (LookupError, TypeError, ValueError, OverflowError) as error:
-                raise ValueError(f"generators[{slot}] of a state must be a PCG64's, got {shown(there)}") from error
-        self.batch.set_state(state["batch"])
-        self._generators, self._ended, self._begun = generators, self.batch.ended, begun
-
-    def _draw_and_begin(self, rows: NDArray[np.int64], fixed: NDArray[Any] | None = None) -> None:
-        self.batch.begin(rows, self._generators, fixed)
-        if self._renderers:
-            for row in rows.tolist():
-                self._renderers[row].begin()
+        self.batch.set_state(state)
+        self._generators = [seeding.np_random(0)[0] for _ in state["generators"]]
+        for generator, there in zip(self._generators, state["generators"], strict=True):
+            generator.bit_generator.state = there
+        self._ended = self.batch.ended
+        self._begun = self.batch.episodes["drawn"]["object_mass"] != 0.0
 
     def _seed(self, seed: Any, mask: Flags) -> None:
         """Seed the slots of `mask`: slot i with `seed` + i, or with entry i of a list; None keeps its generator."""

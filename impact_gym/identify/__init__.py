@@ -28,7 +28,7 @@ FREE: tuple[str, ...] = ("contact.stiffness", "contact.restitution", "object.mas
 
 
 def identify(
-    log: Any, scene: Scene, motion: Trapezoid | Sequence[Trapezoid], free: Iterable[str] | Mapping[str, Any] = FREE,
+    log: Any, scene: Scene, motion: Trapezoid | Sequence[Trapezoid], free: Iterable[str] = FREE,
     sensor: Sensor | Mapping[str, Sensor] | None = None,
 ) -> Identified:  # fmt: skip
     """Fit numbers of a scene to a measured blow, or to several blows that share these numbers.
@@ -44,7 +44,7 @@ def identify(
         scene: the known numbers, and a guess of each free number. The search also starts from other guesses, for
             instance from the impulse and the width of the blow.
         motion: the imposed motion, or one for each log.
-        free: names of the scene's numbers to fit, or a mapping from these names to known bounds (low, high) or None.
+        free: names of the scene's numbers to fit.
         sensor: properties of the sensor; a mapping from columns to sensors if the logs have several columns. None: no
             filter, no bias, and the noise is estimated.
 

@@ -74,7 +74,7 @@ class HeldOut:
 
 def hold_out(
     log: Sequence[Any], scene: Scene, motion: Trapezoid | Sequence[Trapezoid],
-    free: Iterable[str] | Mapping[str, Any] = FREE, sensor: Sensor | Mapping[str, Sensor] | None = None,
+    free: Iterable[str] = FREE, sensor: Sensor | Mapping[str, Sensor] | None = None,
 ) -> HeldOut:  # fmt: skip
     """Fit every second log and predict the others, then exchange their roles; takes the arguments of `identify`.
 

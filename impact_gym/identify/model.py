@@ -8,7 +8,6 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Any
 
 import numpy as np
 
@@ -20,11 +19,11 @@ from impact_gym.physics.impact import GRAVITY
 from impact_gym.scene import Rigid, RobotTable, Scene, SpringDamper
 from impact_gym.simulation import simulate
 from impact_gym.task.nested import flatten, get, parts, replaced
-from impact_gym.validation import WrongTypeError, number, shown
+from impact_gym.validation import WrongTypeError
 
 MASS, STIFFNESS, RESTITUTION = "object.mass", "contact.stiffness", "contact.restitution"
 SEARCHED = {STIFFNESS: (1e2, 1e8), RESTITUTION: (0.03, 0.99), MASS: (5e-3, 5e2)}
-"""Ranges that contain the starting points, unless `free` gives other ranges."""
+"""Ranges that contain the starting points."""
 SEARCH_FACTOR = 10.0  # for numbers not in SEARCHED, starting points are from a tenth to ten times the scene's value
 REACH_FACTOR = 1e4  # the fit may leave the searched range by this factor at either end
 WALL = 1e5  # times the mass of a tool on a spring, largest object mass: a heavier object acts like a fixed wall
@@ -48,14 +47,11 @@ class Coordinate:
     name: str
     sign: float  # sign of the number; the coordinate belongs to its absolute value
     searched: tuple[float, float]  # range of the absolute value for starting points
-    bounded: bool  # True: the fit must stay in the searched range
     wall: float = math.inf  # largest absolute value; larger ones would not change the log
 
     @property
     def reach(self) -> tuple[float, float]:
         """Least and largest coordinate that the fit may reach."""
-        if self.bounded:
-            return self.coordinate(self.searched[0]), self.coordinate(self.searched[1])
         if self.name == RESTITUTION:
             return -LARGEST_LOGIT, LARGEST_LOGIT
         return math.log(self.searched[0] / REACH_FACTOR), math.log(min(self.searched[1] * REACH_FACTOR, self.wall))
@@ -75,8 +71,6 @@ class Coordinate:
         """Return the number at the end `u` of an interval on one side (-1, 1); for None, the number's own limit."""
         if u is not None:
             return self.number(u)
-        if self.bounded:
-            return self.number(self.reach[side > 0])
         return float(side > 0) if self.name == RESTITUTION else self.sign * (math.inf if side > 0 else 0.0)
 
     def start(self, scene: Scene) -> float:
@@ -86,14 +80,14 @@ class Coordinate:
         return self.coordinate(size) if inside else (low + high) / 2.0
 
 
-def free_coordinates(scene: Scene, free: Iterable[str] | Mapping[str, Any]) -> tuple[Coordinate, ...]:
-    """Return the coordinates of the numbers in `free`: names, or a mapping from names to bounds (low, high) or None.
+def free_coordinates(scene: Scene, free: Iterable[str]) -> tuple[Coordinate, ...]:
+    """Return the coordinates of the numbers whose names are in `free`.
 
     Raises:
-        ValueError: a name is unknown or given twice, a number without bounds is 0, or its bounds are no range.
+        ValueError: a name is unknown or given twice, or a number is 0.
     """
     if isinstance(free, str):
-        raise WrongTypeError(f"free must be a sequence of names, or a mapping to ranges, got the text {free!r}")
+        raise WrongTypeError(f"free must be a sequence of names, got the text {free!r}")
     known, names = list(flatten(parts(scene))), list(free)
     if not names or len(set(names)) < len(names):
         raise ValueError(f"free must name at least one number of the scene, and none twice, got {names}")
@@ -104,20 +98,11 @@ def free_coordinates(scene: Scene, free: Iterable[str] | Mapping[str, Any]) -> t
             hint = f"; did you mean {near[0]!r}?" if near else ""
             raise ValueError(f"free: the scene has no number {name!r}{hint}; it has {', '.join(known)}")
         value = get(scene, name)
-        pair = free[name] if isinstance(free, Mapping) else None
-        if pair is None and value == 0.0:
-            raise ValueError(f"free: {name} must not be 0 in the scene, which gives its scale: give a guess or a range")
+        if value == 0.0:
+            raise ValueError(f"free: {name} must not be 0 in the scene, which gives its scale: give a guess")
         searched = SEARCHED.get(name, (abs(value) / SEARCH_FACTOR, abs(value) * SEARCH_FACTOR))
-        if pair is not None:
-            if not hasattr(pair, "__len__") or len(pair) != 2:
-                raise WrongTypeError(f"free: the range of {name} must be a pair (low, high), got {shown(pair)}")
-            most = 1.0 if name == RESTITUTION else math.inf
-            low, high = (number(f"free: the range of {name}", end, "(its unit)", above=0, at_most=most) for end in pair)
-            if not low < high:
-                raise ValueError(f"free: the range of {name} must rise, got {low!r} to {high!r}")
-            searched = low, high
         wall = WALL * scene.tool.mass if name == MASS and isinstance(scene.coupling, SpringDamper) else math.inf
-        coordinates.append(Coordinate(name, math.copysign(1.0, value), searched, pair is not None, wall))
+        coordinates.append(Coordinate(name, math.copysign(1.0, value), searched, wall))
     return tuple(coordinates)
 
 

@@ -12,16 +12,14 @@ from scipy.special import chdtrc, fdtrc, ndtri  # scipy.stats would double the i
 from impact_gym.identify.fit import Ends, Fit
 from impact_gym.identify.log import UNITS
 from impact_gym.identify.model import RESTITUTION
-from impact_gym.identify.sensor import Array, bursts
+from impact_gym.identify.sensor import Array
 from impact_gym.quantities import BY_PATH
-from impact_gym.scene import Rigid, Scene
+from impact_gym.scene import Scene
 from impact_gym.simulation import simulate
 
 WIDE_RATIO = 2.0  # an interval is called wide if its ends have a larger ratio than this
 WIDE_RESTITUTION = 0.3  # an interval of the restitution is called wide if it is longer than this
 MIN_CORRELATION = 0.95  # two numbers are not separable if their correlation is larger and one has a wide interval
-MIN_BLOW_SAMPLES = 4  # fewer samples do not show the shape of a blow
-HEAVY_RATIO = 5.0  # mass of the object / mass of the tool; for larger ratios the force hardly depends on the object
 
 FALSE_ALARM = 1e-4  # probability that one test of the residuals rejects a correct model
 LAGS = 10  # largest lag, in samples, of the residuals' autocorrelation that is tested
@@ -67,7 +65,7 @@ class Identified:
             interval=interval,
             correlation=correlation,
             scene=model.scene_at(fit.x),
-            indistinguishable=tuple(_words(fit, interval, correlation)),
+            indistinguishable=tuple(_words(fit.model.scene, interval, correlation)),
             warnings=doubts,
             start=tuple(fit.x[len(free) : len(free) + len(model.logs)].tolist()),
             noise=dict(model.noise),
@@ -154,18 +152,14 @@ def _with_unit(scene: Any, name: str, text: str) -> str:
     return f"{text} {BY_PATH[name].unit}".removesuffix(" -")
 
 
-def _words(fit: Fit, interval: Mapping[str, Interval], correlation: Array) -> Iterator[str]:
+def _words(scene: Scene, interval: Mapping[str, Interval], correlation: Array) -> Iterator[str]:
     """Yield a sentence for each number that the logs do not determine, and for each pair that they do not separate."""
     wide = []
     for name, ends in interval.items():
         least, most = sorted(map(abs, ends))
         if (most - least > WIDE_RESTITUTION) if name == RESTITUTION else (most > WIDE_RATIO * least):
             wide.append(name)
-    if not wide:
-        return
-    reasons = " and ".join(_reasons(fit))
-    for name in wide:
-        yield _sentence(fit.model.scene, name, *interval[name]) + (f", because {reasons}" if reasons else "")
+            yield _sentence(scene, name, *ends)
     for (i, first), (j, second) in combinations(enumerate(interval), 2):
         if abs(correlation[i, j]) > MIN_CORRELATION and not {first, second}.isdisjoint(wide):
             size = "larger" if correlation[i, j] > 0 else "smaller"
@@ -182,27 +176,3 @@ def _sentence(scene: Scene, name: str, low: float, high: float) -> str:
         limit = f"above {low:.3g}" if open_above else f"below {high:.3g}"
         return f"the log does not determine {name}: any value {_with_unit(scene, name, limit)} fits equally well"
     return f"the log hardly determines {name}: it lies between {_with_unit(scene, name, f'{low:.3g} and {high:.3g}')}"
-
-
-def _reasons(fit: Fit) -> Iterator[str]:
-    """Yield reasons for wide intervals, found in log, sensor or scene, as parts of a sentence."""
-    model = fit.model
-    scene = model.scene_at(fit.x)
-    durations, samples = [], [(0, 0.0)]  # for each blow: its duration, s; number of samples in it and their spacing, s
-    for k, log in enumerate(model.logs):
-        until = float(log.time[-1]) - fit.x[len(model.free) + k]
-        for contact in simulate(scene, model.motions[k], max(until, log.step)).contacts[:1]:
-            durations.append((until if contact.end is None else contact.end) - contact.start)
-        if "force" in log.columns and model.sensors["force"].low_pass is None:
-            lengths = [last - first + 1 for first, last in bursts(log.columns["force"], model.sensors["force"])]
-            samples.append((max(lengths, default=0), log.step))
-    most, step = max(samples)
-    if 0 < most < MIN_BLOW_SAMPLES:
-        yield f"only {most} samples, {1e3 * step:.3g} ms apart, lie in the blow"
-    filters = [sensor.low_pass for sensor in model.sensors.values() if sensor.low_pass is not None]
-    lags = [1.0 / (2.0 * np.pi * low_pass) for low_pass in filters]
-    if durations and len(lags) == len(model.sensors) and min(lags) > max(durations):
-        yield f"the filter takes {1e3 * min(lags):.2g} ms and the blow lasts {1e3 * max(durations):.2g} ms"
-    heavy = scene.object.mass > HEAVY_RATIO * scene.tool.mass and not isinstance(scene.coupling, Rigid)
-    if heavy and set(model.sensors) == {"force"} and any(number.name == "object.mass" for number in model.free):
-        yield "an object much heavier than the tool has nearly the force of a wall"

@@ -1,13 +1,14 @@
 """The response of a sensor (load cell, low pass, bias, noise), and noise, level and blows found in a column alone."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 from scipy.linalg import solve_banded
 
+from impact_gym.parameters import SI, Parameters
 from impact_gym.validation import number, one_of
 
 Array = NDArray[np.float64]
@@ -36,7 +37,7 @@ def curve(time: Array, values: Array) -> PPoly:
 
 
 @dataclass(frozen=True, slots=True)
-class LoadCell:
+class LoadCell(Parameters):
     """A force sensor at the tool: a mass on an elastic element, which is a spring and damper in parallel.
 
     The cell reads the element's force R = k u + c u', where m u'' + c u' + k u = F + m a with the contact force F and
@@ -44,36 +45,26 @@ class LoadCell:
     decelerates the tool. The element is assumed to be much stiffer than the contact.
     """
 
-    mass: float  # kg, m, of the part between element and contact
-    frequency: float  # Hz, sqrt(k / m) / 2 pi
-    damping_ratio: float = 0.0  # -, at most 0.99
-
-    def __post_init__(self) -> None:
-        for name, unit, allowed in (
-            ("mass", "kg", {"above": 0.0}), ("frequency", "Hz", {"above": 0.0}),
-            ("damping_ratio", "-", {"at_least": 0.0, "at_most": 0.99}),
-        ):  # fmt: skip
-            object.__setattr__(self, name, number(f"LoadCell.{name}", getattr(self, name), unit, **allowed))
+    mass: Annotated[float, SI("kg", above=0)]  # m, of the part between element and contact
+    frequency: Annotated[float, SI("Hz", above=0)]  # sqrt(k / m) / 2 pi
+    damping_ratio: Annotated[float, SI("-", at_least=0, at_most=0.99)] = 0.0
 
 
 @dataclass(frozen=True, slots=True)
-class Sensor:
+class Sensor(Parameters):
     """Known properties of the sensor of one column of a log.
 
     The noise is white, normally distributed, and of constant size; it is added after load cell and filter.
     """
 
-    rate: float | None = None  # Hz, sampling rate, compared with the log's times; None: not checked
-    low_pass: float | None = None  # Hz, cut-off of a first-order filter; None: no filter
+    rate: Annotated[float | None, SI("Hz", above=0)] = None  # of the samples; None: not compared with the log's times
+    low_pass: Annotated[float | None, SI("Hz", above=0)] = None  # cut-off of a first-order filter; None: no filter
     bias: float | Literal["estimated"] = 0.0  # in the column's unit, added to every sample
-    noise: float | None = None  # standard deviation in the column's unit; None: estimated
+    noise: Annotated[float | None, SI("(the column's unit)", above=0)] = None  # standard deviation; None: estimated
     cell: LoadCell | None = None  # for a force sensor; None: the sensor reads the contact force itself
 
     def __post_init__(self) -> None:
-        for name, unit in {"rate": "Hz", "low_pass": "Hz", "noise": "(the column's unit)"}.items():
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, number(f"Sensor.{name}", value, unit, above=0))
+        Parameters.__post_init__(self)
         one_of("Sensor.cell", self.cell, LoadCell, type(None))
         if self.bias != "estimated":
             object.__setattr__(self, "bias", number("Sensor.bias", self.bias, "(the column's unit), or 'estimated'"))

@@ -2,7 +2,6 @@
 
     canvas    shapes and text, drawn by pygame
     chain     flange, coupling, tool and object to scale
-    strips    velocities and force over time
     film      the episode at any instant (History), and films (SlowMotionVideo)
 
 Each picture is drawn from the simulator's trace, so an instant within a control step is as exact as the step's end.
@@ -14,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.render import chain, strips
-from impact_gym.render.canvas import HEIGHT, WIDTH, Box, Canvas
+from impact_gym.render import chain
+from impact_gym.render.canvas import HEIGHT, WIDTH, Canvas
 from impact_gym.render.film import FRAME_RATE, History, State
 from impact_gym.render.palette import ALARM, FAINT, GRID, INK, WARNING
 
@@ -23,9 +22,6 @@ if TYPE_CHECKING:
     import pygame
 
 HOLD = 2.0  # s, during which the last picture of an episode is shown
-STAGE: Box = (0.0, 112.0, float(WIDTH), 226.0)
-STRIP: Box = (64.0, 376.0, 640.0, 98.0)
-CLOSE_UP: Box = (WIDTH - 216.0, 376.0, 200.0, 118.0)
 LAMP = (WIDTH - 22.0, 30.0)  # place of a lamp: amber once the force is detected, red during an alarm, otherwise grey
 
 Frame = NDArray[np.uint8]
@@ -34,9 +30,12 @@ Frame = NDArray[np.uint8]
 class Renderer:
     """Draws the episodes of one environment."""
 
-    def __init__(self, mode: str) -> None:
-        """Set the `render_mode`; pygame is imported, and in mode "human" a window opened, with the first picture."""
-        self._mode = mode
+    def __init__(self, mode: str, rate: float = FRAME_RATE) -> None:
+        """Set the `render_mode`, and for "rgb_array" the pictures per second of its film.
+
+        pygame is imported with the first picture. In mode "human" a window is opened with the first picture.
+        """
+        self._mode, self._rate = mode, rate
         self._canvas: Canvas | None = None
         self._window: pygame.Surface | None = None
         self._clock: Any = None
@@ -47,17 +46,11 @@ class Renderer:
         self._shown: float | None = None  # s, the instant that the last picture shows
         self._reached = 0.0  # s, end of the episode at the last call
         self._ended = False
-        self._last: Frame | None = None
 
     def render(self, history: History) -> Frame | list[Frame] | None:
         """Return what the environment's `render` must return for the episode so far, see Rendering there."""
         if self._mode == "rgb_array":
-            if self._last is None or history.now != self._shown:  # the same instant has the same picture
-                span = history.now - (self._shown or 0.0)
-                self._shown = history.now
-                factor = 1.0 / (FRAME_RATE * span) if span > 0.0 else 1.0
-                self._last = self.draw(history, history.now, factor).pixels()
-            return self._last.copy()
+            return self.draw(history, history.now, 1.0 / (self._rate * history.task.control_period)).pixels()
         newly_ended, self._ended = history.ended and not self._ended, history.ended
         if self._mode == "rgb_array_list":
             frames = [self.draw(history, time, factor).pixels() for time, factor in self.instants(history)]
@@ -114,9 +107,7 @@ class Renderer:
             self._canvas = Canvas()
         canvas, state = self._canvas, history.at(time)
         canvas.clear()
-        chain.draw(canvas, history, state, chain.camera(history, STAGE))
-        strips.draw(canvas, history, state, STRIP)
-        chain.close_up(canvas, history, state, CLOSE_UP)
+        chain.draw(canvas, history, state)
         _head(canvas, history, state, factor)
         _foot(canvas, history, state)
         return canvas
@@ -154,7 +145,10 @@ def alarm(history: History, time: float) -> tuple[str, str]:
     if events.alarm <= time < events.alarm_over:
         if history.task.alarm == "reading":
             return "alarm by a reading", ALARM
-        return f"alarm, {1e3 * (events.alarm - events.detection):.0f} ms after {history.threshold:g} N", ALARM
+        return (
+            f"alarm, {1e3 * (events.alarm - events.detection):.0f} ms after {history.task.alarm_threshold:g} N",
+            ALARM,
+        )
     if events.detection <= time < events.alarm < np.inf and history.task.alarm == "force":
         return f"detected; alarm in {1e3 * (events.alarm - time):.1f} ms", WARNING
     return "no alarm", GRID

@@ -8,13 +8,13 @@ import numpy as np
 from gymnasium.wrappers import RecordVideo
 
 from impact_gym.outcome import Trace
+from impact_gym.quantities import HORIZON
 from impact_gym.scene import Rigid
 from impact_gym.task.episodes import EpisodeState
 from impact_gym.task.task import Task
 
 FRAME_RATE = 30  # 1/s
-FLIGHT_FACTOR = 8  # how many times slower than real time a film is without contact, for episodes up to HORIZON
-HORIZON = 1.2  # s; the factor of a longer episode is smaller, down to 1, real time
+FLIGHT_FACTOR = 8  # how many times slower than real time a film is without contact; if the horizon is longer, less
 SHORTEST, LONGEST = 6.0, 10.0  # s, shortest and longest film
 CONTACT_FACTOR = 32  # smallest factor while tool and object touch
 LARGEST_FACTOR = 1024  # largest factor
@@ -65,9 +65,7 @@ class History:
             ended: whether the episode has terminated, so that the trace contains the settling.
         """
         self.info, self.events, self.ended = info, events, ended
-        if (
-            ended and events.alarm > events.end
-        ):  # from a contact after the last control step: the controller never sees it
+        if ended and events.alarm > events.end:  # of a contact while settling: the controller never sees this alarm
             self.events = events._replace(alarm=math.inf)
         self.task = task = task.at(info["record"])
         at_rest = {name: 0.0 for name in State._fields} | {"object_position": info["scenario"]["distance"]}
@@ -85,7 +83,6 @@ class History:
         self.touches = self.time[np.maximum(np.flatnonzero(edges > 0) - 1, 0)]
         partings = self.time[np.flatnonzero(edges < 0)]
         self.partings = np.append(partings, math.inf)[: len(self.touches)]
-        self.threshold = task.alarm_threshold
 
     def at(self, time: float) -> State:
         """Return the state of the chain at `time` (s), interpolated linearly between points of the trace."""
@@ -94,11 +91,6 @@ class History:
         begin, end = self._rows[row], self._rows[min(row + 1, last)]
         share = min(max((time - begin[0]) / (end[0] - begin[0]), 0.0), 1.0) if end[0] > begin[0] else 1.0
         return State(*(begin + share * (end - begin)).tolist())
-
-    def impact_depth(self, speed: float) -> float:
-        """Return the largest penetration in an elastic Hertz impact at `speed` (m/s), m (Johnson 1985, eq. 11.23)."""
-        stiffness = self.info["scenario"]["contact_stiffness"]
-        return (1.25 * self.reduced_mass * speed * speed / stiffness) ** 0.4
 
     def factor(self, time: float) -> float:
         """Return the factor, a power of two, by which the film is slower than real time at `time` (s).
@@ -120,7 +112,9 @@ class History:
         if not touching and state.closing > SLOWEST_IMPACT and -state.penetration / state.closing < away:
             away, speed = -state.penetration / state.closing, state.closing
         speed = max(speed, SLOWEST_IMPACT)
-        finest = 2.9432 * self.impact_depth(speed) / speed / FRAMES_PER_IMPACT  # Johnson 1985, eq. 11.24
+        # of an elastic Hertz impact at this speed: depth and duration, Johnson 1985, eq. 11.23 and 11.24
+        depth = (1.25 * self.reduced_mass * speed * speed / self.info["scenario"]["contact_stiffness"]) ** 0.4
+        finest = 2.9432 * depth / speed / FRAMES_PER_IMPACT
         interval = min(interval, max(away / FRAMES_PER_FOLD, finest))
         slower = 1.0 / (FRAME_RATE * max(interval, 1.0 / (FRAME_RATE * LARGEST_FACTOR)))
         return max(2.0 ** math.ceil(math.log2(slower) - 1e-9), SMALLEST_FACTOR)

@@ -74,7 +74,7 @@ def from_urdf(
     rng = np.random.default_rng(whole("seed", seed, at_least=0))
     remarks = list[str]()
     arm = parsed(
-        Path(path), "URDF", lambda text: Arm(*urdf.read(text, base, tip, inertia == "balanced", remarks)), urdf.decoded
+        Path(path), "URDF", lambda xml: Arm(*urdf.read(xml, base, tip, inertia == "balanced", remarks)), decode=bytes
     )
     for remark in remarks:
         warnings.warn(remark, UserWarning, stacklevel=2)
@@ -90,15 +90,14 @@ def _per_joint(name: str, given: Any, count: int, rng: np.random.Generator, unit
     """Return the number of each joint (count,), drawn from `rng` where `given` has a pair."""
     if not hasattr(given, "__len__") or isinstance(given, (str, Mapping)):
         return np.full(count, number(name, given, unit, **limits))
-    if len(given) == 2 != count:
-        given = [given] * count
-    if len(given) != count:
+    each = [given] * count if len(given) == 2 != count else given
+    if len(each) != count:
         raise ValueError(
             f"{name} must be a number or {count} of them, one for each joint, or pairs, in {unit}, got {given!r}"
         )
-    if all(hasattr(each, "__len__") and len(each) == 2 for each in given):
-        low, high = (numbers(name, [each[end] for each in given], unit, **limits) for end in (0, 1))
-        if not all(a <= b and a > 0.0 for a, b in zip(low, high, strict=True)):
-            raise ValueError(f"{name} must have pairs that rise, above 0, in {unit}, got {given!r}")
-        return np.asarray(np.exp(rng.uniform(np.log(low), np.log(high))))
-    return np.array(numbers(name, given, unit, **limits))
+    if not all(hasattr(pair, "__len__") and len(pair) == 2 for pair in each):
+        return np.array(numbers(name, each, unit, **limits))
+    low, high = (numbers(name, ends, unit, **limits) for ends in zip(*each, strict=True))
+    if not all(0.0 < a <= b for a, b in zip(low, high, strict=True)):
+        raise ValueError(f"{name} must have pairs that rise, above 0, in {unit}, got {given!r}")
+    return np.asarray(np.exp(rng.uniform(np.log(low), np.log(high))))

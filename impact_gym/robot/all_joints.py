@@ -13,6 +13,7 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from impact_gym.motion import Motion, Trapezoid
 from impact_gym.physics.dissipation import damping_factor
@@ -40,14 +41,12 @@ class Blow:
     impulse: float  # N s, on the object
     contact_count: int
     sideways: float  # m, largest distance of the flange from the line during contacts
-    turn: float  # rad, largest rotation of the flange during contacts, relative to the first touch
     status: str  # "ok", or why the run ended early
 
 
 def simulate(
     arm: Arm, approach: Approach, scene: Scene, motion: Trapezoid | Motion, *, duration: float,
-    coriolis: bool = True, gravity: bool = False, servo: Servo | None = None, rtol: float = 1e-8,
-    most_evaluations: int = MOST_EVALUATIONS,
+    gravity: bool = False, servo: Servo | None = None, rtol: float = 1e-8, most_evaluations: int = MOST_EVALUATIONS,
 ) -> Blow:  # fmt: skip
     """Simulate an approach of `arm` with all its joints along the line of `approach`; `scene.robot` must be None.
 
@@ -57,7 +56,6 @@ def simulate(
         scene: tool, object, contact and coupling. The object must have no friction, and the contact equal exponents.
         motion: motion of the motors along the line.
         duration: length of the run, s.
-        coriolis: whether centrifugal and Coriolis forces act.
         gravity: whether gravity acts; it then also deflects the joints at the start.
         servo: the servo by which the motors follow the line; None: they follow it exactly.
         rtol: relative tolerance of the integration, 1e-12 to 1e-3.
@@ -71,8 +69,7 @@ def simulate(
         ("motion", motion, (Trapezoid, Motion)), ("servo", servo, (Servo, type(None))),
     ):  # fmt: skip
         one_of(field, value, *kinds)
-    for field, given in (("coriolis", coriolis), ("gravity", gravity)):
-        flag(field, given)
+    flag("gravity", gravity)
     number("duration", duration, "s", above=0)
     number("rtol", rtol, "-", at_least=1e-12, at_most=1e-3)
     number("most_evaluations", most_evaluations, "-", at_least=1)
@@ -89,24 +86,9 @@ def simulate(
     if servo is not None and not (arm.rotors > 0).all():
         raise ValueError("a servo needs the arm's rotor_inertia, in kg m^2, above 0")
     path = Path(motion)
-    equations = Equations(
-        arm, approach, scene, path, coriolis=coriolis, gravity=gravity, servo=servo, most_evaluations=most_evaluations
-    )
-    if servo is not None:
-        found = [equations.arm.mass_matrix(approach.joint_angles[row]) for row in (0, len(approach.position) // 2, -1)]
-        growth = max(servo.growth(M, arm.stiffness, arm.damping, arm.rotors) for M in found)
-        if not growth < 1.0:
-            twice = servo.period * math.log(2.0) / math.log(growth) if growth > 1.0 else math.inf
-            return _run(equations, 0.0, rtol, f"the servo is not stable: an error doubles in {twice:.3g} s")
-    return _run(equations, duration, rtol, "ok")
-
-
-def _run(equations: Equations, duration: float, rtol: float, status: str) -> Blow:
-    """Integrate from event to event; return the result, with this `status` unless the run ends early."""
-    scene, path, servo, touching, t = equations.scene, equations.path, equations.servo, False, 0.0
-    y, d = equations.begin(scene.object.distance), damping_factor(scene.contact.dissipation, scene.contact.restitution)
-    touches, parted, impact, rotation, undetected = list[float](), list[float](), None, np.eye(3), True
-    peak = sideways = turn = 0.0
+    equations = Equations(arm, approach, scene, path, gravity, servo, int(most_evaluations))
+    y, t, touching, status, impact = equations.first, 0.0, False, "ok", None
+    touches, parted, undetected, peak, sideways = list[float](), list[float](), True, 0.0, 0.0
     due = 0.0 if servo else math.inf  # s, time of the servo's next sample
     late = deque[tuple[float, Array]]()  # times at which commanded torques will begin to act, and these torques
     try:
@@ -116,16 +98,19 @@ def _run(equations: Equations, duration: float, rtol: float, status: str) -> Blo
                 due = t + servo.period
             while late and t >= late[0][0]:
                 equations.torque = late.popleft()[1]
-            changes = [piece[0] for piece in path.pieces if piece[0] > t]
+            changes = [change for change in path.times if change > t]
             until = min(duration, *changes, due, late[0][0] if late else math.inf)
             found = equations.piece(t, until, y, touching, undetected and path.threshold < math.inf, rtol)
             if not found.success:
                 raise Unfinished(f"the integration failed: {found.message}")
             if touching:
-                states = [found.sol(s) for s in np.linspace(found.t[0], found.t[-1], 4 * len(found.t) + 1)]
-                peak = max(peak, _highest([equations.contact(*equations.penetration(each)) for each in states]))
-                away, turned = zip(*(equations.deviation(each, rotation) for each in states[::4]), strict=True)
-                sideways, turn = max(sideways, *away), max(turn, *turned)
+                times = np.linspace(found.t[0], found.t[-1], 4 * len(found.t) + 1)
+                states = found.sol(times).T
+                force = CubicSpline(times, [equations.contact(*equations.penetration(each)) for each in states])
+                peak = max(peak, *force(times), *force(force.derivative().roots(extrapolate=False)))
+                places = [arm.flange(each[: arm.count])[0] - approach.start for each in states[::4]]
+                off_line = np.cross(places, approach.direction)
+                sideways = max(sideways, float(np.linalg.norm(off_line, axis=1).max()))
             t, y = float(found.t[-1]), found.y[:, -1]
             fired = next((kind for kind, times in enumerate(found.t_events) if times.size), None)
             if fired == 1:
@@ -138,9 +123,9 @@ def _run(equations: Equations, duration: float, rtol: float, status: str) -> Blo
                 touching, y[-5] = False, y[-3] - 1e-15
             elif fired == 0:
                 closing = equations.penetration(y)[1]
-                touching, equations.damping = True, d * scene.contact.stiffness / max(closing, 1e-9)
-                if not touches:
-                    impact, rotation = closing + float(y[-2]), equations.arm.flange(y[: equations.n])[1]
+                factor = damping_factor(law.dissipation, law.restitution)
+                touching, equations.damping = True, factor * law.stiffness / max(closing, 1e-9)
+                impact = impact if touches else closing + float(y[-2])
                 touches.append(t)
                 if len(touches) > MOST_CONTACTS:
                     raise Unfinished(f"more than {MOST_CONTACTS} contacts")
@@ -148,16 +133,6 @@ def _run(equations: Equations, duration: float, rtol: float, status: str) -> Blo
         status = str(reason)
     return Blow(
         object_velocity=float(y[-2]), touch_time=touches[0] if touches else None, impact_velocity=impact,
-        peak_force=peak, contact_time=parted[0] - touches[0] if parted else None, impulse=float(y[-1]),
-        contact_count=len(touches), sideways=sideways, turn=turn, status=status,
+        peak_force=float(peak), contact_time=parted[0] - touches[0] if parted else None, impulse=float(y[-1]),
+        contact_count=len(touches), sideways=sideways, status=status,
     )  # fmt: skip
-
-
-def _highest(forces: list[float]) -> float:
-    """Return the maximum of a curve at evenly spaced points: by a parabola through the largest and its neighbours."""
-    top = int(np.argmax(forces))
-    if not 0 < top < len(forces) - 1:
-        return forces[top]
-    left, middle, right = forces[top - 1 : top + 2]
-    bend = left - 2.0 * middle + right
-    return middle - 0.125 * (right - left) ** 2 / bend if bend < 0.0 else middle

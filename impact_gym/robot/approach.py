@@ -51,8 +51,6 @@ class Approach(Parameters):
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
         choice("Approach.chosen", self.chosen, get_args(Mass))
-        for name in (*COLUMNS, "start", "direction"):
-            self._store(name, getattr(self, name))
         rows = len(self.position)
         if rows < 4 or np.any(np.diff(self.position) <= 0) or self.position[0] != 0:
             raise ValueError(f"Approach.position must be at least 4 numbers in m rising from 0, got {self.position!r}")
@@ -61,19 +59,17 @@ class Approach(Parameters):
                 raise ValueError(f"Approach.{name} must have a value for each of the {rows} places of position")
         if len(self.start) != 3 or len(self.direction) != 3:
             raise ValueError("Approach.start and Approach.direction must be three numbers each")
+        wanted = f"Approach.joint_angles must be {rows} rows of {len(self.joints)} numbers in rad"
         if not hasattr(given := self.joint_angles, "__len__"):
-            raise WrongTypeError(
-                f"Approach.joint_angles must be rows of {len(self.joints)} numbers in rad, got {given!r}"
-            )
+            raise WrongTypeError(f"{wanted}, got {given!r}")
         angles = [numbers(f"Approach.joint_angles[{row}]", q, "rad") for row, q in enumerate(given)]
         if len(angles) != rows or any(len(q) != len(self.joints) for q in angles):
-            raise ValueError(f"Approach.joint_angles must be {rows} rows of {len(self.joints)} numbers in rad")
-        self._store("joint_angles", angles)
-
-    def _store(self, name: str, values: Any) -> None:
-        array = np.array(values, dtype=float)
-        array.flags.writeable = False
-        object.__setattr__(self, name, array)
+            raise ValueError(wanted)
+        object.__setattr__(self, "joint_angles", angles)
+        for name in (*COLUMNS, "joint_angles", "start", "direction"):
+            array = np.array(getattr(self, name))
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
 
     def robot_table(self, mass: Mass | None = None) -> RobotTable:
         """Return the robot with parameters that vary along the line; `mass` names one of three kinds of mass.
@@ -105,15 +101,11 @@ def read(path: Path) -> Approach:
     line, names = data["line"], tuple(data["line"]["joints"])
     if data["columns"] != [*COLUMNS.values(), *names]:
         raise ValueError(f"{path} must have the columns {[*COLUMNS.values(), *names]}, got {data['columns']}")
-    rows = np.array(data["rows"], dtype=float)
-    return Approach(
-        **dict(zip(COLUMNS, rows.T[: len(COLUMNS)], strict=True)),
-        joint_angles=rows[:, len(COLUMNS) :],
-        joints=names,
-        start=np.array(line["start_m"]),
-        direction=np.array(line["direction"]),
-        chosen=line["chosen"],
-    )
+    rows, count = np.array(data["rows"], dtype=float), len(COLUMNS)
+    columns = dict(zip(COLUMNS, rows.T[:count], strict=True))
+    start, direction = np.array(line["start_m"]), np.array(line["direction"])
+    return Approach(**columns, joint_angles=rows[:, count:], joints=names, start=start, direction=direction,
+                    chosen=line["chosen"])  # fmt: skip
 
 
 def write(path: Path, approach: Approach, provenance: dict[str, Any]) -> None:

@@ -54,14 +54,16 @@ class Arm:
         self._data = self._mujoco.MjData(self._model)
         self._tip = self._model.body("tip").id
 
-    def with_load(self, mass: float) -> "Arm":
-        """Return the arm with a point mass (kg) at its flange."""
-        loaded = copy(self)
-        loaded._specification = self._specification.copy()
-        load = loaded._specification.body("tip").add_body(mass=mass, ipos=[0.0, 0.0, 0.0])
-        load.inertia, load.explicitinertial = [1e-15] * 3, True
-        loaded._compile()
-        return loaded
+    def moving(self, load: float, gravity: bool) -> "Arm":
+        """Return the arm for `move`: with a point mass `load` (kg) at its flange, and with or without gravity."""
+        arm = copy(self)
+        arm._specification = self._specification.copy()
+        arm._specification.option.gravity = (0.0, 0.0, -9.80665 if gravity else 0.0)
+        if load:
+            body = arm._specification.body("tip").add_body(mass=load, ipos=[0.0, 0.0, 0.0])
+            body.inertia, body.explicitinertial = [1e-15] * 3, True
+        arm._compile()
+        return arm
 
     def _move(self, q: ArrayLike) -> None:
         """Set the joint angles without checks."""
@@ -135,30 +137,20 @@ class Arm:
             self._mujoco.mj_mulM(self._model, self._data, row, unit)
         return np.asarray((matrix + matrix.T) / 2)  # symmetric but for rounding
 
-    def dynamics(self, angles: Array, rates: Array, coriolis: bool, gravity: bool) -> tuple[Array, Array, Array]:
-        """Return the flange's position, the first three rows of J(q), and bias torques (n,).
-
-        The bias torques are those of centrifugal and Coriolis forces and of gravity, as far as `coriolis` and `gravity`
-        ask for them. `accelerations` uses the joint angles of the last call of this method.
-        """
-        self._move(angles)
-        self._mujoco.mj_crb(self._model, self._data)
-        self._mujoco.mj_factorM(self._model, self._data)
-        bias, J = np.zeros(self.count), np.empty((3, self.count))
-        if coriolis or gravity:
-            self._model.opt.gravity[:] = (0.0, 0.0, -9.80665) if gravity else 0.0
-            self._data.qvel[:] = rates if coriolis else 0.0
-            self._mujoco.mj_comVel(self._model, self._data)
-            self._mujoco.mj_rne(self._model, self._data, 0, bias)
-        position = self._data.xpos[self._tip].copy()
+    def move(self, angles: Array, rates: Array) -> tuple[Array, Array]:
+        """Set joint angles and rates without checks; return the flange's position and the first three rows of J(q)."""
+        self._data.qpos[:], self._data.qvel[:] = angles, rates
+        self._mujoco.mj_fwdPosition(self._model, self._data)
+        self._mujoco.mj_fwdVelocity(self._model, self._data)
+        position, J = self._data.xpos[self._tip].copy(), np.empty((3, self.count))
         self._mujoco.mj_jac(self._model, self._data, J, None, position, self._tip)
-        return position, J, bias
+        return position, J
 
     def accelerations(self, torques: Array) -> Array:
-        """Return M_q^-1 times `torques`, (n,), at the joint angles of the last call of `dynamics`."""
-        found = np.empty((1, self.count))
-        self._mujoco.mj_solveM(self._model, self._data, found, torques[None])
-        return found[0]
+        """Return the accelerations of the joints (n,) by `torques`, weight and Coriolis forces, after `move`."""
+        self._data.qfrc_applied[:] = torques
+        self._mujoco.mj_fwdAcceleration(self._model, self._data)
+        return self._data.qacc_smooth.copy()
 
     def composite(self, angles: ArrayLike) -> tuple[float, Array, Array]:
         """Return mass (kg), centre (m) and tensor of inertia about it (kg m^2) of all moving links as one body."""

@@ -1,7 +1,6 @@
 """The equations of motion of an arm with all its joints, a tool and an object, for `all_joints.simulate`."""
 
 import math
-from bisect import bisect_right
 from typing import Any
 
 import numpy as np
@@ -31,43 +30,39 @@ class Equations:
     """
 
     def __init__(
-        self, arm: Arm, approach: Approach, scene: Scene, path: Path, *, coriolis: bool = True, gravity: bool = False,
-        servo: Servo | None = None, most_evaluations: int = MOST_EVALUATIONS,
+        self, arm: Arm, approach: Approach, scene: Scene, path: Path, gravity: bool, servo: Servo | None,
+        most_evaluations: int,
     ) -> None:  # fmt: skip
         self.rigid, self.m_t, self.m_p = isinstance(scene.coupling, Rigid), scene.tool.mass, scene.object.mass
-        self.arm, self.scene, self.path, n = arm.with_load(self.m_t) if self.rigid else arm, scene, path, arm.count
-        self.coriolis, self.gravity, self.servo = coriolis, gravity, servo
+        self.arm = arm.moving(self.m_t if self.rigid else 0.0, gravity)
+        self.scene, self.path, self.servo, self.n = scene, path, servo, arm.count
         self.motors = CubicSpline(approach.position, approach.joint_angles)
         self.slopes, self.bend = self.motors.derivative(), self.motors.derivative(2)
-        self.places, self.pieces = approach.position.tolist(), self.motors.c.transpose(1, 0, 2)
-        self.start, self.u = approach.start, approach.direction
-        inverse, unit = np.linalg.inv(self.arm.mass_matrix(self.motors(scene.object.distance))), np.eye(n)
+        self.start, self.u, self.end = approach.start, approach.direction, float(approach.position[-1])
+        inverse, unit = np.linalg.inv(self.arm.mass_matrix(self.motors(scene.object.distance))), np.eye(self.n)
         modes = np.linalg.eigvals(np.block([[0.0 * unit, unit], [-inverse * arm.stiffness, -inverse * arm.damping]]))
-        self.n, self.stiff = n, bool(np.abs(modes).max() > STIFF)
-        self.torque = np.zeros(n)  # torques of the motors, constant between two samples of the servo
+        self.stiff = bool(np.abs(modes).max() > STIFF)
         self.damping = 0.0  # N s/m^(1 + n), chi of the present contact
         self.evaluations, self.most_evaluations = 0, most_evaluations
-
-    def begin(self, distance: float) -> Array:
-        """Return the state at t = 0, at rest and in equilibrium, with the object `distance` (m) ahead."""
         q = q_m = self.motors(0.0)
-        if self.gravity:
-            q = fsolve(lambda q: self.arm.dynamics(q, q * 0.0, False, True)[2] - self.arm.stiffness * (q_m - q), q_m)
-        self.torque = self.arm.stiffness * (q_m - q)
-        motors = np.concatenate([q_m, np.zeros(self.n)]) if self.servo else np.empty(0)
+
+        def unbalanced(q: Array) -> Array:
+            self.arm.move(q, 0.0 * q)
+            return self.arm.accelerations(arm.stiffness * (q_m - q))
+
+        if gravity:
+            q = fsolve(unbalanced, q_m)
+        self.torque = arm.stiffness * (q_m - q)  # torques of the motors, constant between two samples of the servo
+        motors = [q_m, np.zeros(self.n)] if servo else []
         place = float(self.u @ (self.arm.flange(q)[0] - self.start))
-        return np.concatenate([q, np.zeros(self.n), motors, [place, 0.0, distance, 0.0, 0.0]])
+        self.first = np.concatenate([q, np.zeros(self.n), *motors, [place, 0.0, scene.object.distance, 0.0, 0.0]])
 
     def driven(self, t: float, y: Array) -> tuple[Array, Array]:
         """Return angles and rates of the motors at time `t` (s) in the state `y`."""
         if self.servo:
             return y[2 * self.n : 3 * self.n], y[3 * self.n : 4 * self.n]
         s, rate, _ = self.path.at(t)
-        at = min(max(bisect_right(self.places, s) - 1, 0), len(self.places) - 2)
-        off = s - self.places[at]
-        powers = (off**3, off * off, off, 1.0), (3.0 * off * off * rate, 2.0 * off * rate, rate, 0.0)
-        angles, rates = np.array(powers) @ self.pieces[at]
-        return angles, rates
+        return self.motors(s), self.slopes(s) * rate
 
     def sample(self, t: float, y: Array) -> Array:
         """Return the torques of the motors that the servo computes at time `t` (s) from the state `y`."""
@@ -99,12 +94,11 @@ class Equations:
         rear = max(k * (held.rear_stop - place) - c * rate, 0.0) if place < held.rear_stop else 0.0
         return float(held.force(place)) - front + rear
 
-    def flange(self, y: Array) -> tuple[float, float, Array, Array]:
-        """Return position and velocity of the flange along the line, the Jacobian's row for it, and bias torques."""
-        q, rates = y[: self.n], y[self.n : 2 * self.n]
-        place, J, bias = self.arm.dynamics(q, rates, self.coriolis, self.gravity)
+    def flange(self, y: Array) -> tuple[float, float, Array]:
+        """Return position and velocity of the flange along the line, and the row of the Jacobian for it."""
+        place, J = self.arm.move(y[: self.n], y[self.n : 2 * self.n])
         row = self.u @ J
-        return float(self.u @ (place - self.start)), float(row @ rates), row, bias
+        return float(self.u @ (place - self.start)), float(row @ y[self.n : 2 * self.n]), row
 
     def rates(self, t: float, y: Array, touching: bool) -> Array:
         """Return the time derivative of the state."""
@@ -112,15 +106,14 @@ class Equations:
         if self.evaluations > self.most_evaluations:
             raise Unfinished(f"more than {self.most_evaluations} evaluations of the equations")
         n, out = self.n, np.empty_like(y)
-        place, speed, row, bias = self.flange(y)
+        place, speed, row = self.flange(y)
         tool, v_t, x, v_p = (place, speed, y[-3], y[-2]) if self.rigid else y[-5:-1]
         force = max(self.contact(tool - x, v_t - v_p), 0.0) if touching else 0.0
         pulled = force if self.rigid else self.pull(tool - place, v_t - speed)
         q, v = y[:n], y[n : 2 * n]
         q_m, v_m = self.driven(t, y)
         yielded = self.arm.stiffness * (q_m - q) + self.arm.damping * (v_m - v)
-        torques = yielded - bias - row * pulled
-        out[:n], out[n : 2 * n] = v, self.arm.accelerations(torques)
+        out[:n], out[n : 2 * n] = v, self.arm.accelerations(yielded - row * pulled)
         if self.servo:
             out[2 * n : 3 * n] = v_m
             out[3 * n : 4 * n] = (self.torque - yielded) / self.arm.rotors
@@ -132,18 +125,11 @@ class Equations:
         tool, v_t = self.flange(y)[:2] if self.rigid else y[-5:-3]
         return float(tool - y[-3]), float(v_t - y[-2])
 
-    def deviation(self, y: Array, rotation: Array) -> tuple[float, float]:
-        """Return the flange's distance from the line, m, and the angle from `rotation` to its rotation, rad."""
-        place, turned = self.arm.flange(y[: self.n])
-        away = place - self.start
-        away -= self.u * (self.u @ away)
-        return math.sqrt(away @ away), math.acos(min(1.0, max(-1.0, 0.5 * (float(np.sum(rotation * turned)) - 1.0))))
-
     def piece(self, t: float, until: float, y: Array, touching: bool, undetected: bool, rtol: float) -> Any:
         """Integrate to `until` (s) or the first event: touch or parting, end of the line, force above the threshold."""
         events: list[Any] = [
             lambda _, y: self.penetration(y)[0],
-            lambda t, _: min((s := self.path.at(t)[0]) + 1e-9, self.places[-1] - s),
+            lambda t, _: min((s := self.path.at(t)[0]) + 1e-9, self.end - s),
             lambda _, y: self.contact(*self.penetration(y)) - self.path.threshold,
         ][: 3 if undetected and touching else 2]
         for event, direction in zip(events, (-1.0 if touching else 1.0, -1.0, 1.0), strict=False):

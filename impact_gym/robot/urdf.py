@@ -7,8 +7,6 @@ MuJoCo's own URDF reader is not used: it needs the mesh files, ignores mimic joi
 the link whose inertia is wrong.
 """
 
-import codecs
-import re
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -25,7 +23,7 @@ UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 """Types of joints that an arm may have, and the unit of each type's position."""
 MOST_MASS, MOST_INERTIA, FARTHEST, MOST_TURN = 1e6, 1e12, 100.0, 10.0
 """Largest numbers allowed in a file, in kg, kg m^2, m and rad; larger ones are probably in other units."""
-MOST_JOINTS, MOST_BYTES = 1000, 1 << 24  # most joints of an arm, along which MuJoCo recurses; most bytes of a file
+MOST_JOINTS = 1000  # most joints of an arm, along which MuJoCo recurses
 
 Element = ElementTree.Element
 
@@ -41,32 +39,15 @@ class Joint(NamedTuple):
     element: Element
 
 
-def decoded(content: bytes) -> str:
-    """Return the text of an XML file, in the encoding that its first bytes or its declaration state, else in UTF-8.
-
-    Raises:
-        ValueError, LookupError: the file is compressed, too large, or in an unknown encoding.
-    """
-    if content[:2] == b"\x1f\x8b":
-        raise ValueError("it is compressed by gzip, unpack it first")
-    if len(content) > MOST_BYTES:
-        raise ValueError(f"it must have at most {MOST_BYTES:,} bytes")
-    if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        return content.decode("utf-16")
-    head = content[:400].removeprefix(codecs.BOM_UTF8).replace(b"\0", b"")
-    declared = re.match(rb"""\s*<\?xml[^>]*?encoding\s*=\s*["']([^"'>]*)""", head)
-    return content.decode(declared[1].decode() if declared else "utf-8").lstrip("\ufeff\r\n\t ")
-
-
-def read(text: str, base: str, tip: str, balanced: bool, remarks: list[str]) -> tuple[list[Body], Array]:
+def read(content: bytes, base: str, tip: str, balanced: bool, remarks: list[str]) -> tuple[list[Body], Array]:
     """Return the bodies from the link `base` to the link `tip`, and the pose of `tip` in the last body (4, 4).
 
     Warnings are appended to `remarks`. For `balanced` see `bodies.welded_body`.
 
     Raises:
-        ValueError: the text is not a URDF of such an arm; the message names link or joint.
+        ValueError: the content is not a URDF of such an arm; the message names link or joint.
     """
-    robot = _parsed(text)
+    robot = _parsed(content)
     links = _named(robot, "link")
     joints = _downwards(links, _named(robot, "joint"))
     for name in (base, tip):
@@ -112,12 +93,12 @@ def read(text: str, base: str, tip: str, balanced: bool, remarks: list[str]) -> 
     ], places[tip][1]
 
 
-def _parsed(text: str) -> Element:
-    """Return the element `robot` of an XML text."""
+def _parsed(content: bytes) -> Element:
+    """Return the element `robot` of an XML file."""
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # keeps a namespace prefix as part of the name
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:
-        parser.Parse(text, True)
+        parser.Parse(content, True)
     except expat.ExpatError as problem:
         raise ValueError(f"no XML, {problem}") from None
     robot: Element = builder.close()

@@ -13,7 +13,7 @@ from impact_gym.kernels import RECORD, UNIFORMS
 from impact_gym.quantities import EPISODE, QUANTITIES, SCENARIO
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import PLACES, Task
-from impact_gym.validation import number, one_of, shown, whole
+from impact_gym.validation import number, one_of, shown
 
 RECORD_IDS = tuple(row.id for row in (*SCENARIO, *EPISODE))
 """Ids of all drawn numbers except those of the set-up: keys of the final `info["record"]` and `options["record"]`."""
@@ -26,11 +26,6 @@ class EpisodeState(NamedTuple):
     alarm: float  # when the last alarm reaches the controller; for a switch's alarm it is known in advance
     alarm_over: float  # when that alarm ends; inf for a switch's alarm, which stays on
     end: float  # end of the last control step; the trace also contains the simulation that follows
-
-
-def skip_episodes(generator: np.random.Generator, count: int) -> None:
-    """Advance `generator` by `count` episodes; an episode always takes UNIFORMS numbers, whatever the options."""
-    generator.bit_generator.advance(count * UNIFORMS)  # type: ignore[attr-defined]  # PCG64, which Gymnasium seeds
 
 
 @lru_cache(maxsize=8)
@@ -53,8 +48,8 @@ def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[
     return records
 
 
-def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None) -> tuple[NDArray[Any], int]:
-    """Return the numbers that `reset(options=...)` fixes, as records (slots or 1,), and how many episodes it skips.
+def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None) -> NDArray[Any]:
+    """Return the numbers that `reset(options=...)` fixes, as records (slots or 1,).
 
     A number that is not fixed is nan. If "scenario" and "record" fix the same number, "scenario" counts. With `slots` a
     value may be a sequence (slots,). `tasks` has one task for all slots or one for each slot. A number of the set-up
@@ -66,7 +61,6 @@ def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None)
     """
     one_of("options", options, Mapping, type(None))
     given, fixed = dict(options or {}), dict[str, ArrayLike]()
-    index = given.pop("episode_index", None)
     drawn = dict.fromkeys(name for task in tasks for name in task.drawn)
     for option, known in {"record": [*RECORD_IDS, *drawn], "scenario": FIELDS}.items():
         one_of(f"options[{option!r}]", values := given.pop(option, {}), Mapping)
@@ -78,9 +72,8 @@ def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None)
                 for distance, task in zip(np.resize(fixed[name], slots or 1), cycle(tasks), strict=False):
                     task.check_distance(float(distance), f"options[{option!r}][{name!r}]")
     for name in given:
-        raise ValueError(f"unknown option {name!r}; allowed are 'scenario', 'record', 'episode_index'")
-    skipped = 0 if index is None else whole("options['episode_index']", index, at_least=0)
-    return records_with(slots or 1, fixed), skipped
+        raise ValueError(f"unknown option {name!r}; allowed are 'scenario', 'record'")
+    return records_with(slots or 1, fixed)
 
 
 def _checked(field: str, name: str, value: Any, tasks: Sequence[Task], slots: int | None) -> ArrayLike:

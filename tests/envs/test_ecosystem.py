@@ -5,7 +5,6 @@ import importlib.util
 import json
 import subprocess
 import sys
-import warnings
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -15,7 +14,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from episodes import ID, SLOTS, action_table, assert_identical, begin
-from gymnasium.wrappers import vector as wrappers
 from scenes import COUPLINGS, MOTION, scene
 from tasks import EVERYTHING_DRAWN
 
@@ -59,32 +57,6 @@ def test_returned_arrays_are_never_written_again(kind):
     arrays = arrays_in(returned)
     assert len(arrays) > 60
     assert len({array.__array_interface__["data"][0] for array in arrays}) == len(arrays)
-
-
-def wrapped(envs):
-    """The batch in several of Gymnasium's wrappers."""
-    envs = wrappers.NormalizeReward(wrappers.NormalizeObservation(wrappers.RecordEpisodeStatistics(envs)))
-    envs = wrappers.RescaleAction(envs, np.full(2, -0.5, np.float32), np.full(2, 1.5, np.float32))
-    return wrappers.DictInfoToList(envs)
-
-
-def test_wrapped_batch_returns_what_gymnasiums_worker_processes_return():
-    make, workers = partial(gym.make_vec, num_envs=2, **EVERYTHING), {"context": "spawn", "autoreset_mode": "NextStep"}
-    envs = wrapped(make(ID))
-    other = wrapped(make(f"impact_gym:{ID}", vectorization_mode="async", vector_kwargs=workers))
-    try:
-        assert (envs.observation_space, envs.action_space) == (other.observation_space, other.action_space)
-        assert_identical(envs.reset(seed=2), other.reset(seed=2))
-        ended = 0
-        for row in action_table(8, ticks=90, slots=2):
-            result, expected = envs.step(row), other.step(row)
-            for info in (*result[4], *expected[4]):
-                info.get("episode", {}).pop("t", None)  # s, of the clock on the wall
-            assert_identical(result, expected)
-            ended += sum("episode" in info for info in result[4])
-        assert ended > 2
-    finally:
-        other.close()
 
 
 ROOT = Path(__file__).parents[2]
@@ -147,16 +119,3 @@ def test_results_in_threads_are_those_of_one_thread(work):
     finally:
         sys.setswitchinterval(before)
     assert_identical(together, alone * ROUNDS)
-
-
-def test_batch_for_stable_baselines3_warns_once_if_torch_uses_more_than_half_of_the_cores():
-    sb3 = pytest.importorskip("impact_gym.envs.sb3")
-    sb3.warn_of_threads.cache_clear()
-    with pytest.warns(UserWarning, match=r"9 threads on 16 cores.*set_num_threads\(1\)"):
-        sb3.warn_of_threads(9, 16)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        for threads, available in ((9, 16), (1, 1), (1, 2), (8, 16)):
-            sb3.warn_of_threads(threads, available)
-        with pytest.raises(UserWarning, match="2 threads on 2 cores"):
-            sb3.warn_of_threads(2, 2)

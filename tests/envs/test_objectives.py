@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tasks import FIXED, STORM, rows_of_tasks
 
-from impact_gym.envs import IDS, objectives, of_objectives
+from impact_gym.envs import IDS, of_objectives
 from impact_gym.envs.objectives import MOImpactApproachVectorEnv
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.task import Task
@@ -59,7 +59,7 @@ def test_weighted_sum_of_vector_rewards_is_the_scalar_reward_and_all_else_is_ide
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
-def test_returns_lie_between_reference_and_utopia_point_at_any_speed(options):
+def test_returns_are_at_least_the_reference_point_at_any_speed(options):
     env = gym.make(ID, disable_env_checker=True, **options)
     bare, rng = env.unwrapped, np.random.default_rng(2)
     assert bare.reward_dim == 2 + ("force_weight" in options)
@@ -72,7 +72,6 @@ def test_returns_lie_between_reference_and_utopia_point_at_any_speed(options):
             assert bare.reward_space.contains(reward)
             total += reward
         assert np.all(total >= bare.reference_point - 1e-12)
-        assert np.all(total <= bare.utopia_point)
 
 
 @pytest.mark.parametrize("weights", [[0.01, 0.01], [0.01, 0.0]])
@@ -85,17 +84,6 @@ def test_force_is_an_objective_of_the_slots_with_a_force_weight(weights):
         forces = np.minimum(forces, rewards[:, 2])
         assert rewards @ [2.0, 1.0, 0.01] == pytest.approx(infos["original_reward"], abs=1e-9)
     assert (forces < 0.0).tolist() == [weight > 0.0 for weight in weights]
-
-
-def test_utopia_point_has_the_time_of_a_rigid_tool_at_the_limits():
-    env, task = gym.make(of_objectives("ImpactApproachRigid-v0"), disable_env_checker=True), Task()
-    for distance in (0.02, 0.15, 0.3):
-        env.reset(seed=0, options={"scenario": {"distance": distance}})
-        ended = False
-        while not ended:
-            _, _, ended, _, info = env.step(np.ones(2, np.float32))
-        assert info["approach_time"] == pytest.approx(objectives.soonest(task, distance), abs=1e-9)
-    assert -env.unwrapped.utopia_point[0] == pytest.approx(objectives.soonest(task, 0.15))
 
 
 @pytest.mark.filterwarnings("ignore:.*different from the unwrapped version")

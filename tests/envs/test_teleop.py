@@ -8,7 +8,7 @@ import pytest
 from episodes import scene
 from refusals import refused
 from scenes import log_uniform
-from steered import AWAY, GENTLE, ID, OWN, STOP, final, played, sent, steered
+from steered import AWAY, GENTLE, ID, OWN, STOP, final, played, steered
 from tasks import CHANNEL, STEERED_DRAWN
 
 import impact_gym as ig
@@ -17,7 +17,6 @@ from impact_gym.envs.batch import Batch
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.quantities import STEERED
 from impact_gym.task import Task
-from impact_gym.teleop.operators import SIMPLE_REACTION
 
 COUPLINGS = (ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable())
 
@@ -142,16 +141,6 @@ def test_arm_stops_within_timeout_delay_and_braking_once_the_channel_is_dead():
     assert 0.5 / 20.0 < batch.chains["time"][0] - begun <= 0.07 + 0.5 / 20.0 + 0.016
 
 
-def test_operator_stops_a_reaction_after_the_display_has_shown_the_touch():
-    options = {"uplink": {"delay": 0.05}, "downlink": {"delay": 0.12}, "scenario": {"distance": 0.3}}
-    batch = steered(ig.operators.Trapezoid(0.4), **options)
-    packets = sent(batch, OWN)[0]
-    stop, info = packets[packets["command"] == 0.0][0], batch.info()
-    assert stop["sent"] == pytest.approx(info["touch_time"][0] + 0.12 + SIMPLE_REACTION, abs=1e-12)
-    done = stop["sent"] + 0.05 + 0.3
-    assert info["done_time"][0] < done + 0.016 + 1e-9  # earlier if the tool was beside the object
-
-
 def test_episode_of_a_replay_that_touches_nothing_ends_after_the_recording():
     operator = ig.operators.Replay((0.0, 0.5, 1.0, 1.1), (0.0, 0.3, 0.3, 0.0))
     info = final(steered(operator, scenario=AWAY), OWN)
@@ -193,15 +182,6 @@ def test_replay_of_a_persons_commands_is_the_same_episode_to_the_bit_alone_and_a
             for name in ("object_velocity", "slide", "done_time", "peak_force", "taken", "rest_time"):
                 assert other.info()[name][0] == expected[name][row], (row, name)
     assert len({*expected["peak_force"]}) > 10
-
-
-def test_each_recording_is_drawn_with_the_same_probability():
-    operator = {"type": "Replay", "time": [0.0, 8.0, 9.0, 17.0], "velocity": [0.1, 0.1, 0.2, 0.2], "length": 9.0,
-                "recording": (0, 2)}  # fmt: skip
-    batch = steered(operator, 1000, scenario=AWAY)
-    batch.begin_seeded(0, {})
-    assert {*batch.links["last_sent"]} == {0.1, 0.2}
-    assert np.mean(batch.links["last_sent"] == 0.1) == pytest.approx(0.5, abs=0.05)
 
 
 def test_command_of_a_person_is_refused_outside_the_range_of_the_arm_and_sent_at_the_end_of_a_step():

@@ -85,7 +85,7 @@ def history(env, controller, seed=None, **options):
 
 
 def play(env, controller, seed=None, **options):
-    """The same as arrays; the info is empty before the end."""
+    """Play an episode as `history` does, and return arrays; check that only the last step has a final info."""
     (first, _), *steps = history(env, controller, seed, **options)
     assert all(step[4].keys() <= {*COMMANDED} for step in steps[:-1])
     rewards, info = np.array([step[1] for step in steps]), steps[-1][4]

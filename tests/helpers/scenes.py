@@ -21,7 +21,7 @@ EXPONENTS = [(1.5, 1.5), (1.5, 1.5), (1.0, 0.0), (1.2, 1.2), (2.0, 2.0)]
 
 fast, slow = partial(ig.simulate, rtol=1e-12), partial(reference.simulate, rtol=1e-11)
 BOTH = pytest.mark.parametrize("simulate", [fast, slow], ids=["fast", "slow"])
-"""For numbers that our solver and the independent one must both give."""
+"""For numbers that our solver and the independent solver must both give."""
 
 OBJECT_VELOCITIES = {  # m/s, by the figure; from the independent solver, not printed in the paper (docs/provenance.md)
     "13b": 1.944081, "14a": 1.876451, "14b": 1.555295, "16, before the break": 0.739806, "16, at the break": 0.747012,

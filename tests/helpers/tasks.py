@@ -60,11 +60,11 @@ STEERED_DRAWN = {
     name: STEERED | {"operator": {"type": name, **numbers}, "uplink": CHANNEL, "downlink": DISPLAY}
     for name, numbers in (OPERATORS | {"Replay": SEVERAL}).items()
 }  # fmt: skip
-"""The same, with each kind of operator."""
+"""Arguments with a range for every number, with each kind of operator."""
 RECORDED = {"type": "Replay", "time": [0.0, 0.5, 3.0, 3.1], "velocity": [0.0, 0.3, 0.3, 0.0]}
 TRACED = {"trace": [[0.0, 0.02], [0.5, 0.3], [1.0, 0.1]]}
 FIXED = st.sampled_from([
-    None, {"episode_index": 2}, {"scenario": {"distance": 0.1}},
+    None, {"scenario": {"distance": 0.1}},
     {"record": {"restitution": 0.5, "noise_seed": 7.0}, "scenario": {"object_mass": 0.3}},
 ])  # fmt: skip
 """Options of a reset."""

@@ -139,8 +139,8 @@ def test_four_logs_halve_the_intervals_of_one():
 
 def test_identify_fits_other_numbers_of_the_scene():
     recorded = log(TRUTH, columns=("force", "object_velocity"), after=0.06)
-    free = {"contact.stiffness": (1e3, 1e7), "coupling.stiffness": (20.0, 1000.0)}
-    fit = ig.identify(recorded, scene(1e4, 0.5, coupling=ig.SpringDamper(300.0)), MOTION, free)
+    start, free = scene(1e4, 0.5, coupling=ig.SpringDamper(300.0)), ("contact.stiffness", "coupling.stiffness")
+    fit = ig.identify(recorded, start, MOTION, free)
     low, high = fit.interval["coupling.stiffness"]
     assert low < 150.0 < high < 2 * low
 
@@ -207,21 +207,10 @@ def test_indistinguishable_names_an_object_much_heavier_than_the_tool():
     fit = ig.identify(log(scene(1e5, 0.5, 50.0), after=0.012), guess(), MOTION)
     low, high = fit.interval["object.mass"]
     assert 1.0 < low < 50.0 < high == math.inf
-    said = [each for each in fit.indistinguishable if "does not determine object.mass" in each]
-    assert "heavier than the tool" in said[0]
+    assert f"the log does not determine object.mass: any value above {low:.3g} kg fits equally well" in str(fit)
 
 
-def test_indistinguishable_names_too_few_samples_in_the_blow():
-    logged = {"of": scene(1e7, 0.3, coupling=ig.Rigid()), "rate": 500.0, "after": 0.012}
-    sensor = ig.Sensor(noise=0.02 * log(**logged, noise=0.0)["force"].max())
-    fit = ig.identify(log(**logged), guess(ig.Rigid()), MOTION, sensor=sensor)
-    low, high = fit.interval["contact.stiffness"]
-    assert low < 1e7 < high
-    assert high > 10 * low
-    assert any("contact.stiffness" in each and "2 ms apart, lie in the blow" in each for each in fit.indistinguishable)
-
-
-def test_indistinguishable_names_a_filter_longer_than_the_blow():
+def test_indistinguishable_names_numbers_that_a_long_filter_does_not_separate():
     recorded = log(scene(1e7, 0.5, coupling=ig.Rigid()), low_pass=5.0, noise=0.1, after=0.012, seed=1)
     free = ("contact.restitution", "object.mass")
     fit = ig.identify(recorded, scene(1e7, 0.8, 1.0, ig.Rigid()), MOTION, free, ig.Sensor(low_pass=5.0))
@@ -229,10 +218,7 @@ def test_indistinguishable_names_a_filter_longer_than_the_blow():
     assert 0.0 < low < 0.5 < high == 1.0
     assert fit.correlation[0, 1] < -0.95
     restitution, pair = fit.indistinguishable
-    assert (
-        f"contact.restitution: any value above {low:.3g} fits equally well, because the filter takes 32 ms"
-        in restitution
-    )
+    assert restitution.endswith(f"contact.restitution: any value above {low:.3g} fits equally well")
     assert "contact.restitution and object.mass: a larger contact.restitution with a smaller object.mass" in pair
 
 

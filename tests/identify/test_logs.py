@@ -87,12 +87,6 @@ def test_lost_samples_count_for_the_rate(tmp_path):
         assert 1.0 / Log("a", stamps, {}).step == pytest.approx(51200.0, rel=1e-4)
 
 
-def test_impulse_far_too_large_for_the_tool_is_a_warning():
-    """Times in ms of a fast recorder could be times in s of a slow recorder."""
-    with pytest.warns(UserWarning, match=r"force has an impulse of .* N s, .* at 1 m/s .* 0\.25 N s: is time in ms\?"):
-        check(Log("blow", 1e3 * TIME, {"force": FORCE}), SCENE, MOTION, {"force": ig.Sensor()})
-
-
 @pytest.mark.parametrize("friction", [None, 0.4])
 def test_accelerations_of_a_log_are_the_slopes_of_the_velocities(friction):
     names = ("tool_acceleration", "object_acceleration")

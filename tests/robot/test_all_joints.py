@@ -42,7 +42,7 @@ def test_two_slides_are_the_chain_with_one_mass_on_a_spring(coupling, tmp_path):
     assert theirs.peak_force == pytest.approx(ours.peak_force, rel=1e-5)  # sampled
     assert theirs.contact_time == pytest.approx(first.end - first.start, rel=1e-6)
     assert theirs.impulse == pytest.approx(0.25 * ours.object_velocity, abs=1e-7)
-    assert max(theirs.sideways, theirs.turn) < 1e-12
+    assert theirs.sideways < 1e-12
 
 
 def test_difference_from_a_rigid_robot_is_inverse_to_the_joints_stiffness(tmp_path):
@@ -56,12 +56,10 @@ def test_difference_from_a_rigid_robot_is_inverse_to_the_joints_stiffness(tmp_pa
     assert np.array(off[:-1]) / off[1:] == pytest.approx([10.0, 10.0, 10.0], rel=0.02)
 
 
-def test_weight_does_not_turn_a_vertical_axis_and_coriolis_forces_are_small(tmp_path):
+def test_weight_does_not_turn_a_vertical_axis(tmp_path):
     arm, approach = elastic(tmp_path)
     run = partial(all_joints.simulate, arm, approach, SCENE, PAPERS, duration=0.3)
-    plain = run().object_velocity
-    assert plain == run(gravity=True).object_velocity  # the arm turns about the vertical
-    assert 1e-7 < abs(plain - run(coriolis=False).object_velocity) < 0.01 * plain
+    assert run().object_velocity == run(gravity=True).object_velocity
 
 
 def test_good_servo_is_nearly_an_imposed_motion_and_a_bad_servo_has_a_status(tmp_path):
@@ -72,36 +70,11 @@ def test_good_servo_is_nearly_an_imposed_motion_and_a_bad_servo_has_a_status(tmp
     found = [run(servo=all_joints.Servo(delay=delay)).object_velocity for delay in (0.0, 0.4e-3, 1e-3, 1.5e-3)]
     assert found == pytest.approx([imposed] * 4, rel=0.05)
     assert len(set(found)) == 4
-    for numbers in ((5e3, 1.0, 2e-3), (100.0, 1.0, 0.1), (300.0, 0.01), (1e9, 1.0, 0.1), (300.0, 1.0, 1e-3, 8e-3)):
-        lost = run(servo=all_joints.Servo(*numbers))
-        assert lost.status.startswith("the servo is not stable")
-        assert np.isfinite([lost.object_velocity, lost.peak_force, lost.impulse, lost.sideways, lost.turn]).all()
     weak = run(motion=ig.Trapezoid(0.5, 50.0), servo=all_joints.Servo(0.5, 1.0, 0.02, 0.0))  # stable, but 20 ms late
-    assert weak.status.startswith("the servo does not hold the arm on its line: a joint is")
-
-
-@pytest.mark.parametrize("delay", [0.0, 0.3, 1.0, 1.4, 2.0])
-@pytest.mark.parametrize("w", [0.2, 0.9, 1.7])
-def test_loop_of_a_servo_around_a_rotor_alone_is_the_sampled_double_integrator(w, delay):
-    """Period 1 s. The joints are so soft that they transmit no torque: x'' is the command of a delay ago."""
-    ratio, part, late = 0.5, delay % 1.0, int(delay)
-    rest = 1.0 - part
-    state = np.array([[1.0, 1.0], [0.0, 1.0]])
-    older, newer = np.array([part**2 / 2 + part * rest, part]), np.array([rest**2 / 2, rest])
-    control = np.array([-w * w, -2.0 * ratio * w])
-    loop = np.zeros((3 + late, 3 + late))  # x, x', then the commands of the last samples
-    loop[:2, :2], loop[2, :2], loop[:2, 2 + late] = state, control, older
-    if late:
-        loop[:2, 1 + late] += newer
-        loop[3:, 2:-1] += np.eye(late)
-    else:
-        loop[:2, :2] += np.outer(newer, control)
-    servo = all_joints.Servo(w / 0.01, ratio, 0.01, 0.01 * delay)  # the same loop in another unit of time
-    growth = servo.growth(np.eye(1), np.array([1e-9]), np.array([1e-9]), np.ones(1))
-    expected = np.abs(np.linalg.eigvals(loop)).max()
-    assert growth == pytest.approx(max(expected, 1.0), abs=1e-6)
-    if not delay:  # Jury's criterion
-        assert (growth > 1.0 + 1e-6) == (w > min(4.0 * ratio, 1.0 / ratio))
+    unstable = [run(servo=all_joints.Servo(*numbers)) for numbers in ((5e3, 1.0, 2e-3), (100.0, 1.0, 0.1))]
+    for lost in (weak, *unstable):
+        assert lost.status.startswith("the servo does not hold the arm on its line: a joint is")
+        assert np.isfinite([lost.object_velocity, lost.peak_force, lost.impulse, lost.sideways]).all()
 
 
 def test_all_results_are_those_of_an_independent_simulation(tmp_path):
@@ -163,7 +136,6 @@ def test_all_results_are_those_of_an_independent_simulation(tmp_path):
     assert ours.contact_time == pytest.approx(contact.t[-1] - touched, rel=1e-6)
     assert ours.peak_force == pytest.approx(max(force(t, y, chi) for t, y in looked), rel=1e-5)
     assert ours.sideways == pytest.approx(max(abs(x * u[1] - y * u[0]) for x, y in away), rel=1e-3)
-    assert ours.turn == pytest.approx(max(abs(y[:2].sum() - met[:2].sum()) for _, y in looked), rel=1e-3)
     assert abs(away[-1][0] * u[1] - away[-1][1] * u[0]) < 0.9 * ours.sideways  # not largest at the end of the contact
 
 

@@ -47,7 +47,7 @@ def positions(record):
 
 @pytest.mark.parametrize("damping_ratio", DAMPING_RATIOS)
 def test_free_decay_is_the_matrix_exponential(damping_ratio):
-    change = math.sqrt(1e-3 / max(abs(damping_ratio**2 - 1), 1e-9))  # here another formula is used: no step there
+    change = math.sqrt(1e-3 / max(abs(damping_ratio**2 - 1), 1e-9))  # here the formula changes: no jump there
     for angle in (1e-6, 1e-2, 0.03162, 0.5, 3.0, 40.0, change * (1 - 1e-12), change * (1 + 1e-12)):
         exact = expm(np.array([[0.0, 1.0], [-1.0, -2 * damping_ratio]]) * angle)  # in units of the frequency
         for position, velocity in np.eye(2):
@@ -252,7 +252,7 @@ def test_energy_of_a_coupling_is_the_work_against_its_force_and_bounds_its_reach
                 continue
             beyond = np.linspace(max(reach, stretch), max(reach, stretch) + 0.01, 50)[1:]
             assert min(kernels().energy_and_reach(law, s, 0.0)[0] for s in beyond) > allowed * (1 - 1e-9)
-    if coupling not in SOFT_STOPS:  # there the bound is close, from rest against the stop or the spring
+    if coupling not in SOFT_STOPS:  # from rest against a stop or a spring the bound is close
         reach, stiffness = kernels().energy_and_reach(law, 0.0, 1e-4)[1], -holding(coupling, 1e-6) / 1e-6
         assert reach == pytest.approx(math.sqrt(2e-4 / stiffness), rel=0.05)
 

@@ -74,9 +74,9 @@ def test_trace_does_not_change_the_outcome_and_ends_with_it():
 
 
 def integral(time, values):
-    """From the first time to every second one, by trapezoids; extrapolated where two steps are alike.
+    """Integral from the first time to every second time, by the trapezoidal rule.
 
-    Between unlike steps a smooth piece may end.
+    Pairs of steps with similar lengths are extrapolated. Between other steps a smooth piece may end.
     """
     fine = (0.5 * (values[1:] + values[:-1]) * np.diff(time))[: (len(time) - 1) // 2 * 2].reshape(-1, 2).sum(axis=1)
     coarse = 0.5 * (values[:-2:2] + values[2::2]) * (time[2::2] - time[:-2:2])
@@ -110,7 +110,7 @@ def test_momentum_given_is_momentum_received():
 
 
 def bouncing(duration, **options):
-    """A tool accelerates behind an elastic object: it bounces for ever, each 0.2 ms."""
+    """A tool accelerates behind an elastic object, which bounces off the tool every 0.2 ms."""
     return ig.simulate(scene(1e12, 1.0, distance=1e-7), ig.Trapezoid(2000.0, 20.0), duration, **options)
 
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-import re
 from functools import cache, partial
 
 import gymnasium as gym
@@ -264,14 +263,6 @@ def test_documentation_names_the_number_and_its_unit(row):
         assert any(f"| {row.words}" in line and f"| {row.unit}" in line for line in lines)
     if row in RESULTS:
         assert f"`{row.id}`" in text
-
-
-def test_documentation_has_tables_in_markdown_that_say_how_a_scenario_is_drawn():
-    heads = re.findall(r"(?<!\|\n)^    (\|.*)\n    (\|.*)\n", ImpactApproachEnv.__doc__, re.M)
-    assert len(heads) == 5
-    assert all(line == re.sub(r"[^|]", "-", head) for head, line in heads)
-    assert re.search(r"\| `restitution` +\| 0\.1 - 1 +\| uniform +\|", ImpactApproachEnv.__doc__)
-    assert re.search(r"\| `object_mass` +\| 0\.1 - 2\.5 +\| log-uniform +\|", ImpactApproachEnv.__doc__)
 
 
 def test_places_of_the_draws_of_an_episode_never_change():
