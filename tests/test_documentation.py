@@ -125,16 +125,6 @@ def test_printed_command_has_valid_options(command, monkeypatch):
     read_printed(command, monkeypatch)
 
 
-def test_cards_and_list_of_policies_say_how_to_make_and_use_one(monkeypatch, capsys):
-    assert [name for name, card in CARDS.items() if f"made by: impact-gym train {name}" not in "\n".join(card)] == []
-    monkeypatch.setattr(sys, "argv", ["impact-gym policies", "linear-blind"])
-    policies.main()
-    used = re.findall(r"impact-gym [^;]+", capsys.readouterr().out.splitlines()[-1])
-    assert len(used) == 2
-    for command in used:
-        read_printed(command, monkeypatch)
-
-
 def test_generated_parts_of_pages_are_current():
     for package in ("latex2mathml", "pygame"):
         pytest.importorskip(package, reason="the extra docs is not installed")

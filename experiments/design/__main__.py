@@ -11,8 +11,9 @@ def design(options: DesignOptions) -> None:
     checked, command = options.checked(), command_of("design", options)
     run = Run(study_of(checked), StudyOptions(checked.out, processes=checked.processes), command)
     page = run.write()
-    chosen = Search(checked).chosen(run.frames)
-    print(f"set-up: {write_setup(checked.file, checked.arm, chosen.candidate, command)}")
+    search = Search(checked)
+    chosen = search.candidate(search.chosen(run.frames))
+    print(f"set-up: {write_setup(checked.file, checked.arm, chosen, command)}")
     print(f"results: {page.resolve().as_uri()}")
 
 

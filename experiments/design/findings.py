@@ -4,22 +4,21 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
 
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions
 from experiments.lab import grid
-from experiments.lab.charts import SERIES
+from experiments.lab.charts import OTHERS, SERIES
 from experiments.lab.parts import Picture, Section, Table, percent
-from experiments.lab.statistics import Comparison, Estimate, Front, Resamples, quantile_groups
+from experiments.lab.statistics import Comparison, Estimate, Resamples, quantile_groups
 from experiments.lab.study import Findings, Frames
 from impact_gym.quantities import QUANTITIES
 
 LABELS = {FRONT: "best design for each approach time", CHOSEN: "chosen design"}
 BINS = 5  # groups of test scenarios by the object's distance, equally many scenarios in each
 ENTRY = ("line", "allowed", "seed", "loss", "rule", "design", "parameters")
-"""Columns that identify an `Entry` of the study; `design` and `parameters` are JSON."""
+"""Columns that identify a candidate on a line of the chart; `design` and `parameters` are JSON."""
 
 
 def mean(rows: pl.DataFrame, name: str) -> float:
@@ -28,63 +27,54 @@ def mean(rows: pl.DataFrame, name: str) -> float:
 
 
 def summary(frame: pl.DataFrame) -> list[dict[str, Any]]:
-    """Return a row for each `Entry` that was played on the test set, ordered by line and then by mean approach time."""
+    """Return a row for each candidate that was played on the test set, by line and then by mean approach time."""
     paper = mean(frame.filter(line=PAPER), "object_velocity")
-    rows = []
-    for labels, played in grid.groups(frame, *ENTRY):
-        entry, velocity = dict(zip(ENTRY, labels, strict=True)), mean(played, "object_velocity")
-        numbers = ", ".join(f"{name} {with_unit(name, value)}" for name, value in json.loads(entry["design"]).items())
-        rows.append({
-            **{name: entry[name] for name in ("line", "seed", "allowed", "loss")},
-            "approach_time": mean(played, "approach_time"), "object_velocity": velocity,
-            "lower": 1.0 - velocity / paper, "deflection": np.max(played["deflection"].to_numpy()),
-            "stroke": np.max(played["stroke"].to_numpy()), "peak_force": float(np.quantile(played["peak_force"], 0.95)),
-            "second_blow": np.mean(played["contact_count"].to_numpy() > 1),
-            "missed": int(played["missed"].sum()), "excess": float(played["excess"][0]), "design": numbers,
-            "controller": f"{entry['rule']}: {', '.join(f'{value:.6g}' for value in json.loads(entry['parameters']))}",
-        })  # fmt: skip
-    lines = list(dict.fromkeys(row["line"] for row in rows))
-    return sorted(rows, key=lambda row: (lines.index(row["line"]), row["approach_time"]))
+    each = frame.group_by(ENTRY, maintain_order=True).agg(
+        pl.mean("approach_time", "object_velocity"),
+        pl.max("deflection", "stroke"),
+        pl.quantile("peak_force", 0.95, "linear"),
+        pl.sum("missed"),
+        pl.first("excess"),
+        lower=1.0 - pl.mean("object_velocity") / paper,
+        second_blow=(pl.col("contact_count") > 1).mean(),
+    )
+    lines = each["line"].unique(maintain_order=True).to_list()
+    rows = sorted(each.to_dicts(), key=lambda row: (lines.index(row["line"]), row["approach_time"]))
+    for row in rows:
+        row["design"] = in_words(row["design"])
+        parameters = ", ".join(f"{value:.6g}" for value in json.loads(row.pop("parameters")))
+        row["controller"] = f"{row.pop('rule')}: {parameters}"
+    return rows
 
 
-def with_unit(name: str, value: float) -> str:
-    """Return a number of a design with its unit."""
-    return f"{value:.4g} {QUANTITIES[name].unit.removeprefix('-')}".strip()
+def in_words(design: str) -> str:
+    """Return the numbers of a design (JSON) with their units."""
+    units = {name: QUANTITIES[name].unit.removeprefix("-") for name in json.loads(design)}
+    return ", ".join(f"{name} {value:.4g} {units[name]}".strip() for name, value in json.loads(design).items())
 
 
 def reduction(line: pl.DataFrame, paper: pl.DataFrame) -> Estimate:
     """Return 1 - (V_p of `line` / V_p of the paper's rule), both at the mean approach time of the paper's rule."""
     resamples = Resamples(len(paper))
-
-    def front(rows: pl.DataFrame) -> Front:
-        each = [played for _, played in grid.groups(rows, "allowed")]
-        times, velocities = (
-            np.stack([resamples.means(played[name].to_numpy()) for played in each], axis=1)
-            for name in ("approach_time", "object_velocity")
-        )
-        return times, velocities
-
-    return Comparison.of_fronts(front(line), front(paper)).reduction
+    ours, theirs = (
+        grid.front(rows.rename({"allowed": "weight"}).with_row_index("episode"), resamples) for rows in (line, paper)
+    )
+    return Comparison.of_fronts(ours, theirs).reduction
 
 
 def chart(rows: Sequence[dict[str, Any]]) -> Figure:
     """Return a figure of mean V_p against mean approach time; the front's designs are labelled with deflections."""
-    figure = Figure(figsize=(8.4, 4.8))
+    figure, others = Figure(figsize=(8.4, 4.8)), iter(SERIES[2:])
     axes = figure.subplots()
-    lines: dict[str, list[dict[str, Any]]] = {}
-    for row in rows:
-        lines.setdefault(row["line"], []).append(row)
-    others = [name for name in lines if name not in (*LABELS, PAPER)]
-    for name, colour in {**dict(zip(others, SERIES[2:], strict=False)), CHOSEN: SERIES[1], FRONT: SERIES[0]}.items():
-        points = ([row[measure] for row in lines[name]] for measure in ("approach_time", "object_velocity"))
-        style = "s" if name == FRONT else "o-"
-        axes.plot(*points, style, color=colour, label=LABELS.get(name, name), markersize=5)
-    for row in lines[FRONT]:
-        place = row["approach_time"], row["object_velocity"]
-        text = f"{1e3 * row['deflection']:.1f} mm"
+    styles = {PAPER: ("*", "k"), FRONT: ("s", SERIES[0]), CHOSEN: ("o-", SERIES[1])}
+    for name in dict.fromkeys(row["line"] for row in rows):
+        style, colour = styles.get(name) or ("o-", next(others, OTHERS))
+        places = [(row["approach_time"], row["object_velocity"]) for row in rows if row["line"] == name]
+        size = 12 if name == PAPER else 5
+        axes.plot(*zip(*places, strict=True), style, color=colour, label=LABELS.get(name, name), markersize=size)
+    for row in (row for row in rows if row["line"] == FRONT):
+        place, text = (row["approach_time"], row["object_velocity"]), f"{1e3 * row['deflection']:.1f} mm"
         axes.annotate(text, place, xytext=(5, 6), textcoords="offset points", fontsize=8)
-    (paper,) = lines[PAPER]
-    axes.plot(paper["approach_time"], paper["object_velocity"], "k*", markersize=12, label=PAPER)
     axes.set(xlabel="mean approach time (s)", ylabel="mean $V_p$ (m/s)", ylim=(0.0, None))
     axes.legend(fontsize=9)
     return figure
@@ -101,15 +91,13 @@ def analyse(options: DesignOptions, frames: Frames, _: bool) -> Findings:
     fifths = [mask for mask, *_ in quantile_groups(chosen["distance"].to_numpy(), BINS)]
     least = min(1.0 - velocities[mask].mean() / of_paper[mask].mean() for mask in fifths)
     moved = max(row["deflection"] for row in rows if row["line"] == CHOSEN)
-    design = json.loads(chosen["design"][0])
-    numbers = ", ".join(f"{name} {with_unit(name, value)}" for name, value in design.items())
     missed = f" It misses {chosen['missed'].sum()} of {chosen.height} objects." if chosen["missed"].any() else ""
     pad = f" with a pad of {options.pad}" if options.pad else ""
     answer = (
-        f"Chosen: {numbers}{pad}. At the mean approach time of the paper's rule it leaves the object "
-        f"{percent(gains[CHOSEN])} slower than the paper's rule with the paper's spring; in no fifth of the distances "
-        f"less than {100 * least:.1f} %. Before the first touch its tool moves at most {1e3 * moved:.1f} mm against "
-        f"the flange. Its set-up: {options.file.name}.{missed}"
+        f"Chosen: {in_words(chosen['design'][0])}{pad}. At the mean approach time of the paper's rule it leaves the "
+        f"object {percent(gains[CHOSEN])} slower than the paper's rule with the paper's spring; in no fifth of the "
+        f"distances less than {100 * least:.1f} %. Before the first touch its tool moves at most {1e3 * moved:.1f} mm "
+        f"against the flange. Its set-up: {options.file.name}.{missed}"
     )
     gained = [(LABELS.get(name, name), percent(gain)) for name, gain in gains.items()]
     scaled = [{**row, **{name: 1e3 * row[name] for name in ("deflection", "stroke")}} for row in rows]

@@ -12,9 +12,8 @@ import tomli_w
 import tyro
 
 from agents.setups import Setup, load_setup
-from experiments.design.limits import Limits
 from experiments.design.pads import on_pad, pad_of
-from experiments.design.search import CONTACT, Candidate, SearchBudget
+from experiments.design.search import CONTACT, Candidate, Limits, SearchBudget
 from experiments.design.variables import SearchVariable, search_variables, searched_environment
 from impact_gym.files import parsed, write_file
 from impact_gym.task import Task
@@ -22,6 +21,7 @@ from impact_gym.validation import distinct, identifier, number, whole
 
 PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"
 """Lines on the chart of V_p against approach time. Each compared coupling adds a line under its own name."""
+SPRING = "paper's spring"
 LIMITED = (FRONT, CHOSEN)
 
 
@@ -29,8 +29,8 @@ LIMITED = (FRONT, CHOSEN)
 class DesignOptions:
     """Search for the coupling that, with its best controller, makes the object leave slowest at each approach time.
 
-    A design must keep the limits --deflection and --stroke in all scenarios of the search. It must keep the limits
-    --peak-force and --energy in 95 % of these scenarios.
+    A design must keep the limits --deflection and --stroke in all scenarios of the search. It must keep the limit
+    --peak-force in 95 % of these scenarios.
     """
 
     setup: tyro.conf.Positional[str]
@@ -97,9 +97,9 @@ class DesignOptions:
     @cached_property
     def others(self) -> dict[str, dict[str, Any]]:
         """The set-up's environment with the paper's spring, and with the coupling of each set-up in `against`."""
-        couplings = {name: load_setup(name).environment["coupling"] for name in self.against}
-        compared = {name: {**self.arm.environment, "coupling": coupling} for name, coupling in couplings.items()}
-        return {"paper's spring": with_papers_spring(self.arm.environment)} | compared
+        own = {name: value for name, value in self.arm.environment.items() if name != "coupling"}
+        compared = {name: {**own, "coupling": load_setup(name).environment["coupling"]} for name in self.against}
+        return {SPRING: own} | compared  # the default coupling is the paper's spring
 
     @property
     def file(self) -> Path:
@@ -119,11 +119,6 @@ class DesignOptions:
     def limits_of(self, line: str) -> Limits:
         """Return the limits for a line; the paper's rule and the compared couplings have no limits."""
         return self.limits if line in LIMITED else Limits(deflection=None)
-
-
-def with_papers_spring(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an environment's arguments without `coupling`, whose default is the paper's spring."""
-    return {name: value for name, value in environment.items() if name != "coupling"}
 
 
 OF_TEACHER = ("teacher", "imitation_steps")

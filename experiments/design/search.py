@@ -6,8 +6,9 @@ search for the controller for every design.
 """
 
 import json
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -18,11 +19,9 @@ from numpy.typing import ArrayLike
 from agents.baselines.cmaes import Losses, minimise
 from agents.baselines.rule import Floats, Rule
 from agents.baselines.tuned import RULES
-from agents.evaluate import RESULTS, TUNING_SEED, ScenarioBatch, Travel
-from experiments.design.limits import Limits, kinetic
+from agents.evaluate import RESULTS, TUNING_SEED, Episodes, ScenarioBatch, Travel
 from experiments.design.pads import Pad, on_pad, pad_of
 from experiments.design.variables import SearchVariable, as_built
-from impact_gym.scene import Bistable
 from impact_gym.task import Task
 from impact_gym.validation import number, whole
 
@@ -34,6 +33,49 @@ MARGIN = 1.2
 """A search draws the errors of built numbers from the tolerance times this factor. It uses few scenarios, and a
 mechanism that barely holds its tool in all of them may release it in others."""
 CONTACT = ("contact_stiffness", "restitution")
+WITHIN = 0.95
+"""Share of the episodes that must keep the limit of the peak force; all must keep deflection and stroke."""
+UNITS = {"deflection": "m", "stroke": "m", "peak_force": "N", "touched_once": "-"}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits that a design must keep; None: no limit."""
+
+    deflection: float | None = 0.05
+    """Largest deflection of the tool from the flange before the first touch, m."""
+    stroke: float | None = None
+    """Largest deflection of the tool from the flange in the whole episode, m."""
+    peak_force: float | None = None
+    """Largest contact force, N."""
+    touched_once: float | None = None
+    """Smallest share of scenarios in which the tool touches the object only once, such as 0.95."""
+
+    def __post_init__(self) -> None:
+        for name, unit in UNITS.items():
+            if getattr(self, name) is not None:
+                number(name, getattr(self, name), unit, above=0, at_most=1.0 if name == "touched_once" else math.inf)
+
+    def excess(self, played: Episodes, travel: Travel, count: int = 1, pad: Pad | None = None) -> Floats:
+        """Return the sum of (value / limit - 1) over the limits that a candidate exceeds, for each candidate (count,).
+
+        Args:
+            played: episodes, the same number for each candidate, sorted by candidate.
+            travel: deflection and stroke of the tool in these episodes.
+            count: number of candidates.
+            pad: pad on the tool. Hertz's law holds for small penetrations, so in the share WITHIN of the episodes the
+                penetration of the pad may be at most half its radius.
+        """
+        peak = np.quantile(played.peak_force.reshape(count, -1), WITHIN, axis=1)
+        repeated = None if self.touched_once is None else max(1.0 - self.touched_once, 1e-3)
+        limited = [
+            (self.deflection, travel.deflection.reshape(count, -1).max(axis=1)),
+            (self.stroke, travel.stroke.reshape(count, -1).max(axis=1)),
+            (self.peak_force, peak),
+            (0.5 * pad.radius, (peak / pad.stiffness) ** (2.0 / 3.0)) if pad else (None, peak),
+            (repeated, (played.contact_count > 1).reshape(count, -1).mean(axis=1)),
+        ]
+        return sum((np.maximum(value / limit - 1.0, 0.0) for limit, value in limited if limit), np.zeros(count))
 
 
 @dataclass(frozen=True)
@@ -66,16 +108,6 @@ class Candidate:
             return {}
         scenario = stage.play(self.controller()).scenario  # the scenarios are drawn when they are played
         return dict(zip(CONTACT, on_pad(self.pad, *(scenario[name] for name in CONTACT)), strict=True))
-
-    def released(self, design: Mapping[str, Floats], count: int) -> Floats:
-        """Return the energy (J) that the mechanism of each of `count` designs releases between its stops, (count,)."""
-        coupling = self.task.coupling
-        if not isinstance(coupling, Bistable):
-            return np.zeros(count)
-        numbers = {name.rpartition(".")[2]: values for name, values in design.items() if name.startswith("coupling.")}
-        each = ({name: float(values[k]) for name, values in numbers.items()} for k in range(count))
-        built = [replace(coupling, **changes) for changes in each]
-        return np.array([one.energy(one.rest) - one.energy(one.rear_stop) for one in built])
 
 
 @dataclass(frozen=True)
@@ -128,7 +160,7 @@ def objective(
         velocity = np.where(played.missed, played.missed_cost, np.nan_to_num(played.object_velocity))
         velocity, time = (values.reshape(population, -1).mean(axis=1) for values in (velocity, played.approach_time))
         late = np.maximum(time / approach_time - 1.0, 0.0)
-        excess = limits.excess(played, travel, candidate.released(design, population), candidate.soft)
+        excess = limits.excess(played, travel, population, candidate.soft)
         return (velocity + PENALTY * (late + excess))[:, None]
 
     return losses
@@ -177,8 +209,7 @@ def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapp
     stage = ScenarioBatch.of(name, None, task, threads=1)
     travel = Travel(stage.count)
     played = stage.play(player.controller(), player.contact(stage), travel)
-    released = player.released({name: np.array([value]) for name, value in player.design.items()}, 1)
-    excess = Limits(**limits).excess(played, travel, released, player.soft)
+    excess = Limits(**limits).excess(played, travel, pad=player.soft)
     columns = {name: getattr(played, name) for name in RESULTS} | played.scenario
-    columns |= {"deflection": travel.deflection, "stroke": travel.stroke, "energy": kinetic(played)}
-    return pl.DataFrame(columns | {"excess": np.repeat(excess, stage.count)})
+    columns |= {"deflection": travel.deflection, "stroke": travel.stroke, "excess": np.repeat(excess, stage.count)}
+    return pl.DataFrame(columns)

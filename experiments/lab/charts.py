@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -13,7 +12,6 @@ from matplotlib.text import Text
 from experiments.lab import colours
 from experiments.lab.page import mathtext
 from impact_gym.files import write_file
-from impact_gym.outcome import Trace
 from impact_gym.render import palette
 
 mpl.use("agg")
@@ -52,12 +50,3 @@ def save(figure: Figure, path: Path) -> Path:
     canvas: Any = FigureCanvasSVG(figure)  # `print_svg` has no types; `savefig` would draw twice
     canvas.print_svg(file, metadata={"Date": None})
     return write_file(path, colours.adaptive(file.getvalue()))
-
-
-def velocities(axes: Axes, trace: Trace) -> None:
-    """Draw velocities of flange, tool and object against time, as in the paper's Fig. 13 to 25."""
-    axes.plot(trace.time, trace.flange_velocity, color=FLANGE, linestyle=(0, (4, 2)), label="flange")
-    axes.plot(trace.time, trace.tool_velocity, color=TOOL, label="tool")
-    axes.plot(trace.time, trace.object_velocity, color=OBJECT, label="object")
-    axes.set(xlabel="time (s)", ylabel="velocity (m/s)")
-    axes.legend()

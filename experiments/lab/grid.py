@@ -3,7 +3,6 @@
 `cells` combines places and contestants, `play` returns a row for each episode, `sample` returns arrays for statistics.
 """
 
-import base64
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any, NamedTuple
@@ -13,7 +12,6 @@ import polars as pl
 
 from agents.evaluate import play as jobs
 from agents.evaluate.scenario_batch import MEASURED
-from agents.policies import load_ensemble
 from experiments.lab.statistics import Floats, Front, Resamples
 from experiments.lab.study import Cell
 from impact_gym.task.scenario import FIELDS
@@ -40,13 +38,6 @@ class Place(NamedTuple):
     environment: Mapping[str, Any]  # arguments of the environment, without time weight
     labels: Mapping[str, Any] = {}  # additional columns of the rows
     scenarios: Mapping[str, Any] | None = None  # scenarios to play here instead of the grid's
-
-
-def seeds_of(setup: str, name: str) -> list[Contestant]:
-    """Return the shipped policies of a set-up, a contestant for each seed, the median first; policies are base64."""
-    ensemble = load_ensemble(setup)
-    policies = sorted(ensemble.policies, key=lambda policy: policy.seed != ensemble.chosen)
-    return [Contestant(name, {"policy": base64.b64encode(each.to_bytes()).decode()}, each.seed) for each in policies]
 
 
 def cells(

@@ -32,15 +32,6 @@ def scene(
     return ig.Scene(ig.Tool(TOOL_MASS), ig.Object(object_mass, distance), contact, coupling or ig.Rigid(), robot)
 
 
-def decoupled(
-    contact_stiffness: float, restitution: float, coupling_stiffness: float, damping_ratio: float = 1.0,
-    distance: float = DISTANCE,
-) -> ig.Scene:  # fmt: skip
-    """Return the scene with the tool behind a spring of `coupling_stiffness` (N/m) and a damper."""
-    coupling = ig.SpringDamper(coupling_stiffness, damping_ratio)
-    return scene(contact_stiffness, restitution, coupling, distance=distance)
-
-
 def simulate_with_trace(
     approach: ig.Scene, motion: ig.Trapezoid = MOTION, duration: float = DURATION
 ) -> tuple[ig.Outcome, ig.Trace]:

@@ -51,8 +51,6 @@ def work(options: Play) -> None:
         server.serve(played, options.port, ready)
     finally:
         played.close()
-        if played.refused:
-            print("refused:", ", ".join(f"{count} x {why}" for why, count in played.refused.most_common(9)), flush=True)
 
 
 if __name__ == "__main__":

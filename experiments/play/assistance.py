@@ -70,14 +70,14 @@ def usual(setup: Setup) -> dict[str, float]:
 
     They are the set-up's values (of a range, its middle), limited to RANGES.
     """
-    parts = {"delay": WAYS, "jitter": ("uplink",), "stiffness": ("coupling",)}
-    if setup.environment.get("coupling", {}).get("type") != "SpringDamper":
-        del parts["stiffness"]
+    parts: dict[str, tuple[str, ...]] = {"delay": WAYS, "jitter": ("uplink",)}
+    if setup.environment.get("coupling", {}).get("type") == "SpringDamper":
+        parts["stiffness"] = ("coupling",)
     settings = {}
-    for name, (_, low, high) in RANGES.items():
-        if name in parts:
-            middles = [np.mean(setup.environment.get(part, {}).get(name, 0.0)) for part in parts[name]]
-            settings[name] = float(sum(np.clip(middles, low / len(middles), high / len(middles))))
+    for name, of_setting in parts.items():
+        _, low, high = RANGES[name]
+        middles = [np.mean(setup.environment.get(part, {}).get(name, 0.0)) for part in of_setting]
+        settings[name] = float(sum(np.clip(middles, low / len(middles), high / len(middles))))
     return settings
 
 

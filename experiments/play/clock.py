@@ -1,7 +1,7 @@
 """The clock of tries runs in its own process, so that each step is played on time however busy the server is.
 
 The server sends the player's input. It receives frames, each with its downlink delay, and results of tries. If the
-server is killed, the clock stops the arm and saves the try. If the clock is killed as well, a journal keeps the try.
+server is killed, the clock stops the arm and saves the try.
 """
 
 import os
@@ -13,15 +13,15 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from experiments.play import try_files
-from experiments.play.assistance import PERIOD, PERSON
+from experiments.play.assistance import PERIOD
 from experiments.play.tries import Live, Try
 from impact_gym.render.chain import object_radius
 from impact_gym.teleop.channels import CUT
@@ -99,22 +99,19 @@ class Clock:
         try:
             live = Live(wanted)
             self.send(kind="began", setup=wanted.setup, radius=object_radius(live.kept.record["object_mass"]))
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with path.with_suffix(".journal").open("wb", buffering=0) as journal:
-                self._run(live, seen, journal)
+            self._run(live, seen)
             live.kept.marks.extend(self.stick.marks)
             self.unsaved.append((path, live.finished()))
             while self.unsaved:
-                try_files.write(*self.unsaved[0]).with_suffix(".journal").unlink()
+                try_files.write(*self.unsaved[0])
                 self.unsaved.pop(0)
             self.send(kind="ended", entry=entry_of(path.stem, live.kept))
         except (OSError, RuntimeError, ValueError) as problem:
             self.send(kind="failed", text=str(problem))
 
-    def _run(self, live: Live, seen: bool, journal: IO[bytes]) -> None:
-        """Play each step on time until the try or the server ends, and write each step to the journal at once."""
+    def _run(self, live: Live, seen: bool) -> None:
+        """Play each step on time until the try or the server ends."""
         slow, start, behind, rng = live.kept.slow, self.now(), 0.0, random.Random(live.kept.seed)
-        self._record(journal, try_files.to_text(replace(live.kept, operator=PERSON)))
         self._send_frame(live, seen, rng)
         while not (live.ended or self.gone):
             due = start + slow * (live.time + PERIOD)
@@ -123,18 +120,10 @@ class Clock:
             now = self.now()
             velocity = self.stick.at(now - slow * (live.time + PERIOD - live.next_tick))
             live.step(velocity, now - due - behind)
-            self._record(journal, repr(velocity))
             behind = now - due
             if behind > slow * PERIOD:  # after a pause, e.g. of the machine, lost steps are not caught up
                 start, behind = start + behind, 0.0
             self._send_frame(live, seen, rng)
-
-    def _record(self, journal: IO[bytes], line: str) -> None:
-        """Write a line to the journal; if that fails, the arm stops."""
-        try:
-            journal.write(f"{line}\n".encode())
-        except OSError:
-            self.stick.stop("no room for the journal")
 
     def _send_frame(self, live: Live, seen: bool, rng: random.Random) -> None:
         """Send the present state and the state one step ahead, with the delay (s) of the downlink."""

@@ -1,16 +1,11 @@
-"""Films that compare a try with variants: the same commands with another assistance, another coupling, or no delay.
-
-A second film compares the try with the paper's rule and the learned policy in the same scenario.
-"""
+"""Films that compare a try with variants: the same commands with another assistance, another coupling, or no delay."""
 
 import math
 from collections.abc import Mapping
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.evaluate.scenario_batch import TEST_SEED
 from agents.setups import load_setup
 from experiments.lab import player
 from experiments.lab.player.films import COLUMNS, Run, scene_of
@@ -18,10 +13,9 @@ from experiments.play.assistance import COUPLINGS, PERIOD, record_of, related, u
 from experiments.play.tries import Live, Try, replayed
 from impact_gym.render.film import History
 
-SECONDS, FIRST_SECONDS = 7.0, 10.0  # length of a film; length of the film before any input
+SECONDS = 7.0  # length of a film
 COARSE = 5.0  # factor on the allowed drawing errors, so that the film is ready at once
 BEFORE = 0.4  # s, shown before the first touch
-FIRST_FILM_SEED = TEST_SEED + 11
 SENTENCES = {
     "brake": "The brake at the arm senses the touch at once; it does not wait for you.",
     "none": "Nobody corrects you: the arm moves on until your command to stop arrives.",
@@ -39,22 +33,15 @@ class Variant(NamedTuple):
     sentence: str = ""
 
 
-def scripted(setup: str, kind: str, seed: int, record: Mapping[str, float]) -> Try:
-    """Return a finished try of the set-up's operator, with the assistance `kind`, in the scenario of a seed."""
-    operator = dict(load_setup(setup).environment["operator"])
-    return Live(Try(setup, kind, seed, dict(record), operator)).finished()
-
-
-def again(this: Try, who: str = "You") -> dict[str, Variant]:
+def again(this: Try) -> dict[str, Variant]:
     """Return a try and its variants by name: the same commands with another assistance or coupling, or no delay."""
-    hand = "Your hand" if who == "You" else "Same hand"
     other, label = ("brake", "brake on") if this.assist == "none" else ("none", "no help")
-    found = {who: Variant(this), f"{hand}, {label}": Variant(_changed(this, assist=other), SENTENCES[other])}
+    found = {"You": Variant(this), f"Your hand, {label}": Variant(_changed(this, assist=other), SENTENCES[other])}
     for kind, setup in related(load_setup(this.setup)).items():
         if setup != this.setup:
-            found[f"{hand}, {COUPLINGS[kind]}"] = Variant(_changed(this, setup=setup), SENTENCES[kind])
+            found[f"Your hand, {COUPLINGS[kind]}"] = Variant(_changed(this, setup=setup), SENTENCES[kind])
     if this.record["uplink.delay"] + this.record["downlink.delay"] > 0.0 and not this.result["missed"]:
-        found[f"{hand}, no delay"] = Variant(_without_delay(this), SENTENCES["delay"])
+        found["Your hand, no delay"] = Variant(_without_delay(this), SENTENCES["delay"])
     return found
 
 
@@ -75,56 +62,39 @@ def _without_delay(this: Try) -> Try:
 
     The arm then touches earlier by the uplink's delay, and the player sees the touch earlier by the downlink's delay.
     """
-    record, touch, operator = this.record, this.result["touch_time"], this.operator
+    record, touch, velocity = this.record, this.result["touch_time"], this.operator["velocity"]
     silent = {f"{way}.{name}": 0.0 for way in ("uplink", "downlink") for name in ("delay", "jitter")}
-    if velocity := operator.get("velocity"):  # a scripted operator has none, and sees the touch earlier by itself
-        sent = math.floor((touch - record["uplink.delay"]) / PERIOD)
-        seen = math.ceil((touch + record["downlink.delay"]) / PERIOD)
-        kept = [*velocity[: sent + 1], *(velocity[seen:] or velocity[-1:])]
-        operator = {"type": "Replay", "time": [PERIOD * k for k in range(len(kept))], "velocity": kept}
+    sent = math.floor((touch - record["uplink.delay"]) / PERIOD)
+    seen = math.ceil((touch + record["downlink.delay"]) / PERIOD)
+    kept = [*velocity[: sent + 1], *(velocity[seen:] or velocity[-1:])]
+    operator = {"type": "Replay", "time": [PERIOD * k for k in range(len(kept))], "velocity": kept}
     return _changed(this, record=record | silent, operator=operator)
 
 
-def beside(this: Try) -> dict[str, Variant]:
-    """Return a try, and tries of a scripted operator with the paper's rule and with the policy in the same scenario."""
-    found = {}
-    for name, kind in {"paper's rule": "rule", "learned policy": "policy"}.items():
-        with suppress(ValueError):  # no policy was trained for this set-up
-            found[name] = Variant(scripted(this.setup, kind, this.seed, this.record))
-    return found | {"you": Variant(this)}
-
-
-def film(variants: Mapping[str, Variant], seconds: float = SECONDS, compact: bool = True) -> dict[str, Any]:
-    """Return a slow-motion film that lasts `seconds`, as a dict for the page.
+def film(variants: Mapping[str, Variant]) -> dict[str, Any]:
+    """Return a slow-motion film that lasts SECONDS, as a dict for the page.
 
     `html` is the film; `slides` has for each variant's name how far the object slides (m).
-    A compact film has neither enlarged faces nor time histories.
     """
     replays = {name: replayed(each.played) for name, each in variants.items()}
     runs = {name: Run(History(*each, ended=True), each[1]) for name, each in replays.items()}
-    scene: dict[str, Any] = {"label": "one scenario for all", "number": 0, "compact": compact}
-    scene |= scene_of(runs, COARSE if compact else 1.0)
+    scene: dict[str, Any] = {"label": "one scenario for all", "number": 0, "compact": True}
+    scene |= scene_of(runs, COARSE)
     for run, variant in zip(scene["runs"], variants.values(), strict=True):
         run["sentence"] = variant.sentence
-    scene["clock"] = _fitted(scene, seconds)
+    scene["clock"] = _fitted(scene)
     html = player.fragment({"contestants": list(runs), "columns": list(COLUMNS), "scenes": [scene]})
     slides = {name: None if run.info["missed"] else run.info["slide"] for name, run in runs.items()}
     return {"html": html, "slides": slides}
 
 
-def _fitted(scene: Mapping[str, Any], seconds: float) -> list[list[float]]:
-    """Return a scene's clock, scaled to a film of `seconds`, whose first tenth ends BEFORE (s) the first touch."""
+def _fitted(scene: Mapping[str, Any]) -> list[list[float]]:
+    """Return a scene's clock, scaled to a film of SECONDS, whose first tenth ends BEFORE (s) the first touch."""
     touches = [run["contacts"][0][0] for run in scene["runs"] if run["contacts"]]
     cut = max(min(touches, default=0.0) - BEFORE, 0.0)
     starts, slower = np.array(scene["clock"]).T
     first = int(np.searchsorted(starts, cut, side="right")) - 1
     starts, slower = np.append(cut, starts[first + 1 :]), slower[first:]
-    pace = (0.9 if cut else 1.0) * seconds / float(np.diff(np.append(starts, scene["end"])) @ slower)
+    pace = (0.9 if cut else 1.0) * SECONDS / float(np.diff(np.append(starts, scene["end"])) @ slower)
     clock = [[round(float(start), 7), float(f"{pace * each:.3g}")] for start, each in zip(starts, slower, strict=True)]
-    return [[0.0, float(f"{0.1 * seconds / cut:.3g}")], *clock] if cut else clock
-
-
-def first_film(setup: str, latest: Try | None) -> dict[str, Any]:
-    """Return the film that the page shows before any input: of the latest try, or, without one, of a scripted one."""
-    this = latest or scripted(setup, "none", FIRST_FILM_SEED, record_of(usual(load_setup(setup))))
-    return film(again(this, "You" if latest else "A scripted hand"), FIRST_SECONDS)
+    return [[0.0, float(f"{0.1 * SECONDS / cut:.3g}")], *clock] if cut else clock

@@ -1,14 +1,13 @@
 // The page: one connection, one stick, one try at a time.
 const part = (id) => document.getElementById(id);
 const GENTLE = 0.01;  // m, below which a slide is gentle
-const IDLE = 10000;  // ms without input, after which a film is shown
 const PAUSE = 500;  // ms after a try, during which arrows do not begin the next one
 const MOST_TRIES = 200;  // on the chart
 const BEAT = 60, LEAST = 6;  // ms, longest and shortest time between two messages
 const AHEAD_OF_EYES = 12;  // ms from drawing a picture until the screen shows it
 const page = {
   hello: null, socket: null, stage: null, frame: null, came: 0, running: false, asked: false, player: false,
-  tries: [], sent: NaN, sentAt: 0, overAt: 0, round: 0, played: null, playedRound: 0, looked: false, film: 0,
+  tries: [], sent: NaN, sentAt: 0, overAt: 0, round: 0, played: null, playedRound: 0, film: 0,
 };
 const set_up = {};  // values of the buttons below Settings
 
@@ -147,16 +146,16 @@ async function fetched(where) {
   return answer.json();
 }
 
-// Show the film of a try, or without a name the first film.
-async function film(name, box = part("film"), where = "film") {
-  const number = box === part("film") ? ++page.film : page.film, found = box.closest("details");
+// Show the film of a try.
+async function film(name) {
+  const number = ++page.film, box = part("film");
   try {
-    const {html: text, slides} = await fetched(name ? `${where}/${encodeURIComponent(name)}` : "film");
+    const {html: text, slides} = await fetched(`film/${encodeURIComponent(name)}`);
     if (page.running || number !== page.film) return;
     box.innerHTML = text;
-    if (!found) box.prepend(html("h2", {}, null, name ? "Your own hand again" : "What a late hand does, and what helps"));
+    box.prepend(html("h2", {}, null, "Your own hand again"));
     for (const watched of box.querySelectorAll("slow-motion")) watched.start();
-    if (!found && name) summarise(slides);
+    summarise(slides);
   } catch (problem) {
     box.textContent = problem.message;
   }
@@ -223,7 +222,6 @@ const HEARD = {
     Object.assign(set_up, message.setups[message.setup].usual, {assist: message.assist, slow: 1, seen: false});
     choose({setup: message.setup, ...ROUNDS[page.round].sets});
     tabulate();
-    setTimeout(() => { if (!page.looked) film(""); }, IDLE);
   },
   role(message) {
     page.player = message.player;
@@ -237,7 +235,7 @@ const HEARD = {
     ready();
   },
   began(message) {
-    page.running = page.looked = true;
+    page.running = true;
     page.asked = false;
     page.frame = null;
     mode("playing", true);
@@ -247,7 +245,6 @@ const HEARD = {
     page.stage.begin(message.radius);
     write("state", `${page.played && page.played.assist === "brake" ? "brake on: " : ""}push until you touch`);
     part("film").replaceChildren();
-    part("beside").hidden = true;
     ready();
   },
   frame(message) {
@@ -271,8 +268,6 @@ const HEARD = {
     result(entry);
     tabulate();
     write("state", entry.missed ? "missed" : `slid ${centimetres(entry.slide)}`);
-    part("beside").open = false;
-    part("beside").hidden = entry.missed;
     if (entry.missed) part("film").replaceChildren();
     else film(entry.name);
   },
@@ -314,10 +309,6 @@ function connect() {
 part("go").addEventListener("click", begin);
 part("help").addEventListener("click", again);
 part("end").addEventListener("click", end);
-part("beside").addEventListener("toggle", () => {
-  const last = page.tries[page.tries.length - 1];
-  if (part("beside").open && last) film(last.name, part("beside").querySelector(".film"), "beside");
-});
 part("theme").addEventListener("click", () => {
   const order = ["system", "light", "dark"], root = document.documentElement;
   const next = order[(order.indexOf(root.dataset.theme || "system") + 1) % 3];
@@ -327,7 +318,6 @@ part("theme").addEventListener("click", () => {
 document.addEventListener("click", (event) => {  // by mouse or finger; after a key the focus stays
   if (event.detail && event.target.closest("button, summary, input, select")) toStick();
 });
-for (const name of ["keydown", "pointerdown"]) addEventListener(name, () => { page.looked = true; }, {once: true});
 new ResizeObserver(layout).observe(part("picture"));
 addEventListener("pagehide", () => page.socket && page.socket.close());
 connect();

@@ -27,7 +27,7 @@ HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
 SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "settings.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
 MAX_CLIENTS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # pages, bytes, messages a second
-TIME_LIMIT, FILM_LIMIT = 5.0, 60.0  # s, for a first request, and for a page to read a message; for a film
+TIME_LIMIT, FILM_LIMIT = 5.0, 60.0  # s, for a page to read a message; for a film
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -35,15 +35,6 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Resource-Policy": "same-origin", "Connection": "close",
 }  # fmt: skip
 RESTART = 1012  # code with which a server that stops closes its connections
-
-
-class Connection(server.ServerConnection):
-    """A connection that is closed after TIME_LIMIT without a request."""
-
-    def connection_made(self, transport: Any) -> None:
-        """Start the time limit."""
-        super().connection_made(transport)
-        self.loop.call_later(TIME_LIMIT, lambda: self.request or transport.abort())
 
 
 class Client:
@@ -119,24 +110,20 @@ class Site:
 
     async def answer(self, _connection: server.ServerConnection, request: Request) -> Response | None:
         """Return the answer to a request; None: the request opens a connection for messages."""
-        session = self.session
         if wrong := foreign(request, self.token, self.port):
-            session.refused[wrong] += 1
             return reply(403, f"{wrong}\n")
         if request.method != "GET":
             return reply(405, "only GET\n")
         kind, _, name = request.path.partition("?")[0].removeprefix(f"/{self.token}/").partition("/")
         if kind == "ws":
-            if len(session.clients) < MAX_CLIENTS:
-                return None
-            session.refused["too many pages"] += 1
-            return reply(503, f"at most {MAX_CLIENTS} pages\n")
+            full = len(self.session.clients) >= MAX_CLIENTS
+            return reply(503, f"at most {MAX_CLIENTS} pages\n") if full else None
         if kind in self.files and not name:
             return reply(200, *self.files[kind])
-        if kind not in ("film", "beside"):
+        if kind != "film":
             return reply(404, "not found\n")
         try:
-            film = await asyncio.to_thread(session.film, unquote(name), kind == "beside")
+            film = await asyncio.to_thread(self.session.film, unquote(name))
         except (OSError, RuntimeError, ValueError, TypeError, LookupError) as problem:
             return reply(404, str(problem))
         return reply(200, json.dumps(film), "application/json")
@@ -151,7 +138,7 @@ class Site:
                 session.handle(client, await client.receive())
             why = "the page did not read"
         except ValueError as problem:
-            session.refused[why := str(problem).partition(", got ")[0][:120]] += 1  # without the page's text
+            why = str(problem).partition(", got ")[0][:120]  # without the page's text
         except ConnectionClosed as gone:
             why = STOPPED if gone.sent and gone.sent.code == RESTART else why
         finally:
@@ -164,10 +151,10 @@ async def _run(session: Session, listening: socket.socket, ready: Callable[[str]
     """Serve until cancelled."""
     token, port = secrets.token_urlsafe(16), listening.getsockname()[1]
     site = Site(session, token, port)
-    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # refusals are counted instead
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
     running = await server.serve(
-        site.serve_page, sock=listening, process_request=site.answer, create_connection=Connection, server_header=None,
-        compression=None, max_size=MESSAGE_BYTES, open_timeout=FILM_LIMIT, close_timeout=1.0,
+        site.serve_page, sock=listening, process_request=site.answer, server_header=None, compression=None,
+        max_size=MESSAGE_BYTES, open_timeout=FILM_LIMIT, close_timeout=1.0,
         ping_interval=5.0, ping_timeout=10.0,
     )  # fmt: skip
     try:

@@ -3,7 +3,7 @@
 import asyncio
 import multiprocessing
 import secrets
-from collections import Counter, deque
+from collections import deque
 from contextlib import ExitStack, suppress
 from datetime import datetime
 from pathlib import Path
@@ -33,15 +33,11 @@ class Session:
         self._lock.enter_context(locked(folder / ".lock", wait=False))
         self.setup, self.assist, self.folder = setup.called, assist, folder
         self.clients: list[Any] = []  # the player is the first
-        self.refused: Counter[str] = Counter()
         self.setups = {name: about(playable(name)) for name in related(setup).values()}
         self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is in progress; its arm's velocity range, m/s
-        self._seen_at, self._newest = (
-            0.0,
-            -1,
-        )  # time at which the try's last frame is shown, s; number of the newest frame shown
+        self._seen_at, self._newest = 0.0, -1  # when the try's last frame is shown, s; number of the newest frame shown
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
-        self.left_out = try_files.recover(folder)  # for each file in the folder that is not shown, why
+        self.left_out = list[str]()  # for each file in the folder that is not shown, why
         for path in sorted(folder.glob("*.json")):
             try:
                 name = identifier(f"name of {path}", path.stem)
@@ -156,13 +152,6 @@ class Session:
         self._clock.join(20.0)
         self._lock.close()
 
-    def film(self, name: str, beside: bool = False) -> dict[str, Any]:
-        """Return the film of a try and its variants, or of rule, policy and try (`beside`); ValueError: no such try.
-
-        Without a name, return the first film.
-        """
-        if not name:
-            unmarked = [self.folder / f"{entry['name']}.json" for entry in tuple(self.history) if not entry["marks"]]
-            return contest.first_film(self.setup, try_files.read(unmarked[-1]) if unmarked else None)
-        this = try_files.read(self.folder / f"{name}.json")
-        return contest.film(contest.beside(this), compact=False) if beside else contest.film(contest.again(this))
+    def film(self, name: str) -> dict[str, Any]:
+        """Return the film of a try and its variants; ValueError: no such try."""
+        return contest.film(contest.again(try_files.read(self.folder / f"{name}.json")))

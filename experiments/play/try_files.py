@@ -1,4 +1,4 @@
-"""Files of tries: a JSON file for each, the journal of a try in progress, and the operator that replays a folder."""
+"""Files of tries: a JSON file for each, and the operator that replays a folder of tries."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -7,23 +7,23 @@ from pathlib import Path
 from typing import Any
 
 from experiments.play.assistance import NAMES, PERIOD, RANGES
-from experiments.play.tries import Live, Try
+from experiments.play.tries import Try
 from impact_gym.files import parsed, write_file
 from impact_gym.teleop.operators import KINDS
 from impact_gym.validation import choice, number, numbers, one_of
 
 RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "taken", "missed"
 SLOWEST = 16.0  # times slower than real time
-MAX_TEXT, MAX_NUMBER, MAX_BYTES = 4096, 2.0**64, 1 << 23  # characters of a text, size of a number, bytes of a file
+MAX_TEXT, MAX_NUMBER = 4096, 2.0**64  # characters of a text, size of a number
 FORMAT = "impact_gym try 2"
 SPARE = 3  # ticks between the end (horizon) of one recording and the begin of the next
 
 
-def from_text(text: str, ended: bool = True) -> Try:
-    """Return the try in a line that `to_text` wrote; a try that has not `ended` has no results.
+def from_text(text: str) -> Try:
+    """Return the try in the text of a file.
 
     Raises:
-        ValueError, TypeError, LookupError: the line is no try of this version, or a value is out of range.
+        ValueError, TypeError, LookupError: the text is no try of this version, or a value is out of range.
     """
     content = json.loads(text, parse_float=_finite, parse_constant=_finite, parse_int=lambda text: int(_finite(text)))
     if content.pop("format", None) != FORMAT:
@@ -41,7 +41,7 @@ def from_text(text: str, ended: bool = True) -> Try:
     numbers("late", this.late, "s")
     for action in this.actions:
         numbers("action", action, "-")
-    if {*this.result} != {*(RESULTS if ended else ())}:
+    if {*this.result} != {*RESULTS}:
         raise ValueError(f"its results are not {', '.join(RESULTS)}")
     for name, value in this.result.items():
         number(name, value, "-", at_least=-1.0, at_most=1e3 if name.endswith("time") else 1e9)
@@ -52,64 +52,14 @@ def _finite(text: str) -> float:
     return number("each number", float(text), "-", at_least=-MAX_NUMBER, at_most=MAX_NUMBER)
 
 
-def to_text(this: Try) -> str:
-    """Return a try in one line of JSON."""
-    return json.dumps({"format": FORMAT, **asdict(this)}, allow_nan=False)
-
-
 def write(path: Path, this: Try) -> Path:
     """Write a try atomically and return its path."""
-    return write_file(path, to_text(this))
-
-
-def recovered(journal: Path) -> Try:
-    """Return the interrupted try in the journal of a killed clock; after its last line the person's velocity is 0.
-
-    The first line is the try as it began; each further line is the velocity (m/s) of a step.
-
-    Raises:
-        ValueError: the journal cannot be replayed; the message names the file.
-    """
-
-    def parse(text: str) -> Try:
-        head, *lines = text.split("\n")
-        wanted = from_text(head, ended=False)
-        live = Live(wanted)
-        if live.kept.environment != wanted.environment:
-            raise ValueError(f"set-up {wanted.setup} has changed")
-        live.kept.marks.append("interrupted: the server was killed")
-        for line in lines[:-1]:  # a last line without a line break is incomplete
-            if live.ended:
-                raise ValueError("it has steps after the end of the episode")
-            live.step(number("velocity", float(line), "m/s"))
-        return live.finished()
-
-    return parsed(_checked_size(journal), "the journal of a try", parse)
-
-
-def recover(folder: Path) -> list[str]:
-    """Turn the journals in a folder into tries; keep a journal that cannot be replayed, and return its error."""
-    problems = []
-    for journal in sorted(folder.glob("*.journal")):
-        try:
-            if not journal.with_suffix(".json").exists():  # else the clock was killed before it removed the journal
-                write(journal.with_suffix(".json"), recovered(journal))
-            journal.unlink()
-        except (OSError, RuntimeError, ValueError) as problem:
-            problems.append(str(problem))
-    return problems
+    return write_file(path, json.dumps({"format": FORMAT, **asdict(this)}, allow_nan=False))
 
 
 def read(path: Path) -> Try:
     """Return the try in a file; ValueError: the file is no try of this version."""
-    return parsed(_checked_size(path), "a try", from_text)
-
-
-def _checked_size(path: Path) -> Path:
-    """Return a path; ValueError: the file is no regular file, or too large."""
-    if path.exists() and not (path.is_file() and path.stat().st_size <= MAX_BYTES):
-        raise ValueError(f"{path} is not read as a try: it must be a file of at most {MAX_BYTES} bytes")
-    return path
+    return parsed(path, "a try", from_text)
 
 
 def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:

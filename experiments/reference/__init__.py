@@ -9,15 +9,6 @@ phases with smooth equations. Such events are:
 - the object begins or ceases to slide,
 - the commanded acceleration changes, or the commanded position reaches a node of a table of robot parameters.
 
-The modules:
-
-    `laws`         dissipation of a contact, bistable mechanism, robot's table
-    `command`      imposed motion of the robot, planned or steered
-    `chain`        forces and accelerations, in the scales of each contact
-    `integration`  one phase by SciPy's integrators, up to the first event; linear flight by the matrix exponential
-    `motion`       the motion of a chain from event to event
-    `task`         whole episodes of the environment, with a controller
-
 A contact is integrated in its own scales,
 
     tau = t/t0,  lengths in delta0,  forces in F0,

@@ -32,10 +32,11 @@ class Command:
         s = t - start
         x, v = x + (v + a * s / 2) * s, v + a * s
         cut = min((p[0] for p in self.pieces if p[0] > t), default=inf)
-        if self.nodes.size:
-            # a node that was just reached counts as passed, even if x is before it by rounding
-            ahead = self.nodes[self.nodes > x + 1e-12]
-            cut = min(cut, t + _time_to(float(ahead[0]) - x, v, a)) if ahead.size else cut
+        # a node that was just reached counts as passed, even if x is before it by rounding
+        for node in self.nodes[self.nodes > x + 1e-12][:1].tolist():
+            square = v * v + 2 * a * (node - x)  # of the velocity at the node
+            if square >= 0 and v + sqrt(square) > 0:
+                cut = min(cut, t + 2 * (node - x) / (v + sqrt(square)))
         return x, v, a, cut
 
     def steer(self, t: float, velocity: float, acceleration: float) -> None:
@@ -51,11 +52,3 @@ class Command:
         self.detection_time = t
         if self.brake is not None:
             self.steer(t + self.delay, 0.0, self.deceleration)
-
-
-def _time_to(distance: float, v: float, a: float) -> float:
-    """Return the time (s) to travel `distance` > 0 (m) from velocity v at acceleration a; inf if never."""
-    square = v * v + 2 * a * distance
-    if square < 0 or v + sqrt(square) <= 0:
-        return inf
-    return 2 * distance / (v + sqrt(square))

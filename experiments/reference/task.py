@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from experiments.reference.chain import Chain
 from experiments.reference.command import Command
 from experiments.reference.motion import Motion
-from impact_gym.quantities import Scale
 from impact_gym.task import ObservationSpec, Task, evaluation_sets
 from impact_gym.task.episodes import first_uniforms
 from impact_gym.task.scenario import FIELDS
@@ -48,45 +47,36 @@ class Outcome(NamedTuple):
     missed: bool
 
 
-def play(
-    controller: Any, scenario: Mapping[str, float], *, options: Mapping[str, Any], time_weight: float,
-    distance_estimate: float | None = None, rtol: float = RTOL,
-) -> Outcome:  # fmt: skip
+def play(controller: Any, scenario: Mapping[str, float], *, options: Mapping[str, Any], time_weight: float) -> Outcome:
     """Play one episode of a scenario: object_mass (kg), contact_stiffness (N/m^1.5), restitution, distance (m).
 
     The controller has `predict` as in stable-baselines3 and gets a batch of one. `options` are arguments of the
-    environment. `time_weight` (m/s per s) enters only the observation. `distance_estimate` (m) is by default the true
-    distance.
-    `rtol` is the tolerance of a step in a contact.
+    environment. `time_weight` (m/s per s) enters only the observation. The estimate of the distance has no error.
 
     Raises:
         ValueError: an option is not supported.
     """
-    estimate = scenario["distance"] if distance_estimate is None else distance_estimate
-    return _together(controller, [_episode(task_of(options), scenario, time_weight, estimate, rtol)])[0]
+    return _together(controller, [_episode(task_of(options), scenario, time_weight, scenario["distance"])])[0]
 
 
 def rescore(
-    controller: Any, frozen: str | evaluation_sets.EvaluationSet, numbers: Sequence[int], options: Mapping[str, Any],
-    time_weight: float, rtol: float = RTOL,
-) -> dict[str, NDArray[Any]]:  # fmt: skip
+    controller: Any, frozen: str, numbers: Sequence[int], options: Mapping[str, Any], time_weight: float
+) -> dict[str, NDArray[Any]]:
     """Play scenarios of a frozen set together, as `agents.evaluate.ScenarioBatch` does.
 
     Row k of the batch that the controller gets is scenario numbers[k]. Returns an array for each field of `Outcome`.
 
     Raises:
-        ValueError: an option is not supported, or the set does not have a scenario.
+        ValueError: an option is not supported.
     """
-    task, scenarios = task_of(options), evaluation_sets.load(frozen) if isinstance(frozen, str) else frozen
+    task, scenarios = task_of(options), evaluation_sets.load(frozen)
     episodes = []
     for k in numbers:
-        if not 0 <= k < scenarios.count:
-            raise ValueError(f"the set has the scenarios 0 to {scenarios.count - 1}, not {k}")
         scenario = {name: float(scenarios.scenario[name][k]) for name in FIELDS}
         uniforms = first_uniforms(scenarios.seed + k, 1)[0]
         normal = sqrt(-2 * log1p(-uniforms[5])) * cos(2 * pi * uniforms[6])  # Box and Muller
         estimate = scenario["distance"] + task.range_bias + (task.range_noise or 0.0) * normal
-        episodes.append(_episode(task, scenario, time_weight, estimate, rtol))
+        episodes.append(_episode(task, scenario, time_weight, estimate))
     outcomes = _together(controller, episodes)
     return {name: np.array([getattr(outcome, name) for outcome in outcomes]) for name in Outcome._fields}
 
@@ -97,9 +87,7 @@ def task_of(options: Mapping[str, Any]) -> Task:
     if other:
         raise ValueError(f"the reference does not support the options {other}; it supports {list(SERVED)}")
     task = Task(**options)
-    if isinstance(task.reaction_delay, tuple):
-        raise ValueError(f"the reference supports a number as reaction_delay, not a range, got {task.reaction_delay}")
-    if task.drawn:
+    if isinstance(task.reaction_delay, tuple) or task.drawn:
         raise ValueError(f"the reference supports fixed numbers, not ranges, got ranges of {list(task.drawn)}")
     return task
 
@@ -124,9 +112,9 @@ def _together(controller: Any, episodes: Sequence[Episode]) -> list[Outcome]:
     return [outcomes[row] for row in range(len(episodes))]
 
 
-def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate: float, rtol: float) -> Episode:
+def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate: float) -> Episode:
     """Yield each observation and receive the action for it; return the outcome."""
-    motion = _at_rest(task, scenario, rtol)
+    motion = _at_rest(task, scenario)
     command, delay, now = motion.command, task.reaction_delay, 0.0
     sensed = {0.0: (0.0, 0.0, 0.0)}  # (force, peak force, deflection) by time
     by_reading, raised, heard_until = task.alarm == "reading", inf, 0.0
@@ -175,7 +163,7 @@ def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate:
     return Outcome(kept, approach_time, motion.peak_force, motion.contacts, missed)
 
 
-def _at_rest(task: Task, scenario: Mapping[str, float], rtol: float) -> Motion:
+def _at_rest(task: Task, scenario: Mapping[str, float]) -> Motion:
     """Return the chain at the start of an episode."""
     law = {"restitution": scenario["restitution"], "dissipation": task.dissipation}
     law["reference_velocity"] = task.reference_velocity
@@ -187,7 +175,7 @@ def _at_rest(task: Task, scenario: Mapping[str, float], rtol: float) -> Motion:
         robot=task.robot,
     )
     chain = Chain(scene, Command(threshold=task.alarm_threshold))
-    return Motion(chain, scenario["distance"], rtol, floor=FLOOR, flight_stride=2, patience=PATIENCE)
+    return Motion(chain, scenario["distance"], RTOL, floor=FLOOR, flight_stride=2, patience=PATIENCE)
 
 
 def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float]:
@@ -212,11 +200,10 @@ def _observe(
         "distance_estimate": estimate - x, "range_noise": task.range_noise, "deflection": deflection,
         **scenario, "distance": scenario["distance"] - x, "reaction_delay": task.reaction_delay,
     }  # fmt: skip
-    return np.array([_scaled(entry.scale, values[entry.id]) for entry in spec.entries], np.float32)
-
-
-def _scaled(scale: Scale, value: float) -> float:
-    """Scale a value: linearly or by a logarithm, and clipped to the scaled range."""
-    value, low, high = map(CURVES[scale.curve], (value, scale.low, scale.high))
-    share = (value - low) / (high - low)
-    return min(1.0, max(scale.scaled_low, scale.scaled_low + (1.0 - scale.scaled_low) * share))
+    scaled = []
+    for entry in spec.entries:
+        scale = entry.scale
+        value, low, high = map(CURVES[scale.curve], (values[entry.id], scale.low, scale.high))
+        place = scale.scaled_low + (1.0 - scale.scaled_low) * ((value - low) / (high - low))
+        scaled.append(min(1.0, max(scale.scaled_low, place)))
+    return np.array(scaled, np.float32)

@@ -1,5 +1,5 @@
 """The report: which controller is better, by how much, with which confidence, and where it fails.
 
 `matchups` names policies, baselines and scenarios; `jobs` plays them; `played` holds the results; `choice`, `answer`,
-`ablation`, `differences`, `holds` and `first_screen` make sentences, tables and charts; `page` writes them.
+`tables`, `ablation` and `holds` make sentences, tables and charts; `page` writes them.
 """

@@ -32,7 +32,7 @@ MARK = ".impact_gym"
 """Lock file. It marks the folder of a report: another report may overwrite such a folder."""
 DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")
 """Packages whose change makes the page outdated."""
-PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-python", "polars", "jinja2")
+PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "matplotlib", "polars", "jinja2")
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class ReportOptions:
     """Play policies and baselines in the same scenarios, and write a page that compares them.
 
     If you name neither set-ups nor policies, the command takes the set-ups linear-blind, linear-ranged, bistable-blind
-    and paper-limits. It then leaves out a set-up that has no policies yet.
+    and paper-limits.
     """
 
     setups: tyro.conf.Positional[tuple[str, ...]] = ()
@@ -131,16 +131,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
     if options.policy:
         scenarios, changes = scenarios_from(options.scenarios or "test", options.count)
         return of_policies(options.policy, options.baseline, scenarios, changes, options.time_weight)
-    setups = []
-    for setup in map(load_setup, options.setups or README):
-        policies = (options.folder or setup.folder) / "policies" / f"{setup.name}.npz"
-        if options.setups or policies.is_file():
-            setups.append(setup)
-        else:
-            train = f"impact-gym train {setup.called} --seeds {setup.seeds}"
-            print(f"{setup.name} is left out, it has no policies yet: {train}")
-    if not setups:
-        raise ValueError("no set-up has policies yet: impact-gym train SETUP --seeds 10")
+    setups = list(map(load_setup, options.setups or README))
     if len({setup.name for setup in setups}) < len(setups):
         raise ValueError(f"two set-ups would have the same name: {', '.join(options.setups)}")
     matchups = []
@@ -203,14 +194,14 @@ def results_of(folder: Path) -> dict[str, Any]:
 def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, begun: float) -> None:
     """Write the files of the report. The last one is results.json, with the digest of the report's inputs.
 
-    Figures of an earlier report that this report does not have are deleted; a user's own files stay.
+    Figures of an earlier report are deleted; files outside its folder `figures` stay.
     """
     from experiments.report import page
     from experiments.report.played import episodes
 
     folder, matchups = options.out, [results.matchup for results in played]
     versions = [item for matchup in matchups for item in matchup.provenance.get("versions", {}).items()]
-    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(folder / "figures", ignore_errors=True)
     rows = episodes(played)
     with whole_file(folder / "episodes.parquet") as file:
         rows.write_parquet(file, compression="zstd")
@@ -228,7 +219,6 @@ def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, 
             matchup.name: {each.name: each.checksum for each in (*matchup.seeds, *matchup.baselines)}
             for matchup in matchups
         },
-        "weights": {matchup.name: list(matchup.policy.weights) for matchup in matchups},
         "scenarios": "; ".join(dict.fromkeys(_scenarios(matchup.scenarios) for matchup in matchups)),
         "made from": made_from,
         "command": command_of("report", options),
@@ -243,9 +233,7 @@ def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, 
         "trained_with": ", ".join(dict.fromkeys(map(" ".join, versions))) or "versions that their files do not name",
         "resamples": f"{RESAMPLES:,}",
     }
-    results["figures"] = page.write(folder, about, tabs, played)
-    for name in {*results_of(folder).get("figures", [])} - {*results["figures"]}:
-        (folder / "figures" / Path(name).name).unlink(missing_ok=True)
+    page.write(folder, about, tabs, played)
     write_file(folder / RESULTS, json.dumps(results, indent=2) + "\n")
 
 

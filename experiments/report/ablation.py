@@ -9,6 +9,7 @@ weight; on a spring the best deceleration is the full 20 m/s^2.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,8 +26,7 @@ LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at mos
 their time weights. V_p at the time of the rule would then be lower than the value compared."""
 
 
-@dataclass(frozen=True)
-class Link:
+class Link(NamedTuple):
     """A contestant, and what it adds to the contestant before it."""
 
     added: str

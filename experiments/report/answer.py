@@ -1,4 +1,4 @@
-"""The answer in a sentence or two, and the trade-off of approach time and V_p.
+"""The answer of a set-up in numbers and sentences.
 
 The primary measure is V_p at the mean approach time of the paper's rule. It was fixed before the test set was played.
 """
@@ -6,14 +6,11 @@ The primary measure is V_p at the mean approach time of the paper's rule. It was
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import altair as alt
 import numpy as np
-import polars as pl
 
-from experiments.lab.parts import Table, percent
+from experiments.lab.parts import percent
 from experiments.lab.statistics import Comparison, Estimate, Floats, Front, Resamples, along, estimate, tolerated
-from experiments.report.figures import ZOOM, Figure, chart_of, looks_of
-from experiments.report.matchups import BOUND, POLICY, Matchup
+from experiments.report.matchups import IMITATES, POLICY, Matchup
 from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 
 FRONT = ("approach_time", "object_velocity")
@@ -23,7 +20,6 @@ FRONT = ("approach_time", "object_velocity")
 class Answer:
     """Gain of the policies of one set-up over the paper's rule."""
 
-    matchup: str
     reduction: Estimate  # of V_p at the paper's mean approach time, as a fraction
     each: tuple[float, ...]  # reduction of each seed; empty if a seed's front does not reach the paper's time
     reached: bool  # whether the policy's front reaches that time; if not, `reduction` is at the front's nearest end
@@ -56,7 +52,6 @@ def answer(played: Played) -> Answer:
     missed = np.array([run["missed"] for run in played.seeds.values()])
     fastest, slowest = velocities[0].max(), velocities[0].min()
     return Answer(
-        played.matchup.name,
         reduction=at_time.reduction,
         each=tuple(reductions(played).tolist()),
         reached=bool(nearest == time),
@@ -103,119 +98,9 @@ def reductions(played: Played) -> Floats:
     return 1.0 - along(times, velocities, np.full(len(times), time)) / velocity
 
 
-def table(answer: Answer, played: Played) -> Table:
-    """Return the answer with its intervals."""
-    rival = "-" if answer.rival_reduction is None else percent(answer.rival_reduction)
-    sooner = {"": "", "slower": "at least ", "faster": "(not reached) "}[answer.beyond] + percent(answer.sooner)
-    reduction = percent(answer.reduction) + ("" if answer.reached else " (at the nearest time it reaches)")
-    body = [
-        ("V_p lower at the paper's approach time", reduction),
-        ("95 % of trainings: at least", _at_least(answer)),
-        (f"V_p lower there, {played.matchup.rival.plain}", rival),
-        ("less approach time at the paper's V_p", sooner),
-        ("V_p at the paper's approach time (m/s)", f"{answer.velocity:.3f}"),
-        ("share of scenarios with a lower V_p", percent(answer.improvement)),
-        ("objects missed, at all weights", f"{answer.missed} of {answer.episodes:,}"),
-    ]
-    policies = f"{len(played.seeds)} trainings" if len(played.seeds) > 1 else "One policy"
-    caption = f"{policies} against the paper's rule in {played.count:,} scenarios, 95 % intervals; a miss is not lower"
-    return Table(caption, ("what", POLICY), body)
-
-
-def at_one_time(played: Played) -> Table:
-    """Return mean and 95th percentile of T, V_p and peak force of each contestant.
-
-    Each contestant plays at the weight whose mean approach time is nearest to the rule's. With friction the table also
-    has the time at which object and tool rest.
-    """
-    goal, labels = played.paper.front[0][0], played.matchup.labels
-    contestants = {labels[name]: run for name, run in played.baselines.items()} | {
-        POLICY: played.as_late[played.matchup.chosen]
-    }
-    columns = {"T (s)": "approach_time", "V_p (m/s)": "object_velocity", "peak force (N)": "peak_force"}
-    columns |= {} if played.paper.at(played.paper.weights[0]).rest_time is None else {"at rest (s)": "rest_time"}
-    body = []
-    for label, run in contestants.items():
-        weight = min(run.weights, key=lambda each: abs(run.means(each)["T"] - goal))
-        values = [getattr(run.at(weight), field) for field in columns.values()]
-        numbers = [f"{each.mean():.3g}, {np.percentile(each, 95.0):.3g}" for each in values]
-        body.append((label, f"{weight:.3g}", *numbers, str(int(run.at(weight).missed.sum()))))
-    caption = f"Mean, 95th percentile of {played.count:,} scenarios; a missed object counts as V_p = 0"
-    return Table(caption, ("contestant", "w (m/s per s)", *columns, "missed"), body)
-
-
-def _at_least(answer: Answer) -> str:
+def at_least(answer: Answer) -> str:
     """Return the reduction that 95 % of trainings reach."""
     return f"{100 * tolerated(np.array(answer.each)):.1f} %" if len(answer.each) > 1 else "-"
-
-
-def trade_off(played: Played) -> Figure:
-    """Return the figure of approach time against V_p."""
-    labels = played.matchup.labels
-    runs = [(labels[name], name, run) for name, run in played.baselines.items()]
-    runs += [(POLICY, seed, run) for seed, run in played.seeds.items()]
-    runs += [(BOUND, BOUND, played.bound)] if played.bound else []
-    data = pl.DataFrame([
-        {"contestant": name, "line": line, "w": weight, **run.means(weight)}
-        for name, line, run in runs
-        for weight in run.weights
-    ])  # fmt: skip
-    data = data.with_columns(chosen=pl.col("line") == played.matchup.chosen)
-    looks = looks_of(data)
-    base = chart_of(data).encode(
-        alt.X("T:Q", title=f"mean time until {played.matchup.until} (s)", scale=alt.Scale(zero=False, nice=True)),
-        alt.Y("V:Q", title="mean V_p (m/s)", scale=alt.Scale(zero=True)),
-        looks.colour,
-    )
-    prominent = base.transform_filter("datum.chosen || datum.contestant != 'learned policy'")
-    curves = prominent.mark_line().encode(looks.dash, detail="line:N", order="w:Q")
-    faint = base.transform_filter("!datum.chosen && datum.contestant == 'learned policy'").mark_line(
-        strokeWidth=0.8, opacity=0.45
-    ).encode(detail="line:N", order="w:Q")  # fmt: skip
-    marks = prominent.mark_point(size=70).encode(looks.shape, tooltip=[
-        "contestant:N", alt.Tooltip("line:N", title="seed or line"),
-        alt.Tooltip("w:Q", title="time weight (m/s per s)"), alt.Tooltip("T:Q", title="T (s)", format=".4f"),
-        alt.Tooltip("V:Q", title="V_p (m/s)", format=".4f"), "missed:Q",
-    ])  # fmt: skip
-    layers = faint + curves + marks if len(played.seeds) > 1 else curves + marks
-    bound = "" if played.bound is None else (
-        f" The {BOUND} knows the object: it is the best approach that a search found for each of the first "
-        f"{played.bound['missed'].shape[1]} scenarios."
-    )  # fmt: skip
-    caption = (
-        "Down and left is better. Each line joins the time weights of one contestant; faint lines are the other seeds."
-        + bound
-    )
-    title = f"Time until {played.matchup.until} against V_p, all contestants and seeds"
-    return Figure(
-        played.matchup.name, "trade_off", title, caption, in_words(played), layers.add_params(ZOOM), data, 380
-    )
-
-
-def in_words(played: Played) -> str:
-    """Return the text alternative of a chart of the trade-off."""
-    places = [f"{time:.3f} s and {velocity:.3f} m/s" for time, velocity in (*played.paper.front, *played.policy.front)]
-    return f"Paper's rule: {places[0]}. The learned policy: from {places[1]} to {places[-1]}."
-
-
-def weights_table(played: Played) -> Table:
-    """Return V_p + w T of policy, rival and clairvoyant search at each weight, and the tolerance bound of trainings."""
-    body = []
-    for weight in played.matchup.weights:
-        ours, theirs, chosen = played.losses(weight), played.rival.loss(weight), played.policy.loss(weight)
-        median, recipe = (Comparison.of_means(loss, theirs).ratio for loss in (chosen, ours))
-        by_seed, gap = ours.mean(axis=1), "-"
-        if played.bound is not None and weight in played.bound.weights:
-            bound = played.bound.loss(weight)
-            gaps = [Comparison.of_means(bound, loss[..., : bound.size]).less for loss in (ours, theirs)]
-            gap = ", ".join(f"{estimate:.3f}" for estimate in gaps)
-        next_one = f"{-tolerated(-by_seed):.4f}, {by_seed.max():.4f}" if by_seed.size > 1 else "-"
-        body.append((f"{weight:g}", f"{chosen.mean():.4f}", f"{theirs.mean():.4f}", f"{median:.4f}", f"{recipe:.4f}",
-                     next_one, gap))  # fmt: skip
-    head = ("time weight (m/s per s)", "median seed (m/s)", f"{played.matchup.rival.label} (m/s)", "ratio, median seed",
-            "ratio, all seeds", "95 % of trainings at most, worst seed (m/s)",
-            "above the clairvoyant search: policy, baseline (m/s)")  # fmt: skip
-    return Table("V_p + w T against the best baseline, tuned for each weight; below 1 the policy is better", head, body)
 
 
 def sentence(answer: Answer, matchup: Matchup) -> str:
@@ -227,7 +112,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
     if answer.reached:
         text = f"the object leaves {change} at the paper's mean approach time"
         if len(answer.each) > 1 and answer.reduction.value >= 0.0:
-            text += f" (95 % of trainings: at least {_at_least(answer)})"
+            text += f" (95 % of trainings: at least {at_least(answer)})"
     else:
         length, more = ("short", "more") if answer.later > 0.0 else ("long", "less")
         text = f"at no time weight is its approach as {length} as the paper's; at the nearest weight it takes "
@@ -243,6 +128,49 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
         change = _compared(answer.rival_reduction, "slower", "faster")
         text += f" With the best tuned baseline, {answer.rival}, it leaves {change}."
     return begin + text + (f" Missed: {answer.missed} of {answer.episodes:,} objects." if answer.missed else "")
+
+
+def at_rule_time(answer: Answer, played: Played) -> str:
+    """Return the policy's gain at the paper's mean approach time, or the weight at which it would take that time."""
+    if answer.missed > MISSED_TOO_OFTEN * answer.episodes:
+        return (f"The learned policy misses {answer.missed:,} of {answer.episodes:,} objects, so nothing is claimed "
+                "for it at the time of the paper's rule.")  # fmt: skip
+    slower, rival = _less(answer.reduction.value), ""
+    if answer.rival_reduction:
+        rival = f", with the {played.matchup.rival.plain} {_less(answer.rival_reduction.value)}"
+    if answer.reached:
+        text = (
+            f"At the mean approach time of the paper's rule the object leaves {slower} with the learned policy{rival}."
+        )
+    else:
+        more, largest = ("more", "largest") if answer.later > 0.0 else ("less", "smallest")
+        needed = f"; a weight of about {answer.needed:.2g} would match the rule's time" if answer.needed > 0.0 else ""
+        text = (
+            f"Even at its {largest} time weight the learned policy takes {100 * abs(answer.later):.0f} % {more} time "
+            f"than the paper's rule{needed}. At that {largest} weight the object leaves {slower}{rival}."
+        )
+    imitates = " The policy's training began by imitating a tuned profile." if IMITATES in played.matchup.note else ""
+    return text + imitates
+
+
+def assisted(played: Played, intervals: bool = False) -> str:
+    """Return the slide of the object and the time until all is done, for each assistance of an operator."""
+    weight, plain = played.matchup.typical, {each.name: each.plain for each in played.matchup.baselines}
+    contestants = {f"the {POLICY}": list(played.seeds.values())}
+    contestants |= {plain[name]: [run] for name, run in played.baselines.items()}
+    parts = []
+    for name, runs in contestants.items():
+        slide, done = (np.array([getattr(run.at(weight), what) for run in runs]) for what in ("slide", "done_time"))
+        estimates = (estimate(played.resamples.means(values)) for values in (100.0 * slide, done))  # cm, s
+        length, time = (f"{each:.2f}" if intervals else f"{each.value:.1f}" for each in estimates)
+        parts.append(f"{length} cm and {time} s with {name}")
+    return (
+        f"Slide of the object and time until all is done, at a time weight of {weight:g} m/s per s: {'; '.join(parts)}."
+    )
+
+
+def _less(share: float) -> str:
+    return f"{100 * abs(share):.0f} % {'slower' if share >= 0.0 else 'faster'}"
 
 
 def _compared(share: Estimate, good: str, bad: str) -> str:

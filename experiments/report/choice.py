@@ -6,7 +6,7 @@ learned policy.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from agents.evaluate.play import pairs
@@ -30,7 +30,7 @@ class Choice:
     below_rule: Estimate  # cost of the paper's rule minus `cost`, as a fraction of the rule's cost
     above: Mapping[str, Estimate]  # by other contestant: its cost minus `cost`, as a fraction of `cost`
     missed: int  # number of objects
-    sentence: str = ""
+    sentence: str
 
 
 def scenarios(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -61,35 +61,27 @@ def choice(played: Played) -> Choice:
     runs = {**played.baselines, matchup.chosen: played.policy}
     losses = {each.name: runs[each.name].loss(weight) for each in contestants}
     ratios = {each: Comparison.of_means(loss, losses[name]).ratio for each, loss in losses.items() if each != name}
-    found = Choice(
-        name, weight,
-        cost=estimate(played.resamples.means(losses[name])),
-        below_rule=Comparison.of_means(losses[name], losses[PAPER]).reduction,
-        above={each: Estimate(*(ratio - 1.0 for ratio in (e.value, e.low, e.high))) for each, e in ratios.items()},
-        missed=int(runs[name].at(weight).missed.sum()),
-    )  # fmt: skip
-    return replace(found, sentence=_sentence(played, found))
-
-
-def _sentence(played: Played, found: Choice) -> str:
-    matchup, name = played.matchup, found.controller
+    cost = estimate(played.resamples.means(losses[name]))
+    below_rule = Comparison.of_means(losses[name], losses[PAPER]).reduction
+    above = {each: Estimate(*(ratio - 1.0 for ratio in (e.value, e.low, e.high))) for each, e in ratios.items()}
+    missed = int(runs[name].at(weight).missed.sum())
     plain = {each.name: each.plain for each in matchup.baselines} | {matchup.chosen: POLICY}
     called = {each: word if word == each != PAPER else f"the {word.removeprefix('the ')}"
               for each, word in plain.items()}  # fmt: skip
-    less = "" if name == PAPER else f", {percent(found.below_rule)} less than the paper's rule"
-    compared = [f"It costs V_p + {found.time_weight:g} T = {found.cost.value:.3f} m/s{less}"]
+    less = "" if name == PAPER else f", {percent(below_rule)} less than the paper's rule"
+    compared = [f"It costs V_p + {weight:g} T = {cost.value:.3f} m/s{less}"]
     for each in dict.fromkeys((matchup.rival.name, matchup.chosen)):
         if each in (name, PAPER):
             continue
-        share = found.above[each]
-        if share.low > 0.0:
-            compared.append(f"{called[each]} {percent(share)} more")
-        elif share.high < 0.0:
-            compared.append(f"{called[each]} {percent(-share)} less here, but no less where the choice was made")
+        if above[each].low > 0.0:
+            compared.append(f"{called[each]} {percent(above[each])} more")
+        elif above[each].high < 0.0:
+            compared.append(f"{called[each]} {percent(-above[each])} less here, but no less where the choice was made")
         else:
-            compared.append(f"{called[each]} cannot be told from it (difference {percent(share)})")
-    misses = f" It misses {found.missed} of {played.count:,} objects." if found.missed else ""
-    return f"Best here: {called[name]}. {'; '.join(compared)}.{misses}"
+            compared.append(f"{called[each]} cannot be told from it (difference {percent(above[each])})")
+    misses = f" It misses {missed} of {played.count:,} objects." if missed else ""
+    sentence = f"Best here: {called[name]}. {'; '.join(compared)}.{misses}"
+    return Choice(name, weight, cost, below_rule, above, missed, sentence)
 
 
 def table(result: Choice, played: Played) -> Table:

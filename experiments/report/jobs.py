@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from agents.evaluate.play import play, scenario_batch_of
 from agents.jobs import cached
 from agents.policies import Controller
 from experiments.lab import grid
-from experiments.lab.player.films import play as replay
 from experiments.report import choice, holds
 from experiments.report.matchups import Matchup
 from experiments.report.played import Arrays, Played, Run
@@ -22,21 +21,11 @@ from impact_gym.scene import SpringDamper
 from impact_gym.task import Task
 
 JSON = Mapping[str, Any]
-PLAYING = (*grid.PLAYED, __name__, "experiments.lab.player.films", grid.__name__)
+PLAYING = (*grid.PLAYED, __name__, grid.__name__)
 """Modules that results depend on, besides the arguments of the jobs: set-ups, policies and tuned baselines."""
-FAR = 0.36  # m, just beyond the farthest object: the approach figure shows no contact
-NEAR = 0.25  # m, distance of the object in the approach figure of controllers with an estimate
 FEWER = 500  # scenarios for each change of the environment, and for deflections
 HALVINGS = 9  # of the range of weights, on a logarithmic scale, by a bisection: it finds a weight to 1 %
 CALIBRATION_SCENARIOS = 500  # largest number that is played to find a weight
-
-
-class ReportJob(NamedTuple):
-    """A call of `measured`, and the place of its result in `Played`."""
-
-    where: str  # field of `Played`, which also selects the measurement
-    key: Any  # key in that field; None if the field holds a single result
-    arguments: Mapping[str, Any]
 
 
 def play_matchups(
@@ -46,38 +35,28 @@ def play_matchups(
 
     `depends` is a digest of the sources; kept results of another digest are not used.
     """
-    jobs = [(number, job) for number, matchup in enumerate(matchups) for job in jobs_of(matchup)]
-    calls = [{"where": job.where, "arguments": dict(job.arguments)} for _, job in jobs]
-    print(f"results are kept in {folder}", flush=True)
-    calls.reverse()  # the jobs of the last set-up take longest, so they begin first
-    results = cached(measured, calls, folder, depends=depends, title="playing", processes=processes, cluster=cluster)
     played = [Played(matchup) for matchup in matchups]
-    for (number, job), result in zip(jobs, reversed(results), strict=True):
-        if job.where == "varied":
-            played[number].varied.append((job.key, result))
+    jobs = [(each, *job) for each in reversed(played) for job in jobs_of(each.matchup)]  # the last set-up takes longest
+    calls = [{"where": where, "arguments": arguments} for _, where, _, arguments in jobs]
+    print(f"results are kept in {folder}", flush=True)
+    results = cached(measured, calls, folder, depends=depends, title="playing", processes=processes, cluster=cluster)
+    for (each, where, key, arguments), result in zip(jobs, results, strict=True):
+        if where == "varied":
+            each.varied.append((key, result))
             continue
-        weights = result["weight"].tolist() if "weight" in result else job.arguments["weights"]
-        run = Run(tuple(weights), result, grid.missed_cost(matchups[number].environment))
-        if job.key is None:
-            setattr(played[number], job.where, run)
+        weights = result["weight"].tolist() if "weight" in result else arguments["weights"]
+        run = Run(tuple(weights), result, grid.missed_cost(each.matchup.environment))
+        if where == "bound":
+            each.bound = run
         else:
-            getattr(played[number], job.where)[job.key] = run
+            getattr(each, where)[key] = run
     return played
 
 
-def watched_at(matchup: Matchup) -> float:
-    """Return the object's distance (m) in the approach figure: mid-range if estimated, else beyond all objects."""
-    estimated = matchup.environment.get("range_noise") is not None
-    if "ranges" not in matchup.scenarios:
-        return NEAR if estimated else FAR
-    low, high = matchup.scenarios["ranges"]["distance"]
-    return float(0.5 * (low + high) if estimated else high + 0.01)
-
-
-def jobs_of(matchup: Matchup) -> Iterator[ReportJob]:
-    """Yield the jobs of a matchup."""
+def jobs_of(matchup: Matchup) -> Iterator[tuple[str, Any, dict[str, Any]]]:
+    """Yield for each job: the field of `Played` for its result, the key in this field, and the job's arguments."""
     scenarios, environment, typical = matchup.scenarios, matchup.environment, matchup.typical
-    task, some = Task(**environment), {**scenarios, "count": min(FEWER, scenarios["count"])}
+    some = {**scenarios, "count": min(FEWER, scenarios["count"])}
     jobs: list[tuple[str, Any, JSON]] = [
         (where, seed, {"scenarios": scenarios, "weights": list(seed.weights)})
         for seed in matchup.seeds
@@ -87,30 +66,26 @@ def jobs_of(matchup: Matchup) -> Iterator[ReportJob]:
         tuned = len(baseline.weights) > 1  # between its tuned weights, its parameters are interpolated
         weights = sorted({*baseline.weights, *matchup.weights, typical}) if tuned else list(baseline.weights)
         jobs.append(("baselines", baseline, {"scenarios": scenarios, "weights": weights}))
-    for contestant in (*matchup.baselines, matchup.policy):
-        jobs.append(("choosing", contestant, {"scenarios": choice.scenarios(scenarios), "weights": [typical]}))
+    chosen_on = {"scenarios": choice.scenarios(scenarios), "weights": [typical]}
+    jobs += [("choosing", contestant, chosen_on) for contestant in (*matchup.baselines, matchup.policy)]
     if (bound := matchup.bound) is not None:
         searched = min(scenarios["count"], len(bound.controller["clairvoyant"][f"{bound.weights[0]:g}"]))
         jobs.append(("bound", bound, {
             "scenarios": {**scenarios, "count": searched}, "weights": list(bound.weights),
             "environment": {**environment, "privileged": True},
         }))  # fmt: skip
-    shown = dict.fromkeys((matchup.weights[0], typical, matchup.weights[-1]))
-    for rival in matchup.rivals:
-        weights = [weight for weight in shown if weight in rival.weights] or [rival.weights[0]]
-        jobs.append(("profiles", rival, {"weights": weights, "distance": watched_at(matchup)}))
-        if isinstance(task.coupling, SpringDamper):
-            jobs.append(("travelled", rival, {"scenarios": some, "weights": [typical]}))
+    if isinstance(Task(**environment).coupling, SpringDamper):
+        jobs += [("travelled", rival, {"scenarios": some, "weights": [typical]}) for rival in matchup.rivals]
     for where, contestant, arguments in jobs:
-        key = None if where == "bound" else contestant.name
-        yield ReportJob(where, key, {"controller": contestant.controller, "environment": environment, **arguments})
+        yield where, contestant.name, {"controller": contestant.controller, "environment": environment, **arguments}
     for cell in holds.cells(matchup, some):
-        yield ReportJob("varied", cell.labels, cell.arguments)
+        yield "varied", cell.labels, dict(cell.arguments)
 
 
 def measured(where: str, arguments: JSON) -> Any:
     """Return the result of a job, arrays or a frame: one function for all jobs of a report."""
-    return MEASURES[where](**arguments)
+    measure: Callable[..., Any] = MEASURES.get(where, play)
+    return measure(**arguments)
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
@@ -161,28 +136,7 @@ def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Seq
     return {"before": travel.deflection[None], "in_all": travel.stroke[None]}
 
 
-def profile(controller: JSON, environment: JSON, weights: Sequence[float], distance: float) -> Arrays:
-    """Return the flange's velocity (weights, k) over even positions (k,) up to an object at `distance` (m).
-
-    If the controller observes an estimate of the distance, the estimate has no error.
-    """
-    record = {"object_mass": 0.5, "contact_stiffness": 3e4, "restitution": 0.5, "distance": distance}
-    if environment.get("range_noise") is not None:
-        record["distance_estimate"] = distance
-    position = np.linspace(0.0, distance, 141)
-    curves = []
-    for weight in weights:
-        player, options = controller_of(controller, weight, Task(**environment)), {**environment, "time_weight": weight}
-        run = replay(player, seed=0, number=0, record=record, options=options)
-        approach = run.history.time <= run.info["approach_time"] + 1e-12
-        place, velocity = (run.history.columns[f"flange_{name}"][approach] for name in ("position", "velocity"))
-        forward = np.flatnonzero(place >= np.maximum.accumulate(place))  # the flange may move back
-        curves.append(np.interp(position, place[forward], velocity[forward], right=np.nan))
-    return {"position": position, "velocity": np.array(curves)}
-
-
 MEASURES: Mapping[str, Callable[..., Any]] = {
-    "seeds": play, "as_late": play_as_late, "baselines": play, "choosing": play, "bound": play, "varied": grid.play,
-    "profiles": profile, "travelled": travelled,
+    "as_late": play_as_late, "varied": grid.play, "travelled": travelled,
 }  # fmt: skip
-"""The measurement of each field of `Played`."""
+"""The measurement of a field of `Played`; `play` measures the other fields."""

@@ -133,26 +133,50 @@ def of_setup(
         ValueError: there are no policies yet, a baseline was not tuned, or no policy was trained for the time weight.
     """
     folder = setup.folder if folder is None else folder
+    if time_weight is not None:  # also the weight at which the paper's rule plays
+        setup = replace(setup, evaluation=replace(setup.evaluation, typical=time_weight))
     path = folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
         raise ValueError(f"there are no policies {path}: impact-gym train {setup.called} --seeds {setup.seeds}")
     ensemble = load_ensemble(path)
     if not setup.describes(ensemble[None].task):
         raise ValueError(f"{path} was trained for another environment than {setup.called} describes: train it again")
-    setup = replace(setup, evaluation=typically(setup.evaluation, time_weight, ensemble[None]))
-    policies = sorted(ensemble.policies, key=lambda policy: policy.seed)
-    seeds = tuple(policy_contestant(f"seed-{policy.seed}", policy, setup.evaluation) for policy in policies)
-    chosen, about = f"seed-{ensemble.chosen}", ensemble[None].provenance
+    policies = {f"seed-{each.seed}": each for each in sorted(ensemble.policies, key=lambda policy: policy.seed)}
     environment, scenarios = environment_and_scenarios(setup.environment, scenarios)
     rivals = baselines(setup.against, environment, setup, folder / "tuned")
     teacher = setup.training.teacher
     known = ", which it is compared with" if teacher in setup.against else ""
     imitates = f"; {IMITATES} {teacher}{known}" if teacher else ""
-    note = setup.about + imitates + quick_look_note(setup, about, rivals)
+    note = setup.about + imitates + quick_look_note(setup, ensemble[None].provenance, rivals)
     bound = clairvoyant(setup, scenarios, folder / "tuned")
-    return Matchup(
-        setup.name, environment, seeds, chosen, rivals, scenarios, about, note, setup.evaluation, bound, setup.title
-    )
+    found = Matchup(setup.name, environment, (), f"seed-{ensemble.chosen}", rivals, scenarios, {}, note,
+                    setup.evaluation, bound, setup.title)  # fmt: skip
+    return _with_policies(found, policies, time_weight)
+
+
+def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight: float | None) -> Matchup:
+    """Return a matchup with its policies, each at the weights of the evaluation for which it was trained.
+
+    A contestant holds the policy itself, so other machines need no file. `time_weight` (m/s per s) replaces the typical
+    weight of the evaluation, unless it is None.
+
+    Raises:
+        ValueError: the policies were not trained for this time weight.
+    """
+    policy, evaluation = policies[matchup.chosen], matchup.evaluation
+    trained = policy.environment.get("time_weight", evaluation.typical)
+    low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
+    if time_weight is not None:
+        number("time_weight", time_weight, "m/s per s", at_least=low, at_most=high)
+        evaluation = replace(evaluation, typical=time_weight)
+    compared = sorted({*evaluation.curve, *evaluation.weights, evaluation.typical})
+    weights = tuple(weight for weight in compared if low <= weight <= high) or (float(low),)
+    seeds = []
+    for name, each in policies.items():
+        content = each.to_bytes()
+        spec = {"policy": base64.b64encode(content).decode()}
+        seeds.append(Contestant(name, spec, weights, hashlib.sha256(content).hexdigest()))
+    return replace(matchup, seeds=tuple(seeds), evaluation=evaluation, provenance=policy.provenance)
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
@@ -202,7 +226,6 @@ def of_policies(
         environment, of_environment = environment_and_scenarios(arguments, scenarios)
         Policy(loaded.network, Task(**environment), {})  # raises if network and environment do not fit
         setup = next((setup for setup in map(load_setup, shipped()) if setup.describes(loaded.task)), None)
-        evaluation = typically(setup.evaluation if setup else Evaluation.of_table({}, trained_in), time_weight, loaded)
         called = path.parent.name if path.name in ("best.npz", "final.npz") else path.stem
         name = identifier("policy", re.sub(r"[^A-Za-z0-9.-]+", "-", called)[:100].strip("-.") or "policy")
         if name in matchups:
@@ -212,40 +235,10 @@ def of_policies(
             note += f"; its baselines were tuned for {setup.name}, not for this environment"
         rivals = baselines(names or (setup.against if setup else ()), environment)
         bound = clairvoyant(setup, of_environment) if setup and not changes else None
-        seeds, about = (policy_contestant(name, loaded, evaluation),), loaded.provenance
-        matchups[name] = Matchup(name, environment, seeds, name, rivals, of_environment, about, note, evaluation, bound)
+        evaluation = setup.evaluation if setup else Evaluation.of_table({}, trained_in)
+        found = Matchup(name, environment, (), name, rivals, of_environment, {}, note, evaluation, bound)
+        matchups[name] = _with_policies(found, {name: loaded}, time_weight)
     return list(matchups.values())
-
-
-def typically(evaluation: Evaluation, time_weight: float | None, policy: Policy) -> Evaluation:
-    """Return an evaluation whose typical time weight is `time_weight` (m/s per s), or `evaluation` if it is None.
-
-    Raises:
-        ValueError: the policy was not trained for this weight.
-    """
-    if time_weight is None:
-        return evaluation
-    low, high = trained_weights(policy, evaluation)
-    number("time_weight", time_weight, "m/s per s", at_least=low, at_most=high)
-    return replace(evaluation, typical=time_weight)
-
-
-def trained_weights(policy: Policy, evaluation: Evaluation) -> tuple[float, float]:
-    """Return the least and the largest time weight for which a policy was trained, m/s per s."""
-    trained = policy.environment.get("time_weight", evaluation.typical)
-    low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
-    return float(low), float(high)
-
-
-def policy_contestant(name: str, policy: Policy, evaluation: Evaluation) -> Contestant:
-    """Return a policy as a contestant that holds the policy itself, so that other machines need no file."""
-    low, high = trained_weights(policy, evaluation)
-    compared = sorted({*evaluation.curve, *evaluation.weights, evaluation.typical})
-    weights = tuple(weight for weight in compared if low <= weight <= high) or (float(low),)
-    content = policy.to_bytes()
-    return Contestant(
-        name, {"policy": base64.b64encode(content).decode()}, weights, hashlib.sha256(content).hexdigest()
-    )
 
 
 def baselines(

@@ -1,29 +1,7 @@
-// Tabs, links into folded parts, and charts, which are drawn when they become visible.
+// Tabs, links into folded parts, and prints.
 (() => {
   const tabs = [...document.querySelectorAll("[role=tab]")];
   const panelOf = (tab) => document.getElementById(tab.getAttribute("aria-controls"));
-
-  // Vega is large, so it is loaded for the first chart, after the page is painted.
-  const drawing = () => {
-    if (window.vegaEmbed) return;
-    const program = document.createElement("script");
-    program.textContent = document.getElementById("_vega").textContent;
-    document.head.append(program);
-  };
-  const draw = (element) => {
-    element.dataset.drawn = "1";
-    drawing();
-    const spec = JSON.parse(document.getElementById(element.dataset.spec).textContent);
-    if (element.clientWidth < 420) spec.config.legend.columns = 1;
-    return vegaEmbed(element, spec, {renderer: "svg", actions: false});
-  };
-  const seen = (element) => !element.closest("details:not([open]), [hidden]");
-  window.drawAll = async () => {
-    document.documentElement.classList.remove("fresh");  // charts are as wide as their container
-    await Promise.all([...document.querySelectorAll(".chart:not([data-drawn])")].filter(seen).map(draw));
-  };
-  const soon = window.requestIdleCallback || ((work) => setTimeout(work, 50));
-  const later = () => soon(() => window.drawAll());
 
   const choose = (tab) => {
     for (const other of tabs) {
@@ -33,7 +11,6 @@
       panelOf(other).hidden = !on;
     }
     for (const link of document.querySelectorAll("[data-part]")) link.hash = link.dataset.part + panelOf(tab).id;
-    later();
   };
   for (const tab of tabs) {
     tab.addEventListener("click", () => {
@@ -60,20 +37,17 @@
     if (target !== panel) target.scrollIntoView();
   };
   addEventListener("hashchange", follow);
-  document.addEventListener("toggle", later, true);
 
   // Print folded parts of the selected set-up as well.
   let opened = [];
   addEventListener("beforeprint", () => {
-    opened = [...document.querySelectorAll(".fold:not([open]), .fails:not([open]), figcaption details:not([open])")]
+    opened = [...document.querySelectorAll(".fold:not([open]), .fails:not([open])")]
       .filter((fold) => !fold.closest("[hidden]"));
     for (const fold of opened) fold.open = true;
-    window.drawAll();
   });
   addEventListener("afterprint", () => { for (const fold of opened) fold.open = false; });
   requestAnimationFrame(() => setTimeout(() => {
     document.documentElement.classList.remove("fresh");
     follow();
-    later();
   }));
 })();

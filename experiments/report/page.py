@@ -2,26 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-import vl_convert
-from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of
 from agents.provenance import todays
-from experiments.lab import page
-from experiments.lab.parts import Section, Table
+from experiments.lab import charts, page
+from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.player import choose, films, fragment
-from experiments.report import ablation, answer, choice, differences, first_screen, holds
-from experiments.report.figures import Figure
+from experiments.report import ablation, answer, choice, holds, tables
 from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
 from impact_gym.task import Task
-from impact_gym.task.scenario import FIELDS
 
 CHOSEN_ON = {
     "table": "these scenarios themselves", "set": "the first half of the validation set",
@@ -46,7 +41,7 @@ class Tab:
     steps: Sequence[ablation.Step]
     headline: str  # the controller to take, and the answer without intervals
     fails: holds.Failing
-    chart: Figure
+    chart: Picture
     summary: str  # the answer with its intervals, in a sentence or two
     engineer: Sequence[Section]
     statistician: Sequence[Section]
@@ -59,34 +54,32 @@ def tab(played: Played) -> Tab:
     chosen = choice.choice(played)
     engineer = [Section("Which controller to take", [choice.table(chosen, played)], key="choice")]
     if matchup.operated:  # the ablation has no step for an operator
-        short = first_screen.assisted(played)
-        summary = f"{matchup.name} ({matchup.note}): {first_screen.assisted(played, intervals=True)}"
+        short = answer.assisted(played)
+        summary = f"{matchup.name} ({matchup.note}): {answer.assisted(played, intervals=True)}"
     else:
-        short = first_screen.at_rule_time(result, played)
+        short = answer.at_rule_time(result, played)
         summary = answer.sentence(result, matchup) + ablation.sentence(steps)
         engineer += [
-            Section("At about the paper's approach time: mean and tail", [answer.at_one_time(played)]),
+            Section("At about the paper's approach time: mean and tail", [tables.at_one_time(played)]),
             Section("Ablation: where the gain comes from", [ablation.table(steps, matchup.labels)]),
         ]
     engineer += [
-        Section("What it learned", [differences.approach(played)], key="learned"),
-        Section("Times, velocities and forces", [differences.measures(played)], key="forces"),
+        Section("Times, velocities and forces", [tables.measures(played)], key="forces"),
         Section("Robustness", [holds.heat_map(played)], key="robustness"),
         Section("Robustness: every change", [holds.table(played)], folded=True),
     ]
     chosen_on = next(words for kind, words in CHOSEN_ON.items() if kind in matchup.scenarios)
     note = (f"The weight for the paper's approach time was chosen on {chosen_on}, so the mean times of policy and "
             "rule differ slightly here.")  # fmt: skip
-    trade_off = [answer.trade_off(played), answer.weights_table(played)]
+    answered = [summary] if matchup.operated else [tables.answered(result, played), note]
     statistician = [
-        Section("The answer", [summary if matchup.operated else answer.table(result, played)], key="answer"),
-        Section("Trade-off of all seeds and baselines", trade_off, folded=True, key="trade-off"),
-        Section("Differences by scenario", [note, *(differences.paired(played, field) for field in FIELDS)],
-                folded=True, key="differences"),
+        Section("The answer", answered, key="answer"),
+        Section("Trade-off of all seeds and baselines", [tables.trade_off(played), tables.by_weight(played)],
+                folded=True, key="trade-off"),
     ]  # fmt: skip
     return Tab(
         matchup, result, chosen, steps, f"{chosen.sentence} {short}",
-        holds.where_it_fails(played, chosen.controller), first_screen.chart(result, played), summary, engineer,
+        holds.where_it_fails(played, chosen.controller), tables.trade_off(played, first_screen=True), summary, engineer,
         statistician, Markup(fragment(watch(played), f"watch-{matchup.name}")),
     )  # fmt: skip
 
@@ -129,22 +122,16 @@ def watch(played: Played) -> dict[str, Any]:
     return watched
 
 
-def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> list[str]:
-    """Write the page, and its figures with their data into `folder`/figures; return the names of these files."""
-    saved = list[str]()
+def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> None:
+    """Write the page, and its pictures into `folder`/figures."""
     for tab in tabs:
-        parts = [tab.chart, *(part for section in (*tab.engineer, *tab.statistician) for part in section.parts)]
-        for part in parts:
-            saved += part.save(folder / "figures") if isinstance(part, Figure) else []
-    bundle = vl_convert.javascript_bundle()  # type: ignore[call-arg]  # the stub requires an optional argument
+        for part in (tab.chart, *(part for section in tab.statistician for part in section.parts)):
+            if isinstance(part, Picture):
+                charts.save(part.figure, folder / f"{part.name}.svg")
     page.write(
         folder,
         "report/page.html.jinja",
-        macros={Figure: "figure"},
         runs=[about],
         about={**about, "policies": policies_table(all_played), "seeds": max(len(each.seeds) for each in all_played)},
         tabs=tabs,
-        vega=Markup(bundle.replace("</script", "<\\/script")),
-        embedded=partial(htmlsafe_json_dumps, separators=(",", ":"), allow_nan=False),
     )
-    return saved

@@ -64,7 +64,6 @@ class Played:
     choosing: dict[str, Run] = field(default_factory=dict)  # baselines and median seed, in the scenarios of `choice`
     bound: Run | None = None
     varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # labels, rows: `holds.cells`
-    profiles: dict[str, Run] = field(default_factory=dict)
     travelled: dict[str, Run] = field(default_factory=dict)  # only with a tool on a spring
 
     @property

@@ -1,4 +1,4 @@
-"""`impact-gym study bench`: steps per second of our and Gymnasium's environments, and the time of an approach.
+"""`impact-gym study bench`: steps per second of our environments and of Gymnasium's.
 
 The rates at several batch sizes show how large a batch should be. For each set-up three rates are measured.
 *environment*: Gymnasium's own benchmark, random actions. *environment with inference*: the shipped policy acts.
@@ -11,12 +11,11 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import redirect_stdout
-from dataclasses import asdict, replace
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
-from timeit import repeat
 from typing import Any
 
 import gymnasium as gym
@@ -27,42 +26,28 @@ from gymnasium.utils.performance import benchmark_vector_step
 
 from agents import load_policy
 from agents.baselines import PaperTrapezoid
-from agents.evaluate.play import play
 from agents.setups import load_setup
 from agents.train.ppo import Run, train
 from experiments.lab.parts import Section, Table
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
-from impact_gym.envs import IDS
-from impact_gym.robot import IMPACT, default_approach
-from impact_gym.sb3 import ImpactVecEnv
 
 ID, SCALE, BATCH_SCALE, BATCH = "ImpactApproach-v0", "Pendulum-v1", "CartPole-v1", 1024
 SIZES = (64, 256, 1024, 4096, 16384)  # environments in a batch
-LEARN_ENVS = 512  # environments in a batch for training
 SETUPS = ("linear-blind", "bistable-blind")
 STEPS = 1_000_000  # steps of a training
 RTOL = 1e-6  # rtol of the batch: the largest power of ten with an error in V_p below 1e-6 m/s
 MIX = 80  # steps before a measurement: episodes begin together, take 20 to 75 steps, and are then in different phases
-RULE = "paper-trapezoid"
-COUNT, SEED = 10_000, 30_000_000  # number and first seed of the scenarios
-RTOLS = {"1e-4": 1e-4, "1e-6": 1e-6, "1e-8 (the default)": 1e-8, "1e-10": 1e-10, "1e-12": 1e-12}
-
 Step = Callable[[], Any]
 
 
-def rate(
-    call: Step, steps: int, seconds: float, rounds: int = 3, clock: Callable[[], float] = time.perf_counter
-) -> float:
-    """Return the steps per second of `call`, which makes `steps` steps: the best of `rounds`, `seconds` in all."""
-    best = 0.0
-    for _ in range(rounds):
-        calls, spent, begun = 0, 0.0, clock()
-        while spent < seconds / rounds or calls == 0:
-            call()
-            calls += 1
-            spent = clock() - begun
-        best = max(best, calls * steps / spent)
-    return best
+def rate(call: Step, steps: int, seconds: float, clock: Callable[[], float] = time.perf_counter) -> float:
+    """Return the steps per second of `call`, which makes `steps` steps and is called for `seconds`."""
+    calls, spent, begun = 0, 0.0, clock()
+    while spent < seconds or calls == 0:
+        call()
+        calls += 1
+        spent = clock() - begun
+    return calls * steps / spent
 
 
 def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
@@ -82,26 +67,17 @@ def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
     return step
 
 
-def batch(name: str, size: int) -> Step:
-    """Return a function that steps the native batch of `gym.make_vec(name)` once, with random actions."""
-    return stepping(gym.make_vec(name, num_envs=size, vectorization_mode="vector_entry_point"))
-
-
 def stepped(quick: bool) -> pl.DataFrame:
     """Return step rates of our and Gymnasium's environments: the best of some rounds, each of which times all."""
     batched, rule = gym.make_vec(ID, num_envs=BATCH, rtol=RTOL), PaperTrapezoid()
-    of_library = ImpactVecEnv(LEARN_ENVS)
-    alike = np.tile(of_library.action_space.sample(), (LEARN_ENVS, 1))  # the same action everywhere
-    single = [(name, 1, stepping(gym.wrappers.Autoreset(gym.make(name)))) for name in (ID, SCALE)]
     steps = [
         (f"{ID}, the paper's rule", BATCH, stepping(batched, lambda last: rule.predict(last[0])[0])),
-        (BATCH_SCALE, BATCH, batch(BATCH_SCALE, BATCH)),
-        *single,
-        ("ImpactVecEnv", LEARN_ENVS, stepping(of_library, lambda _: alike)),
-        *((ID, size, batch(ID, size)) for size in (SIZES[::2] if quick else SIZES)),
+        *((name, 1, stepping(gym.wrappers.Autoreset(gym.make(name)))) for name in (ID, SCALE)),
     ]
+    for name, size in [(BATCH_SCALE, BATCH), *((ID, size) for size in (SIZES[::2] if quick else SIZES))]:
+        steps.append((name, size, stepping(gym.make_vec(name, size, vectorization_mode="vector_entry_point"))))
     rounds, seconds = (1, 0.03) if quick else (5, 0.5)
-    rates = np.max([[rate(step, envs, seconds, rounds=1) for _, envs, step in steps] for _ in range(rounds)], axis=0)
+    rates = np.max([[rate(step, envs, seconds) for _, envs, step in steps] for _ in range(rounds)], axis=0)
     rows = [(name, envs, best) for (name, envs, _), best in zip(steps, rates, strict=True)]
     table = pl.DataFrame(rows, ["environment", "in a batch", "steps per second"], orient="row")
     ratio = pl.col("steps per second").first().over("in a batch") / pl.col("steps per second")
@@ -117,7 +93,7 @@ def three_rates(name: str, quick: bool) -> list[Row]:
     row: dict[str, Any] = {"environments": count}
     row["environment"] = benchmark_vector_step(envs[0], seconds, seed=0)  # type: ignore[arg-type]  # accepts 0.1 s, too
     acting = stepping(envs[1], lambda last: policy.predict(last[0])[0])
-    row["environment with inference"] = rate(acting, count, seconds)
+    row["environment with inference"] = max(rate(acting, count, seconds / 3) for _ in range(3))
     for number in sorted(threads):
         run = Run(setup, replace(setup.training, steps=steps, threads=number))
         with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
@@ -125,44 +101,6 @@ def three_rates(name: str, quick: bool) -> list[Row]:
         row[f"training, torch threads: {number}"] = metrics["steps_per_second"]
     torch.set_num_threads(1)
     return [row]
-
-
-def approached(environment: dict[str, Any], quick: bool) -> list[Row]:
-    """Return the processor time of an approach of the paper's rule on one core (µs): the best of some rounds."""
-    rounds, count = (1, 500) if quick else (3, COUNT)
-    scenarios = {"ranges": "test", "seed": SEED, "count": count}
-
-    def call() -> Any:
-        return play({"baseline": RULE}, scenarios, environment=environment)
-
-    return [{"microseconds": 1e6 * min(repeat(call, timer=time.process_time, repeat=rounds, number=1)) / count}]
-
-
-def cases() -> dict[str, dict[str, dict[str, Any]]]:
-    """Return the arguments of the environment in each case, by the quantity that varies and by the case's name."""
-    robot = default_approach().at(IMPACT)
-    spring, bistable = IDS["ImpactApproach-v0"], IDS["ImpactApproachBistable-v0"]
-    return {
-        "coupling": {
-            "rigid": IDS["ImpactApproachRigid-v0"],
-            "spring and damper (the default)": spring,
-            "bistable, the paper's": bistable,
-            "bistable, for slow touches": dict(load_setup("bistable-blind").environment),
-        },
-        "robot, with the default coupling": {
-            "rigid (the default)": spring,
-            "one mass on a spring": {"robot": {"type": "Robot", **asdict(robot)}},
-        },
-        "rtol, with the default coupling": {name: {"rtol": rtol} for name, rtol in RTOLS.items()},
-        "rtol, with the paper's bistable coupling": {name: {"rtol": rtol, **bistable} for name, rtol in RTOLS.items()},
-    }
-
-
-def cells_of_cost(quick: bool, _: Frames) -> Iterator[Cell]:
-    """Yield a cell for each case."""
-    for by, varied in cases().items():
-        for case, environment in varied.items():
-            yield Cell({"by": by, "case": case}, {"environment": environment, "quick": quick})
 
 
 def words(value: Any) -> str:
@@ -177,15 +115,9 @@ def table(caption: str, frame: pl.DataFrame) -> Table:
     return Table(caption, frame.columns, [[words(value) for value in row] for row in frame.iter_rows()])
 
 
-def with_ratio(costs: pl.DataFrame) -> pl.DataFrame:
-    """Return the times of cases, each with its ratio to the time of the default case."""
-    default = pl.col("microseconds").filter(pl.col("case").str.ends_with("(the default)")).first()
-    return costs.select("case", "microseconds", ratio=pl.col("microseconds") / default)
-
-
 def analyse(frames: Frames, quick: bool) -> Findings:
     """Show the measured tables."""
-    sections, answer = [], "Step rates and costs, see below."
+    sections, answer = [], "Step rates, see below."
     if "environments" in frames:
         steps = frames["environments"]
         best = steps.filter(pl.col("environment") == ID).sort("steps per second").row(-1, named=True)
@@ -200,16 +132,12 @@ def analyse(frames: Frames, quick: bool) -> Findings:
             "Environment: random actions. With inference: a policy acts. Training: from the first rollout to the end."
         )
         sections.append(Section("The three rates", [table("Steps per second", frames["rates"]), what]))
-    if "cost" in frames:
-        groups = frames["cost"].partition_by("by", as_dict=True).items()
-        tables = [table(f"By {by}", with_ratio(costs)) for (by,), costs in groups]
-        sections.append(Section(f"Time of an approach of {RULE}", [*tables, "Processor time on one core."]))
     return Findings(answer, sections)
 
 
 STUDY = Study(
     name="bench",
-    question="How many steps per second, and how long does an approach take?",
+    question="How many steps per second?",
     measurements=(
         # one after the other in this process, whose threads are not limited to one
         Measurement(
@@ -219,7 +147,6 @@ STUDY = Study(
             "rates", lambda quick, _: [Cell({"set-up": name}, {"name": name, "quick": quick}) for name in SETUPS],
             three_rates, ("impact_gym", "agents"), processes=0,
         ),
-        Measurement("cost", cells_of_cost, approached, ("impact_gym", "agents"), processes=0),
     ),
     analyse=analyse,
     packages=("gymnasium", "torch", "stable-baselines3"),

@@ -1,4 +1,4 @@
-"""What the gain over the paper's rule comes from, and how controllers do in conditions for which they were not made.
+"""What the gain over the paper's rule comes from.
 
 For each distribution of the object's distance, the paper's rule is compared with the best constant speed and with the
 best profile of speed over position. Constant speed and profile have the same limits of the arm and the same choice of
@@ -19,9 +19,7 @@ from agents.baselines.cmaes import minimise
 from agents.baselines.profile import ACCELERATION, REACTION, ReactingRule
 from agents.baselines.rule import Floats, Parameter
 from agents.evaluate import TEST_SEED, TUNING_SEED, ScenarioBatch
-from agents.setups import load_setup
 from experiments.lab import grid
-from experiments.lab.grid import Contestant, Place
 from experiments.lab.parts import Section, Table, percent
 from experiments.lab.statistics import Comparison, Resamples, estimate
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Study
@@ -112,40 +110,6 @@ def searched(
     return pl.DataFrame(columns | {name: getattr(episodes, name) for name in names})
 
 
-STROKE = 0.02  # m
-WORLDS: Mapping[str, Mapping[str, Any]] = {
-    "as trained": {},
-    **{f"friction {mu:g}": {"friction": mu} for mu in (0.1, 0.3, 0.5)},
-    "restitution holds at 0.2 m/s": {"dissipation": "fixed", "reference_velocity": 0.2},
-    f"stroke {1e3 * STROKE:g} mm": {"coupling": STROKE},
-    **{f"sensed {1e3 * delay:g} ms late": {"reaction_delay": delay} for delay in (0.05, 0.1, 0.2)},
-}
-SETUPS = ("linear-blind", "linear-robust", "linear-ranged", "bistable-blind")
-RULE, PROFILE, POLICY = "paper's rule", "profile", "policy"
-MEASURES = {
-    "object_velocity": "V_p (m/s)", "approach_time": "T (s)", "slide": "slides (cm)", "contact_count": "contacts",
-    "rest_time": "all at rest (s)",
-}  # fmt: skip
-
-
-def worlds(quick: bool, _: Frames) -> Iterable[Cell]:
-    """Yield a cell for each shipped controller in each of WORLDS."""
-    scenarios = {"set": "test", "count": QUICK_SEARCH["tested"] if quick else SEARCH["tested"]}
-    for setup in map(load_setup, SETUPS):
-        places, coupling = [], setup.environment.get("coupling", {})
-        for world, changes in WORLDS.items():
-            if "coupling" in changes and not setup.name.startswith("linear"):
-                continue  # a bistable mechanism already has stops
-            changed = {"coupling": {**coupling, "stroke": STROKE}} if "coupling" in changes else changes
-            places.append(Place(setup.name, world, {**setup.environment, **changed}))
-        contestants = [
-            Contestant(RULE, {"baseline": "paper-trapezoid"}),
-            Contestant(PROFILE, {"baseline": setup.against[0]}),
-            grid.seeds_of(setup.name, POLICY)[0],
-        ]
-        yield from grid.cells(places, contestants, scenarios, [setup.evaluation.typical])
-
-
 def by_prior(frame: pl.DataFrame) -> list[dict[str, Any]]:
     """Return a row for each prior: V_p of each rule at the mean approach time of the paper's rule, with intervals."""
     lines = []
@@ -160,21 +124,6 @@ def by_prior(frame: pl.DataFrame) -> list[dict[str, Any]]:
         line["velocity"] = list(map(estimate, (rule, steady, profile)))
         line |= {name: estimate(share) for name, share in shares.items()}
         lines.append(line | {"profile": Comparison(profile, steady).reduction})
-    return lines
-
-
-def by_world(frame: pl.DataFrame) -> list[dict[str, str]]:
-    """Return a row for each controller in each world: means of MEASURES with intervals, and the number of misses."""
-    lines = []
-    for (setup, world, contestant), rows in grid.groups(frame, "setup", "change", "contestant"):
-        line = {"set-up": setup, "world": world, "contestant": contestant}
-        for name, words in MEASURES.items():
-            values, scale = grid.sample(rows, name), 100.0 if name == "slide" else 1.0
-            line[words] = "-"
-            if np.isfinite(values).all():
-                mean = estimate(scale * Resamples(values.shape[1]).means(values))
-                line[words] = f"{mean:.{1 if name == 'slide' else 2}f}"
-        lines.append(line | {"missed": str(rows["missed"].sum())})
     return lines
 
 
@@ -199,41 +148,22 @@ def priors_section(lines: Sequence[Mapping[str, Any]]) -> Section:
     return Section("Knowing where", [Table(caption, head, rows), text], key="priors")
 
 
-def worlds_section(frame: pl.DataFrame) -> Section:
-    """Return the section on shipped controllers in worlds for which they were not made."""
-    rows = by_world(frame)
-    text = (
-        "Nothing was tuned or trained for these worlds. With friction V_p is the largest velocity of the object; "
-        "without friction it slides for ever (-). All at rest: the object is at rest, and the tool stays slower than "
-        "1 mm/s; a dash if this takes over 10 s in some scenario. The policy is the shipped median."
-    )
-    return Section("Other worlds", [Table("", (*rows[0],), [(*row.values(),) for row in rows]), text], key="worlds")
-
-
 def analyse(frames: Frames, _: bool) -> Findings:
-    """Compare the rules for each prior, and the shipped controllers in each world."""
-    answer, sections = "Shipped controllers in worlds for which they were not made.", []
-    if "priors" in frames:
-        lines = by_prior(frames["priors"])
-        known = next((line for line in lines if line["prior"].near == 0.15), lines[-1])
-        answer = (
-            f"With objects {known['prior'].words} away and no learning, V_p is {percent(known['all'], 0)} below that "
-            f"of the paper's rule at the same approach time: {percent(known['limits'], 0)} of the rule's V_p come from "
-            f"the arm's limits and a better reaction, {percent(known['place'], 0)} from knowing where objects can be."
-        )
-        sections.append(priors_section(lines))
-    if "worlds" in frames:
-        sections.append(worlds_section(frames["worlds"]))
-    return Findings(answer, sections)
+    """Compare the rules for each prior."""
+    lines = by_prior(frames["priors"])
+    known = next((line for line in lines if line["prior"].near == 0.15), lines[-1])
+    answer = (
+        f"With objects {known['prior'].words} away and no learning, V_p is {percent(known['all'], 0)} below that "
+        f"of the paper's rule at the same approach time: {percent(known['limits'], 0)} of the rule's V_p come from "
+        f"the arm's limits and a better reaction, {percent(known['place'], 0)} from knowing where objects can be."
+    )
+    return Findings(answer, [priors_section(lines)])
 
 
 STUDY = Study(
     "gain",
     "What causes the gain over the paper's rule?",
-    (
-        Measurement("priors", searches, searched, ("impact_gym", "agents.baselines", "agents.evaluate")),
-        Measurement("worlds", worlds, grid.play, (*grid.PLAYED, "agents.setups")),
-    ),
+    (Measurement("priors", searches, searched, ("impact_gym", "agents.baselines", "agents.evaluate")),),
     analyse,
     packages=("cma",),
 )

@@ -15,28 +15,27 @@ from experiments.lab.charts import OTHERS, SERIES
 from experiments.lab.page import factor
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Row, Study
-from experiments.studies.solvers.approaches import named
-from experiments.studies.solvers.contenders import CAREFUL, JUDGES, METHODS, OURS, TIMES, TOO_WRONG, timed
-from experiments.studies.solvers.growth import GROWTH, grown
-from experiments.studies.solvers.peers import PEERS
-from experiments.studies.solvers.solutions import SECOND_RTOL, TRUE_RTOL, Solution, power, true_row
+from experiments.studies.solvers import contenders
+from experiments.studies.solvers.approaches import Solution, named
+from experiments.studies.solvers.contenders import CAREFUL, JUDGES, OURS, PEER, power
 
 COMPARED = (1e-4, 1e-6, 1e-8, 1e-10)  # m/s in V_p, at which contenders are compared
 FINE = 1e-6  # m/s, the one of COMPARED that the answer quotes
 RTOLS = tuple(float(f"1e-{k}") for k in range(3, 14))
-RIVALS = {CAREFUL: tuple(f"{CAREFUL} {method}" for method in METHODS)} | {name: (name,) for name in PEERS}
+RIVALS = {CAREFUL: tuple(f"{CAREFUL} {method}" for method in contenders.METHODS), PEER: (PEER,)}
 """Each rival with its contenders (SciPy: one for each method). A cell times a rival in turn with our solver."""
 LONGEST = 400.0  # s, limit of a cell, compilation included
 EDGES = (1e-16, 1e1)  # errors outside are drawn at the edge
 STYLES: dict[str, dict[str, Any]] = {
-    name: {"color": colour, "marker": mark, "linestyle": line, "linewidth": width, "markersize": 4}
-    for name, colour, mark, line, width in zip(
-        (OURS, *RIVALS), (SERIES[0], OTHERS, *SERIES[1:]), "os^D", ("-", *3 * ("--",)), (2.4, *3 * (1.2,)),
-        strict=False,
-    )
-}  # fmt: skip
-WRONG: dict[str, Any] = {"marker": "o", "linestyle": "", "color": "#555555", "markerfacecolor": "white"}
-AXES = dict(zip(TIMES, ("processor time per approach (µs)", "processor time of all contacts (µs)"), strict=True))
+    OURS: {"color": SERIES[0], "marker": "o", "linestyle": "-", "linewidth": 2.4, "markersize": 4, "zorder": 3},
+    CAREFUL: {"color": OTHERS, "marker": "s", "linestyle": "--", "linewidth": 1.2, "markersize": 4},
+    PEER: {"color": SERIES[1], "marker": "^", "linestyle": "--", "linewidth": 1.2, "markersize": 4},
+}
+
+
+def cells_of_truth(_: bool, __: Frames) -> list[Cell]:
+    """Return a cell for each named approach."""
+    return [Cell({"scene": approach.name}, {"approach": approach.name}) for approach in named()]
 
 
 def cells_of_times(quick: bool, frames: Frames) -> Iterator[Cell]:
@@ -44,121 +43,86 @@ def cells_of_times(quick: bool, frames: Frames) -> Iterator[Cell]:
     rtols, rounds = ((1e-3, 1e-6, 1e-9), 1) if quick else (RTOLS, 3)
     for row in frames["truth"].iter_rows(named=True):
         truth = {field.name: row[field.name] for field in fields(Solution) if not math.isnan(row[field.name])}
-        for rival, contenders in RIVALS.items():
-            settings = [[name, rtol] for rtol in rtols for name in (OURS, *contenders) if name != OURS or rtol > 1e-13]
+        for rival, names in RIVALS.items():
+            settings = [[name, rtol] for rtol in rtols for name in (OURS, *names) if name != OURS or rtol > 1e-13]
             arguments = {"approach": row["scene"], "truth": truth, "settings": settings, "rounds": rounds}
             yield Cell({"scene": row["scene"], "rival": rival}, arguments)
 
 
-def cells_of_growth(quick: bool, _: Frames) -> list[Cell]:
-    """Return a cell for each quantity that our time may depend on."""
-    step = 3 if quick else 1
-    return [Cell({"quantity": name}, {"quantity": name, "values": GROWTH[name][1][::step]}) for name in GROWTH]
-
-
-def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float, by: str = TIMES[0]) -> Row | None:
-    """Return the fastest row (column `by`, one of TIMES) among settings that keep `error` (m/s in V_p).
+def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row | None:
+    """Return the fastest row among settings that keep `error` (m/s in V_p).
 
     A setting keeps it if V_p is within `error` there and at all finer settings. So an error that is small at one
-    setting by chance, because its sign changes there, does not count. Nor does a negative time, which can result on a
-    busy machine, as the time of contacts is a difference of two times.
+    setting by chance, because its sign changes there, does not count.
     """
     keeps = (pl.col("velocity_error") <= error).fill_null(value=False).cast(pl.Int8).cum_min().over("contender") == 1
-    positive = pl.col(by).is_between(0.0, math.inf, "none")
-    kept = rows.filter(pl.col("contender").is_in(names)).sort("setting").filter(keeps & positive).sort(by)
+    kept = rows.filter(pl.col("contender").is_in(names)).sort("setting").filter(keeps).sort("microseconds")
     return kept.row(0, named=True) if kept.height else None
 
 
 def ratios(times: pl.DataFrame, errors: Sequence[float] = COMPARED) -> pl.DataFrame:
-    """Return at each error each rival's time divided by ours, for a whole approach and for its contacts alone.
-
-    The time of our contacts is a small difference of two times, so its median over the cells of all rivals is taken.
-    """
-    rows, alone = [], pl.col(TIMES[1])
-    median = alone.median().over("scene", "contender", "setting")
-    times = times.with_columns(pl.when(contender=OURS).then(median).otherwise(alone).alias(TIMES[1]))
+    """Return each rival's time and ours at each error, and their ratio; times in µs of an approach."""
+    rows = []
     for (scene, rival), cell in times.group_by("scene", "rival", maintain_order=True):
+        failed = cell.filter(pl.col("contender") != OURS)["failure"].unique().to_list()
         for error in errors:
-            row: dict[str, Any] = {"scene": scene, "rival": rival, "error": error}
-            for by in TIMES:
-                best = [cheapest(cell, names, error, by) for names in ([OURS], RIVALS[str(rival)])]
-                ours, theirs = (None if each is None else each[by] for each in best)
-                comparable = (rival, by) != (CAREFUL, TIMES[0])
-                ratio = theirs / ours if ours and theirs and comparable else None
-                row |= {f"{by}_ours": ours, by: theirs, f"{by}_ratio": ratio}
-            failed = cell.filter(pl.col("contender") != OURS)["failure"].unique().to_list()
+            best = [cheapest(cell, names, error) for names in ([OURS], RIVALS[str(rival)])]
+            ours, theirs = (None if each is None else each["microseconds"] for each in best)
+            row = {"scene": scene, "rival": rival, "error": error, "ours": ours, "theirs": theirs}
+            row |= {"ratio": theirs / ours if ours and theirs else None}
             rows.append(row | {"failure": "; ".join(sorted(filter(None, failed)))})
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def answer(found: pl.DataFrame) -> str:
-    """Return in words which rivals are faster than impact_gym, and how the best rivals compare with it at FINE."""
+    """Return in words where rivals are faster than impact_gym, and how the best rivals compare with it at FINE."""
+    known = found.filter(pl.col("ratio").is_not_null()).sort("ratio", maintain_order=True)
     faster = [
-        f"{row['rival']} takes {row[f'{by}_ratio']:.2f} times as long as impact_gym on {what} of '{row['scene']}' at "
+        f"{row['rival']} takes {row['ratio']:.2f} times as long as impact_gym on '{row['scene']}' at "
         f"{power(row['error'])} m/s"
-        for by, what in zip(TIMES, ("the whole approach", "the contacts"), strict=True)
-        for row in found.filter(pl.col(f"{by}_ratio") < 1.0).iter_rows(named=True)
+        for row in known.filter(pl.col("ratio") < 1.0).iter_rows(named=True)
     ]
-    words = [f"Faster than impact_gym: {'; '.join(faster)}." if faster else "No rival is faster than impact_gym."]
-    for by, what in zip(TIMES, ("the whole approach", "the contacts alone"), strict=True):
-        best = found.filter(pl.col("error") == FINE, pl.col(f"{by}_ratio").is_not_null()).sort(f"{by}_ratio")
-        best = best.unique("scene", keep="first").sort(f"{by}_ratio")
-        if best.height:
-            first, last = best.row(0, named=True), best.row(-1, named=True)
-            words.append(
-                f"At an error of {power(FINE)} m/s in V_p the best rival takes {factor(first[f'{by}_ratio'])} "
-                f"('{first['scene']}', {first['rival']}) to {factor(last[f'{by}_ratio'])} ('{last['scene']}', "
-                f"{last['rival']}) times as long as impact_gym for {what}."
-            )
-    return " ".join(words)
+    words = f"Faster than impact_gym: {'; '.join(faster)}." if faster else "No rival is faster than impact_gym."
+    best = known.filter(error=FINE).unique("scene", keep="first").sort("ratio").to_dicts()
+    if best:
+        first, last = (f"{factor(row['ratio'])} ('{row['scene']}', {row['rival']})" for row in (best[0], best[-1]))
+        words += f" At an error of {power(FINE)} m/s in V_p the best rival takes {first} to {last} times as long."
+    return words
 
 
-def table_of(found: pl.DataFrame, truths: pl.DataFrame) -> Table:
+def table_of(found: pl.DataFrame) -> Table:
     """Return the table of times: a row for each approach and error, a column for each contender."""
-
-    def words(approach: float | None, contacts: float | None, otherwise: str) -> str:
-        if contacts is None:
-            return otherwise
-        return f"{'-' if approach is None else f'{approach:.0f}'} / {contacts / n:.1f}"
-
     lines = []
     for (scene, error), rows in found.group_by("scene", "error", maintain_order=True):
-        n = max(truths.filter(scene=scene)["contacts"].item(), 1)
-        ours = rows.select(pl.col(f"{by}_ours").min() for by in TIMES).row(0)
-        cells = [words(ours[0], ours[1], "-")]
+        ours = rows["ours"].drop_nulls().to_list()
+        cells = [f"{min(ours):.0f}" if ours else "-"]
         for row in rows.iter_rows(named=True):
-            approach = None if row["rival"] == CAREFUL else row[TIMES[0]]
-            cells.append(words(approach, row[TIMES[1]], row["failure"] or "not reached"))
+            cells.append(row["failure"] or "not reached" if row["theirs"] is None else f"{row['theirs']:.0f}")
         lines.append([f"{scene}, {power(float(str(error)))}", *cells])
     head = ("approach, error (m/s)", OURS, *found["rival"].unique(maintain_order=True))
-    return Table("µs of an approach / of a contact", head, lines)
+    return Table("µs of an approach; SciPy: only of its contacts", head, lines)
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
-    """Compare contenders at each error; draw the error against time, and our time against the quantities of GROWTH."""
+    """Compare contenders at each error, and draw the error against time."""
     truths, times = frames["truth"], frames["times"]
-    doubt, load = truths["velocity_error_doubt"].to_numpy().max(), times["load"].drop_nulls().to_numpy()
+    doubt, load = truths["velocity_doubt"].to_numpy().max(), times["load"].drop_nulls().to_numpy()
     found = ratios(times)
-    compiled = times.group_by("rival", maintain_order=True).agg(pl.col("first_seconds").max()).iter_rows()
-    compiling = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in compiled if name in PEERS and seconds)
     differ = (pl.col("second_contacts") != pl.col("contacts")) | (pl.col("second_passes") != pl.col("passes"))
     return Findings(answer(found), [
         Section("Who is cheapest at an error", [
-            table_of(found, truths),
+            table_of(found),
             "Each contender at its cheapest setting that keeps the error there and at every finer setting, so that an "
             "error that is small by chance does not count. In one process each rival is timed in turn with impact_gym.",
         ]),
-        Section("Error of the object's velocity against time", [drawn(times, truths, by) for by in TIMES]),
-        Section("What our time grows with", [growth(frames["growth"])] if "growth" in frames else []),
+        Section("Error of the object's velocity against time", [drawn(times, truths)]),
         Section("What is compared, and how fair it is", [
-            f"Truth: the slow independent solver (experiments/reference) with DOP853 at rtol {power(TRUE_RTOL)}. Radau "
-            f"at {power(SECOND_RTOL)} differs by at most {doubt:.1e} m/s in V_p; the "
-            f"number of contacts or snap-throughs differs in {truths.filter(differ).height} approaches.",
-            "impact_gym: the whole call of simulate, flights and records included, on one core. Its contacts alone: "
-            "runs up to the end of each contact less runs up to its start; the median over all rivals' rows.",
-            "heyoka, diffrax: the same equations, written once, in the root of the penetration, where they are smooth. "
-            "Only the calls of the library count, its flights included, on one thread. Compiling is timed separately; "
-            f"the first call took at most (processor time of its own thread): {compiling or 'none is installed'}.",
+            "Truth: the slow independent solver (experiments/reference) with DOP853 at rtol "
+            f"{power(contenders.TRUE_RTOL)}. Radau at {power(contenders.SECOND_RTOL)} differs by at most {doubt:.1e} "
+            f"m/s in V_p; the number of contacts or passes differs in {truths.filter(differ).height} approaches.",
+            "impact_gym: the whole call of simulate, flights and records included, on one core.",
+            "heyoka: the same equations, in the root of the penetration, where they are smooth. Only the calls of the "
+            "library count, its flights included, on one thread; compiling does not count.",
             "SciPy: RK45, DOP853, LSODA, Radau with events through the same slow solver. Only the time inside contacts "
             "counts, as its flights are exact. Equations are Python functions, as SciPy requires.",
             "Time: processor time, so that other work on the machine counts little; the best of several rounds. Calls "
@@ -167,64 +131,44 @@ def analyse(frames: Frames, quick: bool) -> Findings:
     ], {"ratios": found})  # fmt: skip
 
 
-def growth(rows: pl.DataFrame) -> Picture:
-    """Draw our time against each quantity of GROWTH."""
-    figure = Figure(figsize=(11.0, 6.4))
-    panels: Any = figure.subplots(2, 3, squeeze=False)
-    for axes, ((name,), curve) in zip(panels.flat, rows.group_by("quantity", maintain_order=True), strict=False):
-        axes.plot(curve["value"], curve["microseconds"], marker="o", markersize=4, color=SERIES[0])
-        scale = "linear" if name == "contacts" else "log"
-        axes.set(xscale=scale, ylim=(0.0, None), xlabel=GROWTH[str(name)][0], ylabel="time per approach (µs)")
-    for axes in panels.flat[rows["quantity"].n_unique() :]:
-        axes.set_axis_off()
-    return Picture("growth", figure, "Time per approach of impact_gym against five quantities.", "One thread.")
-
-
-def drawn(times: pl.DataFrame, truths: pl.DataFrame, by: str) -> Picture:
-    """Draw the error of V_p against one of TIMES, a panel for each approach; grey: below the error of the reference."""
+def drawn(times: pl.DataFrame, truths: pl.DataFrame) -> Picture:
+    """Draw the error of V_p against time, a panel for each approach; grey: below the error of the reference."""
     lines, columns = ceil(truths.height / 3), min(truths.height, 3)
     figure = Figure(figsize=(3.6 * columns, 3.7 * lines))
     panels: Any = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
     handles = [Line2D([], [], label=name, **style) for name, style in STYLES.items()]
-    handles.append(Line2D([], [], label="wrong answer", **WRONG))
     figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=9)
     error = pl.col("velocity_error").fill_nan(None).fill_null(EDGES[1]).clip(*EDGES)
-    shown = times.filter(pl.col(by).is_finite()).sort("setting", descending=True).with_columns(error)
+    shown = times.filter(pl.col("microseconds").is_finite()).sort("setting", descending=True).with_columns(error)
     for axes, truth in zip(panels.flat, truths.iter_rows(named=True), strict=False):
-        here = shown.filter(scene=truth["scene"])
-        for name in reversed(here["contender"].unique(maintain_order=True).to_list()):
-            style = STYLES[name if name in STYLES else CAREFUL] | {"zorder": 3 if name == OURS else 2}
-            curve = here.filter(contender=name)
+        for (name,), curve in shown.filter(scene=truth["scene"]).group_by("contender", maintain_order=True):
             curve = curve.filter(rival=curve["rival"][0])  # ours was timed with each rival; one curve is enough
-            wrong = curve.filter(pl.col("failure") != "")
-            axes.plot(curve[by], curve["velocity_error"], **style)
-            axes.plot(wrong[by], wrong["velocity_error"], **style | {"linestyle": ""}, mfc="white")
-        axes.axhspan(EDGES[0], max(truth["velocity_error_doubt"], EDGES[0]), color="#bbbbbb", alpha=0.4, linewidth=0)
+            style, wrong = STYLES[str(name).partition(" ")[0]], curve.filter(pl.col("failure") != "")
+            axes.plot(curve["microseconds"], curve["velocity_error"], **style)
+            axes.plot(wrong["microseconds"], wrong["velocity_error"], **style | {"linestyle": ""}, mfc="white")
+        axes.axhspan(EDGES[0], max(truth["velocity_doubt"], EDGES[0]), color="#bbbbbb", alpha=0.4, linewidth=0)
         axes.set(xscale="log", yscale="log", ylim=(EDGES[0] / 3, EDGES[1] * 3))
-        axes.set(xlabel=AXES[by], ylabel="error of V_p (m/s)")
+        axes.set(xlabel="processor time per approach (µs)", ylabel="error of V_p (m/s)")
         axes.label_outer()
         axes.set_title("\n".join(wrap(f"{truth['scene']}: {truth['description']}", 44)), fontsize=9)
-    what = "error of V_p against time per approach, a panel for each approach, a curve for each contender"
+    what = "Error of V_p against time per approach, a panel for each approach, a curve for each contender."
     caption = (
         "Down and left is better. Open marks: the number of contacts or of snap-throughs is wrong, the alarm is missed "
-        f"or V_p is wrong by more than {TOO_WRONG:g} m/s. Grey: the difference between two methods of the slow solver. "
-        "Errors outside the axes are drawn at their edge."
+        f"or V_p is wrong by over {contenders.TOO_WRONG:g} m/s. Grey: the difference between two methods of the slow "
+        "solver. Errors outside the axes are drawn at their edge."
     )
-    return Picture("velocity_error" if by == TIMES[0] else "velocity_error_contacts", figure, what, caption)
+    return Picture("velocity_error", figure, what, caption)
 
 
 STUDY = Study(
     name="speed",
     question="How fast is the solver at a given error?",
     measurements=(
+        Measurement("truth", cells_of_truth, contenders.true_row, JUDGES),
         Measurement(
-            "truth", lambda *_: [Cell({"scene": one.name}, {"approach": one.name}) for one in named()], true_row, JUDGES
-        ),
-        Measurement(
-            "times", cells_of_times, timed, (*SOLVER, *JUDGES), seconds=LONGEST, processes=1,
+            "times", cells_of_times, contenders.timed, (*SOLVER, *JUDGES), seconds=LONGEST, processes=1,
             failed=lambda labels: {"contender": RIVALS[labels["rival"]][0], "setting": FINE},
         ),
-        Measurement("growth", cells_of_growth, grown, processes=1),
     ),
     analyse=analyse,
 )  # fmt: skip

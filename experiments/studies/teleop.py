@@ -1,11 +1,11 @@
-"""Which assistance helps an operator who acts late? All are compared at every coupling, delay, operator and channel.
+"""Which assistance helps an operator who acts late? All are compared at every coupling, delay and operator.
 
 An operator steers towards an object over a channel with a delay. Their belief where the object is may be 5 cm off, and
 they stop one reaction time after they see the touch. An assistance at the arm senses the touch without delay.
 """
 
+import base64
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
 from itertools import product
 from typing import Any
 
@@ -14,30 +14,18 @@ import polars as pl
 from matplotlib.figure import Figure
 from polars import selectors
 
+from agents.policies import load_ensemble
 from agents.setups import load_setup
 from experiments.lab import grid
 from experiments.lab.charts import SERIES
 from experiments.lab.grid import Contestant, Place
 from experiments.lab.parts import Picture, Section, Table
-from experiments.lab.statistics import Estimate, Floats, Resamples, along, estimate
+from experiments.lab.statistics import Resamples, estimate
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
-from impact_gym.teleop.channels import FIFTH_GENERATION
 
 COUPLINGS = ("rigid", "spring", "bistable")
 DELAYS, TYPICAL = (0.0, 0.05, 0.1, 0.2, 0.4), 0.2  # s, there and back
 BELIEF = {"place_error": [-0.05, 0.05], "creep": [0.05, 0.15]}
-WAY, RECORDINGS, APART = 0.9, 8, 8.0  # way of a recording, m; recordings; s between their starts
-
-
-def recordings() -> dict[str, Any]:
-    """Return recordings that no training used: eight random speeds in each, two of them lowered to a hesitation."""
-    rng, times, velocities = np.random.default_rng(0), list[float](), list[float]()
-    for begin in APART * np.arange(RECORDINGS):
-        speeds = np.concatenate([[0.0], rng.uniform(0.1, 0.45, 8), [0.0]])
-        speeds[rng.choice(np.arange(2, 8), 2, replace=False)] = 0.03
-        times += (begin + WAY / speeds.sum() * np.arange(len(speeds))).tolist()
-        velocities += speeds.tolist()
-    return {"type": "Replay", "time": times, "velocity": velocities, "length": APART, "recording": [0, RECORDINGS]}
 
 
 REACH, SEEN = "reach", "training's recordings"
@@ -45,49 +33,41 @@ HELD_OUT: Mapping[str, Mapping[str, Any]] = {
     "tracker": {"type": "Tracker", **BELIEF},
     "hand": {"type": "SecondOrderLag", **BELIEF},
     "steady": {"type": "Trapezoid", "speed": [0.1, 0.4]},
-    "recordings": recordings(),
 }
-"""Operators with which no policy was trained and no rule tuned."""
+"""Operators with which no policy was trained."""
 OPERATORS = (REACH, SEEN, *HELD_OUT)
-ALONE, RULE, BRAKE, LIMIT, POLICY = "operator alone", "paper's rule", "local brake", "speed limit", "policy"
-ASSISTANCE = (ALONE, RULE, BRAKE, LIMIT, POLICY)
-GAINS = np.linspace(0.3, 1.0, 8)
+ALONE, RULE, BRAKE, POLICY = "operator alone", "paper's rule", "local brake", "policy"
+ASSISTANCE = (ALONE, RULE, BRAKE, POLICY)
 MEASURES = ("object_velocity", "slide", "done_time", "taken", "missed")
-RIVALS = {"gain": "constant gains", "brake": f"the {BRAKE}", "limit": f"the {LIMIT}"}
-"""What each contestant is compared with, by the prefix of the columns with the differences."""
-WORSE = {f"{rival}_{name}": words.format(who) for rival, who in RIVALS.items() if rival != "limit"
-         for name, words in {"slide": "slides further than with {}", "cost": "costs more than {}"}.items()}  # fmt: skip
-COLOURS = {ALONE: SERIES[3], BRAKE: SERIES[4], LIMIT: SERIES[2], POLICY: SERIES[1]}
+COLOURS = {ALONE: SERIES[3], BRAKE: SERIES[4], POLICY: SERIES[1]}
 SHOWN = {"slide": (100.0, "slide (cm)"), "done_time": (1.0, "done (s)")}
 """Rows of the figure: for each column of the table a factor and a label."""
 
 
-def environment_of(coupling: str, operator: str, link: Any) -> dict[str, Any]:
-    """Return the environment of a cell; uplink and downlink have the arguments `link`."""
+def environment_of(coupling: str, operator: str, delay: float) -> dict[str, Any]:
+    """Return the environment of a cell, in which commands and pictures both take half of `delay` (s)."""
     setup = load_setup(f"teleop-{coupling}")
     operators = {REACH: setup.environment["operator"], SEEN: setup.mixed[0][1]["operator"], **HELD_OUT}
+    link = {"delay": 0.5 * delay}
     return {**setup.environment, "operator": operators[operator], "uplink": link, "downlink": link}
 
 
 def places(quick: bool) -> Iterator[Place]:
-    """Yield all places: each coupling with each operator at each delay, and with one operator over grades of 5G."""
+    """Yield all places: each coupling with each operator at each delay."""
     delays, operators = ([TYPICAL], [REACH, "steady"]) if quick else (DELAYS, OPERATORS)
-    cells = [(*cell, "") for cell in product(COUPLINGS, delays, operators)]
-    grades = product(COUPLINGS, FIFTH_GENERATION)
-    cells += [(coupling, 2e-3 * float(name[3:-2]), REACH, name) for coupling, name in grades]
-    for coupling, delay, operator, channel in cells:
-        link = asdict(FIFTH_GENERATION[channel]) if channel else {"delay": 0.5 * delay}
-        labels = {"coupling": coupling, "delay": delay, "operator": operator, "channel": channel}
-        environment = environment_of(coupling, operator, link)
+    for coupling, delay, operator in product(COUPLINGS, delays, operators):
+        labels = {"coupling": coupling, "delay": delay, "operator": operator}
+        environment = environment_of(coupling, operator, delay)
         yield Place(f"teleop-{coupling}", f"{operator}, {1e3 * delay:g} ms", environment, labels)
 
 
 def contestants(setup: str) -> list[Contestant]:
-    """Return the assistances, and the constant gains with which they are compared."""
-    fixed = {ALONE: "operator-alone", RULE: "paper-trapezoid", BRAKE: "local-brake", LIMIT: f"{setup}-limit"}
+    """Return the assistances."""
+    fixed = {ALONE: "operator-alone", RULE: "paper-trapezoid", BRAKE: "local-brake"}
     everybody = [Contestant(name, {"baseline": baseline}) for name, baseline in fixed.items()]
-    gains = [Contestant(f"gain {gain:g}", {"rule": ["ConstantGain", [gain, 20.0]]}) for gain in GAINS[:-1]]
-    return [*everybody, *grid.seeds_of(setup, POLICY), *gains]
+    for policy in load_ensemble(setup).policies:
+        everybody.append(Contestant(POLICY, {"policy": base64.b64encode(policy.to_bytes()).decode()}, policy.seed))
+    return everybody
 
 
 def assisted(quick: bool, _: Frames) -> Iterator[Cell]:
@@ -98,63 +78,31 @@ def assisted(quick: bool, _: Frames) -> Iterator[Cell]:
         yield from grid.cells([place], contestants(place.setup), scenarios, weights, lenient=True)
 
 
-LABELS = ("coupling", "delay", "operator", "channel")
-
-
-def cell_rows(labels: Row, rows: pl.DataFrame, weight: float, missed_cost: float) -> Iterator[dict[str, Any]]:
-    """Yield a row for each assistance in a cell: means over scenarios and seeds, and differences from the RIVALS.
-
-    The constant gains form a line of slide over the time until all is done. A contestant's slide is compared with this
-    line at the contestant's time, and its cost with the cost of the best gain.
-    """
-    rows = rows.with_columns(grid.cost(weight, missed_cost).alias("cost"))
-    values: dict[str, dict[str, Floats]] = {
-        who: {name: grid.sample(each, name) for name in (*MEASURES, "cost")}
-        for (who,), each in grid.groups(rows, "contestant")
-    }
-    resamples = Resamples(values[ALONE]["cost"].shape[1])
-    gains = [*(values.pop(f"gain {gain:g}") for gain in GAINS[:-1]), values[ALONE]]
-    means = {who: {name: resamples.means(sample) for name, sample in each.items()} for who, each in values.items()}
-    times, slides, costs = (np.stack([resamples.means(gain[name]) for gain in gains], 1)
-                            for name in ("done_time", "slide", "cost"))  # fmt: skip
-    for who, ours in means.items():
-        row: dict[str, Any] = {**labels, "contestant": who, "scenarios": resamples.scenarios, "weight": weight}
-        estimates = {name: estimate(resampled) for name, resampled in ours.items()}
-        front = {"slide": along(times, slides, ours["done_time"]), "cost": costs[:, int(costs[0].argmin())]}
-        for rival, theirs in {"gain": front, "brake": means[BRAKE], "limit": means[LIMIT]}.items():
-            estimates |= {f"{rival}_{name}": estimate(theirs[name] - ours[name]) for name in ("slide", "cost")}
-        for name, value in estimates.items():
-            row |= {name: value.value, f"{name}_low": value.low, f"{name}_high": value.high}
-        yield row
+LABELS = ("coupling", "delay", "operator")
 
 
 def table_of_cells(frames: Frames) -> list[dict[str, Any]]:
-    """Return a row for each assistance in each cell."""
-    rows = list[dict[str, Any]]()
-    for labels, cell in grid.groups(frames["episodes"], *LABELS):
+    """Return a row for each assistance in each cell: means over scenarios and seeds, differences from the brake."""
+    found = list[dict[str, Any]]()
+    for labels, rows in grid.groups(frames["episodes"], *LABELS):
         setup = load_setup(f"teleop-{labels[0]}")
-        cost = grid.missed_cost(setup.environment)
-        rows += cell_rows(dict(zip(LABELS, labels, strict=True)), cell, setup.evaluation.typical, cost)
-    return rows
-
-
-def hurts(found: Sequence[Row]) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each assistance and measure that is worse than a rival in a cell, with its whole 95 % interval.
-
-    The row has the assistance, the measure, the number of such cells, the largest loss, and the cells.
-    """
-    for who in (POLICY, LIMIT, BRAKE, RULE):
-        for column, words in WORSE.items():
-            worse = [row for row in found if row["contestant"] == who and row[f"{column}_high"] < 0.0]
-            if worse:
-                where: dict[str, list[str]] = {}
-                for row in worse:
-                    where.setdefault(f"{row['coupling']}, {row['operator']}", []).append(f"{1e3 * row['delay']:.0f}")
-                last = min(worse, key=lambda row: row[column])
-                scale, unit = (-100.0, "cm") if "slide" in column else (-1.0, "m/s")
-                most = Estimate(*(scale * last[column + end] for end in ("", "_high", "_low")))
-                cells = "; ".join(f"{place}: {', '.join(delays)} ms" for place, delays in where.items())
-                yield who, words, f"{len(worse)}", f"{most:.2f} {unit} ({words_of(last)})", cells
+        weight = setup.evaluation.typical
+        rows = rows.with_columns(cost=grid.cost(weight, grid.missed_cost(setup.environment)))
+        resamples = Resamples(rows["episode"].n_unique())
+        means = {
+            who: {name: resamples.means(grid.sample(each, name)) for name in (*MEASURES, "cost")}
+            for (who,), each in grid.groups(rows, "contestant")
+        }
+        for who, ours in means.items():
+            row = dict(zip(LABELS, labels, strict=True))
+            row |= {"contestant": who, "scenarios": resamples.scenarios, "weight": weight}
+            estimates = {name: estimate(resampled) for name, resampled in ours.items()}
+            for name in ("slide", "cost"):
+                estimates[f"brake_{name}"] = estimate(means[BRAKE][name] - ours[name])
+            for name, value in estimates.items():
+                row |= {name: value.value, f"{name}_low": value.low, f"{name}_high": value.high}
+            found.append(row)
+    return found
 
 
 def words_of(row: Row) -> str:
@@ -162,23 +110,22 @@ def words_of(row: Row) -> str:
     return f"{row['coupling']}, {row['operator']}, {1e3 * row['delay']:.0f} ms"
 
 
-def duel(found: Sequence[Row], rival: str) -> str:
-    """Return in words in how many cells the policy costs clearly less or more than a rival, and the extreme cells."""
-    ours, column = [row for row in found if row["contestant"] == POLICY], f"{rival}_cost"
+def duel(found: Sequence[Row]) -> str:
+    """Return in words in how many cells the policy costs clearly less or more than the brake, and the extreme cells."""
+    ours, column = [row for row in found if row["contestant"] == POLICY], "brake_cost"
     less, more = (sum(sign * row[f"{column}_{end}"] > 0.0 for row in ours) for sign, end in ((1, "low"), (-1, "high")))
     share = 100.0 * sum(row[column] for row in ours) / sum(row["cost"] + row[column] for row in ours)
     best, worst = (f"{form(column, 3).format(**row)} m/s ({words_of(row)})"
                    for row in (chosen(ours, key=lambda row: row[column]) for chosen in (max, min)))  # fmt: skip
-    return (f"The policy costs clearly less than {RIVALS[rival]} in {less} of {len(ours)} cells and clearly more in "
-            f"{more}; over all {share:.1f} % less. It costs less by {best} at the most and {worst} at the least (below "
-            "0: it costs more).")  # fmt: skip
+    return (f"The policy costs clearly less than the {BRAKE} in {less} of {len(ours)} cells and clearly more "
+            f"in {more}; over all {share:.1f} % less. It costs less by {best} at the most and {worst} at the least "
+            "(below 0: it costs more).")  # fmt: skip
 
 
 COMPARED = f"""95 % intervals over {{count}} scenarios on which nothing was tuned or trained, and over the seeds of each
-policy. The cost is V_p + w times the time until all is done, w = {{weight:g}} m/s per s. Eight constant gains on the
-command, 0.3 to 1, form a line of slide over time, which is read at the time of the assistance. Policies were trained
-with the operator '{REACH}', whose beliefs were up to 30 cm wrong, and with {SEEN}, which do not stop at a touch. Held
-out: a tracker of the displayed object, a pointing hand, a steady speed, other recordings."""
+policy. The cost is V_p + w times the time until all is done, w = {{weight:g}} m/s per s. Policies were trained with the
+operator '{REACH}', whose beliefs were up to 30 cm wrong, and with {SEEN}, which do not stop at a touch. Held out: a
+tracker of the displayed object, a pointing hand, a steady speed."""
 
 
 def chart(found: Sequence[Row]) -> Figure:
@@ -189,12 +136,8 @@ def chart(found: Sequence[Row]) -> Figure:
     for line, (name, (scale, words)) in zip(panels, SHOWN.items(), strict=True):
         for axes, (coupling, (who, colour)) in zip(np.repeat(line, len(COLOURS)), product(COUPLINGS, COLOURS.items()),
                                                    strict=True):  # fmt: skip
-            ours = (
-                frame.filter(coupling=coupling, contestant=who)
-                .group_by("delay")
-                .agg(selectors.numeric().mean())
-                .sort("delay")
-            )
+            rows = frame.filter(coupling=coupling, contestant=who)
+            ours = rows.group_by("delay").agg(selectors.numeric().mean()).sort("delay")
             value, low, high = (scale * ours[column].to_numpy() for column in (name, f"{name}_low", f"{name}_high"))
             times = 1e3 * ours["delay"].to_numpy()
             axes.plot(times, value, "o-", color=colour, label=who, markersize=4)
@@ -223,54 +166,35 @@ def answer(held_out: Sequence[Row]) -> str:
     frame = pl.DataFrame(held_out, infer_schema_length=None).filter(delay=TYPICAL)
     parts = []
     for coupling in frame["coupling"].unique(maintain_order=True):
-        means = (
-            np.mean(frame.filter(coupling=coupling, contestant=who)["slide"].to_numpy())
-            for who in (ALONE, BRAKE, POLICY)
-        )
-        alone, brake, policy = (f"{100.0 * mean:.1f}" for mean in means)
+        slides = (frame.filter(coupling=coupling, contestant=who)["slide"] for who in (ALONE, BRAKE, POLICY))
+        alone, brake, policy = (f"{100.0 * np.mean(slide.to_numpy()):.1f}" for slide in slides)
         parts.append(f"{coupling} {alone} cm alone, {brake} with the brake, {policy} with the policy")
     return (f"Slide of the object at a delay of {1e3 * TYPICAL:.0f} ms there and back, mean of the held-out operators: "
             f"{'; '.join(parts)}.")  # fmt: skip
 
 
 def analyse(frames: Frames, _: bool) -> Findings:
-    """Compare the assistances with each other and with constant gains."""
+    """Compare the assistances with each other."""
     found = table_of_cells(frames)
-    plain = [row for row in found if not row["channel"]]
-    held_out = [row for row in plain if row["operator"] in HELD_OUT]
-    trained = [row for row in plain if row["operator"] not in HELD_OUT]
-    worse, count, weight = list(hurts(plain)), found[0]["scenarios"], found[0]["weight"]
+    held_out = [row for row in found if row["operator"] in HELD_OUT]
+    trained = [row for row in found if row["operator"] not in HELD_OUT]
+    count, weight = found[0]["scenarios"], found[0]["weight"]
     alt = "Slide and time until all is done over the delay, for each coupling and assistance."
     caption = "Means over the operators; bands: the means of their intervals."
-    against = Table.of("The policy beside its rivals, on the same scenarios", [
-        in_cm(row) for row in plain if row["contestant"] == POLICY
-    ], {
-        "cell": "{cell}",
-        "slides less than with the brake (cm)": form("brake_slide", 2), "costs less (m/s)": form("brake_cost", 3),
-        "slides less than with the speed limit (cm)": form("limit_slide", 2), "costs less": form("limit_cost", 3),
-    })  # fmt: skip
     everything = Table.of("", map(in_cm, found), {
-        "coupling, operator, delay": "{cell} {channel}", "assistance": "{contestant}",
+        "coupling, operator, delay": "{cell}", "assistance": "{contestant}",
         "slides (cm)": form("slide", 2), "done (s)": form("done_time", 2), "taken": "{taken:.2f}",
-        "missed": "{missed:.1%}", "less than gains at the same time (cm)": form("gain_slide", 2),
+        "missed": "{missed:.1%}", "slides less than with the brake (cm)": form("brake_slide", 2),
         "costs less than the brake (m/s)": form("brake_cost", 3),
     })  # fmt: skip
-    nowhere = "In no cell is an assistance worse than constant gains or than the brake beyond its interval."
-    head = ("assistance", "measure", "cells", "largest loss", "where")
     return Findings(answer(held_out), [
         Section("With held-out operators", [
             COMPARED.format(count=count, weight=weight),
             Picture("held_out", chart(held_out), alt, caption, "Held-out operators"),
             Picture("trained", chart(trained), alt, caption, "Operators of the training"),
         ]),
-        Section("The policy beside the brake and the speed limit", [
-            *(duel(plain, rival) for rival in ("brake", "limit")), against,
-        ], key="duels"),
-        Section("Where assistance hurts", [
-            Table("Cells in which an assistance is worse than a rival beyond the interval", head, worse)
-            if worse else nowhere
-        ], key="hurts"),
-        Section("All cells", ["5G: three measured grades, each way.", everything], folded=True, key="all"),
+        Section("The policy beside the brake", [duel(found)], key="duel"),
+        Section("All cells", [everything], folded=True, key="all"),
     ], {"cells": pl.DataFrame(found, infer_schema_length=None)})  # fmt: skip
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.render import chain
-from impact_gym.render.canvas import HEIGHT, WIDTH, Box, Canvas
+from impact_gym.render.canvas import HEIGHT, WIDTH, Canvas
 from impact_gym.render.film import FRAME_RATE, History, State
 from impact_gym.render.palette import ALARM, FAINT, GRID, INK, WARNING
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     import pygame
 
 HOLD = 2.0  # s, during which the last picture of an episode is shown
-STAGE: Box = (0.0, 190.0, float(WIDTH), 226.0)
 LAMP = (WIDTH - 22.0, 30.0)  # place of a lamp: amber once the force is detected, red during an alarm, otherwise grey
 
 Frame = NDArray[np.uint8]
@@ -108,7 +107,7 @@ class Renderer:
             self._canvas = Canvas()
         canvas, state = self._canvas, history.at(time)
         canvas.clear()
-        chain.draw(canvas, history, state, chain.camera(history, STAGE))
+        chain.draw(canvas, history, state)
         _head(canvas, history, state, factor)
         _foot(canvas, history, state)
         return canvas

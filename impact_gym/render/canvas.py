@@ -6,8 +6,7 @@ Shapes are drawn at twice the final size and scaled down, which smooths edges; t
 import importlib
 import os
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -31,8 +30,8 @@ FARTHEST = 1 << 14  # pixels, largest coordinate given to pygame, which overflow
 class Canvas:
     """A picture that is drawn anew for each frame."""
 
-    def __init__(self, width: int = WIDTH, height: int = HEIGHT) -> None:
-        """Make an empty picture of this size in pixels; needs no display.
+    def __init__(self) -> None:
+        """Make an empty picture; needs no display.
 
         Raises:
             DependencyNotInstalled: pygame is not installed; says how to install it.
@@ -45,8 +44,7 @@ class Canvas:
         except ImportError as error:
             raise DependencyNotInstalled("rendering needs pygame: pip install 'impact-gym[render]'") from error
         self.pygame.font.init()
-        self.size = width, height
-        self._surface: pygame.Surface = self.pygame.Surface((width * OVERSAMPLING, height * OVERSAMPLING), 0, 32)
+        self._surface: pygame.Surface = self.pygame.Surface((WIDTH * OVERSAMPLING, HEIGHT * OVERSAMPLING), 0, 32)
         self._texts: list[tuple[str, Point, int, str, str]] = []
         self._font = cache(partial(self.pygame.font.Font, None))  # pygame's own font, the same on every machine
 
@@ -57,7 +55,7 @@ class Canvas:
 
     def picture(self) -> "pygame.Surface":
         """Return the picture."""
-        picture: pygame.Surface = self.pygame.transform.smoothscale(self._surface, self.size)
+        picture: pygame.Surface = self.pygame.transform.smoothscale(self._surface, (WIDTH, HEIGHT))
         for text, (x, y), size, colour, anchor in self._texts:
             image = self._font(size).render(text, True, colour)
             picture.blit(image, image.get_rect(**{anchor: (round(x), round(y))}))
@@ -66,13 +64,6 @@ class Canvas:
     def pixels(self) -> NDArray[np.uint8]:
         """Return the picture as a new array (height, width, 3)."""
         return np.ascontiguousarray(self.pygame.surfarray.array3d(self.picture()).transpose(1, 0, 2))
-
-    @contextmanager
-    def clipped(self, box: Box) -> Iterator[None]:
-        """Draw shapes inside `box` only."""
-        self._surface.set_clip([round(side * OVERSAMPLING) for side in box])
-        yield
-        self._surface.set_clip(None)
 
     def polygon(self, points: Sequence[Point], colour: str) -> None:
         """Fill a polygon."""

@@ -7,7 +7,7 @@ ball with a density of 1500 kg/m^3. A bistable mechanism is drawn with its own d
 import math
 from typing import NamedTuple
 
-from impact_gym.render.canvas import Box, Canvas, Point
+from impact_gym.render.canvas import HEIGHT, WIDTH, Canvas, Point
 from impact_gym.render.film import History, State
 from impact_gym.render.palette import FAINT, FLANGE, FORCE, GRID, INK, OBJECT, PAPER, TOOL
 from impact_gym.render.palette import PANEL as BACKGROUND
@@ -23,6 +23,7 @@ BASE_LENGTH, ROBOT_LENGTH = 0.008, 0.03  # m, of the block that has the imposed 
 ROOM = 0.2  # m, space shown behind the object, into which it can move
 MARGIN = 0.02  # m
 DENSITY, LARGEST_RADIUS = 1500.0, 0.5  # kg/m^3, m
+TOP, BOTTOM = 190.0, 416.0  # pixels from the upper edge of the picture, edges of the stage
 TEXT, SMALL = 30, 24  # pixels, sizes of text; legible in a picture of half the size
 LARGEST_SPAN = 3.0  # m, largest length that is shown; an object farther away is outside the picture
 RULER, DISTANCE = 34.0, 56.0  # pixels, height of the ruler below the ground, and of the gap's length above the bodies
@@ -32,7 +33,6 @@ SHOWN_PUSH = 5e-4  # m; a shorter push of the object is not shown
 class Camera(NamedTuple):
     """Maps positions in m to pixels of the picture."""
 
-    box: Box
     left: float  # m, position at the left edge
     scale: float  # pixels per m
     axis: float  # pixels from the upper edge to the line along which all bodies move
@@ -40,7 +40,7 @@ class Camera(NamedTuple):
 
     def x(self, position: float) -> float:
         """Return the horizontal coordinate, in pixels, of `position` (m)."""
-        return self.box[0] + (position - self.left) * self.scale
+        return (position - self.left) * self.scale
 
     def block(self, canvas: Canvas, back: float, front: float, height: float, colour: str) -> None:
         """Draw a block from `back` to `front`, centred on the line of motion; lengths in m."""
@@ -63,7 +63,7 @@ def object_radius(mass: float) -> float:
     return min(math.cbrt(0.75 * mass / (math.pi * DENSITY)), LARGEST_RADIUS)
 
 
-def camera(history: History, box: Box) -> Camera:
+def camera(history: History) -> Camera:
     """Return the fixed camera of an episode; it shows the whole approach and some room behind the object."""
     task, scenario = history.task, history.info["scenario"]
     behind = TOOL_LENGTH + rest_length(task) + FLANGE_LENGTH + MARGIN
@@ -71,40 +71,41 @@ def camera(history: History, box: Box) -> Camera:
     radius = object_radius(scenario["object_mass"])
     span = min(behind + scenario["distance"] + 2.0 * radius + ROOM, LARGEST_SPAN)
     half = max(min(radius, 0.1), 0.5 * FLANGE_HEIGHT)
-    scale, ground = min(box[2] / span, (box[3] - RULER - DISTANCE) / (2.0 * half)), box[1] + box[3] - RULER
-    return Camera(box, -behind - 0.5 * (box[2] / scale - span), scale, ground - half * scale, ground)
+    scale = min(WIDTH / span, (BOTTOM - TOP - RULER - DISTANCE) / (2.0 * half))
+    return Camera(-behind - 0.5 * (WIDTH / scale - span), scale, BOTTOM - RULER - half * scale, BOTTOM - RULER)
 
 
-def draw(canvas: Canvas, history: History, state: State, view: Camera) -> None:
+def draw(canvas: Canvas, history: History, state: State) -> None:
     """Draw the chain, the ground with a ruler, and the gap or the distance that the object was pushed."""
-    task, home = history.task, history.info["scenario"]["distance"]
+    task, home, view = history.task, history.info["scenario"]["distance"], camera(history)
     radius, tool_back = object_radius(history.info["scenario"]["object_mass"]), state.tool_position - TOOL_LENGTH
     front = state.flange_position - TOOL_LENGTH - rest_length(task)
     back, base = front - FLANGE_LENGTH, state.command_position - state.flange_position + front
     base -= FLANGE_LENGTH + ROBOT_LENGTH
-    canvas.rectangle(view.box, BACKGROUND)
+    canvas.rectangle((0.0, TOP, WIDTH, BOTTOM - TOP), BACKGROUND)
+    if state.object_position - home > SHOWN_PUSH:
+        canvas.circle((view.x(home + radius), view.axis), radius * view.scale, PAPER)
+    canvas.circle((view.x(state.object_position + radius), view.axis), radius * view.scale, OBJECT)
+    if task.robot is None:
+        view.block(canvas, view.left, back, 0.4 * FLANGE_HEIGHT, GRID)
+    else:
+        view.block(canvas, view.left, base - BASE_LENGTH, 0.4 * FLANGE_HEIGHT, GRID)
+        view.block(canvas, base - BASE_LENGTH, base, FLANGE_HEIGHT, FAINT)
+        ends = (view.x(base), view.axis), (view.x(back), view.axis)
+        _spring(canvas, *ends, 0.1 * FLANGE_HEIGHT * view.scale, FAINT, 6)
+    if isinstance(task.coupling, SpringDamper):
+        _spring_damper(canvas, view, front, tool_back, rest_length(task))
+    elif isinstance(task.coupling, Bistable):
+        _bistable(canvas, view, front, tool_back, task.coupling)
+    else:
+        view.block(canvas, front, tool_back, BAR, FLANGE)
+    view.block(canvas, back, front, FLANGE_HEIGHT, FLANGE)
+    view.block(canvas, tool_back, state.tool_position, TOOL_HEIGHT, TOOL)
+    if state.contact_force > 0.0:
+        _force(canvas, view, state, radius)
+    canvas.rectangle((0.0, 0.0, WIDTH, TOP), PAPER)  # hides what is outside the stage
+    canvas.rectangle((0.0, BOTTOM, WIDTH, HEIGHT - BOTTOM), PAPER)
     _ruler(canvas, view)
-    with canvas.clipped(view.box):
-        if state.object_position - home > SHOWN_PUSH:
-            canvas.circle((view.x(home + radius), view.axis), radius * view.scale, PAPER)
-        canvas.circle((view.x(state.object_position + radius), view.axis), radius * view.scale, OBJECT)
-        if task.robot is None:
-            view.block(canvas, view.left, back, 0.4 * FLANGE_HEIGHT, GRID)
-        else:
-            view.block(canvas, view.left, base - BASE_LENGTH, 0.4 * FLANGE_HEIGHT, GRID)
-            view.block(canvas, base - BASE_LENGTH, base, FLANGE_HEIGHT, FAINT)
-            ends = (view.x(base), view.axis), (view.x(back), view.axis)
-            _spring(canvas, *ends, 0.1 * FLANGE_HEIGHT * view.scale, FAINT, 6)
-        if isinstance(task.coupling, SpringDamper):
-            _spring_damper(canvas, view, front, tool_back, rest_length(task))
-        elif isinstance(task.coupling, Bistable):
-            _bistable(canvas, view, front, tool_back, task.coupling)
-        else:
-            view.block(canvas, front, tool_back, BAR, FLANGE)
-        view.block(canvas, back, front, FLANGE_HEIGHT, FLANGE)
-        view.block(canvas, tool_back, state.tool_position, TOOL_HEIGHT, TOOL)
-        if state.contact_force > 0.0:
-            _force(canvas, view, state, radius)
     _distance(canvas, view, state, home)
 
 
@@ -115,31 +116,29 @@ def length(metres: float) -> str:
 
 def _distance(canvas: Canvas, view: Camera, state: State, home: float) -> None:
     """Draw a line for the gap before the touch, or for the distance that the object was pushed, with its length."""
-    left, _, width, _ = view.box
     pushed = state.object_position - home
     begin, end, words = state.tool_position, state.object_position, "gap"
     if pushed > SHOWN_PUSH or state.penetration >= 0.0:
         begin, end, words = home, state.object_position, "pushed"
     y = 2.0 * view.axis - view.ground - 14.0
-    ends = [min(max(view.x(place), left + 2.0), left + width - 2.0) for place in (begin, end)]
+    ends = [min(max(view.x(place), 2.0), WIDTH - 2.0) for place in (begin, end)]
     canvas.lines([(ends[0], y), (ends[1], y)], INK, 2.0)
     for x in ends:
         canvas.lines([(x, y - 7.0), (x, y + 7.0)], INK, 2.0)
-    middle = min(max(0.5 * sum(ends), left + 90.0), left + width - 110.0)
+    middle = min(max(0.5 * sum(ends), 90.0), WIDTH - 110.0)
     canvas.text(f"{words} {length(end - begin)}", (middle, y - 20.0), TEXT, INK, "center")
 
 
 def _ruler(canvas: Canvas, view: Camera) -> None:
     """Draw the ground with labelled marks at round positions."""
-    left, _, width, _ = view.box
     longest = 150.0 / view.scale
     decade = 10.0 ** math.floor(math.log10(longest))
     step = max(size * decade for size in (1.0, 2.0, 5.0) if size * decade <= longest * (1.0 + 1e-9))
-    canvas.lines([(left, view.ground), (left + width, view.ground)], FAINT, 1.5)
-    for mark in range(math.ceil(view.left / step), math.floor((view.left + width / view.scale) / step) + 1):
+    canvas.lines([(0.0, view.ground), (WIDTH, view.ground)], FAINT, 1.5)
+    for mark in range(math.ceil(view.left / step), math.floor((view.left + WIDTH / view.scale) / step) + 1):
         x = view.x(mark * step)
         canvas.lines([(x, view.ground), (x, view.ground + 7.0)], FAINT, 1.5)
-        if left + 40.0 < x < left + width - 40.0:
+        if 40.0 < x < WIDTH - 40.0:
             words = f"{1e2 * mark * step:.4g}" + ("" if mark else " cm")
             canvas.text(words, (x, view.ground + 20.0), SMALL, FAINT, "center")
 
@@ -189,16 +188,9 @@ def _bistable(canvas: Canvas, view: Camera, front: float, back: float, mechanism
     pivot = (view.x(alignment), view.axis - mechanism.height * view.scale)
     thick = CLEARANCE * view.scale
     stop = view.x(alignment + mechanism.front_stop + CLEARANCE)
-    sill = view.axis + 2.0 * thick
-    arm = view.x(front - 0.5 * CLEARANCE)
-    canvas.lines([(arm, view.axis), (arm, pivot[1]), pivot], FLANGE, 4.0)
-    canvas.rectangle((view.x(front), sill, stop + thick - view.x(front), 0.5 * thick), FLANGE)
-    canvas.rectangle((stop, view.axis - 1.5 * thick, thick, thick), FLANGE)
-    canvas.rectangle((stop, view.axis + 0.5 * thick, thick, 2.0 * thick), FLANGE)
-    canvas.lines([pivot, (pivot[0], sill)], FAINT, 1.0)
+    canvas.lines([(view.x(front), view.axis), (view.x(front), pivot[1]), pivot], FLANGE, 4.0)
+    canvas.lines([(view.x(front), view.axis + 1.5 * thick), (stop + thick, view.axis + 1.5 * thick)], FLANGE, 2.0)
+    canvas.rectangle((stop, view.axis - 1.5 * thick, thick, 3.0 * thick), FLANGE)
     canvas.rectangle((slider[0], view.axis - 0.3 * thick, view.x(back) - slider[0], 0.6 * thick), TOOL)
     canvas.rectangle((slider[0] - thick, view.axis - thick, 2.0 * thick, 2.0 * thick), TOOL)
     _spring(canvas, pivot, slider, 0.6 * thick, INK, 7)
-    for joint in (pivot, slider):
-        canvas.circle(joint, 4.0, FLANGE)
-        canvas.circle(joint, 2.0, PAPER)

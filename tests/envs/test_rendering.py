@@ -12,7 +12,7 @@ from steered import ID as TELEOP
 
 import impact_gym as ig
 from impact_gym.envs.batch import Batch
-from impact_gym.render import LAMP, STAGE, Renderer, chain
+from impact_gym.render import LAMP, Renderer, chain
 from impact_gym.render.palette import ALARM, FAINT, FLANGE, FORCE, INK, OBJECT, TOOL
 from impact_gym.task import Task
 
@@ -28,7 +28,7 @@ def test_tool_flange_and_object_are_drawn_at_their_positions(options):
     env = gym.make(ID, record_trace=True, **options)
     play(env, seed=4, scenario=HARD_AND_HEAVY)
     history, task = history_of(env), task_of(env)
-    first, view = history.touches[0], chain.camera(history, STAGE)  # the camera is fixed
+    first, view = history.touches[0], chain.camera(history)  # the camera is fixed
     deflection = history.columns["tool_position"] - history.columns["flange_position"]
     shortest = float(history.time[np.argmin(deflection)])
     for time in (0.5 * first, 0.99 * first, first, shortest, history.events.alarm + 0.02, history.now):

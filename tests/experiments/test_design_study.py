@@ -13,7 +13,7 @@ from experiments.design.findings import analyse, reduction, summary
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions, write_setup
 from experiments.design.pads import on_pad, pad_of
 from experiments.design.search import SearchBudget, objective
-from experiments.design.study import Search, study_of
+from experiments.design.study import PAPERS_RULE, Search, study_of
 from experiments.lab.study import Run, StudyOptions
 
 SPRING = ("coupling.stiffness=20:200", "coupling.damping_ratio=0.2:2")
@@ -52,8 +52,9 @@ def test_stopped_study_continues_and_ends_with_a_set_up(small):
     again = run_of(small)
     again.write()
     assert again.frames["designs"].equals(run.frames["designs"])
-    chosen = Search(small).chosen(run.frames).candidate
-    (cell,) = Search(small).controllers(False, run.frames)  # searched with the design as it may be built
+    search = Search(small)
+    chosen = search.candidate(search.chosen(run.frames))
+    (cell,) = search.controllers(False, run.frames)  # searched with the design as it may be built
     searched = cell.arguments["candidate"]["environment"]["coupling"]["stiffness"]
     assert np.mean(searched) == pytest.approx(chosen.design["coupling.stiffness"])
     path = write_setup(small.out / "it-designed.toml", small.arm, chosen, "the command")
@@ -111,13 +112,13 @@ def test_front_penalises_late_approaches_exceeded_limits_and_misses(small, playe
     validated = pl.concat([results(0.6, 0.30, line=PAPER), *validation])
     frames = {"searches": pl.DataFrame(searches), "validation": validated}
     (front,) = Search(replace(small, times=(allowed,))).front(frames)
-    assert front.seed == seed
+    assert front["seed"] == seed
 
 
 def test_loss_of_a_miss_is_the_missed_cost_of_the_environment(small):
     """A candidate that is too slow to touch the object has no V_p, and must not win."""
     variables, budget = small.variables, replace(small.search, population=4)
-    candidate = replace(Search(small).paper.candidate, environment=small.searched)
+    candidate = replace(Search(small).candidate(PAPERS_RULE), environment=small.searched)
     losses = objective(candidate, variables, 9.0, small.limits, budget)
     design = [float(variable.parameter().start) for variable in variables]
     gentle, never = [*design, 0.3, 8.0, 8.0], [*design, 0.01, 8.0, 8.0]

@@ -9,9 +9,10 @@ from contest import COUNT, PAPER_TIME, SPEEDS, played, run
 
 from agents.setups import load_setup, shipped
 from agents.setups.evaluation import variants
-from experiments.report import answer, choice, differences, first_screen, holds
+from experiments.report import answer, choice, holds, tables
 from experiments.report.matchups import BOUND, PAPER, POLICY
 from experiments.report.played import Run
+from experiments.report.tables import trade_off
 
 TOLERANCE_OF_TWO = 26.26  # one-sided 95/95 factor (M. G. Natrella, NBS Handbook 91, table A-7)
 
@@ -19,7 +20,7 @@ TOLERANCE_OF_TWO = 26.26  # one-sided 95/95 factor (M. G. Natrella, NBS Handbook
 def summary(results):
     """Return the answer, its sentence and the headline."""
     result = answer.answer(results)
-    return result, answer.sentence(result, results.matchup), first_screen.at_rule_time(result, results)
+    return result, answer.sentence(result, results.matchup), answer.at_rule_time(result, results)
 
 
 def test_answer_is_read_where_the_papers_rule_is():
@@ -34,7 +35,7 @@ def test_answer_is_read_where_the_papers_rule_is():
     assert "With the best tuned baseline, profile, it leaves 50.0 % [50.0, 50.0] slower." in sentence
     assert headline == ("At the mean approach time of the paper's rule the object leaves 70 % slower with the learned "
                         "policy, with the tuned profile 50 % slower.")  # fmt: skip
-    rows = dict(answer.table(result, played()).rows)
+    rows = dict(tables.answered(result, played()).rows)
     assert rows["V_p lower at the paper's approach time"] == "70.0 % [70.0, 70.0]"
     assert rows["V_p lower there, tuned profile"] == "50.0 % [50.0, 50.0]"
     assert rows["less approach time at the paper's V_p"] == "at least 33.3 % [33.3, 33.3]"
@@ -48,12 +49,8 @@ def test_of_controllers_that_cannot_be_told_apart_the_simplest_is_taken():
     assert order == [PAPER, "local-brake", "constant", "profile", "seed-0"]
     noise = np.random.default_rng(1).normal(0.0, 0.1, 400)
     for gain, name in ((0.0, "profile"), (0.005, "profile"), (0.03, "policy")):  # m/s; standard error 0.1 / 20 m/s
-        assert (
-            choice.simplest(
-                {"rule": np.full(400, 2.0), "profile": np.ones(400), "policy": 1.0 - gain + noise - noise.mean()}
-            )
-            == name
-        )
+        costs = {"rule": np.full(400, 2.0), "profile": np.ones(400), "policy": 1.0 - gain + noise - noise.mean()}
+        assert choice.simplest(costs) == name
 
 
 def test_choice_is_made_on_scenarios_of_its_own_and_judged_on_those_of_the_report():
@@ -82,14 +79,14 @@ def test_choice_is_made_on_scenarios_of_its_own_and_judged_on_those_of_the_repor
 def test_mean_and_tail_are_given_where_each_is_nearest_to_the_papers_time():
     results = played()
     results.baselines["profile"] = run((0.4, 0.6), (0.4, 0.31), missed=3)
-    rows = {name: numbers for name, *numbers in answer.at_one_time(results).rows}
+    rows = {name: numbers for name, *numbers in tables.at_one_time(results).rows}
     mean, tail = SPEEDS.mean(), np.percentile(SPEEDS, 95.0)
     assert rows[PAPER] == ["2", "0.3, 0.3", f"{mean:.3g}, {tail:.3g}", "1, 1", "0"]
     assert rows["tuned profile (profile)"] == ["2", "0.31, 0.31", f"{0.6 * mean:.3g}, {0.6 * tail:.3g}", "1, 1", "3"]
     assert rows[POLICY][:3] == ["1.4", "0.3, 0.3", f"{0.3 * mean:.3g}, {0.3 * tail:.3g}"]
     results.baselines = {name: run((1.0, 1.0), rest_time=0.7) for name in results.baselines}
     results.as_late = {"seed-0": run((1.0, 1.0), rest_time=0.8)}
-    assert [row[-2] for row in answer.at_one_time(results).rows] == ["0.7, 0.7", "0.7, 0.7", "0.7, 0.7", "0.8, 0.8"]
+    assert [row[-2] for row in tables.at_one_time(results).rows] == ["0.7, 0.7", "0.7, 0.7", "0.7, 0.7", "0.8, 0.8"]
 
 
 @pytest.mark.parametrize(("shares", "times", "said", "headline"), [
@@ -114,8 +111,6 @@ def test_answer_says_what_a_curve_does_not_reach(shares, times, said, headline):
     result, long, short = summary(results)
     assert said in long
     assert headline in short
-    drawn = str(first_screen.chart(result, results).chart.to_dict(validate=False))
-    assert ("slower'" in drawn, "faster'" in drawn) == (result.reached and result.reduction.value > 0.0, False)
     assert result.reached == len(result.each) == (times[1] <= PAPER_TIME <= times[0])
     results.baselines["profile"] = run((0.4, 0.6), (0.5, 0.301))  # s: later at every weight
     late, sentence, _ = summary(results)
@@ -147,12 +142,12 @@ def test_tolerance_bound_follows_from_the_scatter_of_seeds():
     assert (result.reduction.value, *result.each) == pytest.approx((0.695, 0.7, 0.69))
     bound = 69.5 - TOLERANCE_OF_TWO * np.std([70.0, 69.0], ddof=1)
     assert f"(95 % of trainings: at least {bound:.1f} %)" in sentence
-    assert dict(answer.table(result, results).rows)["95 % of trainings: at least"] == f"{bound:.1f} %"
+    assert dict(tables.answered(result, results).rows)["95 % of trainings: at least"] == f"{bound:.1f} %"
     for worse in (run((1.8, 2.0)), run((0.2, 0.4), (0.299, 0.2))):  # no gain in the mean; too soon for the rule's time
         assert "95 % of trainings" not in summary(replace(results, seeds=results.seeds | {"seed-1": worse}))[1]
     losses = np.array([0.2, 0.21]) * SPEEDS.mean() + 1.0 * 0.4
     worst = losses.mean() + TOLERANCE_OF_TWO * losses.std(ddof=1)
-    most, reached = answer.weights_table(results).rows[0][5].split(", ")
+    most, reached = tables.by_weight(results).rows[0][5].split(", ")
     assert float(most) == pytest.approx(worst, abs=2e-4)
     assert reached == f"{losses.max():.4f}"
 
@@ -160,23 +155,24 @@ def test_tolerance_bound_follows_from_the_scatter_of_seeds():
 def test_weights_table_compares_with_rival_and_search():
     results = played()
     results.bound = run((0.1, 0.2), count=20)
-    row = answer.weights_table(results).rows[1]  # w = 2, after 0.2 s
+    row = tables.by_weight(results).rows[1]  # w = 2, after 0.2 s
     ours, theirs = 0.4 * SPEEDS.mean() + 0.4, 0.6 * SPEEDS.mean() + 0.4
     assert row[:4] == ("2", f"{ours:.4f}", f"{theirs:.4f}", row[4])
     assert float(row[4].split(" ")[0]) == pytest.approx(ours / theirs, abs=6e-5)
     few = SPEEDS[:20].mean()
     assert [float(gap.split(" ")[0]) for gap in row[6].split("], ")] == pytest.approx([0.2 * few, 0.4 * few], abs=6e-4)
-    figure = answer.trade_off(results)
-    assert set(figure.data["contestant"]) == {
-        PAPER, POLICY, BOUND, "tuned profile (profile)", "tuned constant speed (constant)"
-    }  # fmt: skip
-    assert figure.data.filter(contestant=PAPER).select("T", "V").row(0) == pytest.approx((PAPER_TIME, SPEEDS.mean()))
+    (axes,) = trade_off(results).figure.axes
+    curves = {line.get_label(): line.get_xydata() for line in axes.lines}
+    assert set(curves) == {PAPER, POLICY, BOUND, "tuned profile (profile)", "tuned constant speed (constant)"}
+    assert curves[PAPER][0] == pytest.approx([PAPER_TIME, SPEEDS.mean()])
+    (axes,) = trade_off(results, first_screen=True).figure.axes
+    assert [line.get_label() for line in axes.lines] == [PAPER, POLICY, "tuned profile"]
 
 
 def test_measures_are_means_over_the_same_scenarios():
     results = played()
     results.travelled = {"seed-0": Run((2.0,), {"before": np.full((1, 9), 0.01), "in_all": np.full((1, 9), 0.02)})}
-    table = differences.measures(results)
+    table = tables.measures(results)
     rows = {row[0]: dict(zip(table.head, row, strict=True)) for row in table.rows}
     assert list(rows) == [PAPER, "tuned profile (profile), w = 2", "learned policy, w = 2",
                           "learned policy at the paper's approach time (w = 1.4)"]  # fmt: skip
@@ -187,22 +183,6 @@ def test_measures_are_means_over_the_same_scenarios():
     assert row["impulse (N s)"] == f"{0.4 * (SPEEDS**2).mean():.4f}"  # here the masses are the speeds
     assert row["deflection (mm): 95 % before the touch, largest"] == "10, 20"
     assert rows[PAPER]["deflection (mm): 95 % before the touch, largest"] == "-"
-
-
-@pytest.mark.parametrize(("share", "better", "worse"), [
-    (0.4, True, False), (0.585, False, False), (0.6, False, False), (0.615, False, False), (0.8, False, True),
-])  # fmt: skip
-def test_paired_differences_say_where_the_policy_is_clearly_better_or_worse(share, better, worse):
-    """Differences of 0.015 to a deviation of 0.1 in each group of 12, half of whose interval is 0.06, are not clear."""
-    results = played()
-    results.seeds["seed-0"] = run((0.4, share))
-    results.policy.arrays["object_velocity"][1, np.argsort(SPEEDS)] += np.tile([0.1, -0.1], COUNT // 2)
-    figure = differences.paired(results, "object_mass")  # which here are the speeds
-    for low, high, value in figure.data.select("from", "to", "value").rows():
-        group = SPEEDS[(low <= SPEEDS) & (high > SPEEDS)]
-        assert value == pytest.approx((share - 0.6) * group.mean(), rel=0.03, abs=0.01)
-    assert figure.alternative.startswith(f"The policy is clearly better {'at 0.5' if better else 'nowhere'}")
-    assert ("clearly worse nowhere" in figure.alternative) == (not worse)
 
 
 def play_changes(results, losses, missed=0):
@@ -278,11 +258,11 @@ def test_report_of_an_operator_gives_slide_and_done_time_of_each_assistance():
             more = {"slide": 0.1 * (k + 1), "done_time": 2.0 + k, "touch_time": 1.0, "taken": 0.5}
             runs[name] = run((1.0,) * len(each.weights), (3.0,) * len(each.weights), each.weights, **more)
     results.as_late = {"seed-0": replace(results.policy, weights=(2.0,))}
-    text = first_screen.assisted(results)
+    text = answer.assisted(results)
     assert "10.0 cm and 2.0 s with the learned policy; 20.0 cm and 3.0 s with paper's rule; " in text
     assert "20.0 cm and 3.0 s with the local brake" in text
-    assert "10.00 [10.00, 10.00] cm" in first_screen.assisted(results, intervals=True)
-    table = differences.measures(results)
+    assert "10.00 [10.00, 10.00] cm" in answer.assisted(results, intervals=True)
+    table = tables.measures(results)
     row = dict(zip(table.head, table.rows[-2], strict=True))
     assert (row["slide (m)"], row["until the touch (s)"], row["taken"]) == ("0.100", "1.000", "0.500")
     assert (results.matchup.until, played().matchup.until) == ("all is done", "the touch")

@@ -24,26 +24,20 @@ def approach_of(coupling=None, robot=None, e=0.5, motion=MOTION):
     return Approach("7", "planted", scene(1e5, e, coupling, robot), motion, 0.8)
 
 
-def ranges_of(scene, motion):
-    """The numbers of a scene that the storm draws from its ranges."""
-    coupling = scene.coupling
-    values = {
-        "contact stiffness": scene.contact.stiffness,
-        "restitution": scene.contact.restitution,
-        "mass ratio": scene.object.mass / scene.tool.mass,
-        "speed": motion.speed,
-        "coupling stiffness": getattr(coupling, "stiffness", None),
-        "damping ratio": getattr(coupling, "damping_ratio", getattr(coupling, "stop_damping_ratio", None)),
-        "deceleration": motion.brake.deceleration if motion.brake else None,
-    }
-    return {name: value for name, value in values.items() if value is not None}
+def ranges_of(approach):
+    """The numbers of a scene that the storm draws from its ranges; None: the scene has no such number."""
+    scene, motion = approach.scene, approach.motion
+    damping = getattr(scene.coupling, "damping_ratio", getattr(scene.coupling, "stop_damping_ratio", None))
+    stiffness, deceleration = getattr(scene.coupling, "stiffness", None), motion.brake and motion.brake.deceleration
+    values = scene.contact.stiffness, scene.contact.restitution, scene.object.mass / scene.tool.mass, motion.speed
+    return dict(zip(approaches.RANGES, (*values, stiffness, damping, deceleration), strict=True))
 
 
 def test_storm_covers_its_ranges_with_every_chain_and_law_and_depends_on_its_number_alone():
     drawn = [approaches.storm(number) for number in range(1500)]
-    everywhere = [ranges_of(*approach.run[:2]) for approach in drawn]
+    everywhere = [*map(ranges_of, drawn)]
     for name, (low, high) in approaches.RANGES.items():
-        values = np.array([ranges[name] for ranges in everywhere if name in ranges])
+        values = np.array([ranges[name] for ranges in everywhere if ranges[name] is not None])
         assert (values.min(), values.max()) == pytest.approx((low, high), rel=1e-12)
         place = values / high if low == 0 else np.log(values / low) / math.log(high / low)
         inside = place[(place > 1e-9) & (place < 1 - 1e-9)]
@@ -59,7 +53,7 @@ def test_storm_covers_its_ranges_with_every_chain_and_law_and_depends_on_its_num
     assert rough == ended == {False, True}
     assert 0.15 < np.mean([approach.motion.brake is None for approach in drawn]) < 0.25
     assert [approaches.storm(number) for number in reversed(range(40))] == drawn[39::-1]
-    assert len({approach.description for approach in drawn}) == 1500
+    assert len({repr(approach.scene) for approach in drawn}) == 1500
 
 
 def frame_of(*rows):
@@ -125,7 +119,6 @@ def at(place, value):
     ({"separation_velocity": lambda v: 1.01 * v}, promises.PASSIVE),
     ({"trace.contact_force": at(400, -1e-9)}, promises.PUSHED),
     ({"impulse": lambda j: -j}, promises.PUSHED),
-    ({"trace.object_velocity": at(slice(-30, None), 0.0)}, promises.RISING),
     ({"impulse": lambda j: j * (1 + 1e-8)}, promises.BALANCED),
     ({"momentum_error": lambda _: 2e-9}, promises.BALANCED),
     ({"momentum_error": lambda _: math.nan}, promises.BALANCED),
@@ -161,32 +154,20 @@ def test_failures_name_a_run_that_cannot_finish_takes_too_long_or_is_not_settled
     assert "integration steps" in broken["reason"][0]
 
 
-def test_over_storm_says_which_promise_is_missed_by_how_many():
-    rows = [storm.row_of(approach_of(coupling)) | {"milliseconds": 1.0} for coupling in COUPLINGS.values()]
-    kept = promises.over_storm(frame_of(*rows))
-    assert [verdict.text for verdict in kept] == [promise.text for promise in promises.PROMISES]
-    assert all(verdict.met for verdict in kept)
-    wrong = frame_of(rows[0] | {"finite": False}, rows[1] | {"momentum_error": 1e-3}, rows[2])
-    missed = {verdict.text: verdict.finding for verdict in promises.over_storm(wrong) if not verdict.met}
-    assert missed.keys() == {promises.FINITE.text, promises.BALANCED.text}
-    assert all("1 of 3 scenes" in finding for finding in missed.values())
-
-
 def test_agreement_finds_differences_and_counts_scenes_without_a_truth():
     ours = frame_of(storm.row_of(approaches.storm(17)))
     (truth,) = storm.truth_row(17, 60.0)
     changes = ({}, {"velocity": truth["velocity"] * (1 + 3e-6)}, {"passes": truth["passes"] + 1})
     same, elsewhere, passed = (promises.agreement(ours, frame_of(truth | change)) for change in changes)
-    assert same["apart"].to_list() == [""]
-    assert "3.0e-06" in elsewhere["apart"][0]
-    assert passed["apart"][0]
+    assert [each["apart"].to_list() for each in (same, elsewhere, passed)] == [[False], [True], [True]]
+    assert elsewhere["velocity_error"].item() == pytest.approx(3e-6, rel=1e-3)
     unknown = frame_of(truth | {"failure": "no answer"})
     assert promises.agreement(ours, unknown).is_empty()
-    kept = promises.over_agreement(same, 1)
-    assert kept.met
-    assert "the independent solver failed in 1" in kept.finding
-    assert not promises.over_agreement(pl.concat([same, elsewhere]), 0).met
-    assert not promises.over_agreement(same.clear(), 0).met
+    _, finding, kept = promises.over_agreement(same, 1)
+    assert kept
+    assert "the independent solver failed in 1" in finding
+    assert not promises.over_agreement(pl.concat([same, elsewhere]), 0)[-1]
+    assert not promises.over_agreement(same.clear(), 0)[-1]
 
 
 @pytest.fixture(scope="module")
@@ -207,27 +188,26 @@ def test_page_has_a_row_for_each_scene_also_for_one_without_a_truth(study):
     text = text_of_a_page_that_stands_on_its_own(study.folder, figures=0)
     assert all(promise.text in text for promise in promises.PROMISES)
     late = study.frames["truth"].filter(scene=2)
-    assert late["description"].item() == approaches.storm(2).description
+    assert late["speed"].item() == approaches.storm(2).motion.speed
     assert "TimeoutError" in late["failure"].item()
     assert late["velocity"].item() is None
 
 
 def test_page_lists_every_failure(study):
-    rows, number = study.frames["storm"], pl.col("scene")
-
-    def changed(scene, **values):
-        return {name: pl.when(number == scene).then(pl.lit(value)).otherwise(name) for name, value in values.items()}
-
-    wrong = (
-        rows.with_columns(**changed(3, milliseconds=77.0))
-        .with_columns(**changed(5, failure="RuntimeError: the run stopped"))
-        .with_columns(**changed(8, energy_created=1e-3, energy_doubt=1e-9, traced=True))
-    )
+    changes = (
+        {"scene": 3, "milliseconds": 77.0}, {"scene": 5, "failure": "RuntimeError: the run stopped"},
+        {"scene": 8, "energy_created": 1e-3, "energy_doubt": 1e-9, "traced": True},
+    )  # fmt: skip
+    wrong = study.frames["storm"]
+    for change in changes:
+        wrong = wrong.update(pl.DataFrame(change), on="scene")
     findings = stability.STUDY.analyse(study.frames | {"storm": wrong}, False)
     listed = {row[:3] for row in findings.tables["failures"].iter_rows()}
-    assert (3, promises.FAST.text, "77") in listed
-    assert (5, promises.ENDED.text, "RuntimeError: the run stopped") in listed
+    assert listed >= {(3, promises.FAST.text, "77"), (5, promises.ENDED.text, "RuntimeError: the run stopped")}
     assert (8, promises.PASSIVE.text) in {row[:2] for row in listed}
     shown = [row for part in findings.sections[1].parts for row in part.rows]
     assert {row[0] for row in shown} >= {"3", "5", "8"}
     assert "promises are missed" in findings.answer
+    verdicts = {text: (finding, met) for text, finding, met in findings.sections[0].parts[0].rows}
+    assert verdicts[promises.PASSIVE.text][0].startswith(f"1 of {FEW} scenes do not")
+    assert [verdicts[promise.text][1] for promise in (promises.PASSIVE, promises.FINITE)] == ["missed", "met"]

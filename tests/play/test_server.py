@@ -11,7 +11,6 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
-from pathlib import Path
 
 import pytest
 from playing import ROOT, SETUP, closed, heard, say, served
@@ -19,7 +18,6 @@ from refusals import refused
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 
 from experiments.play import __main__ as command
-from experiments.play import tries
 
 
 def answer(server, path=None, **headers):
@@ -121,10 +119,7 @@ def test_flood_of_fifty_is_refused_and_leaves_the_player_alone(tmp_path):
         assert {*played} == {"ended"}
         assert server.memory() < before + 40e6
         assert not any("interrupted" in mark for this in server.tries(1 + len(played)) for mark in this.marks)
-        _, said = server.end()
-    for reason in ("more than 250 messages a second", "a message must be JSON", "too many pages"):
-        assert reason in said
-    assert "Traceback" not in said
+        assert "Traceback" not in server.end()[1]
 
 
 def test_second_page_is_told_so_watches_and_may_take_the_stick(server):
@@ -155,13 +150,11 @@ def test_client_that_reads_slowly_holds_nobody_up(server):
 @pytest.mark.parametrize(("how", "exit_code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130), (signal.SIGTERM, -15)])
 def test_server_that_is_stopped_in_the_middle_loses_nothing(how, exit_code, tmp_path):
     with served(tmp_path / "tries") as server, server.connect() as page:
-        answer(server, Host="evil.example")
         server.push(page, 20)
         clock = server.clock
         code, said = server.end(how)
         assert code == exit_code
         assert "Traceback" not in said
-        assert ("refused: 1 x another host" in said) == (how is signal.SIGINT)
         while os.path.exists(f"/proc/{clock}"):
             time.sleep(0.05)
         (this,) = server.tries()
@@ -169,28 +162,11 @@ def test_server_that_is_stopped_in_the_middle_loses_nothing(how, exit_code, tmp_
         assert max(this.operator["velocity"]) > 0.1
 
 
-def test_try_of_a_server_and_a_clock_that_are_killed_at_once_is_there_after_a_restart(tmp_path):
-    with served(tmp_path / "tries") as server, server.connect() as page:
-        server.push(page, 20)
-        os.killpg(server.process.pid, signal.SIGKILL)
-    assert server.tries() == []
-    with served(tmp_path / "tries", server.setup) as again, again.connect() as page:
-        (entry,) = heard(page, "hello")["tries"]
-        (this,) = again.tries()
-        assert entry["marks"] == this.marks == ["interrupted: the server was killed"]
-        assert max(this.operator["velocity"][:20]) > 0.1
-        assert this.operator["velocity"][-1] == 0.0  # nobody commanded its end
-        assert tries.simulated(this).slide == this.result["slide"]
-        assert not [*again.folder.glob("*.journal")]
-
-
-def test_second_server_of_a_folder_is_refused_and_leaves_the_journal_of_the_first(tmp_path):
+def test_second_server_of_a_folder_is_refused_and_leaves_the_try_of_the_first(tmp_path):
     with served(tmp_path / "tries") as server, server.connect() as page:
         server.push(page, 5)
-        (journal,) = server.folder.glob("*.journal")
         mine = command.Play(str(server.setup), open=False, out=tmp_path / "tries", port=0)
         refused(lambda: command.work(mine), f"{tmp_path / 'tries'} is being written by another process")
-        assert journal.exists()
         say(page, done=1)
         assert heard(page, "ended")["entry"]["marks"] == []
 
@@ -198,20 +174,15 @@ def test_second_server_of_a_folder_is_refused_and_leaves_the_journal_of_the_firs
 def test_files_of_which_no_try_can_be_made_are_kept_and_said_and_reach_no_page(tmp_path):
     with served(tmp_path / "tries") as server, server.connect() as page:
         name = server.push(page)["entry"]["name"]
-        server.push(page, 5)
-        os.killpg(server.process.pid, signal.SIGKILL)
-    (journal,) = server.folder.glob("*.journal")
     whole = (server.folder / f"{name}.json").read_text()
-    kept = {"a.json": json.dumps(json.loads(whole) | {"marks": ["</script>"]}), "b.json": "{", "<b>.json": whole,
-            "c.journal": "", "d.journal": journal.read_text() + "what\n"}  # fmt: skip
+    kept = {"a.json": json.dumps(json.loads(whole) | {"marks": ["</script>"]}), "b.json": "{", "<b>.json": whole}
     for file, text in kept.items():
         (server.folder / file).write_text(text)
-    Path(server.setup).unlink()
     with served(tmp_path / "tries", SETUP) as again, again.connect() as page:
         assert [entry["name"] for entry in heard(page, "hello")["tries"]] == [name]
-        said = [again.process.stdout.readline() for _ in range(len(kept) + 1)]
+        said = [again.process.stdout.readline() for _ in range(len(kept))]
         assert "Traceback" not in again.end()[1]
-    for file in (*kept, journal.name):
+    for file in kept:
         assert (server.folder / file).exists()
         assert sum(f"/{file} " in line for line in said) == 1
 
@@ -230,23 +201,6 @@ def test_odd_request_has_a_proper_answer_and_none_if_it_is_no_request(server, li
         odd.settimeout(10.0)
         odd.sendall(f"{asked}\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode())
         assert odd.recv(12) == (f"HTTP/1.1 {status}".encode() if status else b"")
-
-
-def test_connections_that_ask_nothing_keep_no_player_out_and_end(server):
-    host = server.origin.removeprefix("http://").split(":")
-    with ExitStack() as idle:
-        silent = [idle.enter_context(socket.create_connection(host)) for _ in range(400)]
-        for number, each in enumerate(silent[150:]):
-            each.sendall(b"GET / HT" if number % 2 else f"GET {server.path} HTTP/1.1\r\n".encode())
-        with server.connect() as page:
-            assert answer(server)[0] == 200
-            assert server.push(page)["kind"] == "ended"
-            time.sleep(6.0)
-            for each in silent:
-                each.settimeout(0.1)
-                with suppress(ConnectionError):
-                    assert each.recv(1) == b""
-            assert server.push(page)["kind"] == "ended"
 
 
 def test_page_says_that_its_clock_was_killed(tmp_path):

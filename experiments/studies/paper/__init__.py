@@ -1,23 +1,29 @@
 """The study `paper`: computes the paper's figures by our model, and judges what the paper's text says of them.
 
-Each section of the paper has a module. For each figure the module computes a table (figure_02), draws it
-(_draw_figure_02), and computes the numbers that statements.toml names (_numbers_figure_02).
+Each section of the paper has a module. For each figure the module computes a table (figure_05) and the numbers that
+statements.toml names (_numbers_figure_05). A function _draw_figure_05 draws what statements.toml does not describe.
 """
 
 from collections import Counter
 from typing import Any
 
+import numpy as np
 import polars as pl
+from matplotlib.figure import Figure
 
-from experiments.lab.parts import Section, Table
+from experiments.lab.charts import SERIES
+from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
 from experiments.studies.paper import beyond, section_2, section_3, section_4, section_5
-from experiments.studies.paper.layouts import picture
 from experiments.studies.paper.statements import AGREEING, DATA, Basis, Verdict, judged
+from impact_gym.render.palette import LIGHT
 
 ABOUT = DATA["figures"]
-MODULES = (section_2, section_3, section_4, section_5, beyond)
-MADE: dict[str, Any] = {name: made for module in MODULES for name, made in vars(module).items()}
+SCALE = 0.8  # factor on the size of all figures, so that text is legible if two figures are side by side
+WIDE = 11.0  # inches, before scaling; a wider figure is alone in its row of the page
+MADE: dict[str, Any] = {
+    name: made for module in (section_2, section_3, section_4, section_5, beyond) for name, made in vars(module).items()
+}
 DEPENDS = (*SOLVER, "experiments.lab.scenes", "experiments.studies.paper.runs")
 
 
@@ -39,6 +45,43 @@ def table(caption: str, statements: pl.DataFrame) -> Table:
     return Table(caption, head, [_words(row) for row in statements.iter_rows(named=True)])
 
 
+def draw_curves(frame: pl.DataFrame, axes: Any, curves: str | list[dict[str, Any]], where: dict[str, Any]) -> None:
+    """Draw curves that statements.toml describes; `where` has the values of columns in the rows to draw."""
+    for curve in DATA["curves"][curves] if isinstance(curves, str) else curves:
+        style = {"scale": 1.0, "color": "rule"} | curve
+        x, y, scale, colour = (style.pop(name) for name in ("x", "y", "scale", "color"))
+        rows = frame.filter(**where, **style.pop("where", {})).sort(x, maintain_order=True)
+        shown = [(LIGHT[colour], style.pop("label", None), rows)]
+        if by := style.pop("by", None):
+            (_, label, _), values = *shown, style.pop("values")
+            shown = [
+                (each, label and label.format(value), rows.filter(**{by: value}))
+                for each, value in zip(SERIES, values, strict=False)
+            ]
+        for each, label, points in shown:
+            axes.plot(scale * points[x], points[y], color=each, label=label, **style)
+
+
+def picture(name: str, frame: pl.DataFrame) -> Picture:
+    """Return a figure drawn from its table, with curves, texts and layout from statements.toml."""
+    about = DATA["figures"][name]
+    figure = Figure(figsize=tuple(SCALE * length for length in about["size"]))
+    grid: Any = figure.subplots(**about.get("panels", {}))
+    if draw := MADE.get(f"_draw_{name}"):
+        draw(frame, grid, **about.get("arguments", {}))
+    for axes, given in zip(np.ravel(grid), about["axes"], strict=True):
+        texts = dict(given)
+        draw_curves(frame, axes, texts.pop("curves", []), texts.pop("where", {}))
+        for position in texts.pop("marked", []):
+            axes.axvline(position, color=LIGHT["flange"], linewidth=0.8, linestyle=":")
+        legend = texts.pop("legend", None)
+        axes.set(**texts)
+        if legend is not None:
+            axes.legend(**legend)
+    heading = f"{about['heading']}: {about['title']}"
+    return Picture(name, figure, about["alternative"], about["caption"], heading, about["size"][0] > WIDE)
+
+
 def answer(statements: pl.DataFrame) -> str:
     """Return the number of statements with each verdict, in words."""
     bases = Counter(Basis(basis).name for basis in statements["basis"])
@@ -58,8 +101,9 @@ def analyse(frames: Frames, quick: bool) -> Findings:
     ]
     for about in DATA["sections"]:
         if names := [name for name in about["figures"] if name in frames]:
-            pictures = [picture(name, MADE[f"_draw_{name}"], frames[name]) for name in names]
-            sections.append(Section(about["heading"], pictures, key=about["key"]))
+            sections.append(
+                Section(about["heading"], [picture(name, frames[name]) for name in names], key=about["key"])
+            )
             here = statements.filter(pl.col("figure").is_in(names))
             sections.append(Section(f"{len(here)} statements about these figures", [table("", here)], folded=True))
     return Findings(answer(statements), sections, {"statements": statements})

@@ -9,18 +9,12 @@ import polars as pl
 
 import impact_gym as ig
 from experiments.lab import scenes
-from experiments.lab.charts import FLANGE, SERIES
 from experiments.lab.scenes import BRAKE, LINEAR, MECHANISM, MOTION, OBJECT_MASS, STEADY, scene
 from experiments.lab.study import Row
-from experiments.studies.paper.layouts import Panels, mark
 from experiments.studies.paper.runs import Numbers, changes, enclose_changes, where
 from impact_gym.scene import Coupling
 
 COUPLINGS: dict[str, Coupling] = {"rigid": ig.Rigid(), "spring": LINEAR, "bistable": MECHANISM}
-STYLES = {
-    "rigid": (SERIES[1], "tool fixed"), "spring": (SERIES[4], "linear, k_t = 50 N/m"),
-    "bistable": (SERIES[3], "bistable"),
-}  # fmt: skip
 OBJECTS = {"light": 0.25, "heavy": 1.0}  # kg
 DELAYS = np.array([0, 4, 8, 12, 16, 20, 30, 40, 50, 75, 100, 125, 150, 200, 250, 300, 400, 500]) / 1000  # s
 STIFFNESS = np.logspace(2, 8, 25)  # N/m^1.5
@@ -37,8 +31,11 @@ SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s
 CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s at constant speed in Fig. 23
 
 
-def beyond_delay() -> list[Row]:
-    """Simulate each coupling and object, over contact stiffness and over restitution, with all DELAYS and no brake."""
+def beyond_delay() -> pl.DataFrame:
+    """Simulate each coupling and object, over contact stiffness and over restitution, with all DELAYS and no brake.
+
+    `of_rigid` and `of_free` are V_p divided by that of the rigid tool, and by V_p without a brake.
+    """
     rows: list[Row] = []
     braking = replace(MOTION, brake=replace(BRAKE, delay=0.0))
     lines = {
@@ -52,43 +49,18 @@ def beyond_delay() -> list[Row]:
         free = ig.sweep(approach, STEADY, contact, duration=4.0)
         braked = ig.sweep(approach, braking, {**contact, "motion.brake.delay": DELAYS[None]}, duration=4.0)
         grid = np.hstack([free.object_velocity, braked.object_velocity])
-        for ((stiffness, restitution), delay), velocity in zip(
-            product(points, (NEVER, *DELAYS)), grid.flat, strict=True
-        ):
+        for (point, delay), found in zip(product(points, (NEVER, *DELAYS)), grid.flat, strict=True):
             about = {"coupling": coupling, "object": kind, "over": over, "delay": delay}
-            rows.append(about | {"stiffness": stiffness, "restitution": restitution, "object_velocity": velocity})
-    return rows
-
-
-def _ratios(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return the rows with a brake, with V_p divided by that of the rigid tool, and by V_p without a brake."""
+            rows.append(about | {"stiffness": point[0], "restitution": point[1], "object_velocity": found})
     velocity, scenario = pl.col("object_velocity"), ("object", "over", "stiffness", "restitution")
-    rigid, free = velocity.filter(coupling="rigid").first(), velocity.filter(delay=NEVER).first()
-    return frame.with_columns(
-        of_rigid=velocity / rigid.over(*scenario, "delay"), of_free=velocity / free.over("coupling", *scenario)
-    ).filter(pl.col("delay") != NEVER)
-
-
-def _draw_beyond_delay(frame: pl.DataFrame, grid: Panels) -> None:
-    rows, steps = _ratios(frame), np.arange(len(DELAYS))
-    lines = {"stiffness": STIFFNESS, "restitution": RESTITUTIONS}
-    for axes, (over, coupling) in zip(grid.flat, product(lines, ("spring", "bistable")), strict=True):
-        ratios = [where(rows, coupling=coupling, object=kind, over=over)["of_rigid"] for kind in OBJECTS]
-        light, heavy = (values.reshape(len(lines[over]), -1) for values in ratios)
-        mesh = axes.pcolormesh(
-            steps, lines[over], np.log2(light), cmap="RdBu_r", vmin=-1.5, vmax=1.5, shading="nearest"
-        )
-        for values, style in ((light, "solid"), (heavy, "dashed")):
-            if values.min() < 1.0 < values.max():
-                axes.contour(steps, lines[over], values, [1.0], colors="black", linewidths=1.5, linestyles=style)
-        axes.set_xticks(steps[::3], [f"{1e3 * delay:g}" for delay in DELAYS[::3]])
-        bar = axes.figure.colorbar(mesh, ax=axes, label="V_p over the rigid tool's")
-        bar.ax.set(title="ratio")
-        bar.set_ticks([-1.0, 0.0, 1.0], labels=["1/2", "1", "2"])
+    of_rigid = velocity / velocity.filter(coupling="rigid").first().over(*scenario, "delay")
+    of_free = velocity / velocity.filter(delay=NEVER).first().over("coupling", *scenario)
+    brakes = pl.when(pl.col("delay") != NEVER)
+    return pl.DataFrame(rows).with_columns(of_rigid=brakes.then(of_rigid), of_free=brakes.then(of_free))
 
 
 def _numbers_beyond_delay(frame: pl.DataFrame) -> Numbers:
-    rows = _ratios(frame)
+    rows = frame.filter(pl.col("delay") != NEVER)
     at_16_ms = where(rows, coupling="rigid", object="light", over="stiffness", delay=BRAKE.delay)
     stiffness, gains = at_16_ms["stiffness"], 100.0 * (1.0 - at_16_ms["of_free"])
     free = [where(frame, coupling="rigid", object=kind, delay=NEVER)["object_velocity"] for kind in OBJECTS]
@@ -136,18 +108,6 @@ def beyond_detection() -> list[Row]:
     return rows
 
 
-def _draw_beyond_detection(frame: pl.DataFrame, axes: Panels) -> None:
-    sources = {"tool": ("o", "sensor on the tool, 16 ms later"), "robot": ("D", "the robot itself, 16 ms later")}
-    for name, (colour, label) in STYLES.items():
-        rows = where(frame, coupling=name, noticed_by="grid")
-        axes.plot(1e3 * rows["delay"], rows["object_velocity"], color=colour, label=label)
-        for source, (marker, _) in sources.items():
-            point = where(frame, coupling=name, noticed_by=source)
-            mark(axes, 1e3 * point["delay"], point["object_velocity"], colour, marker)
-    for marker, words in sources.values():
-        mark(axes, [], [], marker=marker, label=words)
-
-
 def _numbers_beyond_detection(frame: pl.DataFrame) -> Numbers:
     bistable = frame.filter(coupling="bistable")
     grid, tool, robot = (where(bistable, noticed_by=source) for source in ("grid", "tool", "robot"))
@@ -162,7 +122,10 @@ def _numbers_beyond_detection(frame: pl.DataFrame) -> Numbers:
 
 
 def beyond_objects() -> pl.DataFrame:
-    """Simulate the fixed tool, the mechanism, and all small CHANGES of the mechanism that still hold the tool."""
+    """Simulate the fixed tool, the mechanism, and all small CHANGES of it that still hold the tool.
+
+    `as_it_is_less` and `changed_less` are the reductions from the V_p of the fixed tool (%).
+    """
     height, stop = MECHANISM.height, MECHANISM.front_stop
     candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
     holding = [coupling for coupling in candidates if coupling.holding_force >= scenes.HOLD]
@@ -176,34 +139,19 @@ def beyond_objects() -> pl.DataFrame:
         least = np.min([outcomes.object_velocity for outcomes in changed], axis=0)
         columns = {"object_mass": MASSES, "rigid": fixed.object_velocity, "as_it_is": used.object_velocity}
         frames.append(pl.DataFrame({**columns, "changed": least, "snap_count": used.snap_count, "size": size}))
-    return pl.concat(frames)
-
-
-def _reductions(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return the table with each velocity replaced by its reduction from the fixed tool's, in per cent."""
-    return frame.with_columns((pl.col("as_it_is", "changed") / pl.col("rigid") - 1.0) * -100.0)
-
-
-def _draw_beyond_objects(frame: pl.DataFrame, axes: Panels) -> None:
-    for colour, size in zip(SERIES, SIZES, strict=False):
-        rows = where(_reductions(frame), size=size)
-        axes.semilogx(rows["object_mass"], rows["as_it_is"], color=colour, label=f"{size:g} x the radius")
-        axes.semilogx(rows["object_mass"], rows["changed"], "--", color=colour)
-    axes.plot([], [], "--", color="black", label="H and front stop changed by up to 10 %")
-    axes.axvline(OBJECT_MASS, color=FLANGE, linewidth=0.8, linestyle=":")
-    axes.annotate("paper", (OBJECT_MASS, 2.0), (3, 0), textcoords="offset points", fontsize=8)
+    less = ((pl.col("as_it_is", "changed") / pl.col("rigid") - 1.0) * -100.0).name.suffix("_less")
+    return pl.concat(frames).with_columns(less)
 
 
 def _numbers_beyond_objects(frame: pl.DataFrame) -> Numbers:
-    rows = _reductions(frame)
-    papers = rows.filter(pl.col("object_mass") >= OBJECT_MASS)
-    changed, unchanged = papers["changed"], papers["as_it_is"]
+    papers = frame.filter(pl.col("object_mass") >= OBJECT_MASS)
+    changed, unchanged = papers["changed_less"], papers["as_it_is_less"]
     return {
         "changed": changed.to_numpy(), "changed_ends": [changed.min(), changed.max()],
         "unchanged_ends": [unchanged.min(), unchanged.max()],
-        "stuck": rows.filter(pl.col("snap_count") != 1)["object_mass"].max() or 0.0,
-        "lightest": rows.filter(pl.col("changed") >= ENOUGH)["object_mass"].min(),  # kg, smallest over all sizes
-        "least": rows["changed"].min(),
+        "stuck": frame.filter(pl.col("snap_count") != 1)["object_mass"].max() or 0.0,
+        "lightest": frame.filter(pl.col("changed_less") >= ENOUGH)["object_mass"].min(),  # kg, smallest over all sizes
+        "least": frame["changed_less"].min(),
     }  # fmt: skip
 
 
@@ -214,6 +162,7 @@ def _row(coupling: str, speed: float) -> Row:
     outcome = ig.simulate(approach, replace(MOTION, speed=speed), duration=2.0)
     return {
         "coupling": coupling, "speed": float(speed), "object_velocity": outcome.object_velocity,
+        "ratio": outcome.object_velocity / speed,
         "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),  # passes of the alignment
         "alarm": int(outcome.detection_time is not None),
     }  # fmt: skip
@@ -225,30 +174,13 @@ def beyond_speed() -> list[Row]:
     return [row for name in COUPLINGS for row in enclose_changes(SPEEDS, partial(_row, name), "speed", *counts)]
 
 
-def _draw_beyond_speed(frame: pl.DataFrame, grid: Panels) -> None:
-    for coupling, (colour, label) in reversed(STYLES.items()):
-        rows = where(frame, coupling=coupling)
-        for axes, values in zip(grid, (rows["object_velocity"], rows["object_velocity"] / rows["speed"]), strict=True):
-            axes.plot(rows["speed"], values, color=colour, label=label)
-            turns = [speed for speed, _, _ in changes(rows, "speed", "passes")]
-            mark(axes, turns, np.interp(turns, rows["speed"], values), colour, "D")
-    for axes in grid:
-        mark(axes, [], [], marker="D", label="number of snap-throughs changes")
-        for speed, before, after in changes(where(frame, coupling="bistable"), "speed", "passes"):
-            axes.axvline(speed, color=FLANGE, linewidth=0.8, linestyle=":")
-            axes.annotate(f"{before} to {after}", (speed, 0.0), (3, 3), textcoords="offset points", size=8, rotation=90)
-        axes.set_ylim(0.0, 1.25 * axes.get_ylim()[1])  # room for the legend
-
-
 def _numbers_beyond_speed(frame: pl.DataFrame) -> Numbers:
     rows, linear = where(frame, coupling="bistable"), where(frame, coupling="spring")
     speed, velocity = rows["speed"], rows["object_velocity"]
     turns = changes(rows, "speed", "passes")
     at_10, at_11, at_12 = np.interp([1.0, 1.1, 1.2], speed, velocity)
     better = speed[velocity < np.interp(speed, linear["speed"], linear["object_velocity"])]
-    ratio = velocity / speed
-    others = [where(frame, coupling=name) for name in ("rigid", "spring")]
-    other_ratios = [each["object_velocity"] / each["speed"] for each in others]
+    ratio, other_ratios = rows["ratio"], [where(frame, coupling=name)["ratio"] for name in ("rigid", "spring")]
     fixed = where(frame, coupling="rigid", speed=MOTION.speed)["object_velocity"][0]
     return {
         "fixed": fixed, "faster": speed[velocity <= fixed].max(),

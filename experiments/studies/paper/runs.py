@@ -1,6 +1,6 @@
-"""Tools of the figures: columns of a table, where a count changes along a parameter, and runs with time histories."""
+"""Tools of the figures: columns of a table, where a count changes along a parameter, runs, and shared layouts."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise, product
 from typing import Any
 
@@ -9,6 +9,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 import impact_gym as ig
+from experiments.lab.charts import SERIES
 from experiments.lab.scenes import DURATION, MOTION, OBJECT_MASS, THRESHOLD, TOOL_MASS, simulate_with_trace
 from experiments.lab.study import Row
 from impact_gym.physics import impact
@@ -114,3 +115,17 @@ class Run:
 def runs_of(frame: pl.DataFrame) -> tuple[Run, Run]:
     """Return the runs of the cases "a" and "b"."""
     return Run(frame, "a"), Run(frame, "b")
+
+
+def mark(axes: Any, x: Any, y: Any, colour: str = "none", marker: str = "o", label: str | None = None) -> None:
+    """Mark points of a curve; without points and colour, add an entry to the legend."""
+    axes.plot(x, y, marker, color=colour, markeredgecolor="black", label=label)
+
+
+def impulses(frame: pl.DataFrame, axes: Any, cases: Sequence[str]) -> None:
+    """Draw the impulse of the coupling since the contact began: the layout of Fig. 20 and 24."""
+    for colour, run, case in zip(SERIES, runs_of(frame), cases, strict=False):
+        time, impulse = run.running_impulse()
+        axes.plot(time, impulse, color=colour, label=f"{case}: {impulse[-1]:.4f} N s")
+        mark(axes, time[-1], impulse[-1], colour)
+    mark(axes, [], [], label="end of the contact")

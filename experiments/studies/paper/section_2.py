@@ -13,12 +13,11 @@ import polars as pl
 
 import impact_gym as ig
 from experiments.lab import scenes
-from experiments.lab.charts import FLANGE, FORCE, OBJECT, SERIES, TOOL
 from experiments.lab.scenes import OBJECT_MASS, REDUCED_MASS, STEADY, TOOL_MASS, scene, simulate_with_trace
 from experiments.lab.study import Row
-from experiments.studies.paper.layouts import Panels, mark
-from experiments.studies.paper.runs import Array, Numbers, Run, histories, runs_of, where
+from experiments.studies.paper.runs import Array, Numbers, histories, runs_of, where
 from impact_gym.physics import impact
+from impact_gym.scene import Dissipation
 
 OF_MASSES = (0.0, 0.25, 0.5, 0.75, 1.0)  # restitutions of Fig. 3
 MASSES = np.logspace(-2.0, 1.0, 121)  # kg
@@ -35,7 +34,7 @@ CONTACTS = {
 SPEEDS = (0.5, 1.0, 2.0)  # m/s, of the tool
 NOMINAL = np.round(np.linspace(0.01, 1.0, 100), 2)
 SMALL = 0.3  # a small restitution; the paper does not define it
-LAWS = {"hu-guo": "eq. 7 (Hu and Guo)", "hunt-crossley": "Hunt and Crossley"}
+LAWS: tuple[Dissipation, ...] = ("hu-guo", "hunt-crossley")
 
 
 def figure_02() -> pl.DataFrame:
@@ -45,13 +44,6 @@ def figure_02() -> pl.DataFrame:
     fixed = impact.rigid_tool(1.0, 0.0, restitution)
     columns = {"tool_velocity": tool, "object_velocity": hit, "object_velocity_fixed": fixed}
     return pl.DataFrame({"restitution": restitution, **{name: np.asarray(column) for name, column in columns.items()}})
-
-
-def _draw_figure_02(frame: pl.DataFrame, axes: Panels) -> None:
-    e = frame["restitution"]
-    axes.plot(e, frame["object_velocity_fixed"], color=FLANGE, linestyle="--", label="object, tool fixed (eq. 1)")
-    axes.plot(e, frame["object_velocity"], color=OBJECT, label="object, tool free (eq. 4)")
-    axes.plot(e, frame["tool_velocity"], color=TOOL, label="free tool (eq. 3)")
 
 
 def _numbers_figure_02(frame: pl.DataFrame) -> Numbers:
@@ -71,17 +63,6 @@ def figure_03() -> pl.DataFrame:
     return pl.DataFrame({"restitution": restitution, "tool_mass": mass, "tool_velocity": tool, "object_velocity": hit})
 
 
-def _draw_figure_03(frame: pl.DataFrame, grid: Panels) -> None:
-    for axes, column in zip(grid, ("object_velocity", "tool_velocity"), strict=True):
-        for colour, restitution in zip(SERIES, OF_MASSES, strict=False):
-            rows = where(frame, restitution=restitution)
-            axes.semilogx(rows["tool_mass"], rows[column], color=colour, label=f"e = {restitution:g}")
-        for mass in (TOOL_MASS, scenes.ROBOT_AND_TOOL):
-            axes.axvline(mass, color=FLANGE, linewidth=0.8, linestyle=":")
-            placing = {"xytext": (-3, 4), "textcoords": "offset points", "rotation": 90, "ha": "right", "va": "bottom"}
-            axes.annotate(f"{mass:g} kg", (mass, 0.0), xycoords=("data", "axes fraction"), fontsize=8, **placing)
-
-
 def _numbers_figure_03(frame: pl.DataFrame) -> Numbers:
     curves = [where(frame, restitution=e)["object_velocity"] for e in OF_MASSES]
     heavy = where(frame, restitution=1.0, tool_mass=scenes.ROBOT_AND_TOOL)["object_velocity"][0]
@@ -89,29 +70,17 @@ def _numbers_figure_03(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_05() -> pl.DataFrame:
-    """Simulate the fixed and the free tool."""
+    """Simulate the fixed and the free tool; `elastic` and `damping` are the parts of the contact force (N)."""
     fixed, free = (scene(STIFFNESS, RESTITUTION, object_mass=mass) for mass in (OBJECT_MASS, REDUCED_MASS))
-    return histories({"a": fixed, "b": free}, STEADY, duration=0.5)
-
-
-def parts(run: Run) -> tuple[Array, Array]:
-    """Return the elastic part and the damping part of the contact force (N)."""
-    penetration = np.maximum(run.trace.tool_position - run.trace.object_position, 0.0)
-    elastic = np.where(run.trace.contact_force > 0.0, STIFFNESS * penetration**1.5, 0.0)
-    return elastic, run.trace.contact_force - elastic
-
-
-def _draw_figure_05(frame: pl.DataFrame, grid: Panels) -> None:
-    for axes, run in zip(grid, runs_of(frame), strict=True):
-        (elastic, damping), time = parts(run), run.trace.time
-        axes.plot(time, elastic + damping, color=FORCE, label="contact force")
-        axes.plot(time, elastic, color=TOOL, linestyle="--", label="elastic part")
-        axes.plot(time, damping, color=OBJECT, linestyle=":", label="damping part")
+    frame = histories({"a": fixed, "b": free}, STEADY, duration=0.5)
+    force, depth = frame["contact_force"].to_numpy(), (frame["tool_position"] - frame["object_position"]).to_numpy()
+    elastic = np.where(force > 0.0, STIFFNESS * np.maximum(depth, 0.0) ** 1.5, 0.0)
+    return frame.with_columns(elastic=elastic, damping=force - elastic)
 
 
 def _numbers_figure_05(frame: pl.DataFrame) -> Numbers:
     a, b = runs_of(frame)
-    _, damping = parts(a)
+    damping = where(frame, case="a")["damping"]
     around = np.flatnonzero((damping[:-1] > 0.0) & (damping[1:] <= 0.0))[0] + np.array([0, 1])
     return {
         "a": a, "b": b, "peak_ratio": a.peak_force / b.peak_force,
@@ -149,33 +118,10 @@ def _grids(frame: pl.DataFrame, column: str) -> Array:
     return ordered.to_numpy().reshape(2, len(RESTITUTIONS), len(STIFFNESSES))
 
 
-def _draw_figure_07(frame: pl.DataFrame, grid: Panels, column: str) -> None:
-    """Draw `column` against k_c: a panel of `grid` (2,) for each case, a curve for each restitution."""
-    for axes, curves in zip(grid, _grids(frame, column), strict=True):
-        for colour, e, values in zip(SERIES, RESTITUTIONS, curves, strict=True):
-            axes.loglog(STIFFNESSES, values, color=colour, label=f"e = {e:g}")
-    limits = [axes.get_ylim() for axes in grid]
-    for axes in grid:
-        axes.set_ylim(np.min(limits), np.max(limits))
-
-
 def figure_06() -> list[Row]:
     """Simulate the grid of panels (a) and (b), and more restitutions at k_c = CUT."""
     grid = {(k, e) for e in RESTITUTIONS for k in STIFFNESSES}
     return _sweep(sorted(grid | {(CUT, float(e)) for e in CUT_RESTITUTIONS}))
-
-
-def _draw_figure_06(frame: pl.DataFrame, grid: Panels) -> None:
-    *limit_cases, last = grid
-    _draw_figure_07(frame, limit_cases, "peak_force")
-    for free, colour, label in ((0, OBJECT, "tool fixed"), (1, TOOL, "tool decoupled")):
-        row = where(frame, free=free, contact_stiffness=CUT)  # by rising restitution
-        restitution, force = row["restitution"], row["peak_force"]
-        last.plot(restitution, force, color=colour, label=label)
-        lowest = int(np.argmin(force))
-        mark(last, restitution[lowest], force[lowest], colour)
-    mark(last, [], [], label="smallest")
-    last.set_ylim(0, None)
 
 
 def _numbers_figure_06(frame: pl.DataFrame) -> Numbers:
@@ -221,6 +167,7 @@ def _contact(case: str, speed: float) -> pl.DataFrame:
     depth = np.maximum(trace.tool_position - trace.object_position, 0.0)
     elastic = contact.stiffness * depth**contact.stiffness_exponent
     columns = {"time": trace.time - record.start, "force": trace.contact_force, "elastic": elastic}
+    columns["damping"] = np.where(trace.contact_force > 0.0, trace.contact_force - elastic, np.nan)  # nan: separated
     delivered = record.separation_velocity / record.approach_velocity
     constants = {"case": case, "speed": speed, "nominal": RESTITUTION, "delivered": delivered}
     return pl.DataFrame(columns | constants).filter((trace.time >= record.start) & (trace.time <= record.end))
@@ -232,19 +179,6 @@ def beyond_contact() -> pl.DataFrame:
     delivered = {law: np.asarray(ig.effective_restitution(law, NOMINAL)) for law in LAWS}
     laws = [pl.DataFrame({"nominal": NOMINAL, "delivered": e, "case": law}) for law, e in delivered.items()]
     return pl.concat([*contacts, *laws], how="diagonal")
-
-
-def _draw_beyond_contact(frame: pl.DataFrame, grid: Panels) -> None:
-    left, right = grid
-    for case, label, colour in (("linear", "linear", TOOL), ("paper", "the paper's", FORCE)):
-        rows = where(frame, case=case, speed=1.0)
-        left.plot(1e3 * rows["time"], rows["force"], color=colour, label=f"{label}: force")
-        damping = np.where(rows["force"] > 0.0, rows["force"] - rows["elastic"], np.nan)  # nan after the separation
-        left.plot(1e3 * rows["time"], damping, ":", color=colour, label="damping part")
-    for (law, label), colour in zip(LAWS.items(), (OBJECT, TOOL), strict=True):
-        rows = where(frame, case=law)
-        right.plot(rows["nominal"], rows["delivered"], color=colour, label=label)
-    right.plot([0.0, 1.0], [0.0, 1.0], color=FLANGE, linewidth=0.8, linestyle="--", label="nominal")
 
 
 def _ends(rows: dict[str, Array]) -> tuple[float, float]:

@@ -1,11 +1,12 @@
 """Section 3, the compliant robot (3.1 model, 3.2 impacts): Fig. 11 to 14."""
 
+from typing import Any
+
 import numpy as np
 import polars as pl
 
 from experiments.lab import scenes
-from experiments.lab.charts import FLANGE, OBJECT, TOOL
-from experiments.studies.paper.layouts import Panels, imposed_and_actual
+from experiments.lab.charts import FLANGE, OBJECT
 from experiments.studies.paper.runs import Numbers, Run, histories, where
 from impact_gym.physics.impact import GRAVITY, sliding_distance
 from impact_gym.robot import IMPACT, default_approach
@@ -23,7 +24,7 @@ def figure_11() -> pl.DataFrame:
     return pl.DataFrame({**columns, **events})
 
 
-def _draw_figure_11(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_figure_11(frame: pl.DataFrame, grid: Any) -> None:
     time, position, velocity, (impact, *_), _ = where(frame).values()
     before = time <= impact
     for axes, values in zip(grid, (position, velocity), strict=True):
@@ -52,17 +53,6 @@ def figure_12() -> pl.DataFrame:
     return pl.DataFrame({**columns, "at_impact": approach.position == IMPACT})
 
 
-def _draw_figure_12(frame: pl.DataFrame, grid: Panels, notes: dict[str, str]) -> None:
-    at = where(frame, at_impact=True)
-    for axes, (column, effective) in zip(grid, COMPONENTS.items(), strict=True):
-        axes.plot(frame["x"], frame[column], color=TOOL, label="element (1,1), as in the paper")
-        if effective:
-            label = f"ours: {notes[effective]}"
-            axes.plot(frame["x"], frame[effective], color=TOOL, linestyle="--", linewidth=1.0, label=label)
-        axes.plot(at["x"], at[column], "o", color=OBJECT, markersize=8, label="impact")
-        axes.set_ylim(0, None)
-
-
 def _numbers_figure_12(frame: pl.DataFrame) -> Numbers:
     columns, at = where(frame), where(frame, at_impact=True)
     factors = [columns[name].max() / columns[name].min() for name in COMPONENTS]
@@ -80,9 +70,6 @@ def figure_13() -> pl.DataFrame:
     for case in ("b", "along"):  # the object is out of reach
         approaches[f"{case}, unhindered"] = scenes.scene(1e5, 1.0, robot=robots[case], distance=10.0)
     return histories(approaches)
-
-
-_draw_figure_13 = _draw_figure_14 = imposed_and_actual
 
 
 def _nearest_minimum(frame: pl.DataFrame, case: str) -> Numbers:

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 import impact_gym as ig
-from experiments.lab.charts import SERIES
-from experiments.lab.scenes import DISTANCE, DURATION, MOTION, STEADY, decoupled
+from experiments.lab.scenes import DISTANCE, DURATION, MOTION, STEADY, scene
 from experiments.lab.study import Row
-from experiments.studies.paper.layouts import Panels, impulses, mark, velocities_and_forces
-from experiments.studies.paper.runs import Array, Numbers, Run, changes, enclose_changes, histories, runs_of, where
+from experiments.studies.paper import runs
+from experiments.studies.paper.runs import Array, Numbers, Run, histories, runs_of, where
 
 CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
 COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
@@ -29,20 +28,20 @@ SETTLED_STIFFNESSES = COUPLING_STIFFNESSES[::5]  # N/m
 SETTLED = 4.0  # m, distance at which the swing from the acceleration has decayed at every k_t
 CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m: fixed along a curve
 RESTITUTION = 0.1  # restitution in Fig. 18 to 20
-INELASTIC = {"a": decoupled(1e5, RESTITUTION, 150.0), "b": decoupled(1e3, RESTITUTION, 150.0)}  # Fig. 19 and 20
+SPRING = ig.SpringDamper(150.0)  # of Fig. 17, 19 and 20
+INELASTIC = {"a": scene(1e5, RESTITUTION, SPRING), "b": scene(1e3, RESTITUTION, SPRING)}  # Fig. 19 and 20
 
 
 def _point(
     k_t: float, k_c: float, restitution: float, zeta: float = 1.0, distance: float = DISTANCE, braked: bool = True
 ) -> Row:
     """Simulate one approach; return its row."""
-    scene = decoupled(k_c, restitution, k_t, zeta, distance)
-    outcome = ig.simulate(scene, MOTION if braked else STEADY, DURATION + distance / MOTION.speed)
+    approach = scene(k_c, restitution, ig.SpringDamper(k_t, zeta), distance=distance)
+    outcome = ig.simulate(approach, MOTION if braked else STEADY, DURATION + distance / MOTION.speed)
     return {
         "braked": braked, "distance": distance, "damping_ratio": zeta, "contact_stiffness": k_c,
-        "coupling_stiffness": float(k_t),
-        "contacts": len(outcome.contacts), "object_velocity": outcome.object_velocity,
-        "object_velocity_first": outcome.contacts[0].object_velocity,
+        "coupling_stiffness": float(k_t), "contacts": len(outcome.contacts),
+        "object_velocity": outcome.object_velocity, "object_velocity_first": outcome.contacts[0].object_velocity,
     }  # fmt: skip
 
 
@@ -51,7 +50,7 @@ def _sweep(restitution: float) -> list[Row]:
     rows: list[Row] = []
     for k_c in CONTACT_STIFFNESSES:
         along = partial(_point, k_c=k_c, restitution=restitution)
-        rows += enclose_changes(COUPLING_STIFFNESSES, along, "coupling_stiffness", "contacts")
+        rows += runs.enclose_changes(COUPLING_STIFFNESSES, along, "coupling_stiffness", "contacts")
     pairs = product(CONTACT_STIFFNESSES, SETTLED_STIFFNESSES)
     return rows + [_point(k_t, k_c, restitution, distance=SETTLED) for k_c, k_t in pairs]
 
@@ -95,33 +94,6 @@ def _places(holds: NDArray[np.bool_]) -> str:
     return f"holds at {holds.sum()} of {holds.size} values of k_t{where_not}"
 
 
-def _draw_figure_18(frame: pl.DataFrame, axes: Panels) -> None:
-    """Draw a curve for each contact stiffness, with marks at changes of the number of contacts."""
-    near = curves(frame)
-    for colour, k_c, rows, far in zip(SERIES, CONTACT_STIFFNESSES, near, curves(frame, SETTLED), strict=False):
-        stiffness, velocity = rows["coupling_stiffness"], rows["object_velocity"]
-        label = f"k_c = $10^{round(np.log10(k_c))}$ N/m$^{{1.5}}$"
-        axes.plot(stiffness, velocity, color=colour, label=label)
-        axes.plot(far["coupling_stiffness"], far["object_velocity"], color=colour, linewidth=0.8, linestyle="--")
-        turns = np.flatnonzero(np.diff(rows["contacts"]))
-        mark(axes, stiffness[turns], velocity[turns], colour)
-    axes.plot([], [], color="black", linewidth=0.8, linestyle="--", label="ours: tool settled before the impact")
-    if any(np.ptp(rows["contacts"]) for rows in near):
-        mark(axes, [], [], label="number of contacts changes")
-
-
-def _draw_figure_16(frame: pl.DataFrame, grid: Panels) -> None:
-    left, right = grid
-    _draw_figure_18(frame, left)
-    for colour, rows in zip(SERIES, curves(frame, at=DAMPED), strict=False):
-        ratio = rows["damping_ratio"]
-        right.plot(ratio, rows["object_velocity"], color=colour)
-        right.plot(ratio, rows["object_velocity_first"], color=colour, linestyle=":")
-        turns = np.flatnonzero(np.diff(rows["contacts"]))
-        mark(right, ratio[turns], rows["object_velocity"][turns], colour)
-    right.plot([], [], color="black", linestyle=":", label="after the first contact")
-
-
 def _numbers_figure_16(frame: pl.DataFrame) -> Numbers:
     soft, middle, stiff = grid = _velocities(frame)
     settled_steps = np.diff(_velocities(frame, distance=SETTLED))
@@ -129,7 +101,7 @@ def _numbers_figure_16(frame: pl.DataFrame) -> Numbers:
     inner = COUPLING_STIFFNESSES[1:-1]
     jump = np.where((inner > 60.0) & (inner < 120.0), np.diff(stiff, n=2), -np.inf)
     slope_break = float(inner[np.argmax(jump)])
-    (onset, before, after), *_ = changes(curves(frame)[-1], "coupling_stiffness", "contacts")
+    (onset, before, after), *_ = runs.changes(curves(frame)[-1], "coupling_stiffness", "contacts")
     return {
         "largest": grid.max(), "rising_from": _rising_from(frame),
         "damping_falls": (damped_steps <= 0).sum(axis=1),
@@ -152,37 +124,36 @@ def _numbers_figure_18(frame: pl.DataFrame) -> Numbers:
     }  # fmt: skip
 
 
-_draw_figure_17 = _draw_figure_19 = velocities_and_forces
-_draw_figure_20 = impulses
+_draw_figure_20 = runs.impulses
 
 
 def figure_17() -> pl.DataFrame:
     """Simulate Fig. 17a and 17b."""
-    return histories({"a": decoupled(1e5, 1.0, 150.0), "b": decoupled(1e4, 1.0, 150.0)})
+    return histories({"a": scene(1e5, 1.0, SPRING), "b": scene(1e4, 1.0, SPRING)})
 
 
 def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
-    runs = a, b = runs_of(frame)
+    both = a, b = runs_of(frame)
     before = a.part(np.cumsum(a.contact) == 0)
     stretch = 1e3 * (before.tool_position - before.flange_position)
     ahead = (before.tool_velocity - before.flange_velocity)[before.time > MOTION.speed / MOTION.acceleration]
-    times = [1e3 * (run.first_contact.time - run.first_contact.time[0]) for run in runs]
-    compressions = [1e3 * (run.first_contact.flange_position - run.first_contact.tool_position) for run in runs]
+    times = [1e3 * (run.first_contact.time - run.first_contact.time[0]) for run in both]
+    compressions = [1e3 * (run.first_contact.flange_position - run.first_contact.tool_position) for run in both]
     reached = [np.interp(a.duration, *points) for points in zip(times, compressions, strict=True)]  # when (a) ends
     return {
-        "a": a, "b": b, "peaks": [len(find_peaks(run.trace.contact_force, 0.1 * run.peak_force)[0]) for run in runs],
+        "a": a, "b": b, "peaks": [len(find_peaks(run.trace.contact_force, 0.1 * run.peak_force)[0]) for run in both],
         "lag": -stretch.min(), "ahead_most": stretch.max(),
         "faster_share": 100 * np.mean(ahead > 0.0),  # in flight the trace has one point per millisecond
         "faster_most": ahead.max(), "faster_last": ahead[-1],
         "compressions": [values.max() for values in compressions], "reached": reached,
-        "restitution_error": max(abs(run.restitution - 1.0) for run in runs),
+        "restitution_error": max(abs(run.restitution - 1.0) for run in both),
     }  # fmt: skip
 
 
 def figure_19() -> pl.DataFrame:
     """Simulate Fig. 19a and 19b, 19a and 19b with e = 1, and all four again without a brake."""
-    cases = INELASTIC | {"a, e = 1": decoupled(1e5, 1.0, 150.0), "b, e = 1": decoupled(1e3, 1.0, 150.0)}
-    never = {f"{case}, no brake": scene for case, scene in cases.items()}
+    cases = INELASTIC | {"a, e = 1": scene(1e5, 1.0, SPRING), "b, e = 1": scene(1e3, 1.0, SPRING)}
+    never = {f"{case}, no brake": approach for case, approach in cases.items()}
     return pl.concat([histories(cases), histories(never, STEADY)])
 
 
@@ -212,20 +183,20 @@ def _coupling(touching: ig.Trace) -> Numbers:
 
 
 def _numbers_figure_19(frame: pl.DataFrame) -> Numbers:
-    runs = a, b = runs_of(frame)
+    both = a, b = runs_of(frame)
     elastic = [Run(frame, f"{case}, e = 1") for case in "ab"]
     steady = [Run(frame, f"{case}, no brake") for case in ("a", "b", "a, e = 1", "b, e = 1")]
-    braked, free = ([run.final_velocity for run in each] for each in ([*runs, *elastic], steady))
+    braked, free = ([run.final_velocity for run in each] for each in ([*both, *elastic], steady))
     return {
         "a": a, "b": b, "elastic": elastic, "saved": 100.0 * (1.0 - np.divide(braked, free)),
-        "shares": [_share_before_the_brake(run) for run in runs],
-        "parting": [run.during_contact.flange_velocity[-1] for run in runs],
+        "shares": [_share_before_the_brake(run) for run in both],
+        "parting": [run.during_contact.flange_velocity[-1] for run in both],
         "restitutions_felt": [
             (run.felt_contact.object_velocity[-1] - run.felt_contact.tool_velocity[-1]) / run.impact_velocity
-            for run in runs
+            for run in both
         ],
-        "contact": [_coupling(run.first_contact) for run in runs],
-        "felt": [_coupling(run.felt_contact) for run in runs],
+        "contact": [_coupling(run.first_contact) for run in both],
+        "felt": [_coupling(run.felt_contact) for run in both],
     }  # fmt: skip
 
 
@@ -235,17 +206,17 @@ def figure_20() -> pl.DataFrame:
 
 
 def _numbers_figure_20(frame: pl.DataFrame) -> Numbers:
-    runs = a, b = runs_of(frame)
-    felt = [run.felt_contact for run in runs]
+    both = a, b = runs_of(frame)
+    felt = [run.felt_contact for run in both]
     impulses_felt = [float(np.trapezoid(contact.coupling_force, contact.time)) for contact in felt]
-    nominal = np.array([run.equation_22(RESTITUTION, run.impulse) for run in runs])
-    nominal_felt = np.array([run.equation_22(RESTITUTION, J) for run, J in zip(runs, impulses_felt, strict=True)])
+    nominal = np.array([run.equation_22(RESTITUTION, run.impulse) for run in both])
+    nominal_felt = np.array([run.equation_22(RESTITUTION, J) for run, J in zip(both, impulses_felt, strict=True)])
     velocities_felt = np.array([contact.object_velocity[-1] for contact in felt])
     return {
         "a": a, "b": b, "same_order": (a.impulse - b.impulse) * (a.final_velocity - b.final_velocity),
-        "identity": max(abs(run.equation_22(run.restitution, run.impulse) / run.final_velocity - 1.0) for run in runs),
-        "drawn_error": max(abs(run.running_impulse()[1][-1] / run.impulse - 1.0) for run in runs),
-        "nominal": nominal, "nominal_error": np.abs(nominal / [run.final_velocity for run in runs] - 1.0),
+        "identity": max(abs(run.equation_22(run.restitution, run.impulse) / run.final_velocity - 1.0) for run in both),
+        "drawn_error": max(abs(run.running_impulse()[1][-1] / run.impulse - 1.0) for run in both),
+        "nominal": nominal, "nominal_error": np.abs(nominal / [run.final_velocity for run in both] - 1.0),
         "velocities_felt": velocities_felt,
         "nominal_felt": nominal_felt, "nominal_error_felt": np.abs(nominal_felt / velocities_felt - 1.0),
     }  # fmt: skip

@@ -1,15 +1,12 @@
 """Section 5, the bistable mechanism: Fig. 22 to 25; e = 0.1, k_c = 1e3."""
 
-from typing import Any
-
 import numpy as np
 import polars as pl
 
 import impact_gym as ig
-from experiments.lab.charts import FLANGE, OBJECT, PERSON, SERIES, velocities
 from experiments.lab.scenes import HOLD, LINEAR, MECHANISM, MOTION, scene
 from experiments.lab.study import Row
-from experiments.studies.paper.layouts import Panels, impulses, velocities_and_forces
+from experiments.studies.paper import runs
 from experiments.studies.paper.runs import Array, Numbers, Run, histories, runs_of, where
 
 HEIGHTS = (0.020, 0.024, 0.028, 0.032, 0.035)  # m
@@ -24,19 +21,6 @@ def figure_22() -> list[Row]:
         for x in sorted({*POSITIONS.tolist(), mechanism.peak_position, -mechanism.peak_position, MECHANISM.front_stop}):
             rows.append({"height": height, "position": x, "force": float(mechanism.force(x))})
     return rows
-
-
-def _draw_figure_22(frame: pl.DataFrame, axes: Panels) -> None:
-    for low, high in ((-60.0, 1e3 * MECHANISM.rear_stop), (1e3 * MECHANISM.front_stop, 60.0)):
-        axes.axvspan(low, high, color=SERIES[4], alpha=0.15, linewidth=0)
-        axes.annotate("barred by a stop", (0.5 * (low + high), 1.55), ha="center", va="bottom", fontsize=8)
-    for colour, height in zip(SERIES, HEIGHTS, strict=False):
-        rows = where(frame, height=height)
-        used = height == MECHANISM.height
-        label = f"H = {1e3 * height:g} mm" + (" (used)" if used else "")
-        axes.plot(1e3 * rows["position"], rows["force"], color=colour, linewidth=2.4 if used else 1.3, label=label)
-    axes.axhline(HOLD, color=FLANGE, linewidth=0.8, linestyle=":")
-    axes.annotate(f"m_t a = {HOLD:g} N", (-58.0, HOLD), (0, 3), textcoords="offset points", fontsize=8)
 
 
 def _numbers_figure_22(frame: pl.DataFrame) -> Numbers:
@@ -63,20 +47,6 @@ def _slider(trace: ig.Trace) -> tuple[Array, float]:
     x = start + trace.tool_position - trace.flange_position
     passed = np.flatnonzero((x[:-1] > 0.0) & (x[1:] <= 0.0))
     return x, float(trace.time[passed[0] + 1]) if passed.size else np.inf
-
-
-def _draw_figure_23(frame: pl.DataFrame, grid: Panels) -> None:
-    velocities_and_forces(frame, grid)
-    (top, bottom), (bistable, linear) = grid[:, 0], runs_of(frame)
-    placing: dict[str, Any] = {"xytext": (-6, 0), "textcoords": "offset points", "ha": "right", "fontsize": 8}
-    _, snap = _slider(bistable.trace)
-    top.axvline(snap, color=PERSON, linestyle=":", linewidth=1.0)
-    top.annotate("slider passes\nthe alignment", (snap, -0.25), **placing)
-    highest = 1.15 * max(bistable.peak_force, linear.peak_force)
-    bottom.set_ylim(-3.0, highest)  # shared with (d)
-    strongest = int(np.argmax(bistable.trace.coupling_force))
-    text = f"rear stop, up to {bistable.trace.coupling_force[strongest]:.0f} N"
-    bottom.annotate(text, (bistable.trace.time[strongest], 0.8 * highest), **placing)
 
 
 def _numbers_figure_23(frame: pl.DataFrame) -> Numbers:
@@ -110,24 +80,18 @@ def _numbers_figure_23(frame: pl.DataFrame) -> Numbers:
     }  # fmt: skip
 
 
-figure_24, _draw_figure_24 = figure_23, impulses  # the same two runs
+figure_24, _draw_figure_24 = figure_23, runs.impulses  # the same two runs
 
 
 def _numbers_figure_24(frame: pl.DataFrame) -> Numbers:
-    runs = a, b = runs_of(frame)
-    equation_22 = [run.equation_22(run.restitution, run.impulse) / run.final_velocity for run in runs]
+    both = a, b = runs_of(frame)
+    equation_22 = [run.equation_22(run.restitution, run.impulse) / run.final_velocity for run in both]
     return {"a": a, "b": b, "identity": max(abs(ratio - 1.0) for ratio in equation_22)}
 
 
 def figure_25() -> pl.DataFrame:
     """Simulate the tool fixed to the robot, and on the mechanism."""
     return histories({"rigid": scene(1e3, 0.1), "bistable": scene(1e3, 0.1, MECHANISM)})
-
-
-def _draw_figure_25(frame: pl.DataFrame, axes: Panels) -> None:
-    velocities(axes, Run(frame, "rigid").trace)
-    bistable = Run(frame, "bistable").trace
-    axes.plot(bistable.time, bistable.object_velocity, color=OBJECT, linestyle=":", label="object, Fig. 23a")
 
 
 def _numbers_figure_25(frame: pl.DataFrame) -> Numbers:

@@ -1,4 +1,4 @@
-"""The approaches of the studies `speed` and `stability`: six named ones, and the storm, which is drawn at random.
+"""The approaches of the studies `speed` and `stability`, six named ones and a random storm, and a solver's answer.
 
 The storm covers the ranges in which the solver must work; their ends are extreme on purpose. Scene k of the storm
 depends on the number k alone.
@@ -6,7 +6,7 @@ depends on the number k alone.
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
@@ -16,9 +16,7 @@ from experiments.lab.scenes import DISTANCE, MOTION, scene
 from impact_gym.robot import default_approach
 from impact_gym.scene import Coupling, Dissipation
 
-CRUISE = ig.Trapezoid(
-    1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0)
-)  # the alarm is recorded, but the robot does not brake
+CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # an alarm is recorded, but nothing brakes
 STORM_SEED = 4
 
 RANGES = {
@@ -71,7 +69,28 @@ class Approach:
     @property
     def about(self) -> dict[str, Any]:
         """The columns of a table that describe the approach."""
-        return {"coupling": kind(self.scene), "speed": self.motion.speed, "description": self.description}
+        return {"coupling": kind(self.scene), "speed": self.motion.speed}
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A solver's answer for an approach; a number that the solver does not give is nan."""
+
+    velocity: float  # m/s, V_p
+    peak_force: float = math.nan  # N
+    contact_duration: float = math.nan  # s, sum over all contacts; an unfinished one counts up to the end
+    detection_time: float = math.nan  # s, nan if there was no alarm
+    contacts: int = 0
+    passes: int = 0  # times that the slider passes its alignment
+    steps: int = 0  # steps of the integrator, 0 if unknown
+
+    @classmethod
+    def of(cls, outcome: Any, duration: float) -> "Solution":
+        """Return the answer in an outcome of our solver or of the reference, for a run of `duration` (s)."""
+        lasted = sum((duration if contact.end is None else contact.end) - contact.start for contact in outcome.contacts)
+        detection = math.nan if outcome.detection_time is None else outcome.detection_time
+        counts = len(outcome.contacts), len(outcome.snap_through), getattr(outcome, "steps", 0)
+        return cls(outcome.object_velocity, outcome.peak_force, lasted, detection, *counts)
 
 
 def kind(of: ig.Scene) -> str:
@@ -95,15 +114,14 @@ def named() -> tuple[Approach, ...]:
     at_threshold = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))
     held, heavy = scene(1e3, 0.1, ig.Bistable(), distance=distance), scene(1e6, 1.0, spring, object_mass=1.0)
-    slow_and_pushed = "k_c 1e8, e 0.1, spring 150 N/m, no brake: the second contact is slow and pushed"
-    below_threshold = "bistable coupling 4e-5 m/s below its threshold, k_c 1e3, e 0.1"
+    slow, below = "k_c 1e8, e 0.1, no brake: the second contact is slow", "bistable, 4e-5 m/s below its threshold"
     return (
         Approach("soft", "k_c 1e3, e 0.7, spring 50 N/m", scene(1e3, 0.7, soft), MOTION, 1.5),
         Approach("stiff", "k_c 1e8, e 0.7, spring 50 N/m: two short contacts", scene(1e8, 0.7, soft), MOTION, 1.5),
         Approach("inelastic", "k_c 1e5, e 0.02 (d = 73.5), spring 50 N/m", scene(1e5, 0.02, soft), MOTION, 1.5),
         Approach("multiple", "k_c 1e6, e 1, spring 150 N/m, object 1 kg: six contacts", heavy, MOTION, 1.5),
-        Approach("pushed", slow_and_pushed, scene(1e8, 0.1, spring), CRUISE, 0.8),
-        Approach("bistable", below_threshold, held, at_threshold, 1.5),
+        Approach("pushed", slow, scene(1e8, 0.1, spring), CRUISE, 0.8),
+        Approach("bistable", below, held, at_threshold, 1.5),
     )
 
 
@@ -152,9 +170,7 @@ def storm(number: int) -> Approach:
     tool = ig.Tool(draw.value("tool mass"))
     target = ig.Object(tool.mass * draw.value("mass ratio"), draw.value("distance"))
     m, n = EXPONENTS[draw.rng.integers(len(EXPONENTS))]
-    laws = [
-        law for law in get_args(Dissipation) if law != "fixed"
-    ]  # `roughened` draws "fixed", so that scenes of older versions stay as they were
+    laws = [law for law in get_args(Dissipation) if law != "fixed"]  # "fixed" is drawn by `roughened`
     law: Dissipation = laws[draw.rng.integers(len(laws))] if draw.share(0, 1) < 0.5 else "hu-guo"
     contact = ig.Contact(draw.value("contact stiffness"), draw.value("restitution"), law, m, n)
     couplings: tuple[Callable[[], Coupling], ...] = (
@@ -170,7 +186,7 @@ def storm(number: int) -> Approach:
     motion = ig.Trapezoid(draw.value("speed"), draw.value("acceleration"), brake)
     duration = target.distance / motion.speed + motion.speed / motion.acceleration + AFTERMATH
     made = roughened(ig.Scene(tool, target, contact, coupling, robot), motion.acceleration, _Draw(number, 1))
-    return Approach(str(number), describe(made, motion), made, motion, duration)
+    return Approach(str(number), kind(made), made, motion, duration)
 
 
 def roughened(smooth: ig.Scene, acceleration: float, draw: _Draw) -> ig.Scene:
@@ -185,14 +201,3 @@ def roughened(smooth: ig.Scene, acceleration: float, draw: _Draw) -> ig.Scene:
         rest = smooth.tool.mass * acceleration / coupling.stiffness
         coupling = replace(coupling, stroke=rest * draw.value("stroke over rest"))
     return replace(smooth, object=target, contact=contact, coupling=coupling)
-
-
-def describe(stormy: ig.Scene, motion: ig.Trapezoid) -> str:
-    """Return the numbers of a scene in one line, to three digits."""
-    words = [kind(stormy)]
-    for part in (stormy.tool, stormy.object, stormy.contact, stormy.coupling, stormy.robot, motion, motion.brake):
-        values = {} if part is None else asdict(part)
-        written = [f"{name} {value:.3g}" for name, value in values.items() if isinstance(value, float)]
-        written += [value for value in values.values() if isinstance(value, str)]
-        words += [f"{type(part).__name__}: {', '.join(written)}"] if written else []
-    return "; ".join(words)

@@ -1,4 +1,4 @@
-"""The contenders: all solvers that compute an approach, their times and their errors.
+"""The contenders: all solvers that compute an approach, their answers and errors, and their times.
 
 Times are processor times of the single thread that each contender uses. Other work on the machine lengthens a long
 call, such as SciPy's, more than the best of many short calls.
@@ -9,27 +9,52 @@ import os
 import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from time import thread_time
 from typing import Any
 
 import impact_gym as ig
 from experiments import reference
 from experiments.lab.study import Row
-from experiments.studies.solvers.approaches import Approach, approach_of
-from experiments.studies.solvers.peers import PEERS
-from experiments.studies.solvers.pieces import Run
-from experiments.studies.solvers.solutions import GAVE_UP, Solution, errors, failure
+from experiments.studies.solvers.approaches import Approach, Solution, approach_of
+from experiments.studies.solvers.taylor import Run
 
-OURS, CAREFUL = "impact_gym", "SciPy"  # SciPy's integrators inside the reference
+OURS, CAREFUL, PEER = "impact_gym", "SciPy", "heyoka"  # SciPy's integrators inside the reference
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
 JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studies.solvers")
 """Modules besides our solver on which the rows of contenders depend."""
+MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
 TOO_WRONG = 1e-2  # m/s in V_p: an answer with a larger error is a failure
-LEAST = 5e-3  # s of one timing, so that the resolution of the clock does not matter
-MOST_CALLS = 10_000
-TURNS, CALLS = 10, 10  # timings of each of our contacts, and calls in each timing
-TIMES = ("microseconds", "contact_microseconds")
+TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, which gives the truth, and of Radau, which is compared with it
+LEAST, MOST_CALLS = 5e-3, 10_000  # least duration of a timing (s), so that the clock is exact enough; most calls in it
 SLOW = 0.2  # s: if a call takes longer, it is timed in the first round only
+
+
+def power(value: float) -> str:
+    """Return a number without leading zeros in its exponent, such as 1e-6."""
+    return f"{value:g}".replace("e-0", "e-")
+
+
+def failure(solution: Solution, truth: Solution, allowed: float) -> str:
+    """Return why a solution is wrong, or '' if V_p is within `allowed` (m/s) and all events are counted right."""
+    if not math.isfinite(solution.velocity):
+        return NOT_FINITE
+    if not abs(solution.velocity - truth.velocity) <= allowed:
+        return WRONG
+    counts = [(one.contacts, one.passes, math.isnan(one.detection_time)) for one in (solution, truth)]
+    return "" if counts[0] == counts[1] else MISCOUNTED
+
+
+def true_row(approach: str) -> list[Row]:
+    """Return the reference solution of a named approach (DOP853), and how far Radau's solution is from it."""
+    found = approach_of(approach)
+    best, second = (
+        Solution.of(reference.simulate(*found.run, rtol=rtol, method=method), found.duration)
+        for rtol, method in ((TRUE_RTOL, "DOP853"), (SECOND_RTOL, "Radau"))
+    )
+    doubt = {"velocity_doubt": abs(second.velocity - best.velocity)}
+    counts = {"second_contacts": second.contacts, "second_passes": second.passes}
+    return [{"description": found.description} | asdict(best) | counts | doubt]
 
 
 @contextmanager
@@ -49,69 +74,44 @@ def limited(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, float, float]:
-    """Return a contender's solution at a tolerance, and its processor times (s): of the approach, of the contacts.
+def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, float]:
+    """Return a contender's solution at a tolerance, and its processor time (s).
 
-    Our time is that of the whole call of `simulate`; for our contacts see `contacts_alone`. SciPy's time counts
-    only the contacts: the reference computes flights without SciPy's methods, by the matrix exponential, or by
-    integration at rtol 1e-12 where there is no closed form. A peer's time counts only the calls of its own library.
+    Our time is that of the whole call of `simulate`. SciPy's time counts only the contacts: the reference computes
+    flights without SciPy's methods, by the matrix exponential, or by integration at rtol 1e-12 where there is no closed
+    form. The time of heyoka counts only the calls of its library.
     """
     kind, _, method = name.partition(" ")
     if kind == CAREFUL:
         outcome = reference.simulate(*approach.run, rtol=setting, method=method)
-        return Solution.of(outcome, approach.duration), outcome.contact_seconds, outcome.contact_seconds
-    if name in PEERS:
-        run = Run(*approach.run, setting, PEERS[name])
-        return run.solve(), sum(run.seconds), run.seconds[True]
+        return Solution.of(outcome, approach.duration), outcome.contact_seconds
+    if kind == PEER:
+        run = Run(*approach.run, setting)
+        return run.solve(), run.seconds
     begun = thread_time()
     ours = ig.simulate(*approach.run, setting)
     seconds = thread_time() - begun
-    return Solution.of(ours, approach.duration), seconds, math.nan
-
-
-def contacts_alone(approach: Approach, rtol: float) -> float:
-    """Return our processor time of all contacts (s): that of runs up to each end less that up to each start."""
-    marks = [
-        mark
-        for contact in ig.simulate(*approach.run, rtol).contacts
-        for mark in (contact.start, approach.duration if contact.end is None else contact.end)
-    ]
-    best = [math.inf] * len(marks)
-    for _ in range(TURNS):
-        for place, mark in enumerate(marks):
-            begun = thread_time()
-            for _ in range(CALLS):
-                ig.simulate(approach.scene, approach.motion, mark, rtol)
-            best[place] = min(best[place], (thread_time() - begun) / CALLS)
-    return sum(best[1::2]) - sum(best[::2])
+    return Solution.of(ours, approach.duration), seconds
 
 
 def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Row:
-    """Return the row of a contender: mean processor times of a call (µs), errors, counts and failure.
+    """Return the row of a contender: mean processor time of a call (µs), error of V_p (m/s), counts and failure.
 
-    If the contender raises an error, the row has only a failure. A peer compiles in its first call, which is timed
-    separately.
+    If the contender raises an error, the row has only a failure. heyoka compiles in a first call, which is not timed.
     """
     try:
-        begun = thread_time()
-        if name in PEERS:
+        if name == PEER:
             solved(approach, name, setting)
-        first = thread_time() - begun
-        solution, seconds, contacts = solved(approach, name, setting)
+        solution, seconds = solved(approach, name, setting)
         calls = 1
         while seconds < LEAST and calls < MOST_CALLS:
-            _, *more = solved(approach, name, setting)
-            seconds, contacts, calls = seconds + more[0], contacts + more[1], calls + 1
-        seconds, contacts = seconds / calls, contacts / calls
-        if name == OURS:
-            contacts = contacts_alone(approach, setting)
+            seconds, calls = seconds + solved(approach, name, setting)[1], calls + 1
     except Exception as problem:  # any error: that a contender fails is a result here
-        return {
-            "microseconds": math.inf, "failure": f"{GAVE_UP}: {type(problem).__name__}: {problem}".replace("\n", " ")
-        }  # fmt: skip
+        reason = f"{GAVE_UP}: {type(problem).__name__}: {problem}".replace("\n", " ")
+        return {"microseconds": math.inf, "failure": reason}
     counts = {name: getattr(solution, name) for name in ("contacts", "passes", "steps")}
-    times = {"microseconds": 1e6 * seconds, "contact_microseconds": 1e6 * contacts, "first_seconds": first}
-    return {**times, "failure": failure(solution, truth, TOO_WRONG), **errors(solution, truth), **counts}
+    found = {"microseconds": 1e6 * seconds / calls, "velocity_error": abs(solution.velocity - truth.velocity)}
+    return {**found, "failure": failure(solution, truth, TOO_WRONG), **counts}
 
 
 def timed(approach: str, truth: Mapping[str, Any], settings: Sequence[tuple[str, float]], rounds: int) -> list[Row]:
@@ -124,10 +124,8 @@ def timed(approach: str, truth: Mapping[str, Any], settings: Sequence[tuple[str,
     rows: dict[tuple[str, float], Row] = {}
     for _ in range(rounds):
         for contender, setting in settings:
-            before = rows.get((contender, setting))
-            if before and before["microseconds"] > 1e6 * SLOW:
-                continue
-            row = judged(found, contender, setting, true)
-            best = {name: min(row[name], before[name]) for name in TIMES if name in row} if before else {}
-            rows[contender, setting] = {**row, **best, "first_seconds": (before or row).get("first_seconds")}
+            before = rows.get((contender, setting), {"microseconds": math.inf})
+            if before["microseconds"] <= 1e6 * SLOW or "failure" not in before:
+                row = judged(found, contender, setting, true)
+                rows[contender, setting] = {**row, "microseconds": min(row["microseconds"], before["microseconds"])}
     return [{"contender": name, "setting": setting, **row, "load": load} for (name, setting), row in rows.items()]

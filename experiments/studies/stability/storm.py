@@ -26,9 +26,8 @@ import impact_gym as ig
 from experiments import reference
 from experiments.lab.study import Row
 from experiments.reference.laws import damping_factor
-from experiments.studies.solvers.approaches import Approach, storm
+from experiments.studies.solvers.approaches import Approach, Solution, storm
 from experiments.studies.solvers.contenders import limited
-from experiments.studies.solvers.solutions import Solution
 from impact_gym.physics.impact import GRAVITY
 
 NEVER = 1e6  # s, stands for the end of an unfinished contact
@@ -37,14 +36,13 @@ LONGEST_TRACE = 50_000  # steps; a longer trace would fill the memory
 FINER = 1e-10  # rtol of a second run of each scene with a trace
 STIFF = 20.0  # d, above which the independent solver tries an implicit method first
 TRUE_RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
-CHECKS = ("momentum_error", "impulse_error", "energy_created", "energy_doubt", "pull", "trace_fall")
+CHECKS = ("momentum_error", "impulse_error", "energy_created", "energy_doubt", "pull")
 """The worst values of a run, each without unit; all zero if there was no contact.
 
 `momentum_error` and `impulse_error`, from one contact: the residual of eq. 20, and the impulse minus the momentum that
 the object gained, both divided by the impulse. `energy_created` and `energy_doubt`, from one contact: the energy that
 the contact created (negative: lost; nan without a trace) and its doubt, both divided by all energy exchanged. `pull`: a
 contact force below 0 divided by the peak force, or a fall of V_p in a contact divided by the tool's speed.
-`trace_fall`: a fall of V_p between two points of the trace, beyond that by friction, divided by the tool's speed.
 """
 
 Array = NDArray[np.float64]
@@ -69,14 +67,9 @@ def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate
     row: dict[str, Any] = {**approach.about, "failure": problem, "milliseconds": milliseconds}
     if outcome is None:
         return row
-    v_p, is_finite = outcome.object_velocity, finite(outcome)
-    traced = outcome.steps <= LONGEST_TRACE
-    row |= {
-        "steps": outcome.steps,
-        "contacts": len(outcome.contacts),
-        "passes": len(outcome.snap_through),
-        "object_velocity": v_p,
-    }
+    v_p, is_finite, traced = outcome.object_velocity, finite(outcome), outcome.steps <= LONGEST_TRACE
+    row |= {"steps": outcome.steps, "contacts": len(outcome.contacts), "passes": len(outcome.snap_through)}
+    row |= {"object_velocity": v_p}
     if traced:
         outcome, (finer, *_) = simulate(*approach.run, trace=True), run(approach, FINER)
         is_finite = is_finite and finite(outcome)
@@ -98,18 +91,17 @@ def truth_row(number: int, patience: float) -> list[Row]:
     approach = storm(number)
     law = approach.scene.contact
     d = damping_factor(law.dissipation, law.restitution, law.stiffness_exponent, law.damping_exponent)
-    methods = sorted(TRUE_RTOL, reverse=d > STIFF)
-    for method in methods:
-        try:
-            with limited(patience):
-                outcome = reference.simulate(*approach.run, rtol=TRUE_RTOL[method], method=method)
-        except Exception:
-            if method == methods[-1]:
-                raise
-        else:
-            found = vars(Solution.of(outcome, approach.duration))
-            break
-    return [{**approach.about, "failure": "", "method": method, **found}]
+    first, second = sorted(TRUE_RTOL, reverse=d > STIFF)
+
+    def row(method: str) -> list[Row]:
+        with limited(patience):
+            outcome = reference.simulate(*approach.run, rtol=TRUE_RTOL[method], method=method)
+        return [{**approach.about, "failure": "", "method": method, **vars(Solution.of(outcome, approach.duration))}]
+
+    try:
+        return row(first)
+    except Exception:
+        return row(second)
 
 
 def finite(outcome: ig.Outcome) -> bool:
@@ -124,7 +116,7 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
     """Return the values of CHECKS for a run, from its contact records and, if it has one, its trace."""
     if not outcome.contacts:
         return dict.fromkeys(CHECKS, 0.0)
-    budgets, energies, pulls, fall = [], [], [0.0], 0.0
+    budgets, energies, pulls = [], [], [0.0]
     before, since, m_p, trace = 0.0, 0.0, scene.object.mass, outcome.trace
     slowing = GRAVITY * (scene.object.friction or 0.0)  # m/s^2
     for contact in outcome.contacts:
@@ -140,12 +132,9 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
             energies.append(energy(scene, trace, contact))
     if trace is not None:
         pulls.append(-float(trace.contact_force.min()) / max(outcome.peak_force, 1e-300))
-        fastest = max(float(np.abs(trace.tool_velocity).max()), 1e-300)
-        falls = np.diff(trace.object_velocity) + slowing * np.diff(trace.time)
-        fall = -float(falls.min(initial=0.0)) / fastest
     budget = max(budgets, key=lambda budget: _worst(*budget))
     created, doubt = max(energies, key=lambda parts: _worst(parts[0] - parts[1]), default=(math.nan, math.nan))
-    return dict(zip(CHECKS, (*budget, created, doubt, max(pulls, key=_worst), fall), strict=True))
+    return dict(zip(CHECKS, (*budget, created, doubt, max(pulls, key=_worst)), strict=True))
 
 
 def _worst(*values: float) -> float:
@@ -158,42 +147,37 @@ def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple
     first = int(np.searchsorted(trace.time, contact.start, side="right")) - 1
     last = np.searchsorted(trace.time, math.inf if contact.end is None else contact.end, side="left")
     inside = slice(first, int(last) + 1)
-    time, mass = trace.time[inside], _reduced_mass(scene, trace.command_position[inside])
+    mass = _reduced_mass(scene, trace.command_position[inside])
     delta = (trace.tool_position - trace.object_position)[inside]
     rate = (trace.tool_velocity - trace.object_velocity)[inside]
-    velocity, force = trace.object_velocity[inside], trace.contact_force[inside]
-    given = _given(scene.object, time, velocity, force)
-    parts = _work(time, mass, delta, rate, given)
+    columns = trace.time[inside], mass, delta, rate, trace.object_velocity[inside], trace.contact_force[inside]
+    parts, given = _work(scene.object, *columns)
     work = float(np.sum(parts))
-    time2, velocity2, force2, mass2, delta2, rate2 = (
-        np.append(values[:-1:2], values[-1]) for values in (time, velocity, force, mass, delta, rate)
-    )
-    coarse = _work(time2, mass2, delta2, rate2, _given(scene.object, time2, velocity2, force2))
+    coarse, _ = _work(scene.object, *(np.append(values[:-1:2], values[-1]) for values in columns))
     doubt = abs(work - float(np.sum(coarse)))
-    rounding = 4 * EPS * np.sqrt(len(time)) * np.abs(given).max() * np.abs(rate).max()
+    rounding = 4 * EPS * np.sqrt(len(mass)) * np.abs(given).max() * np.abs(rate).max()
     rate[0], rate[-1] = contact.approach_velocity, -contact.separation_velocity
     kinetic = float(np.sum((mass[1:] + mass[:-1]) / 2 * np.diff(rate**2 / 2)))
     exchanged = mass.max() * contact.approach_velocity**2 / 2 + float(np.sum(np.abs(parts)))
     return (kinetic - work) / exchanged, (doubt + rounding) / exchanged
 
 
-def _given(target: ig.Object, time: Array, velocity: Array, force: Array) -> Array:
-    """Return the impulse of the contact on the object up to each point (N s): its momentum plus friction's impulse.
+def _work(
+    target: ig.Object, time: Array, mass: Array, delta: Array, rate: Array, velocity: Array, force: Array
+) -> tuple[Array, Array]:
+    """Return M a d(delta) between each two points (J), and the impulse of the contact up to each point (N s).
 
-    The friction force is mu m g while the object slides. While it sticks, friction balances the contact force.
+    M a = M delta'' + F is taken as constant between two points. The impulse of the contact is the object's momentum
+    plus the impulse of friction, which is mu m g while the object slides. While the object sticks, friction balances
+    the contact force.
     """
-    friction = GRAVITY * target.mass * (target.friction or 0.0)
+    friction, passed = GRAVITY * target.mass * (target.friction or 0.0), np.diff(time)
     slides = velocity[1:] + velocity[:-1] != 0.0
     held = np.where(slides, friction * np.sign(velocity[1:] + velocity[:-1]), (force[1:] + force[:-1]) / 2)
-    taken = np.cumsum(held * np.diff(time)) if friction else np.zeros(len(time) - 1)
-    return target.mass * velocity + np.concatenate(([0.0], taken))
-
-
-def _work(time: Array, mass: Array, delta: Array, rate: Array, given: Array) -> Array:
-    """Return M a d(delta) between each two points (J). M a = M delta'' + F is taken as constant between them."""
+    taken = np.cumsum(held * passed) if friction else np.zeros(len(time) - 1)
+    given = target.mass * velocity + np.concatenate(([0.0], taken))
     push = (mass[1:] + mass[:-1]) / 2 * np.diff(rate) + np.diff(given)
-    passed = np.diff(time)
-    return np.divide(push * np.diff(delta), passed, out=np.zeros_like(push), where=passed > 0)
+    return np.divide(push * np.diff(delta), passed, out=np.zeros_like(push), where=passed > 0), given
 
 
 def _reduced_mass(scene: ig.Scene, command: Array) -> Array:

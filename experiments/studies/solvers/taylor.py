@@ -1,0 +1,165 @@
+"""Whole approaches by heyoka: Taylor series, compiled by LLVM (Biscani, Izzo 2021). No code is shared with our solver.
+
+A contact is integrated in its own scales delta0 = (M v_in^2/k_c)^0.4, v_in and t0 = delta0/v_in. As in our solver, the
+penetration is replaced by its square root s, and the time by sigma with dt = t0 s dsigma. Hertz' law is a polynomial in
+s, so methods of high order keep their order from onset to separation. Flight is integrated in SI units, with the
+penetration itself. Whatever ends a smooth piece is a terminal event: onset and separation, a change of the flange's
+acceleration, the alarm, the peak of the force, the instant at which the force is clamped at zero, a stop that begins or
+ceases to push, the slider's alignment.
+"""
+
+import math
+from functools import cache
+from importlib import import_module
+from time import process_time
+from typing import Any
+
+import impact_gym as ig
+from experiments.reference.laws import BistableForce, damping_factor
+from experiments.studies.solvers.approaches import Solution
+
+LAW = ("m_t", "m_p", "k_c", "d", "k_t", "c_t", "L0", "H", "x0", "front", "rear", "k_s", "c_s")
+PARAMETERS = (*LAW, "a", "cut", "alarm", "length", "speed", "pressed", "front_on", "rear_on")
+STATE = ("s", "w", "v", "tau", "y", "q")
+FOREVER = 1e6  # limit of a contact in its own units; an event ends it before
+BESIDE = 1e-20  # penetration at which a piece begins: an event at exactly zero might be missed
+ROUNDING = 1e-12  # m, rounding of the slider's position
+
+
+def law_of(scene: ig.Scene) -> dict[str, float]:
+    """Return the numbers named in LAW (SI); numbers that the coupling does not have are 0."""
+    coupling, contact, m_t = scene.coupling, scene.contact, scene.tool.mass
+    d = damping_factor("hu-guo", contact.restitution, 1.5, 1.5)
+    law = dict.fromkeys(LAW, 0.0) | {"m_t": m_t, "m_p": scene.object.mass, "k_c": contact.stiffness, "d": d}
+    if isinstance(coupling, ig.SpringDamper):
+        law |= {"k_t": coupling.stiffness, "c_t": 2.0 * coupling.damping_ratio * math.sqrt(coupling.stiffness * m_t)}
+    if isinstance(coupling, ig.Bistable):
+        force = BistableForce(coupling, m_t)
+        law |= {"k_t": force.k, "L0": force.L0, "H": force.H, "x0": force.x0, "k_s": force.k_s, "c_s": force.c_s}
+        law |= {"front": coupling.front_stop, "rear": coupling.rear_stop}
+    return law
+
+
+@cache
+def integrator(kind: str, touching: bool, tolerance: float) -> tuple[Any, dict[int, str]]:
+    """Compile a flight or a contact; return heyoka's integrator, and the event of each of its outcomes.
+
+    `kind` is the name of the coupling's class.
+
+    In a contact s is the root of the penetration, in flight the penetration itself; w is the rate of the penetration, v
+    the object's velocity, tau the time since the piece began. y is the tool's deflection from the flange and q its
+    rate, both zero with a rigid coupling.
+    """
+    hy = import_module("heyoka")
+    symbols, zero = hy.make_vars(*STATE), hy.expression(0.0)
+    s, w, _, tau, y, q = symbols
+    m_t, m_p, k_c, d, k_t, c_t, L0, H, x0, front, rear, k_s, c_s = (hy.par[place] for place in range(len(LAW)))
+    a, cut, alarm, length, speed, pressed, front_on, rear_on = (
+        hy.par[place] for place in range(len(LAW), len(PARAMETERS))
+    )
+    x, x_dot, T = x0 + length * y, speed * q, zero
+    front_force, rear_force = k_s * (x - front) + c_s * x_dot, k_s * (rear - x) - c_s * x_dot
+    if kind == "SpringDamper":
+        T = -k_t * x - c_t * x_dot
+    if kind == "Bistable":  # paper, eq. 23-24, and the two stops
+        L = hy.sqrt(H * H + x * x)
+        T = k_t * (L0 - L) * x / L - front_on * front_force + rear_on * rear_force
+    unit, clamped = length / (speed * speed), 1.0 + d * w
+    rate, s_dot, F = zero + 1.0, zero + w, zero
+    if touching:  # s * s * s: heyoka's series of s**3 divides by s, which is zero at onset
+        rate, s_dot = s, 0.5 * w
+        F = pressed * k_c * length * hy.sqrt(length) * (s * s * s) * clamped  # paper, eq. 5 and 7
+    tool = zero + a if kind == "Rigid" else (T - F) / m_t
+    w_dot = rate * unit * (tool - F / m_p)
+    y_dot, q_dot = (zero, zero) if kind == "Rigid" else (rate * q, rate * unit * (tool - a))
+    rising, falling, both = (getattr(hy.event_direction, name) for name in ("positive", "negative", "any"))
+    events = [("touching", falling if touching else rising, s)]
+    if touching:
+        slope = 1.5 * w * clamped + d * s * w_dot  # of F, without s^2
+        events += [("peak", falling, slope), ("pressed", both, clamped)]
+        events += [("alarm", rising, alarm * F - 1.0), ("cut", rising, tau - cut)]
+    if kind == "Bistable":
+        events += [("alignment", both, x), ("front_on", rising, x - front), ("front_on", both, front_force)]
+        events += [("rear_on", rising, rear - x), ("rear_on", both, rear_force)]
+    derivatives = s_dot, w_dot, rate * unit * F / m_p, rate, y_dot, q_dot
+    made = hy.taylor_adaptive(
+        [*zip(symbols, derivatives, strict=True)], [0.0] * len(STATE), tol=tolerance,
+        t_events=[hy.t_event(gauge, direction=direction) for _, direction, gauge in events],
+    )  # fmt: skip
+    names = {-1 - place: name for place, (name, _, _) in enumerate(events)}
+    return made, names | {int(hy.taylor_outcome.time_limit): "cut"}
+
+
+class Run:
+    """One approach, integrated at a tolerance. The first run compiles the integrators."""
+
+    def __init__(self, scene: ig.Scene, motion: ig.Trapezoid, duration: float, tolerance: float) -> None:
+        assert motion.brake is not None  # its threshold is that of the alarm
+        self.brake, self.motion = motion.brake, motion
+        self.distance, self.duration = scene.object.distance, duration
+        self.integrators = [
+            integrator(type(scene.coupling).__name__, touching, tolerance) for touching in (False, True)
+        ]
+        m_t, m_p = scene.tool.mass, scene.object.mass
+        self.M = m_p if isinstance(scene.coupling, ig.Rigid) else m_t * m_p / (m_t + m_p)  # kg
+        numbers = (motion.acceleration, 0.0, 1.0 / self.brake.threshold, 1.0, 1.0, 1.0, 1.0, 0.0)
+        self.par = law_of(scene) | dict(zip(PARAMETERS[len(LAW) :], numbers, strict=True))
+        self.changes = [(motion.speed / motion.acceleration, 0.0), (duration, math.nan)]  # s, m/s^2 from then
+        self.seconds = 0.0  # processor time of heyoka
+        self.peak, self.detection, self.passes = 0.0, math.nan, 0
+
+    def solve(self) -> Solution:
+        """Integrate flights and contacts in turn."""
+        rest = [0.0, 0.0]  # y and q, SI
+        t, touching, begin, delta_dot, v_p, lasted, contacts = 0.0, False, -self.distance, 0.0, 0.0, 0.0, 0
+        while self.changes:
+            length = (self.M * delta_dot**2 / self.par["k_c"]) ** 0.4 if touching else 1.0
+            speed = delta_dot if touching else 1.0
+            self.par |= {"length": length, "speed": speed, "pressed": 1.0}
+            state = [begin, delta_dot / speed, v_p / speed, 0.0, rest[0] / length, rest[1] / speed]
+            end, (_, w, v, _, y, q) = self._move(touching, t, state)
+            delta_dot, v_p, rest = w * speed, v * speed, [y * length, q * speed]
+            lasted, t = lasted + (end - t) * touching, end
+            touching = not touching
+            contacts += touching and bool(self.changes)
+            begin = BESIDE if touching else -BESIDE
+        return Solution(v_p, self.peak, lasted, self.detection, contacts, self.passes)
+
+    def _move(self, touching: bool, begun: float, state: list[float]) -> tuple[float, list[float]]:
+        """Integrate one flight or contact from `begun` (s); return the time at its end and the state there."""
+        (made, events), par = self.integrators[touching], self.par
+        unit, event = par["length"] / par["speed"], ""
+        made.time, made.state[:] = 0.0, state
+        made.reset_cooldowns()
+        while self.changes and event != "touching":
+            par["cut"] = (self.changes[0][0] - begun) / unit
+            started = process_time()
+            made.pars[:] = [*par.values()][: len(made.pars)]
+            event = events[int(made.propagate_for(FOREVER if touching else par["cut"] - state[3])[0])]
+            state = made.state.tolist()
+            self.seconds += process_time() - started
+            self._note(event, begun + unit * state[3], state, touching)
+        return begun + unit * state[3], state
+
+    def _note(self, event: str, t: float, state: list[float], touching: bool) -> None:
+        """Record an event at t (s) and change the parameters that it changes."""
+        motion, par = self.motion, self.par
+        if touching:
+            F = par["pressed"] * par["k_c"] * par["length"] ** 1.5 * state[0] ** 3 * (1.0 + par["d"] * state[1])
+            self.peak = max(self.peak, F)
+        if event == "cut":
+            par["a"] = self.changes.pop(0)[1]
+        elif event == "alarm":
+            self.detection, brake, par["alarm"] = t, t + self.brake.delay, 0.0
+            stop = brake + min(motion.speed, motion.acceleration * brake) / motion.deceleration
+            left = [(when, a) for when, a in self.changes if when < brake or when == self.duration]
+            left += [(brake, -motion.deceleration), (stop, 0.0)]
+            self.changes = sorted(change for change in left if change[0] <= self.duration)
+        elif event == "alignment":
+            self.passes += 1
+        elif event == "pressed":
+            par[event] = 1.0 - par[event]
+        elif event in ("front_on", "rear_on"):
+            x = par["x0"] + par["length"] * state[4]
+            within = x > par["front"] - ROUNDING if event == "front_on" else x < par["rear"] + ROUNDING
+            par[event] = (1.0 - par[event]) * within
