@@ -9,7 +9,6 @@ import tomllib
 import zipfile
 from functools import partial
 from html import unescape
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from policies import made_up_policy
 from refusals import refused
 
 from agents import archive, load_policy, load_setup
-from agents.baselines.bound import path_of
 from agents.export.c_header import header, identifier
 from agents.export.replay import LANGUAGES, WARNINGS
 from agents.policies import Ensemble, Policy
@@ -64,13 +62,6 @@ def test_load_setup_refuses_texts_that_become_paths(tmp_path):
             refused(partial(set_up, tmp_path, {}, text), "name")
         if any(ord(sign) < 32 or ord(sign) == 127 for sign in text):
             refused(partial(set_up, tmp_path, {"title": text}), "title")
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_load_setup_keeps_all_paths_of_a_set_up_within_its_folder(name, tmp_path):
-    setup = set_up(tmp_path, {"baselines": {"tuned": {name: "BlindProfile"}}}, name)
-    assert setup.folder == Path("runs") / name
-    assert path_of(setup, tmp_path).parent == tmp_path
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")

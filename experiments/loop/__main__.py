@@ -13,7 +13,7 @@ import numpy as np
 import tyro
 
 from agents.command_line import run_command
-from agents.evaluate import ScenarioBatch
+from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.export.c_header import c_text, identifier, write_header
 from agents.export.contract import Subject, of_name
 from experiments.loop.arm import MAGIC, SILENCE, serve

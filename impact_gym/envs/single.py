@@ -182,7 +182,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         points = TRACE_POINTS if record_trace or render_mode is not None else 0
         if "max_episode_steps" in arguments:
             raise WrongTypeError("max_episode_steps is an argument of gymnasium.make, whose TimeLimit applies it")
-        self.task = Task.of("environment", arguments)
+        self.task = Task.of("environment", arguments, "render_mode", "record_trace")
         self._batch = Batch(1, self.task, threads=1, trace_points=points)
         if render_mode == "rgb_array":
             self.metadata = {**self.metadata, "render_fps": steps_per_second(self.task)}

@@ -66,7 +66,8 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         one_of("per_slot", per_slot, Sequence, type(None))
         if per_slot is not None and len(per_slot) != self.num_envs:
             raise ValueError(f"per_slot must be a mapping for each of {self.num_envs} slots, got {len(per_slot)}")
-        tasks = [] if per_slot else [Task.of("environment", arguments)]
+        others = ("num_envs", "render_mode", "autoreset_mode", "threads", "per_slot")
+        tasks = [] if per_slot else [Task.of("environment", arguments, *others)]
         for slot, changes in enumerate(per_slot or ()):
             one_of(f"per_slot[{slot}]", changes, Mapping)
             tasks.append(Task.of(f"per_slot[{slot}]", {**arguments, **changes}))

@@ -139,12 +139,12 @@ class Task:
         self._check_reach()
 
     @classmethod
-    def of(cls, field: str, given: Any) -> "Task":
-        """Return the task with these arguments, a mapping, or raise ValueError; messages call the mapping `field`."""
+    def of(cls, field: str, given: Any, *others: str) -> "Task":
+        """Return the task with these arguments, a mapping; messages call it `field`, and list `others` as allowed."""
         one_of(field, given, Mapping)
-        for name in given:
-            if name not in ARGUMENTS:
-                raise WrongTypeError(f"{field}: unknown argument {shown(name)}; allowed are {', '.join(ARGUMENTS)}")
+        if unknown := [name for name in given if name not in ARGUMENTS]:
+            allowed = ", ".join([*others, *ARGUMENTS])
+            raise WrongTypeError(f"{field}: unknown argument {shown(unknown[0])}; allowed are {allowed}")
         return cls(**given)
 
     def arguments(self) -> dict[str, Any]:

@@ -66,7 +66,17 @@ class Trapezoid(Commander):
 
 
 @dataclass(frozen=True, slots=True)
-class Reach(Commander):
+class Searcher(Commander):
+    """Base of the operators that search for the object from its assumed place on."""
+
+    place_error: float  # m
+    creep: float  # m/s
+    speed: float = 0.5  # m/s
+    reaction: float = SIMPLE_REACTION  # s
+
+
+@dataclass(frozen=True, slots=True)
+class Reach(Searcher):
     """A motion of minimum jerk to the assumed place (Flash and Hogan 1985, J. Neurosci. 5, 1688-1703).
 
     The peak velocity is 1.875 times the mean velocity, and at most `speed`. Delay makes the motion longer: the sum of
@@ -75,42 +85,31 @@ class Reach(Commander):
     RothkopfLab/inverse-optimal-control).
     """
 
-    place_error: float  # m
-    creep: float  # m/s
-    speed: float = 0.5  # m/s
-    reaction: float = SIMPLE_REACTION  # s
     lag_slope: float = 0.64 / 0.225  # 1/s
     noise: float = 0.5  # -
 
 
 @dataclass(frozen=True, slots=True)
-class SecondOrderLag(Commander):
+class SecondOrderLag(Searcher):
     """A pointing hand, pulled by a spring and damper to a moving target.
 
     The target moves to the place where the operator assumes the object, at a speed with which the hand just reaches
     `speed` when it overshoots. Stiffness and damping are medians of 192 fits, `optparams/` of fl0fischer/OFC4HCI.
     """
 
-    place_error: float  # m
-    creep: float  # m/s
-    speed: float = 0.5  # m/s
-    reaction: float = SIMPLE_REACTION  # s
     stiffness: float = 38.0  # 1/s^2
     damping: float = 8.9  # 1/s
 
 
 @dataclass(frozen=True, slots=True)
-class Tracker(Commander):
+class Tracker(Searcher):
     """The crossover model: commands `gain` times the remaining distance, as the operator sees it on the display.
 
     `gain` and `reaction` are the initial values of the fits in `src/optimize_runs_u.m` of Idate96/MRAC_manual_control.
     """
 
-    place_error: float  # m
-    creep: float  # m/s
-    speed: float = 0.5  # m/s
-    gain: float = 2.5  # rad/s
     reaction: float = 0.2  # s
+    gain: float = 2.5  # rad/s
 
 
 Operator = Replay | Person | Trapezoid | Reach | SecondOrderLag | Tracker

@@ -77,17 +77,6 @@ def test_mechanism_leaves_the_front_stop_if_the_flange_accelerates_faster_than_t
     assert (x[-1] > MECHANISM.front_stop) == held
 
 
-def test_mechanism_snaps_through_once_as_in_fig_23a():
-    outcome, x = approach()
-    time, (snap,), first = outcome.trace.time, outcome.snap_through, outcome.contacts[0]
-    # until the touch, a stiff preload holds the tool like a rigid coupling
-    assert (first.start, first.approach_velocity) == pytest.approx((0.0625 + 0.2505, 1.0), abs=1e-9)
-    assert np.interp(snap, time, x) == pytest.approx(0.0, abs=1e-6)
-    assert (x[time < snap] > 0).all()
-    assert (x[time > snap] < 0).all()
-    assert x[-1] == pytest.approx(MECHANISM.rear_stop, abs=2e-5)  # pulled back and kept there
-
-
 @pytest.mark.parametrize("speed", [0.3, 1.0, 2.0])
 def test_stops_never_pull(speed):
     outcome, x = approach(speed=speed, duration=3.0)
