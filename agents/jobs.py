@@ -33,10 +33,8 @@ class JobsFailedError(RuntimeError):
     def __init__(self, failed: Mapping[Call, Failure], count: int) -> None:
         self.failed = failed
         lines = [f"{len(failed)} of {count} jobs failed (the others are done and kept):"]
-        lines += [
-            f"{call.function} {call.arguments[:400]}: {failure.reason}"
-            for call, failure in islice(failed.items(), SHOWN)
-        ]
+        for call, failure in islice(failed.items(), SHOWN):
+            lines.append(f"{call.function} {call.arguments[:400]}: {failure.reason}")
         lines += [f"and {len(failed) - SHOWN} more"] if len(failed) > SHOWN else []
         lines += [f"the first of these raised:\n{failure.trace}" for failure in failed.values() if failure.trace][:1]
         super().__init__("\n".join(lines))

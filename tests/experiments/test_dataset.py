@@ -16,7 +16,7 @@ from playing import pushed
 from refusals import refused
 
 from agents.baselines import PaperTrapezoid
-from agents.evaluate import ScenarioBatch
+from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import load_setup
 from experiments.play import try_files
 from impact_gym.envs.batch import Batch

@@ -7,7 +7,7 @@ import pytest
 from pages import text_of_a_page_that_stands_on_its_own
 from studies import small_run
 
-from agents.evaluate import ScenarioBatch
+from agents.evaluate.scenario_batch import ScenarioBatch
 from experiments.lab.study import Cell
 from experiments.studies import bench, gain, teleop
 
