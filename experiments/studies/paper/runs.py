@@ -1,4 +1,4 @@
-"""Tools of the figures: columns of a table, where a count changes along a parameter, runs, and shared layouts."""
+"""Tools for the figures: columns of a table, places where a count changes, runs with time histories, layouts."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise, product
