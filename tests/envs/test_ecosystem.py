@@ -1,4 +1,4 @@
-"""Use beside other software: processes, threads, wrappers of Gymnasium, and training by rl_zoo3."""
+"""Use beside other software: arrays that callers keep, threads, and training by rl_zoo3."""
 
 import copy
 import importlib.util
@@ -30,8 +30,7 @@ def step_through(env, rows):
     for row in rows:
         history.append(env.step(row[0] if isinstance(env, gym.Env) else row))
         if isinstance(env, gym.Env) and history[-1][2]:
-            trace = env.unwrapped.trace()
-            history += [[getattr(trace, name) for name in trace.__slots__], env.reset()]
+            history += [list(env.unwrapped.trace()), env.reset()]
     return history
 
 
