@@ -1,9 +1,8 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, initializedcheck=False, cdivision=True, cpow=True
-"""The compiled program: everything that runs inside a step, as one module, so that the compiler can inline each law.
+"""The compiled program: all code that runs inside a step, in one module, so that the compiler can inline every function.
 
-Each included file uses the files included before it. After the includes follow the functions that Python calls, and the
-records that Python and the compiled program share, as NumPy data types. Functions do not check the arrays passed to
-them: callers must pass contiguous arrays of these types.
+The functions that Python calls do not check the arrays passed to them: callers must pass contiguous arrays of the NumPy
+data types defined below.
 """
 
 from cpython.buffer cimport PyBUF_SIMPLE, PyBuffer_Release, PyObject_GetBuffer
@@ -76,7 +75,7 @@ cdef Task blank_task
 
 
 def layout(blank):
-    """Return the NumPy data type of a C structure, from its fields as a mapping; all numbers take eight bytes."""
+    """Return the NumPy data type of a C structure; `blank` maps its fields to values, and each number has eight bytes."""
     kinds = {dict: layout, float: lambda _: np.float64, int: lambda _: np.int64}
     kinds[list] = lambda values: np.dtype((kinds[type(values[0])](values[0]), len(values)))
     return np.dtype([(name, kinds[type(value)](value)) for name, value in blank.items()])
@@ -102,7 +101,7 @@ cdef void *memory_of(object array) except? NULL:
 
 
 cdef Recorder recorder_of(tuple arrays):
-    """Return a recorder of contacts (CONTACT), trace (TRACE) and passages of a slider (s); empty arrays record nothing."""
+    """Return a recorder that writes into the arrays `contacts` (CONTACT), `trace` (TRACE) and `snaps` (s), see `approach_rows`."""
     contacts, trace, snaps, interval = arrays
     return Recorder(
         <ContactRow *> memory_of(contacts), <TraceRow *> memory_of(trace), <double *> memory_of(snaps),
@@ -113,17 +112,15 @@ cdef Recorder recorder_of(tuple arrays):
 def approach_rows(
     plans, tables, chains, int64_t first, int64_t last, double tolerance, int64_t max_steps, tuple recorder
 ):
-    """Run the approaches `first` to `last` of `plans` (n, APPROACH) into `chains` (n, CHAIN), without the GIL.
+    """Run the approaches `first` to `last` - 1 of `plans` (n, APPROACH), and write the results to `chains` (n, CHAIN).
 
     Args:
-        plans: scenes and motions to run (n, APPROACH).
-        chains: receive the results (n, CHAIN).
-        tables: numbers of all robots' tables (k,); the mount of a plan has the index at which its own table begins.
-        first, last: index of the first row to run, and of the row after the last one.
+        tables: numbers of all robots' tables (k,); `mount.table` of a plan is the index at which its robot's table begins.
         tolerance: local error allowed in a step, relative to the step's natural units.
         max_steps: integration steps after which a row stops with the status STEP_LIMIT.
-        recorder: arrays that receive contacts (CONTACT), trace (TRACE) and times at which a slider passes its alignment
-            (s), each of the last row run, or empty to record nothing; and the time between two trace points in flight, s.
+        recorder: three arrays that receive contacts (CONTACT), trace points (TRACE) and times at which a slider passes
+            its alignment (s), all from the last row; an empty array records nothing. Fourth: the time between two trace
+            points in flight, s.
     """
     cdef Run run
     cdef Work work
@@ -155,7 +152,7 @@ def laws_of(mounts):
 
 
 def draw_uniforms(list generators, rows, uniforms):
-    """For each of `rows` (k, int64), take one episode's uniform numbers from its generator into `uniforms` (k, UNIFORMS)."""
+    """For each of `rows` (k, int64), draw an episode's numbers from the row's generator into `uniforms` (k, UNIFORMS)."""
     cdef const int64_t *row = <const int64_t *> memory_of(rows)
     cdef double *number = <double *> memory_of(uniforms)
     cdef Generator *generator
@@ -239,7 +236,7 @@ cdef class Rows:
     def begin(self, rows, uniforms, fixed):
         """Begin an episode in each of `rows` (k, int64), drawing its numbers from `uniforms` (k, UNIFORMS).
 
-        A number of `fixed` (k,), RECORD, that is not nan is used instead of a drawn one.
+        A number in `fixed` (k,), RECORD, replaces the drawn number, unless it is nan.
         """
         cdef const int64_t *places = <const int64_t *> memory_of(rows)
         cdef const double *uniform = <const double *> memory_of(uniforms)

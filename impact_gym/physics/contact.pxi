@@ -4,8 +4,8 @@ With M the reduced mass and v the approach velocity, a contact has the natural u
 
     delta0 = (M v^2 / k_c)^(1 / (m + 1))      t0 = delta0 / v      F0 = k_c delta0^m = M v / t0
 
-In these units the penetration is u = delta / delta0, its rate w = delta_dot / v, and the force f = u^m + d u^n w, as
-long as f is not negative, which would be a pull. With m = n = 3/2 the half-integer power makes u(t) non-smooth at the
+In these units the penetration is u = delta / delta0, its rate w = delta_dot / v, and the force f = u^m + d u^n w; where
+f would be negative, a pull, the force is 0. With m = n = 3/2 the half-integer power makes u(t) non-smooth at the
 beginning and at the end of the contact. With the unknown z = sqrt(u) and the independent variable s, where dt = z ds,
 the same motion is
 
@@ -13,12 +13,12 @@ the same motion is
 
 Here `push` is the relative acceleration without contact force. These equations are polynomials in z and w, and z passes
 through zero at onset and separation with a finite slope. So an integrator keeps its full order over the whole contact,
-and onset and separation are simple roots of z. Other exponents use the same variables; if 2 m and 2 n are whole
-numbers, their equations are polynomials, too.
+and onset and separation are simple roots of z. For other exponents the variables are the same, and the equations are
+polynomials if 2 m and 2 n are whole numbers.
 """
 
 cdef enum:
-    ROOT, RATE, TIME, IMPULSE  # places of the scaled state that every chain has: z, w, t, impulse on the object
+    ROOT, RATE, TIME, IMPULSE  # components that the scaled state of every chain has: z, w, t, impulse on the object
 
 cdef double APPROACH_VELOCITY_FLOOR = 1e-6
 # m/s. The hysteresis damping chi grows without bound as 1 / v_in (paper, eq. 7); slower contacts use chi at this v_in.
@@ -32,7 +32,7 @@ cdef struct Contact:
     int64_t twice_m, twice_n  # 2 m and 2 n if they are whole numbers, else -1
     double nominal  # -, damping factor at the reference velocity
     double reference  # m/s, reference velocity if chi is constant; 0: the damping factor is constant
-    double held  # 1; 0 while the surfaces part faster than they recover: then the contact has no force
+    double held  # 0 while the surfaces part faster than they recover, so that there is no contact force; else 1
 
 
 cdef struct Units:
@@ -98,7 +98,7 @@ cdef inline double contact_force(const Contact *law, double z, double w) noexcep
 
 
 cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept nogil:
-    """Return z f, the derivative of the impulse with respect to s; ordered so that few operations must wait for w."""
+    """Return z f, the derivative of the impulse with respect to s; most operations do not wait for w."""
     cdef double fourth
     if is_hertz(law):
         fourth = (z * z) * (z * z)
@@ -128,10 +128,7 @@ cdef inline (double, double) force_along(const Contact *law, double z, double w,
 
 
 cdef inline (double, double) contact_grip(const Contact *law, double z, double w, double w_slope) noexcept nogil:
-    """Return f divided by the lower of its two powers of u, and the derivative by s of this quotient; dw/ds = `w_slope`.
-
-    The quotient has the sign of the force.
-    """
+    """Return g = f / u^min(m, n), which has the sign of f, and dg/ds; `w_slope` is dw/ds."""
     cdef double p, u_p, growth
     if law.m == law.n:
         return 1.0 + law.damping * w, law.damping * w_slope

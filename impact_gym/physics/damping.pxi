@@ -31,8 +31,7 @@ cpdef double exact_damping(double restitution) noexcept nogil:
     """Return the damping factor d with which a contact has exactly this restitution e.
 
     d solves ln((1 + d) / (1 - d e)) = d (1 + e). With S = `shortfall` this is (1 - e)(1 + e) = d (S(d) + e^3 S(-d e)),
-    which has no cancellation as e -> 1. For small e, d is slightly below 1 / e; then 1 - d e = exp(ln(1 + d) - d (1 + e))
-    is solved.
+    which has no cancellation as e -> 1. For e <= 0.6 the code solves 1 - d e = exp(ln(1 + d) - d (1 + e)) instead.
     """
     cdef double rest, following, e = restitution, d = 1.5 * (1.0 - e) if e > 0.6 else 1.0 / e
     for _ in range(200):
@@ -76,9 +75,10 @@ cpdef double delivered(double damping) noexcept nogil:
 
 
 cpdef double delivered_linear(double damping) noexcept nogil:
-    """Return the restitution e of the linear contact, m = 1, n = 0, with d = 2 zeta; it ends before its force would pull.
+    """Return the restitution e of a linear contact (m = 1, n = 0, d = 2 zeta) that ends before its force would be a pull.
 
-    e = exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)), which is exp(-2) at zeta = 1; above, with arcosh instead of arccos.
+    e = exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)), which is exp(-2) at zeta = 1. For zeta > 1 the exponent is
+    -2 zeta arcosh(zeta) / sqrt(zeta^2 - 1).
     """
     cdef double ratio, zeta = 0.5 * damping, square = (1.0 - zeta) * (1.0 + zeta)
     if fabs(square) < 1e-6:  # arccos(zeta) / sqrt(1 - zeta^2) = 1 + y/6 + 3 y^2/40 + ... with y = 1 - zeta^2

@@ -3,7 +3,7 @@
 The spring of a mechanism hangs on a pivot at height H above the path of the slider. x is the position of the slider,
 measured from the alignment, where the spring is vertical, shortest, and pushes neither way. The stretch of the coupling
 is x - `rest`, where `rest` is the position of the slider at rest. A stop is a linear spring and damper that never pulls.
-For a linear spring and damper `rest` is 0.
+If the coupling is a linear spring and damper, `rest` is 0.
 """
 
 cdef enum:
@@ -63,11 +63,11 @@ cdef inline double stop_place(const Mechanism *law, int stop) noexcept nogil:
 cdef inline (double, double, double) stop_switch(
     const Mechanism *law, int stop, int pressed, double stretch, double rate, double acceleration
 ) noexcept nogil:
-    """Return the value of the event that `stop` begins to push or, if it is `pressed`, that it would begin to pull.
+    """Return the value (N) of an event: `stop` begins to push, or, if `stop` is `pressed`, would begin to pull.
 
-    The value, N, becomes positive at the event. A stop begins to push when the slider reaches it. It can cease to push
-    before the slider has left it, and then push again. The two other results are a smooth quantity that equals the
-    value near its maximum, N, and the time derivative of this quantity.
+    The value becomes positive at the event. A stop begins to push when the slider reaches it. It can cease to push
+    before the slider has left it, and then push again. The two other results are a smooth quantity (N) that equals the
+    value near its maximum, and the time derivative of this quantity.
     """
     cdef double k = law.stop_stiffness, c = law.stop_damping
     cdef double push = stop * k * (law.rest + stretch - stop_place(law, stop)), moving = stop * rate
@@ -102,7 +102,7 @@ cdef inline double mechanism_energy(const Mechanism *law, double stretch) noexce
 cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noexcept nogil:
     """Return a lower bound on the energy on one side of the alignment, and the energy barrier between the sides, J.
 
-    The energy on a side is lowest where the slider rests on the stop. For the front stop this energy is known. At the
+    The energy on a side is lowest where the slider rests on the stop. At the front stop it is the energy at `rest`. At the
     rear stop the spring pushes with less than F = k (L0 - H), so the energy there is lower than at `rear_stop` by at
     most F^2 / (2 k_s).
     """
@@ -119,7 +119,7 @@ cdef inline double mechanism_reach(const Mechanism *law, double stretch, double 
 
     With less energy than the barrier, a slider behind the alignment stays behind it. Otherwise the front stop, which
     stores no more than the available energy, ends the slider's motion. The energy at `rest` cannot become kinetic. In
-    front of `rest` the energy grows at least as fast as that of a spring with the stiffness of the stop minus the
+    front of `rest` the energy grows at least as fast as the energy of a spring with the stiffness of the stop minus the
     largest stiffness of the mechanism.
     """
     cdef double energy = kinetic + mechanism_energy(law, stretch), free = energy - mechanism_energy(law, 0.0)

@@ -44,7 +44,7 @@ cdef inline (double, double) robot_bounds(const RobotTable *table, int place) no
 
 
 cdef inline double table_offset(const RobotTable *table, int place, double position, int *interval) noexcept nogil:
-    """Return x - breaks[i], m, the argument of the polynomials, and write i; outside the table, those of the nearest end."""
+    """Return x - breaks[i], m, the argument of the polynomials, and write i; x is the nearest position in the table."""
     cdef int i = min(max(place, 0), <int> table.intervals - 1)
     interval[0] = i
     if place == i:
@@ -68,7 +68,7 @@ cdef inline RobotNow robot_within(const RobotTable *table, int place, double pos
 
 
 cdef RobotSlopes robot_slopes(const RobotTable *table, int place, double position) noexcept nogil:
-    """Return the derivatives of the robot's parameters that `robot_within` does not, at an imposed `position` (m)."""
+    """Return the derivatives named in `RobotSlopes` at an imposed `position` (m)."""
     cdef RobotSlopes slopes = RobotSlopes(0.0, 0.0, 0.0)
     cdef int i
     cdef double u = table_offset(table, place, position, &i)

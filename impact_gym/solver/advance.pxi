@@ -2,7 +2,7 @@
 
 cdef double GRAZE = 1e-12  # m/s, smallest approach velocity; with exactly 0 the scaled equations would stay at their initial state
 cdef double LOST = 1e11  # largest ratio deflection / distance to the object; above it rounding exceeds 1e-5 of the distance
-cdef double SHORT = 1e-6  # m, added to the distance to the object in that ratio
+cdef double SHORT = 1e-6  # m, added to the distance in the ratio that LOST limits
 
 
 cdef void reset_memory(Memory *memory, double step) noexcept nogil:
@@ -69,10 +69,10 @@ cdef double take_peak(const Run *run, Chain *chain) noexcept nogil:
 
 
 cdef int command(Run *run, Chain *chain, double target, double acceleration, double until) noexcept nogil:
-    """Bring the flange to the velocity `target` (m/s) at `acceleration` (m/s^2) and hold it, until time `until` (s).
+    """Ramp the flange to the velocity `target` (m/s) at `acceleration` (m/s^2), and hold `target` until time `until` (s).
 
-    It returns ARRIVED at `until`, but earlier DETECTED when the contact force first exceeds the threshold, or TOUCHED
-    at the first touch if `run.tell_touch` is set.
+    Return ARRIVED at `until`. Return earlier with DETECTED when the contact force first exceeds the threshold, or with
+    TOUCHED at the first touch if `run.tell_touch` is set.
     """
     cdef double change, ramp, end
     cdef bint ramp_ends
@@ -129,7 +129,7 @@ cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept
 
 
 cdef int fly_on(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
-    """Advance a flight to the first touch or to `until` (s), in which the object neither starts nor stops."""
+    """Advance a flight, during which the object neither starts nor stops, to the first touch or to `until` (s)."""
     cdef double distance, touch, left = until - chain.time
     if run.law.kind == INTEGRATED:
         return integrate(run, chain, acceleration, until, True)
@@ -185,7 +185,7 @@ cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef inline double slow_swing(double velocity, double acceleration, double frequency) noexcept nogil:
-    """Return twice the amplitude (m) of an oscillation of this angular frequency; inf if it gets above REST_SPEED."""
+    """Return twice the amplitude (m) of an oscillation of this angular frequency; inf if its speed exceeds REST_SPEED."""
     cdef double fastest = hypot(velocity, acceleration / frequency)
     return 2.0 * fastest / frequency if fastest <= REST_SPEED else INFINITY
 
@@ -197,7 +197,7 @@ cdef void note_tool_rest(const Run *run, Chain *chain) noexcept nogil:
 
 
 cdef void record_rest(const Run *run, Chain *chain, double distance) noexcept nogil:
-    """With friction, store how far from its start at `distance` (m) the object comes to rest, and when both bodies rest.
+    """With friction, store how far the object slides from its start at `distance` (m), and when tool and object rest.
 
     An object in motion is assumed to slide until it stops, without another contact.
     """
@@ -221,16 +221,13 @@ cdef struct Approach:  # scene and motion of one run
     double threshold  # N, inf without a brake
     double delay  # s
     double deceleration  # m/s^2
-    int64_t motion, points  # of a `Motion`: index of its times among all tables, followed by its velocities; their number
+    int64_t motion, points  # of a `Motion`: index of its times in the tables, where its velocities follow; number of its times
     double duration  # s
     double frame  # m/s, common velocity of flange, tool and object at t = 0
 
 
 cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
-    """Run `chain` from rest: a trapezoid with, if there is a brake, alarm and braking; or a motion by points.
-
-    A contact that is unfinished at the end is recorded with the end nan.
-    """
+    """Run `chain` from rest: with a trapezoid, which a brake may end, or with a `Motion`; record also an unfinished contact."""
     cdef const double *times = run.tables + plan.motion
     cdef const double *velocities = times + plan.points
     cdef double speed = plan.speed, acceleration = plan.acceleration, brake_at = INFINITY

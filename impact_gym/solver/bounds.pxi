@@ -25,7 +25,7 @@ cdef inline double moving_mass(const Run *run, double position) noexcept nogil:
 
 
 cdef double highest_frequency(const Run *run, double position) noexcept nogil:
-    """Return a bound on the chain's angular frequencies, rad/s, without those of stops."""
+    """Return an upper bound on the angular frequencies of the chain without its stops, rad/s."""
     cdef const Law *law = run.law
     cdef RobotTable table = robot_table(run)
     cdef double square = law.stiffest if law.intervals else 0.0, k = law.stiffness

@@ -12,7 +12,7 @@ cdef void begin_piece(
     if not chain.holding:
         now.contact.held = now.contact.damping = 0.0
     now.tolerance = run.tolerance
-    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # of such chains only contacts are integrated
+    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # such a piece is a contact: flights of RIGID and SPRING chains have formulas
     now.threshold = run.threshold / now.units.force
     now.horizon = (until - chain.time) / now.units.time
     now.push = acceleration * now.units.time / now.units.velocity
@@ -181,7 +181,7 @@ cdef double smooth_until(const Run *run, const Chain *chain, double acceleration
 cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
     """Return whether tool and object can never touch again while the imposed motion stays at rest.
 
-    The object does not come back, and the energy of the chain bounds how far the tool can move.
+    The energy of the chain bounds how far the tool can move. An object that moves backwards can always be touched.
     """
     cdef double reach
     if run.law.kind == RIGID:

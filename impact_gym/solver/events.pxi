@@ -8,11 +8,11 @@ cdef enum:
     CLOCK  # the end of the piece is reached
     SEPARATION  # the root z passes zero; beyond it dt = z ds runs backwards
     CLAMP  # the contact force would become a pull, or becomes a push again
-    FORCE  # the force exceeds the threshold; its largest value is recorded
+    FORCE  # the force exceeds the threshold; the largest force is recorded
     SLIP  # the force exceeds the friction of an object that sticks
     REST  # a sliding object comes to rest
     TOP  # largest speed of a sliding object; it is recorded, but does not end the step
-    FRONT_STOP  # this stop begins or ceases to push; the same for the next row
+    FRONT_STOP  # the front stop begins or ceases to push; REAR_STOP: the rear stop does
     REAR_STOP
     ALIGNMENT  # the slider of a mechanism passes its alignment
     TOUCH  # tool and object touch: a flight ends
@@ -21,7 +21,7 @@ cdef enum:
     SHORTER = -2  # an event cannot be located in this step: try a shorter step
 
 cdef double SHORTEST_STEP = 1e-10
-# A step that starts on an event and ends beyond it is shortened, down to this length; then the event is at its start.
+# A step that starts on an event and ends beyond it is shortened down to this length; then the event is set at its start.
 
 
 cdef struct Events:
@@ -101,7 +101,7 @@ cdef void evaluate_slider_events(const Piece *now, const double *x, const double
 
 cdef struct Finding:
     int event  # the first event in the step, NOTHING, or SHORTER
-    double share  # place of the event, 0 to 1, as a fraction of the step; for SHORTER the factor on the step
+    double share  # place of the event, 0 to 1, as a fraction of the step; for SHORTER the factor by which to shorten the step
     double within  # fraction of the step after which the event has occurred for certain
     double peak, top  # scaled largest force, and scaled largest speed of an object with friction, inside the step
     double peak_at, top_at  # distances from the start of the step to the peak and to the top
@@ -156,7 +156,7 @@ cdef bint rises_at_onset(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef bint starts_on(int row, double h, const Events *start, double reached) noexcept nogil:
-    """Return whether a step of `h` starts on an event and ends beyond it; then a shorter step must separate the two zeros."""
+    """Return whether a step of `h` starts on a zero of the row and contains a second zero, which a shorter step excludes."""
     if row < CLAMP or h <= SHORTEST_STEP or start.value[row] <= -1e-9 * reached:
         return False
     return FRONT_STOP <= row <= ALIGNMENT or start.slope[row] <= 0.0
@@ -320,7 +320,7 @@ cdef double clock_share(const Piece *now, const Work *work, double h) noexcept n
 cdef double bend_share(const Work *work, double h) noexcept nogil:
     """Return at which fraction of a step of flight the gap may close although it opens at the step's two ends; 1: nowhere.
 
-    A step that ends there then decides. Within a step the gap has at most one inflection, see `LARGEST_STEP`.
+    A step that ends there shows whether it closes. Within a step the gap has at most one inflection, see `LARGEST_STEP`.
     """
     cdef double w0 = work.x[RATE], w1 = work.trial[RATE], bend0 = h * work.rate[RATE], bend1 = h * work.trial_rate[RATE]
     cdef double share

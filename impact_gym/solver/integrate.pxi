@@ -1,10 +1,10 @@
 """The integration loop: integrates a contact, or a flight that has no formula, to the next event."""
 
 cdef double FIRST_STEP = 0.3  # first trial step of a contact, in its variable s
-cdef double FIRST_FLIGHT = 0.1  # first trial step of a flight, times the chain's highest angular frequency
+cdef double FIRST_FLIGHT = 0.1  # first trial step of a flight, multiplied by the chain's highest angular frequency
 cdef double LARGEST_STEP = 1.0
-# Likewise, without the frequency of stops. In such a step the third derivative of the gap rarely changes sign twice, as
-# the search for a touch assumes. If a touch is impossible, a step may be longer (`longest_blind_step`).
+# Largest step of a flight, scaled in the same way. In such a step the third derivative of the gap rarely changes sign
+# twice, as the search for a touch assumes. If a touch is impossible, a step may be longer (`longest_blind_step`).
 cdef double OVERSHOOT = 1e3
 # In a contact with friction a step is at most this many times the time left in the piece. When the tool rests against
 # the object or pushes it steadily, every step is accepted. Without this bound a step could become so long that the end
@@ -30,7 +30,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     load(&now, chain, work.x)
     rates(&now, work.x, work.rate)
     evaluate_events(&now, work.x, work.rate, start)
-    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:  # it reverses soon: step to the reversal
+    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:  # the gap soon stops opening: step to that time
         h = min(h, -work.x[RATE] / work.rate[RATE])
     if not flying:
         peak = start.height[FORCE]  # the force of a linear contact begins above 0
@@ -38,7 +38,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
             chain.detection = chain.time
             return DETECTED
         if now.rough and now.object_state == STUCK and work.x[ROOT] == 0.0 and start.value[SLIP] > 0.0:
-            return conclude(run, chain, SLIP, until)  # the first force exceeds the friction
+            return conclude(run, chain, SLIP, until)  # the force at the touch exceeds the friction
     work.memory, work.expanded = chain.memory, False
     while True:
         chain.steps += 1
@@ -152,7 +152,7 @@ cdef double land_on_first(
 
 
 cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogil:
-    """Change `chain` as the event requires, such as the stop that is pressed; return the status."""
+    """Apply the effect of the event to `chain`; return the status."""
     if event == NOTHING:
         return STEP_LIMIT
     if event == CLOCK:
@@ -181,7 +181,7 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
 
 
 cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noexcept nogil:
-    """Record trace points along the accepted step; each takes a step of its own, more exact than the polynomial."""
+    """Record trace points along the accepted step; each is computed by a step of its own, as the polynomial is less exact."""
     cdef Chain ghost = chain[0]
     cdef Events events
     cdef int64_t point, points = TRACE_POINTS

@@ -2,7 +2,7 @@
 
 Such a chain has a compliant robot with a coupling, a coupling with stops, or both; or tool and robot are one mass whose
 parameters vary along a table. Its flights are integrated like contacts. Forces are computed in SI units, then scaled.
-After the components of all chains the state has: the impulse of the coupling on the tool; the momentum of the robot
+After the components that all chains have, the state has: the impulse of the coupling on the tool; the momentum of robot
 mass that has joined the moving part; the offset of the flange from the imposed motion; the rate of this offset.
 """
 
@@ -25,7 +25,7 @@ cdef struct Accelerations:  # scaled accelerations, and forces
 
 
 cdef inline Swing swing(const Piece *now, double t, double y, double v, double q, double r) noexcept nogil:
-    """Return the chain at a scaled state."""
+    """Return the chain's motion in SI units from components of its scaled state."""
     cdef Swing at
     cdef double elapsed = t * now.units.time
     at.x_r = now.position + elapsed * (now.velocity + 0.5 * now.acceleration * elapsed)
@@ -60,7 +60,7 @@ cdef inline Accelerations motion(const Piece *now, const Swing *at, double push)
         move.pull = coupling_pull(now, at.y - at.q, at.y_dot - at.q_dot)
         move.gap = (move.pull - push) * now.tool_rate
         if now.robot.intervals:
-            flange_rate = now.per_acceleration / robot.mass  # divided here, as this need not wait for the pull
+            flange_rate = now.per_acceleration / robot.mass  # divided first, because the division need not wait for the pull
             move.flange = (-robot.stiffness * at.q - robot.damping * at.q_dot - move.pull) * flange_rate - now.push
     move.tool = move.gap - now.push
     move.gap += now.ground - push * now.object_rate
@@ -115,7 +115,7 @@ cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept n
 
 
 cdef inline Gradient flange_gradient(const Piece *now, const Swing *at, const Gradient *pull, double T) noexcept nogil:
-    """Return the derivatives of force / mass of a separate flange, from those of the coupling's pull T (N)."""
+    """Return the derivatives of a separate flange's force / mass, given the coupling's force T (N) and its derivatives `pull`."""
     cdef const RobotNow *robot = &at.robot
     cdef RobotSlopes slopes = robot_slopes(&now.robot, now.place, at.x_r)
     cdef double m = robot.mass, force = -robot.stiffness * at.q - robot.damping * at.q_dot - T

@@ -1,4 +1,4 @@
-"""The L-stable 5(4) pair Rodas5P, for stiff pieces: a slow contact under a push, an overdamped spring, a hard stop.
+"""The L-stable 5(4) pair Rodas5P, for stiff pieces, such as a slow contact under a push, an overdamped spring, a hard stop.
 
 A Rosenbrock method is linearly implicit: a step inverts one matrix, 1 / (gamma h) - J with the exact Jacobian J, and
 needs no iteration. Coefficients: Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks
@@ -27,7 +27,7 @@ STIFF_A[7][:7] = [
     -7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946, 1.0, 1.0
 ]  # the state at the end of the step is that of the last row plus the last stage
 
-cdef double[STIFF_STAGES][STIFF_STAGES] STIFF_C  # row i: weights, / h, of the earlier stages on the right side of stage i
+cdef double[STIFF_STAGES][STIFF_STAGES] STIFF_C  # row i: weights, to be divided by h, of the earlier stages on the right side of stage i
 STIFF_C[1][:1] = [-14.155112264123755]
 STIFF_C[2][:2] = [-17.97296035885952, -2.859693295451294]
 STIFF_C[3][:3] = [147.12150275711716, -1.41221402718213, 71.68940251302358]
@@ -44,10 +44,7 @@ STIFF_C[7][:7] = [
 
 
 cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
-    """Try a step of `h` from `work.x`, whose rate is known, into `work.trial`; return estimated error / allowed error.
-
-    The error estimate is of order 4.
-    """
+    """Try a step of `h` from `work.x` into `work.trial`; return estimated error (of order 4) / allowed error."""
     cdef int stage, earlier, i, n = now.width
     cdef double total = 0.0, a, c, size
     cdef double[WIDTH] right
@@ -85,7 +82,7 @@ cdef void invert(int n, double[WIDTH] *matrix) noexcept nogil:
     """Replace the first `n` rows and columns of `matrix` by the transpose of their inverse (Gauss and Jordan).
 
     Rows are exchanged to get the largest pivot. The inverse is used because multiplying by it is faster than solving
-    two triangular systems, in which each component has to wait for the one before.
+    two triangular systems, in which each component has to wait for the component before it.
     """
     cdef double[WIDTH][WIDTH] inverse
     cdef int k, row, column, pivot

@@ -1,10 +1,10 @@
 """Steps by Taylor series, for analytic pieces: `taylor.h` computes the series; this file chooses and takes the step."""
 
 cdef enum:
-    LAST_ORDERS = 3  # orders used to estimate convergence: from z = 0 without damping, two of every five orders are 0
+    LAST_ORDERS = 3  # number of last orders used to estimate convergence; fewer could all be 0: from z = 0 without damping, two of five are
 
-cdef double LEFT_OUT = 0.05  # truncation error / local error allowed; below 1, as errors add up over a contact
-cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error; small, as errors add up over several contacts
+cdef double LEFT_OUT = 0.05  # truncation error / local error allowed; below 1, because the errors of the steps of a contact add up
+cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error; small, because the errors of several contacts add up
 cdef double TOO_STEEP = 1e30  # mean square of coefficients above which the explicit pair takes over
 
 
@@ -69,6 +69,6 @@ cdef double fastest(const Piece *now, const double *x, const double *rate) noexc
 
 
 cdef inline double largest_root(double b, double c) noexcept nogil:
-    """Return the absolute value of the larger root of r^2 + b r + c, where b is not negative."""
+    """Return the larger absolute value of the two roots of r^2 + b r + c, where b is not negative."""
     cdef double square = 0.25 * b * b - c
     return 0.5 * b + sqrt(square) if square > 0.0 else sqrt(c)

@@ -84,7 +84,7 @@ cdef Gap gap_at(const Glide *glide, double time) noexcept nogil:
 cdef double monotone_zero(const Glide *glide, int order, bint rising, double low, double high) noexcept nogil:
     """Return the zero, exact to rounding, of the penetration's derivative `order` between `low` and `high`.
 
-    The derivative must be monotone there. It uses Newton's method, or bisection when that leaves the bracket.
+    The derivative must be monotone there. Newton's method is used, or bisection if Newton's method leaves the bracket.
     """
     cdef Gap gap
     cdef double following, time = 0.5 * (low + high)

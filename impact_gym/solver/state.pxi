@@ -1,6 +1,6 @@
 """The structures of the solver: the constants of a run, the state of a row, and work arrays.
 
-Some also exist as NumPy data types with the same names and layout, see `kernels.pyx`.
+Some of them also exist as NumPy data types with the same names and layout, see `kernels.pyx`.
 """
 
 cpdef enum:
@@ -85,7 +85,7 @@ cdef struct Chain:  # a row: the state of motion, and results so far
     int64_t touching  # 0 or 1
     int64_t holding  # 0 while the contact force is 0 because the surfaces part faster than they spring back; else 1
     Units units
-    double start  # s, time at which it began; more values at that time follow
+    double start  # s, time at which the contact began; the names of other values at that time begin with start_
     double approach_velocity  # m/s
     double start_tool_velocity  # m/s
     double start_object_velocity  # m/s
@@ -194,7 +194,7 @@ cdef struct Run:  # constants of a run
 
 
 cdef inline RobotTable robot_table(const Run *run) noexcept nogil:
-    """Return the robot's table; among the numbers of all tables it has first its breaks, then its coefficients."""
+    """Return the robot's table: its breaks, followed in memory by its coefficients."""
     cdef RobotTable table
     table.intervals = run.law.intervals
     table.breaks = <const double *> &run.law.lumped if run.law.table < 0 else run.tables + run.law.table

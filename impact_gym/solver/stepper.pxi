@@ -18,7 +18,7 @@ cdef enum:
     IN_VAIN = 2  # if the explicit pair succeeds within this many trials, the change to the L-stable pair was not needed
     MOST = 16 * UNCHECKED  # largest number of attempts before stiffness is checked
 
-cdef double NEAR = 3.5  # h lambda above this is near the limit of 6; attempts there alternate between about 4 and 7
+cdef double NEAR = 3.5  # h lambda above this is near the limit of 6; there, h lambda alternates between about 4 and 7 from attempt to attempt
 
 
 cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
@@ -94,7 +94,7 @@ cdef double step_factor(Work *work, double error) noexcept nogil:
 
 
 cdef void probe(const Piece *now, Work *work, double h, double share) noexcept nogil:
-    """Compute the state and its rate at the fraction `share` of the last attempt of `h`, on the polynomial if it has one."""
+    """Compute the state and its rate at the fraction `share` of the last attempt of `h`; use its polynomial if there is one."""
     cdef int i
     if work.method != EXPLICIT:
         probe_exactly(now, work, h, share)

@@ -24,7 +24,7 @@ cdef double normal(const double *uniform) noexcept nogil:
 
 
 cpdef double hashed(double seed, int64_t count) noexcept nogil:
-    """Return the `count`-th uniform number in [0, 1) of the stream with a seed (splitmix64, Steele et al. 2014)."""
+    """Return the `count`-th uniform number in [0, 1) of the stream with this `seed` (splitmix64, Steele et al. 2014)."""
     cdef uint64_t z = <uint64_t> seed + <uint64_t> (count + 1) * <uint64_t> 0x9E3779B97F4A7C15
     z = (z ^ (z >> 30)) * <uint64_t> 0xBF58476D1CE4E5B9
     z = (z ^ (z >> 27)) * <uint64_t> 0x94D049BB133111EB

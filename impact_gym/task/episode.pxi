@@ -43,8 +43,7 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
     The sensors are read one `reaction_delay` before each possible observation. These times are known so far in advance,
     because an alarm, which shifts the control steps, also arrives one `reaction_delay` after its cause. Each reading has
     its time, and an observation gets the last reading that has arrived. A reading is skipped if its observation does not
-    occur (at the horizon, while an alarm is in transit). An alarm by a reading is raised at an observation, and shifts
-    nothing.
+    occur (at the horizon, while an alarm is in transit). An alarm by a reading does not shift the control steps.
     """
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode

@@ -25,7 +25,7 @@ cdef inline void add_terms(Terms *total, const Terms *step) noexcept nogil:
 
 
 cdef double charged_time(const Chain *chain, double begun, bint to_the_end) noexcept nogil:
-    """Return the time (s) charged for a control step that began at `begun` (s): the part before the first contact, or all."""
+    """Return the time (s) charged for a control step that began at `begun` (s): all, or only the part before the first contact."""
     if to_the_end:
         return chain.time - begun
     return min(chain.time, chain.first_contact) - min(begun, chain.first_contact)

@@ -56,7 +56,7 @@ cdef inline bint has_stuck(const Chain *chain, double since) noexcept nogil:
 cdef bint is_over(const Run *run, const Chain *chain) noexcept nogil:
     """Return whether V_p is final and, with friction, the tool is at rest.
 
-    If a tool that counts as at rest touches the object, the object gets at most twice as fast as REST_SPEED.
+    A tool that counts as at rest can accelerate the object to at most twice REST_SPEED.
     """
     if chain.flange_velocity != 0.0:
         return False

@@ -25,7 +25,7 @@ cdef void begin_link(Row *row) noexcept nogil:
 
 
 cdef double send_display(Row *row) noexcept nogil:
-    """Send a packet to the display; return its arrival time, s. One sent since a touch makes the operator stop."""
+    """Send a packet to the display; return its arrival time, s. A packet sent since a touch makes the operator stop."""
     cdef Link *link = row.link
     cdef const ChannelNumbers *channel = &row.episode.drawn.downlink
     cdef double now = row.chain.time
@@ -124,7 +124,7 @@ cdef Command flange_command(Row *row) noexcept nogil:
 
 
 cdef void assist(Row *row, double gain, double acceleration, double withdrawal) noexcept nogil:
-    """Set the action of a control step, in SI units. For `after_alarm` after an alarm withdrawal is allowed, then it fades."""
+    """Set the action of a control step, in SI units; `after_alarm` seconds after an alarm the withdrawal begins to fade."""
     cdef double since
     row.link.gain, row.link.acceleration = gain, acceleration
     row.link.withdrawal = 0.0
@@ -153,7 +153,7 @@ cdef void observe_link(Row *row) noexcept nogil:
 
 
 cdef bint task_done(Row *row) noexcept nogil:
-    """Return whether the episode is over: the object rests and operator or tool is done, or the operator gave up untouched."""
+    """Return whether the object rests and operator or tool is done, or the operator stopped before a touch."""
     cdef Chain *chain = row.chain
     cdef bint idle = chain.time >= row.link.idle_since + IDLE - ROUNDING
     if chain.contacts == 0:

@@ -69,7 +69,7 @@ cdef double operator_command(Row *row, double time) noexcept nogil:
     if link.stopped:
         return 0.0
     speed = intended(row, time)
-    if numbers.noise > 0.0:  # as strong as white noise in 10 ms steps, as in the source, through two lags
+    if numbers.noise > 0.0:  # the source's white noise with steps of 10 ms, converted to the control period, through two lags
         rate = row.task.control_period / MUSCLE
         rate = rate / (1.0 + rate)
         share = numbers.noise * sqrt(0.01 / row.task.control_period)
