@@ -1,4 +1,4 @@
-"""A simulator and an environment of a robot tool that strikes an object: it should arrive early and strike softly."""
+"""Simulator and environment of a robot tool that strikes an object; the tool should arrive early and strike softly."""
 
 from impact_gym import beside, sources
 

@@ -1,7 +1,4 @@
-"""Make `impact_gym.agents` and `impact_gym.experiments` importable in a checkout.
-
-In a checkout the folders `agents` and `experiments` lie beside `impact_gym`; in an installed package they lie inside.
-"""
+"""Make `impact_gym.agents` and `impact_gym.experiments` importable in a checkout, where both lie beside it."""
 
 import sys
 from importlib import import_module
@@ -11,7 +8,7 @@ from types import ModuleType
 
 
 class Beside:
-    """Finder and loader that import, for instance, `impact_gym.agents` as the checkout's module `agents`."""
+    """Finder and loader that imports, for instance, `impact_gym.agents` as the checkout's module `agents`."""
 
     @staticmethod
     def find_spec(name: str, _path: object = None, _target: object = None) -> ModuleSpec | None:

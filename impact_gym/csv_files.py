@@ -1,7 +1,7 @@
 """Read columns of numbers from a CSV file, whatever program wrote it: logs of blows, and traces of channel delays.
 
 `read_columns` finds encoding, separator, decimal sign, the lines before the numbers, and the columns' names and units.
-It reports from which column each wanted one was read, and refuses an ambiguous file.
+It reports which columns of the file it used, and refuses an ambiguous file.
 """
 
 import codecs
@@ -30,16 +30,10 @@ SCALES: Mapping[str, Mapping[str, float]] = {
         "m/s^2": {1.0: "m/s^2 m/s/s ms^-2", 1e-3: "mm/s^2", 1e-2: "cm/s^2", 9.80665: "g gn g0", 9.80665e-3: "mg"},
     }.items()
 }  # fmt: skip
-"""For each SI unit: accepted spellings of units, in lower case, and their factors to the SI unit.
-
-The factors of lbf and of g are exact by definition.
-"""
+"""For each SI unit: accepted spellings of units, in lower case, and their factors to the SI unit."""
 IN_BRACKETS = (r"(.+?)[\s_]*[\[({<]([^\[({<]*)[\])}>]\s*", r"([^/]+?)\s*/\s*\(?(.+?)\)?")
 UNIT_FORMS = (*IN_BRACKETS, r"(.+)()", r"(.+?)(?:[\s_,:-]|\bin\b)+([^\s_]+)")
-"""Patterns of a column's header: Force (N), force/N, force without a unit, force_N.
-
-In the first two forms the text after the name is taken as the unit, even if it is an unknown one.
-"""
+"""Patterns of a column's header: Force (N), force/N (an unknown unit is refused), force without a unit, force_N."""
 SEPARATORS = ("\t", ";", ",", "|", None)  # None: any run of blanks
 NUMBERS = {
     sign: re.compile(rf"[+-]?((\d+[{sign}]?\d*|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
@@ -60,14 +54,14 @@ class Column(NamedTuple):
 
 
 Table = tuple[dict[str, NDArray[np.float64]], str]
-"""The columns, each (n,), in SI units; and a text that says from where each was read, and what was not used."""
+"""The columns, each (n,), in SI units; and a text that says which columns of the file were used and which were not."""
 
 
 class _Layout(NamedTuple):
     separator: str | None
     decimal: str
     first: int  # index of the line with the first numbers
-    least: int  # number of values that every line of numbers must have at least
+    least: int  # smallest number of values allowed in a line of numbers
     most: int  # number of values in the first line of numbers
 
 
@@ -78,7 +72,7 @@ class _Source(NamedTuple):
 
 
 def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> Table:
-    """Read a CSV file and return those of the `wanted` columns that it contains.
+    """Return those of the `wanted` columns that a CSV file contains.
 
     Args:
         path: a regular file in UTF-8, Latin-1, or UTF-16 with a byte order mark.
@@ -169,7 +163,7 @@ def _layout(lines: Sequence[str]) -> _Layout:
     if best is None:
         written = next((line for line in reversed(lines) if line.strip()), "")
         raise ValueError(
-            f"no line has two numbers; the last one read is {shown(written)}" if written else "it is empty"
+            f"no line has two numbers; the last line read is {shown(written)}" if written else "it is empty"
         )
     return best
 
@@ -211,10 +205,7 @@ def _sources(
 def _names(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column]
 ) -> tuple[list[str], list[str], list[int]]:
-    """Return the names and units of the columns, and the indices of lines that are neither names, units nor comments.
-
-    The lines above the numbers are read from the last to the first, up to the line of names.
-    """
+    """Return names and units of the columns, and indices of lines above the numbers that are neither, nor comments."""
     units: list[str] = []
     between: list[int] = []
     for k in reversed(range(layout.first)):
@@ -258,7 +249,7 @@ def _meaning(head: str, wanted: Mapping[str, Column]) -> tuple[str, str] | None:
 
 
 def _scale(unit: str, written: str) -> float | None:
-    """Return the factor from a unit, as written in a file, to the SI unit; None if it is unknown. MN is not mN."""
+    """Return the factor from a unit, as written in a file, to the SI unit; None if the unit is unknown."""
     short = re.sub(r"[\s*\u00b7.]", "", written).replace("\u00b2", "^2").replace("\u207b", "-").replace("\u00b9", "1")
     short = re.sub(r"(?<=s)\^?(-?\d)$", r"^\1", short)
     return SCALES[unit].get(short if short[:1] == "M" and len(short) < 4 else short.lower())

@@ -77,11 +77,7 @@ class DiskFullError(OSError):
 
 @contextmanager
 def writing(what: str) -> Iterator[None]:
-    """Replace any OSError of a full disk by a DiskFullError whose message says `what` was being written.
-
-    Raises:
-        DiskFullError: the disk or the quota is full.
-    """
+    """Replace the OSError of a full disk or quota by a DiskFullError whose message says `what` was being written."""
     try:
         yield
     except DiskFullError:  # a `writing` inside this one has already named its file

@@ -19,7 +19,7 @@ from impact_gym.validation import one_of, rising
 class Brake(Parameters, path="motion.brake"):
     """Brake to a stop; braking begins `delay` after the contact force first exceeds `threshold`.
 
-    The delay of 16 ms is the paper's. The paper does not print its deceleration; docs/provenance.md infers 8 m/s^2.
+    The paper's delay is 16 ms. The paper does not print the deceleration; docs/provenance.md infers 8 m/s^2.
     """
 
     threshold: float = 1.0  # N

@@ -94,7 +94,7 @@ class Outcomes:
 
 @dataclass(frozen=True)
 class Model:
-    """A model that `advise` tried, its errors, and the computing time that it saves compared with the full model."""
+    """A model that `advise` tried, its errors, and how much computing time it saves compared with the full model."""
 
     name: str
     simplify: Callable[[Scene], Scene]

@@ -19,9 +19,9 @@ class SI:
 class Parameters:
     """A frozen dataclass that checks its numbers when it is made, and stores them as floats.
 
-    The limits of a field come from the row `path.field` of `quantities`. A field without such a row has them in its
-    annotation, such as `Annotated[float, SI("m", above=0)]`. A field with the default None may be None. A sequence of
-    numbers is stored as a tuple.
+    The limits of a field come from the row `path.field` of `quantities`. A field without such a row has its limits in
+    its annotation, such as `Annotated[float, SI("m", above=0)]`. A field with the default None may be None. A sequence
+    of numbers is stored as a tuple.
     """
 
     __slots__ = ()

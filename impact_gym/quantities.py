@@ -29,9 +29,9 @@ class Limits(NamedTuple):
 class Draw(NamedTuple):
     """How an episode draws a number: uniformly from a range, log-uniformly if the range begins above 0, or normally.
 
-    The draw uses a uniform number in [0, 1). That is number `place` of those that an episode takes from the
-    environment's generator (a normal draw uses two), or the first number of the separate stream `place`, which is
-    seeded by the noise seed. Places never change, so that a new draw or a new row changes no other draw.
+    The draw uses a uniform number in [0, 1). Its index is `place` among the numbers that an episode takes from the
+    environment's generator; a normal draw also uses the next number. With `own_stream` it is the first number of the
+    random stream `place`, seeded by the noise seed. Places never change, so that a new draw changes no other draw.
     """
 
     place: int
@@ -91,10 +91,7 @@ class Quantity:
 def set_up(
     name: str, words: str, unit: str, limits: Limits, place: int, scale: Scale, path: str = "", observed: str = ""
 ) -> Quantity:
-    """Return the row of a number of the set-up; an episode draws it from its own stream.
-
-    The draw is log-uniform if the scale is logarithmic.
-    """
+    """Return the row of a set-up's number, drawn from its own stream, log-uniformly if the scale is logarithmic."""
     return Quantity(name, words, unit, limits, Draw(place, scale.curve == "log", False, True), observed, scale, path)
 
 

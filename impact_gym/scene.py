@@ -1,7 +1,7 @@
 """The description of a scene: a tool, its coupling to the flange, the robot behind it, an object, and their contact.
 
-The one axis, +x, points from the robot to the object. All classes are frozen. They store floats in SI units and check
-them when they are made, so that later code need not; `impact_gym.quantities` has the limits.
+The one axis, +x, points from the robot to the object. The classes store floats in SI units, and check them once, when
+an object is made; `impact_gym.quantities` has the limits.
 """
 
 import math
@@ -252,7 +252,7 @@ class Scene:
 
 
 def warn_of_stroke(coupling: Coupling, tool_mass: float, acceleration: float) -> None:
-    """Warn if under a steady `acceleration` (m/s^2) of the arm the tool lies against a stop."""
+    """Warn if the tool lies against a stop under a steady `acceleration` (m/s^2) of the arm."""
     if isinstance(coupling, SpringDamper) and coupling.stroke:
         rest = acceleration * tool_mass / coupling.stiffness
         if rest > coupling.stroke:

@@ -191,7 +191,7 @@ def advise(
         duration: length of a run, s.
         arm: an arm and its line of approach, `(arm, arm.along(...))`, for scenes without a robot. The full model is
             then the simulation of all joints, `impact_gym.robot.all_joints`. In the simpler models the robot is rigid,
-            or one mass of one of the three kinds, which varies along the line or is constant as where the object is.
+            or one mass of one of three kinds, which varies along the line or has its value at the object's place.
 
     Raises:
         TypeError, ValueError: an argument has a wrong type or is out of range.
@@ -229,10 +229,7 @@ FROZEN = "frozen where the object stands"
 
 
 def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
-    """Yield the name of each model and the function that simplifies a scene to it; robots and couplings are combined.
-
-    With a `line`, an arm with all its joints is replaced by one mass that moves along it.
-    """
+    """Yield each simpler model's name and function: all combinations of robot (from `line`, if given) and coupling."""
     robots: dict[str, Any] = {"robot rigid": None}
     if line is None:
         robots = {"": "its own", f"robot {FROZEN}": "its own", **robots}

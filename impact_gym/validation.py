@@ -33,10 +33,7 @@ def shown(value: Any, longest: int = 200) -> str:
 
 
 def nearest(kind: str, name: str, known: Iterable[str]) -> str:
-    """Return a message about an unknown `name`, with the most similar `known` name or, if there is none, all names.
-
-    `kind` says what the name stands for, such as "set-up".
-    """
+    """Return a message about an unknown `name` of a `kind`, such as "set-up", with a similar name or all names."""
     names = sorted(known)
     near = get_close_matches(name, names, 1)
     return f"no {kind} {shown(name)}: " + (f"{near[0]}?" if near else f"there are {', '.join(names)}")
@@ -102,7 +99,7 @@ def whole(field: str, value: Any, at_least: int) -> int:
 def identifier(field: str, value: Any) -> str:
     """Return `value` if paths, links, pages and commands can contain it without quoting; otherwise raise ValueError."""
     if not isinstance(value, str) or not IDENTIFIER.fullmatch(value):
-        allowed = "a name of letters a-z and A-Z, digits, '.', '_' and '-', at most 100 and the first no sign"
+        allowed = "at most 100 letters a-z and A-Z, digits, '.', '_' and '-', beginning with a letter or a digit"
         raise ValueError(f"{field} must be {allowed}, got {value!r:.80}")
     return value
 

@@ -49,10 +49,7 @@ class Bodies(NamedTuple):
 
 
 class Batch:
-    """`size` independent environments; each environment is a row of the arrays.
-
-    The results of a row do not depend on the size of the batch, on the index of the row, or on the number of threads.
-    """
+    """`size` independent environments, the rows of the arrays; results depend neither on `size` nor on `threads`."""
 
     def __init__(
         self, size: int, task: Task | Sequence[Task], threads: int | None = None, trace_points: int = 0,
@@ -63,7 +60,7 @@ class Batch:
         Args:
             size: number of rows.
             task: one task for all rows, or one for each row; all tasks must have the same observation.
-            threads: number of threads; None: one for each core. It changes no result.
+            threads: number of threads; None: one for each core.
             trace_points: largest number of points in the time histories of a row; 0: no time histories.
             max_steps: integration steps after which the solver gives up an episode.
 
@@ -72,7 +69,7 @@ class Batch:
         """
         tasks = [task] if isinstance(task, Task) else list(task)
         if len(tasks) not in {1, size}:
-            raise ValueError(f"a batch of {size} rows needs one task for all or {size} of them, got {len(tasks)}")
+            raise ValueError(f"a batch of {size} rows needs one task for all rows, or {size} tasks, got {len(tasks)}")
         self.tasks, self.size = tasks, size
         self.threads = CORES if threads is None else whole("threads", threads, at_least=1)
         self.max_steps = max_steps
@@ -130,7 +127,7 @@ class Batch:
         self._make_rows()
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
-        """From the next episode on, draw scenarios from these ranges; ValueError: all objects are out of reach."""
+        """From the next episode on, draw scenarios from these ranges; raise ValueError if all are out of reach."""
         ranges = ScenarioRanges.of(scenario)
         for task in self.tasks:
             task.check_distance(ranges.distance[0])
@@ -211,7 +208,7 @@ class Batch:
             own = getattr(self, name)
             array(f"{name} of a state", state.get(name), own.shape, own.dtype.kind, f"{own.dtype}")
         if state.get("sha256") != self._digest(state):
-            about = "must match its arrays, generators and tasks: it was altered, or is of another batch"
+            about = "must match its arrays, generators and tasks: the state was altered, or is of another batch"
             raise ValueError(f"sha256 of a state {about}")
         for name in _STATE:
             getattr(self, name)[:] = state[name]
@@ -227,8 +224,8 @@ class Batch:
     def info(self, rows: int | NDArray[np.int64] | None = None) -> dict[str, Any]:
         """Return the entries of the final info with their present values.
 
-        For a single row, given as an int, the values are plain numbers. For several rows (None: all) they are arrays
-        (size,), with 0 or None in the rows that were not asked for.
+        For a single row, given as an int, the values are plain numbers. For several rows (None: all) the values are
+        arrays (size,), with 0 or None in all other rows.
         """
         if isinstance(rows, int):
             return self.infos(np.array([rows]))[0]

@@ -69,7 +69,7 @@ class Infos:
         return [filled(layout, of_row) for layout, of_row in zip(layouts, values, strict=True)]
 
     def columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> dict[str, Any]:
-        """Return the infos of `rows` as arrays (size,), with 0 or None in the rows that were not asked for."""
+        """Return the infos of `rows` as arrays (size,), with 0 or None in all other rows."""
         size, (numbers, others) = len(episodes), self._values(episodes, chains, rows)
         columns = np.zeros((len(numbers), size))
         columns[:, rows] = numbers
@@ -79,7 +79,7 @@ class Infos:
         return filled(self._layout, (*columns, *blank))
 
     def _values(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> tuple[Records, list[Records]]:
-        """Return the values of the infos of `rows` (k,): those from EPISODE (n, k), and the others, each (k,)."""
+        """Return the values of the infos of `rows` (k,): values from EPISODE (n, k), and other values, each (k,)."""
         numbers = episodes.view(np.float64).reshape(len(episodes), -1)[rows, self._numbers]
         count, status, messages = chains["contacts"][rows], episodes["status"][rows], np.full(len(rows), "ok", object)
         for row in np.flatnonzero(status):

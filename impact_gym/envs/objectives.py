@@ -1,7 +1,7 @@
 """Environments with a vector reward, one number per objective, as MO-Gymnasium defines them: single and in batches.
 
-`import impact_gym` registers their ids, such as "mo-impact-approach-v0"; MO-Gymnasium itself is not needed. They differ
-only in the reward from the environment without "mo-", here "ImpactApproach-v0".
+`import impact_gym` registers their ids; MO-Gymnasium itself is not needed. Except for the reward,
+"mo-impact-approach-v0" is the environment "ImpactApproach-v0".
 """
 
 from collections.abc import Sequence
@@ -23,9 +23,9 @@ def vector_rewards(batch: Batch) -> Rewards:
     """Return the rewards of the last control step (rows, n): -T (s), -V_p (m/s) and -force (N).
 
     T is the time that the task charges for the step. V_p (or the cost of a miss) and the largest contact force are
-    charged in the last step of an episode. The force is an objective if any task has a `force_weight` above 0; it is 0
-    in the rows whose task has none. With the time weight w of the episode, the scalar reward is
-    w * (-T) - V_p - force_weight * force.
+    charged in the last step of an episode. The force is an objective if any task has a `force_weight` above 0; in the
+    rows with a `force_weight` of 0 it is 0. The scalar reward is w * (-T) - V_p - force_weight * force, where w is the
+    time weight of the episode.
     """
     forced = np.resize([task.force_weight > 0.0 for task in batch.tasks], batch.size)
     totals = []
@@ -38,8 +38,7 @@ def vector_rewards(batch: Batch) -> Rewards:
 def described(tasks: Sequence[Task]) -> tuple[Box, int, Rewards]:
     """Return reward space, reward dimension and reference point for a batch of `tasks`.
 
-    The reference point bounds the sum of the rewards of an episode from below: nothing is touched until the horizon.
-    The force has no bound, so there it is -inf.
+    The reference point is a lower bound of the sum of an episode's rewards; for the force it is -inf.
     """
     worst = [max(task.horizon for task in tasks), max(task.missed_cost for task in tasks)]
     worst += [np.inf] if any(task.force_weight > 0.0 for task in tasks) else []
@@ -53,8 +52,7 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`. In each step the first number is -T (s), the time that is
     charged. In the last step of an episode the second number is -V_p or -`missed_cost` (m/s), and with a `force_weight`
     the third is -(largest contact force) (N). With an operator T runs until the task is done.
-    The sum of an episode's rewards is at least `reference_point`, (reward_dim,): the horizon, `missed_cost` and inf,
-    each with a minus sign.
+    The sum of an episode's rewards is at least `reference_point`, (reward_dim,): -horizon, -`missed_cost` and -inf.
 
     ## Version History
     * v0: first version

@@ -100,14 +100,14 @@ class ImpactVecEnv(VecEnv):
         return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of the batch; `indices` must mean all slots."""
+        """Set an attribute of the batch; `indices` must be all slots."""
         self._must_be_all(indices, attr_name)
         setattr(self.envs, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call a method of the batch once; `indices` must mean all slots."""
+        """Call a method of the batch once; `indices` must be all slots."""
         self._must_be_all(indices, method_name)
         value = getattr(self.envs, method_name)(*method_args, **method_kwargs)
         return [value for _ in range(self.num_envs)]

@@ -31,7 +31,7 @@ def observation_space(spec: ObservationSpec) -> Space[Any]:
 
 
 def steps_per_second(task: Task) -> int:
-    """Return how many control steps a film shows per second, so that the film of the longest episode lasts 18 s."""
+    """Return how many control steps per second a film shows, so that the longest episode lasts about 18 s."""
     return min(max(round(task.horizon / task.control_period / 18.0), 1), 30)
 
 
@@ -85,14 +85,14 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     With `range_sensor` the tool carries a proximity sensor, see `RangeSensor`. At every control step it measures the
     gap to the object, with noise and a bias. Some readings are lost, the others arrive late. The observation has the
     newest reading that has arrived, and its age. Before the first reading has arrived, range and age are infinite, and
-    observed as 1. With `range_sensor`, `range_noise` must be None: it gives one distance estimate before the episode.
+    observed as 1. A distance estimate before the episode is then not possible: `range_noise` must be None.
 
     ## Rewards
     Each step gives `-time_weight * dt` until the first contact begins; dt is the duration of the step, or the part of
-    it before the contact. The final step adds `-V_p - force_weight * peak force`, where V_p is the object's final
-    velocity, or adds `-missed_cost` (-2) if nothing was touched. With `friction` the object stops, so V_p is its
-    largest velocity. The sum of an episode's rewards lies in [-time_weight * 1.2 - 2, 0] if V_p is below 2 m/s and
-    `force_weight` is 0.
+    it before the contact. If the object was touched, the final step adds `-V_p - force_weight * peak force`, where V_p
+    is the object's final velocity; with `friction` the object stops, so V_p is its largest velocity. If the object was
+    not touched, the final step adds `-missed_cost` (-2). The sum of an episode's rewards lies in
+    [-time_weight * 1.2 - 2, 0] if V_p is below 2 m/s and `force_weight` is 0.
 
     ## Starting State
     Flange, tool and object are at rest. The flange is at position 0, the coupling is relaxed (a bistable coupling rests
@@ -113,15 +113,15 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     - `{"scenario": {...}}` fixes any of the scenario fields above.
     - `{"record": {...}}` fixes any drawn number. With the final `info["record"]` of an episode, that episode can be
-      repeated. The reaction delay must not exceed the largest one that the environment was made with. A number of the
-      set-up must lie in the range that the environment was made with.
+      repeated. The reaction delay must not exceed the environment's largest `reaction_delay`. A number of the set-up
+      must lie in the range that the environment was made with.
 
     ## Episode End
     An episode terminates 0.15 s after the alarm (`after_alarm`). The flange then brakes to rest at the largest
     acceleration of an action, and the simulation continues until tool and object no longer touch and cannot touch
-    again. V_p is the velocity that the object then keeps, so a contact after the last step counts, too. If this takes
-    more than 10 s, as with an object of several tonnes, `info["status"]` says "not settled", and V_p is the velocity at
-    that time.
+    again. V_p is the velocity that the object then keeps, so a contact after the last step counts, too. After 10 s the
+    simulation stops even if contacts remain possible, as with an object of several tonnes. Then `info["status"]` says
+    "not settled", and V_p is the velocity at that time.
 
     Without an alarm an episode terminates at 1.2 s (`horizon`). If the object was touched too softly to raise the
     alarm, V_p is charged; if it was not touched, the episode counts as `missed`. An episode also terminates if the
@@ -131,8 +131,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     `time_weight`, `reward_terms` (time, velocity, force, missed; their sum is the return), `scenario`, `record` (all
     drawn numbers; those of the set-up have dotted names such as `coupling.stiffness`) and `status`. With `friction`
     it also has `slide` (m, from the object's first position to where it rests) and `rest_time` (s, when the object
-    rests and the tool stays slower than 1 mm/s; inf if never; exact to 1 ms after the last control step, to two control
-    steps before it). After a truncation by `TimeLimit`, `env.unwrapped.episode_info()` has the values so far.
+    rests and the tool stays slower than 1 mm/s; inf if never; its error is up to two control steps during the episode,
+    up to 1 ms after it). After a truncation by `TimeLimit`, `env.unwrapped.episode_info()` has the values so far.
 
     ## Arguments
     Each number in the second table of Starting State may be a pair (low, high). For a number of a coupling or a robot,
@@ -144,10 +144,10 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     `record_trace` (True: keep the time histories of the episode, which `trace()` returns).
 
     ## Rendering
-    Needs the extra `render`. A picture shows flange, coupling, tool and object to scale, the gap, the object's
-    velocity, the alarm in transit to the controller, and at the end of the episode the result. Pictures are drawn from
-    the trace, which a `render_mode` keeps. Rendering changes no result. A contact lasts a few steps, so "human" and
-    "rgb_array_list" show it in slow motion, with many pictures per step. Each picture states the slow-down.
+    Rendering needs the extra `render`. A picture shows flange, coupling, tool and object to scale, the gap, the
+    object's velocity, the alarm in transit to the controller, and at the end of the episode the result. Pictures are
+    drawn from the trace, which a `render_mode` keeps. Rendering changes no result. A contact lasts a few steps, so
+    "human" and "rgb_array_list" show it in slow motion, with many pictures per step. Each picture states the slow-down.
     `impact_gym.render.film.SlowMotionVideo` writes all pictures as a film of 6 to 10 s. "rgb_array" gives one picture
     at the end of each step. From these pictures Gymnasium's `RecordVideo` makes a film with a constant slow-down
     (`render_fps` in the metadata).

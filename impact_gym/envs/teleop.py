@@ -21,7 +21,7 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     per control period, at the ticks of the operator's clock, one packet is sent over each channel. Each packet has its
     own delay; the receiver uses the newest packet that has arrived. Two packets do not wait for the next tick: the
     operator's stop, and the arm's report of the first touch. An operator learns of the touch from the first packet to
-    arrive that was sent at the touch or later. The operator stops `reaction` after that, and then commands 0. A
+    arrive that was sent at the touch or later. After the time `reaction` the operator stops, that is, commands 0. A
     `Tracker` also reads the position of the flange from the packets. A `Person` sends the velocity last passed to
     `command(velocity)` of the unwrapped environment. A call before a step sets what is sent at the tick that falls into
     that step or at its end. A `Replay` of the velocities sent at the ticks repeats the episode bit for bit.
@@ -64,15 +64,14 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     brakes, and the simulation continues until all has settled.
 
     `info` of each step has `command` (m/s, the newest command that has arrived) and `command_age` (s), both at the end
-    of the step. For the last command that the flange executed in the step it has `teleop_action` (u, or 0 if the
-    command was too old) and `intervene_action` (v), arrays (1,) in m/s, and `is_intervention`: whether u and v differ
-    by more than 1 mm/s. Unlike in HIL-SERL, every step has an `intervene_action`; `is_intervention` says whether it is
-    an intervention. In a batch these entries are valid for the environments that played in the step; with SAME_STEP,
-    the entries of a finished episode are in `final_info`. The final info has `object_velocity` (m/s), `slide` (m),
-    `touch_time`, `done_time` (s; the horizon if the task was not done), `late` (s, mean time from a touch until the
-    operator's stop reaches the arm), `peak_force` (N), `contact_count`, `taken` (the fraction of the operator's
-    commanded motion that the assistance withheld before the touch), `missed`, `record`, and the other entries of
-    `ImpactApproach`.
+    of the step. `teleop_action` (u, or 0 if the command was too old) and `intervene_action` (v), arrays (1,) in m/s,
+    are the values of the last command that the flange executed in the step. Unlike in HIL-SERL, every step has an
+    `intervene_action`; `is_intervention` says whether u and v differ by more than 1 mm/s. In a batch these entries are
+    valid for the environments that played in the step; with SAME_STEP, the entries of a finished episode are in
+    `final_info`. The final info has `object_velocity` (m/s), `slide` (m), `touch_time`, `done_time` (s; the horizon if
+    the task was not done), `late` (s, mean time from a touch until the operator's stop reaches the arm), `peak_force`
+    (N), `contact_count`, `taken` (the fraction of the operator's commanded motion that the assistance withheld before
+    the touch), `missed`, `record`, and the other entries of `ImpactApproach`.
 
     ## Arguments
     See `ImpactApproach`. `ImpactTeleop-v0` has the operator `Reach`, and channels with a delay of 0.1 s each way.

@@ -101,10 +101,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return self.begin(seed, mask, reset_options(rest, self.batch.tasks, self.num_envs)[mask]), {}
 
     def begin(self, seed: Any, mask: Flags, fixed: NDArray[Any] | None = None) -> Floats:
-        """Begin an episode in the k slots of `mask`; return the observations.
-
-        `fixed` are records (k,) of the numbers that are not drawn, see `Batch.begin`.
-        """
+        """Begin an episode in the k slots of `mask`; return the observations. For `fixed` (k,) see `Batch.begin`."""
         self._seed(seed, mask)
         self.batch.begin(np.flatnonzero(mask), self._generators, fixed)
         self._ended[mask] = False
@@ -112,10 +109,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return self.batch.observations.copy()
 
     def play(self, actions: NDArray[Any]) -> tuple[Flags, Flags]:
-        """Play one control step in every slot; return which episodes terminated and which were truncated.
-
-        The other results are in `batch`.
-        """
+        """Play one control step in every slot; return which episodes terminated and which were truncated."""
         if not self._begun.all():
             raise ResetNeeded("some slots have no episode under way: call reset before step")
         batch = self.batch
@@ -193,7 +187,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self._begun = self.batch.episodes["drawn"]["object_mass"] != 0.0
 
     def _seed(self, seed: Any, mask: Flags) -> None:
-        """Seed the slots of `mask`: slot i with `seed` + i, or with entry i of a list; None keeps its generator."""
+        """Seed the slots of `mask`: slot i with `seed` + i or, from a list, with entry i; None keeps the generator."""
         if seed is None and self._generators:
             return
         seeds: Sequence[Any] = [None] * self.num_envs
@@ -217,7 +211,7 @@ def of_rows(columns: Mapping[str, NDArray[Any]], rows: Flags) -> dict[str, Any]:
 
 
 def masked(info: dict[str, Any], mask: Flags) -> dict[str, Any]:
-    """Return `info` in the form of Gymnasium's vector environments: each key gets a second key with the slots' mask."""
+    """Return `info` with a second key `_key` for each key, which has the mask of the slots, as Gymnasium requires."""
     result: dict[str, Any] = {}
     for name, value in info.items():
         result[name] = masked(value, mask) if isinstance(value, dict) else value

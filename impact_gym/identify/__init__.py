@@ -43,7 +43,7 @@ def identify(
             begin at any time before the blow, and end at any time after it.
         scene: the known numbers, and a guess of each free number. The search also starts from other guesses, for
             instance from the impulse and the width of the blow.
-        motion: the imposed motion, or one for each log.
+        motion: the imposed motion, or one motion for each log.
         free: names of the scene's numbers to fit.
         sensor: properties of the sensor; a mapping from columns to sensors if the logs have several columns. None: no
             filter, no bias, and the noise is estimated.
@@ -87,7 +87,7 @@ def _by_column(sensor: Sensor | Mapping[str, Sensor] | None, columns: Sequence[s
             raise ValueError(f"sensor must name its column, such as {{'{columns[0]}': Sensor(...)}}; got {columns}")
         return {columns[0]: sensor}
     if not isinstance(sensor, Mapping):
-        raise WrongTypeError(f"sensor must be a Sensor or a mapping from columns to them, got {shown(sensor)}")
+        raise WrongTypeError(f"sensor must be a Sensor or a mapping from columns to Sensors, got {shown(sensor)}")
     for name, known in sensor.items():
         if name not in columns:
             raise ValueError(f"sensor: no log has a column {name!r}; there are {', '.join(columns)}")

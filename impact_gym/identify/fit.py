@@ -1,7 +1,7 @@
 """Find the best fit from several starting points, and the interval of each free number by its profile likelihood.
 
 `Fit.of` takes the best of the local minima found. `intervals` moves one number at a time away from its best value and
-fits all others again. The misfit of a fit is the sum of (residual / noise)^2 over all samples.
+fits all other numbers again. The misfit of a fit is the sum of (residual / noise)^2 over all samples.
 """
 
 import math
@@ -16,7 +16,7 @@ from impact_gym.identify.search import ROUGH, Point, as_good, descend, distinct,
 from impact_gym.identify.sensor import Array, bursts, level
 
 STARTS = 8  # starting points that are fitted; `Fit.again` fits 8 more
-NOISE_ROUNDS = 3  # how often the noise is estimated at most; a new fit follows each estimate
+NOISE_ROUNDS = 3  # largest number of fits, each followed by an estimate of the noise
 CONFIDENCE = 0.95
 END_TOLERANCE = 0.02  # tolerance of an interval's end, relative to the interval's half width
 MAX_STEP = 1.5  # largest first step of a coordinate towards an end; a longer interval may contain another minimum
@@ -51,7 +51,7 @@ class Fit:
         return cls.polished(model, as_good(model, _minima(model, 0)))
 
     def again(self) -> "Fit":
-        """Fit STARTS more starting points; return the best of old and new minima, or this fit if there is none new."""
+        """Fit STARTS more starting points; return the best fit, or this fit if no new minimum is good enough."""
         model, known = self.model, [Point(self.misfit, self.x), *self.others]
         good = as_good(model, distinct(model, known + _minima(model, STARTS)))
         is_new = {id(point) for point in good} - {id(point) for point in known}
@@ -79,7 +79,7 @@ class Fit:
         return float(stdtrit(self.model.samples - self.model.size, upper))
 
     def excess(self, point: Point) -> float:
-        """Return by how much the misfit of a point exceeds the least misfit; at an interval's end by `quantile`^2."""
+        """Return by how much the misfit of a point exceeds the least misfit; at an interval's end: `quantile`^2."""
         return max(point.misfit - self.misfit, 0.0)
 
     @property
@@ -108,22 +108,20 @@ def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
 
 
 def _minima(model: Model, after: int) -> list[Point]:
-    """Fit roughly from STARTS starting points, leaving out the best `after` ones, and return the local minima.
+    """Fit roughly from STARTS starting points after the best `after` points, and return the local minima.
 
-    If the logs contain more than the first blow, fits to the first blow alone are made, too, and the fits also start
-    from their minima, because later blows add many local minima.
-
-    Raises:
-        ValueError: no starting point leads to a blow, or a free number does not change the residuals.
+    If a log has several blows, fits to the first blow give more starting points: later blows add many minima.
     """
     which = slice(after, after + STARTS)
     starts, first = scatter(model)[which], model.of_first_blow()
     if not after and not starts:
-        raise ValueError("scene: no scene near it can be simulated to a blow; are motion and distance right?")
+        raise ValueError("scene: no guess near it leads to a simulated blow; are motion and distance right?")
     if not after:
         slopes = np.sum([np.abs(model.jacobian(x)).max(axis=0) for x in starts], axis=0)
         for number in (number for number, slope in zip(model.free, slopes, strict=False) if slope == 0.0):
-            raise ValueError(f"free: the log does not depend on {number.name}; fix it, or record a column that does")
+            raise ValueError(
+                f"free: the log does not depend on {number.name}; leave it out, or record a column that does"
+            )
     if first.samples < model.samples:
         starts += [point.x for point in race(first, scatter(first)[which])]
     return race(model, starts)
@@ -147,7 +145,7 @@ def _extra_blows(fit: Fit) -> str:
         if any(extra) and len(blows) > 1:
             times = ", ".join(f"{log.time[first]:g}" for first, _ in blows)
             return (f"{log.name} has {len(blows)} blows, at {times} s, but the scene makes no more than "
-                    f"{len(blows) - sum(extra)} of them: cut it to one blow, or give each blow as a log")  # fmt: skip
+                    f"{len(blows) - sum(extra)} of them: cut the log to one, or make one log of each")  # fmt: skip
     return ""
 
 
@@ -193,7 +191,7 @@ def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
 
 
 def _end(fit: Fit, i: int, side: int) -> float | None:
-    """Return the end of the interval of x[i] on one side (-1, 1): the outermost one found from the good minima."""
+    """Return the end of the interval of x[i] on one side (-1, 1): the outermost end found from any good minimum."""
     limit = fit.quantile**2
     end = profile(fit, i, side, Point(fit.misfit, fit.x))
     for point in fit.others:
@@ -219,13 +217,10 @@ def _is_vague(fit: Fit) -> bool:
 
 
 def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
-    """Keep x[i] at `u`, fit all others again, and return the result.
+    """Keep x[i] at `u`, fit the other coordinates again, and return the result; raise _BetterError if it is better.
 
     The fit starts from `near`, moved along the valley; if the result is bad, a second fit starts from `near` with only
     x[i] changed.
-
-    Raises:
-        _BetterError: the result is better than the best fit.
     """
     points = []
     for along in (fit.valley[:, i] / fit.valley[i, i], np.zeros_like(near.x)):

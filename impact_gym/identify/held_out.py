@@ -1,4 +1,4 @@
-"""Test fits on blows that they have not seen: a fit to each half of the logs predicts the blows of the other half.
+"""Test the predictions of fits: a fit to each half of the logs predicts the blows of the other half.
 
 Every quantity is computed in the same way from the measured and from the predicted samples. For a predicted log, only
 the start of the motion and an unknown bias are fitted to the log itself.
@@ -44,7 +44,7 @@ class HeldOut:
     predictions: tuple[Prediction, ...]
 
     def errors(self, quantity: str) -> tuple[Array, Array]:
-        """Return relative errors of `quantity`, each (blows,): of predictions, and of the medians of equal blows."""
+        """Return relative errors of `quantity` (blows,): of predictions; of medians of blows with the same motion."""
         rows = [each[2:] for each in self.predictions if each.quantity == quantity]
         measured, predicted, equal = np.array(rows).reshape(-1, 3).T
         with np.errstate(divide="ignore"):  # inf where the measured value is 0
@@ -76,7 +76,7 @@ def hold_out(
     log: Sequence[Any], scene: Scene, motion: Trapezoid | Sequence[Trapezoid],
     free: Iterable[str] = FREE, sensor: Sensor | Mapping[str, Sensor] | None = None,
 ) -> HeldOut:  # fmt: skip
-    """Fit every second log and predict the others, then exchange their roles; takes the arguments of `identify`.
+    """Fit every second log and predict the other logs, then the reverse; for the arguments see `identify`.
 
     Raises:
         TypeError, ValueError: as `identify`; or there are too few logs, their columns differ, or they have neither a

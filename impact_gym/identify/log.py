@@ -34,10 +34,10 @@ MAX_FORCE = 1e5  # N
 MAX_ACCELERATION = 1e6  # m/s^2
 MAX_SPEED_RATIO = 10.0  # largest ratio of a recorded velocity to the speed of the motion
 MAX_STEP = 0.05  # s, largest median time between two samples
-MAX_GAP = 1.5  # in median steps: after a longer step samples were lost, unless neighbouring steps are shorter instead
+MAX_GAP = 1.5  # in median steps: in a longer step samples were lost, unless the steps beside it are as much shorter
 MAX_LOST = 3  # largest number of lost samples in a row
 MIN_SWING = 10.0  # least range of a column with a blow, largest minus least sample, in standard deviations of the noise
-LEAST_IMPULSE = 0.03  # smallest impulse allowed / plastic impulse of the lightest bodies in the searched ranges
+LEAST_IMPULSE = 0.03  # smallest impulse allowed / impulse of a plastic impact of the lightest bodies searched
 FLAT_SAMPLES = 3  # so many equal extreme values in a row show that the sensor was saturated
 
 
@@ -171,10 +171,7 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
 
 
 def _refuse_clipped(log: Log, name: str) -> None:
-    """Raise ValueError if a column is saturated.
-
-    A saturated column has equal extreme values in a row that differ from their neighbours by more than the resolution.
-    """
+    """Raise ValueError if a column is saturated: an extreme value repeats, and its neighbours clearly differ."""
     values = log.columns[name]
     resolution = np.diff(np.unique(values))
     for end, side in ((values.max(), 1.0), (values.min(), -1.0)):

@@ -30,13 +30,7 @@ WALL = 1e5  # times the mass of a tool on a spring, largest object mass: a heavi
 LARGEST_LOGIT = 14.0  # largest ln(e/(1-e)): e within 1e-6 of 0 or 1
 RTOL = 1e-8
 STEP = 2e-3
-"""Step of a coordinate for derivatives by forward differences.
-
-The errors of these derivatives by curvature (0.1 %) and by the simulator's own steps are far below a noise of 1 %.
-Derivatives with respect to start and bias need no simulation. So a fit takes up to 30 % fewer simulations than with
-SciPy's "2-point" and less than half as many as with "3-point", and finds the same minimum. `sweep` cannot compute
-these differences, because it returns only the final state of a run.
-"""
+"""Step of a coordinate for derivatives by forward differences; their error of 0.1 % is far below a noise of 1 %."""
 IMPOSSIBLE = 1e3  # if the scene cannot be simulated, each residual is this times the range of the log's column
 
 
@@ -90,7 +84,7 @@ def free_coordinates(scene: Scene, free: Iterable[str]) -> tuple[Coordinate, ...
         raise WrongTypeError(f"free must be a sequence of names, got the text {free!r}")
     known, names = list(flatten(parts(scene))), list(free)
     if not names or len(set(names)) < len(names):
-        raise ValueError(f"free must name at least one number of the scene, and none twice, got {names}")
+        raise ValueError(f"free must name at least one number of the scene, and no number twice, got {names}")
     coordinates = []
     for name in names:
         if name not in known:
@@ -99,7 +93,7 @@ def free_coordinates(scene: Scene, free: Iterable[str]) -> tuple[Coordinate, ...
             raise ValueError(f"free: the scene has no number {name!r}{hint}; it has {', '.join(known)}")
         value = get(scene, name)
         if value == 0.0:
-            raise ValueError(f"free: {name} must not be 0 in the scene, which gives its scale: give a guess")
+            raise ValueError(f"free: {name} must not be 0 in the scene, because the search starts there: give a guess")
         searched = SEARCHED.get(name, (abs(value) / SEARCH_FACTOR, abs(value) * SEARCH_FACTOR))
         wall = WALL * scene.tool.mass if name == MASS and isinstance(scene.coupling, SpringDamper) else math.inf
         coordinates.append(Coordinate(name, math.copysign(1.0, value), searched, wall))
@@ -179,10 +173,7 @@ class Model:
         return trace
 
     def latest(self, scene: Scene, k: int) -> float:
-        """Return the latest time (s), counted from the start of the motion, at which log k may end.
-
-        Log k must begin before the flange has travelled twice the distance to the object and the spring has settled.
-        """
+        """Return the latest time (s) after the start of the motion at which log k may end."""
         motion, log = self.motions[k], self.logs[k]
         arrival = 2.0 * scene.object.distance / motion.speed + motion.speed / motion.acceleration
         if isinstance(spring := scene.coupling, SpringDamper):
@@ -244,10 +235,7 @@ class Model:
         return (self.predicted(x)[0] + self.biases(x) - self.measured) / self.scales()
 
     def jacobian(self, x: Array, skip: int | None = None) -> Array:
-        """Return the derivatives of `residuals` with respect to x (n, size); the column of x[skip] stays 0.
-
-        Derivatives with respect to free numbers are forward differences of simulations.
-        """
+        """Return the derivatives of `residuals` with respect to x (n, size); the column of x[skip] stays 0."""
         here, slopes = self.predicted(x)
         columns = np.zeros((self.samples, self.size))
         for i, coordinate in enumerate(self.free):

@@ -109,9 +109,9 @@ class Identified:
 def misfits(fit: Fit) -> Iterator[str]:
     """Yield a sentence for each test that the residuals fail. A correct model fails a test with chance FALSE_ALARM.
 
-    Tested are the mean before the touch (normal distribution), the variance from the touch on compared with that before
-    the touch (Fisher's F), the variance compared with a known noise (chi-squared), and whiteness (Ljung and Box,
-    Biometrika 65, 1978). Residuals smaller than the resolution of the sensor are not noise, and are not tested.
+    The tests: mean before the touch (normal distribution); variance from the touch on / variance before it (Fisher's
+    F); variance / known variance of the noise (chi-squared); whiteness (Ljung and Box, Biometrika 65, 1978). A column
+    with noise below the resolution of the sensor is not tested.
     """
     model = fit.model
     scene, left = model.scene_at(fit.x), -fit.model.residuals(fit.x)

@@ -1,4 +1,4 @@
-"""Choose starting points of a fit, and run least squares from several of them, dropping the worst on the way.
+"""Choose starting points of a fit, run least squares from several of them, and stop the worst fits early.
 
 The free numbers of a starting point are those of the given scene, those of a scene whose blow has the measured impulse
 and width, or a point of a Latin hypercube over the searched ranges. For these numbers, the start of the motion and the
@@ -27,7 +27,7 @@ HEAVY = 1e3  # largest object mass in `from_impulse`, in masses of the tool
 ROUNDS = 5  # of `race`: number of comparisons
 ROUND_EVALUATIONS = 8  # most evaluations of the residuals before a comparison
 MIN_GAP_REDUCTION = 0.2  # a fit is dropped if a round closes less than this part of its gap to the best fit
-GOOD_MISFIT = 20.0  # in misfits per sample: a rough minimum at most so far above the least misfit is refined
+GOOD_MISFIT = 20.0  # in misfits per sample: a rough minimum is refined if it exceeds the least misfit by less than this
 MIN_DISTANCE = 0.03  # minima are distinct if a coordinate differs by more than this
 LARGEST_START = 4.0  # largest |ln(e/(1-e))| at the start of a fit, which means e from 0.02 to 0.98
 FINE, ROUGH = 1e-8, 1e-5  # relative tolerances of misfit and x: FINE for the final fit, ROUGH for intermediate fits
@@ -54,7 +54,7 @@ def scatter(model: Model) -> list[Array]:
 
 
 def from_impulse(model: Model, given: Array) -> list[Array]:
-    """For each of RESTITUTIONS, return coordinates that give impulse and width measured in the first log with a force.
+    """For each of RESTITUTIONS, return coordinates that reproduce impulse and width in the first log with a force.
 
     The impulse is (1 + e) v / (1/m + 1/m_tool). The width, impulse / peak, is proportional to k^(-1/(n + 1)) for a
     force k delta^n (Johnson, Contact Mechanics, 1985, sec. 11.4). Each pass simulates a blow and corrects m and k.
@@ -191,8 +191,8 @@ def descend(
 def race(model: Model, starts: Sequence[Array]) -> list[Point]:
     """Fit roughly from all `starts`; return the distinct minima, the best first.
 
-    The fits run in rounds, and are compared after each round. If several fits are at the same place, only the best one
-    continues. A fit is dropped if it is clearly worse than the best fit and has hardly improved in this round.
+    The fits run in rounds, and are compared after each round. Of several fits with the same free numbers only the best
+    fit continues. A fit is stopped if it is clearly worse than the best fit and has hardly improved in this round.
     """
     points = [Point(math.inf, x, is_minimum=False) for x in starts]
     for _ in range(ROUNDS):

@@ -1,4 +1,4 @@
-"""The response of a sensor (load cell, low pass, bias, noise), and noise, level and blows found in a column alone."""
+"""The response of a sensor (load cell, low pass, bias, noise), and noise, level and bursts of a measured column."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -29,7 +29,7 @@ def curve(time: Array, values: Array) -> PPoly:
     rise = np.diff(y) / steps
     before, after = steps[:-1], steps[1:]
     middle = (after * rise[:-1] + before * rise[1:]) / (before + after)
-    middle[(rise[:-1] == 0.0) | (rise[1:] == 0.0)] = 0.0  # from rest, or to it
+    middle[(rise[:-1] == 0.0) | (rise[1:] == 0.0)] = 0.0  # where a rest begins or ends
     slope = np.concatenate([rise[:1], middle, rise[-1:]])
     square = (3.0 * rise - 2.0 * slope[:-1] - slope[1:]) / steps
     cube = (slope[:-1] + slope[1:] - 2.0 * rise) / steps**2
@@ -97,7 +97,7 @@ class Sensor(Parameters):
         return value, slope
 
     def _lags(self) -> list[tuple[complex, complex]]:
-        """Return (weight, rate in 1/s) of first-order lags; their weighted sum's real part is load cell and filter."""
+        """Return (weight, rate in 1/s) of first-order lags; load cell and filter: real part of their weighted sum."""
         slow = 2.0 * np.pi * self.low_pass if self.low_pass else None
         if self.cell is None:
             return [(1.0, slow)] if slow else []

@@ -1,10 +1,6 @@
 """The damping factor d = (chi / k_c) v_in for a nominal restitution, and the restitution e_eff that it produces.
 
-The restitution of an isolated contact with m = n depends on d alone, not on exponent, masses, stiffness and velocity.
-Multiply u'' = -u^n (1 + d u') by u' / (1 + d u') and integrate from onset to separation:
-
-    d - ln(1 + d) = -z - ln(1 - z),      z = d e_eff                                   (closed form: Lambert's W)
-
+An isolated contact with m = n satisfies d - ln(1 + d) = -z - ln(1 - z) with z = d e_eff, as derived in `damping.pxi`.
 Published laws are approximate solutions of this equation for d. Skrinjar, Slavic, Boltezar, Int. J. Mech. Sci. 145
 (2018) 171-187 (the paper's reference 11) collect the laws below and more.
 """

@@ -1,9 +1,9 @@
 """Contact stiffness of two bodies from their materials, and a small table of materials of pads and surfaces.
 
 Published values scatter, so the table has ranges. Each source says whether we read it. Restitution depends on the
-materials and shapes of the two bodies, and on their velocity. So the table gives it only where it was measured with two
-bodies of the same material, or with a body against a far stiffer one. For other pairs measure a blow, and use
-`impact_gym.identify`.
+materials and shapes of the two bodies, and on their velocity. So the table gives a restitution only if it was measured
+with two bodies of the same material, or with one body of the material and a far stiffer body. For other pairs measure a
+blow, and use `impact_gym.identify`.
 """
 
 import math
@@ -80,8 +80,8 @@ FOAM = (
 def rubber(shore: float, source: str = GENT, restitution: Range | None = None) -> Material:
     """Return rubber of hardness `shore` (Shore A); the range of Young's modulus is Gent's value divided and times 1.2.
 
-    Gent's relation is that of a flat punch, E = (1 - nu^2) F / (2 R delta), where F is the spring force of the
-    durometer, delta its indentation, and R the mean radius of its blunt cone.
+    Gent's relation treats the blunt cone of the durometer as a flat punch: E = (1 - nu^2) F / (2 R delta), where F is
+    the spring force of the durometer, delta the indentation, and R the mean radius of the cone.
     """
     shore = number("shore", shore, "(Shore A)", at_least=20, at_most=80)
     young = 1e6 * 0.0981 * (56.0 + 7.62336 * shore) / (0.137505 * (254.0 - 2.54 * shore))

@@ -29,7 +29,7 @@ def free_tool(
 ) -> tuple[Velocities, Velocities]:  # fmt: skip
     """Return the final velocities of tool and object, m/s, after an impact of two free bodies (paper, eq. 3-4).
 
-    `impulse` (N s) is that of a coupling on the tool during the impact (paper, eq. 21-22). It increases the velocities
+    `impulse` (N s) is given by a coupling to the tool during the impact (paper, eq. 21-22). It increases the velocities
     of tool and object by the same amount.
 
     Raises:

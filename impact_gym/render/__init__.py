@@ -31,10 +31,7 @@ class Renderer:
     """Draws the episodes of one environment."""
 
     def __init__(self, mode: str, rate: float = FRAME_RATE) -> None:
-        """Set the `render_mode`, and for "rgb_array" the pictures per second of its film.
-
-        pygame is imported with the first picture. In mode "human" a window is opened with the first picture.
-        """
+        """Set the `render_mode`, and for "rgb_array" the pictures per second of its film."""
         self._mode, self._rate = mode, rate
         self._canvas: Canvas | None = None
         self._window: pygame.Surface | None = None

@@ -34,7 +34,7 @@ class Canvas:
         """Make an empty picture; needs no display.
 
         Raises:
-            DependencyNotInstalled: pygame is not installed; says how to install it.
+            DependencyNotInstalled: pygame is not installed; the message says how to install pygame.
         """
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         try:

@@ -122,8 +122,8 @@ class History:
     def film(self, after: float) -> Iterator[tuple[float, float]]:
         """Yield the instants (s) of the frames after the instant `after`, each with its factor.
 
-        The end of a control step, if shorter than a frame, is left to the frames of the next step. But each step has at
-        least one frame, and the last frame of an episode shows its last instant.
+        The time left after the last frame of a control step belongs to the first frame of the next step. Each step has
+        at least one frame, and the last frame of an episode shows its last instant.
         """
         time, factor = after, self.factor(after)
         while time + 1.0 / (FRAME_RATE * factor) <= self.now:

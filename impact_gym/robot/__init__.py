@@ -31,10 +31,7 @@ from impact_gym.validation import choice, number, numbers, one_of, whole
 __all__ = ["IMPACT", "Approach", "Arm", "default_approach", "from_urdf", "joint_angles"]
 
 PerJoint = float | Sequence[float] | Sequence[tuple[float, float]]
-"""A number for all joints, or one for each; or a pair (low, high) for all joints, or one for each.
-
-From a pair a number is drawn log-uniformly.
-"""
+"""One number or pair (low, high) for all joints, or one for each joint; from a pair a number is drawn log-uniformly."""
 
 
 def from_urdf(
@@ -48,7 +45,7 @@ def from_urdf(
         base: name of the fixed link; links above it are ignored.
         tip: name of the link at the end of the arm; its frame is the flange.
         joint_stiffness: N m/rad, for prismatic joints N/m: see `PerJoint`. Two numbers for an arm of two joints are one
-            number for each joint. There is no default, because the stiffness is seldom published, but matters.
+            number for each joint. There is no default, because the stiffness matters, but is seldom published.
         joint_damping: N m s/rad, for prismatic joints N s/m: see `PerJoint`.
         rotor_inertia: inertia of the motors' rotors, kg m^2, for prismatic joints kg; only the servo of
             `all_joints.simulate` needs it.

@@ -3,7 +3,8 @@
     M(q) q'' + c(q, q') = D (q_m' - q') + K (q_m - q) - J' F
 
 Elastic joints connect the motors, at the angles q_m, with the links, at the angles q. The motors follow the line,
-exactly or by a servo. Tool and object move along the line; F is the contact law of the scene, or the coupling's force.
+exactly or by a servo. Tool and object move along the line. F is the force of the coupling on the flange or, if the
+coupling is rigid, the contact force.
 MuJoCo computes M, J and the bias c, and SciPy integrates. Neither MuJoCo's contacts and integrator nor the compiled
 solver of this package are used, so that the results are independent of them.
 """

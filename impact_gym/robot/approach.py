@@ -32,7 +32,7 @@ Mass = Literal["held", "effective", "composite"]
 class Approach(Parameters):
     """A robot whose flange moves along a straight line at constant orientation; arrays have a row for each position.
 
-    The masses do not contain a tool; the mass of a tool is added to them (paper: 'simply adds').
+    The masses do not contain a tool.
     """
 
     position: Annotated[Array, SI("m")]  # distance of the imposed motion from its start, rising from 0

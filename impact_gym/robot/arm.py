@@ -96,7 +96,7 @@ class Arm:
         return jacobian
 
     def held_rows(self, angles: ArrayLike) -> Array:
-        """Return the rows of J(q) in whose directions the flange is held: six; below six joints three."""
+        """Return the rows of J(q) for the directions in which the flange is held: six, or three below six joints."""
         return self.jacobian(angles)[: 6 if self.holds_orientation else 3]
 
     @cached_property
@@ -162,11 +162,10 @@ class Arm:
         """Return a row of an `Approach`, at these joint angles and for motion in `direction`; keys are its field names.
 
         Held mass, damping and stiffness are the elements (1,1) of the Cartesian matrices (paper, eq. 12-16). They
-        describe a flange that is *held* in all directions but the line's; a flange that is free in them is lighter and
-        softer. The effective mass is the mass that an impulse along the line meets at first. The effective stiffness is
-        static force / deflection along the line. By Cauchy-Schwarz they never exceed the held mass and stiffness. The
-        composite mass is that of all links as one free rigid body; an arm under stiff position control behaves nearly
-        like such a body (Wang, Dehio and Kheddar, arXiv 2202.12646).
+        describe a flange that can move only along the line. Effective mass and stiffness describe a free flange:
+        impulse / velocity and static force / deflection along the line. They never exceed the held mass and stiffness
+        (Cauchy-Schwarz). The composite mass is the effective mass of all links as one free rigid body; an arm under
+        stiff position control behaves nearly like such a body (Wang, Dehio and Kheddar, arXiv 2202.12646).
 
         For an arm with more joints than held directions, a Cartesian matrix is A_X = (J A^-1 J')^-1.
 

@@ -36,8 +36,8 @@ class Body(NamedTuple):
 def pseudo_inertia(mass: float, tensor: Array, place: Array) -> Array:
     """Return the pseudo-inertia J (4, 4): the integral of r r' over a link's mass, r = (x, y, z, 1) in its frame.
 
-    The J of links that are welded together add up in a common frame; in a frame in which the link has the pose T it is
-    T J T'. See Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3 (2018).
+    In a frame in which the link has the pose T, the pseudo-inertia is T J T'. In a common frame the pseudo-inertias of
+    welded links add up (Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3, 2018).
 
     Args:
         mass: kg.

@@ -95,7 +95,7 @@ class Equations:
         return float(held.force(place)) - front + rear
 
     def flange(self, y: Array) -> tuple[float, float, Array]:
-        """Return position and velocity of the flange along the line, and the row of the Jacobian for it."""
+        """Return position and velocity of the flange along the line, and d(velocity) / d(joint rates)."""
         place, J = self.arm.move(y[: self.n], y[self.n : 2 * self.n])
         row = self.u @ J
         return float(self.u @ (place - self.start)), float(row @ y[self.n : 2 * self.n]), row

@@ -24,7 +24,7 @@ UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 """Types of joints that an arm may have, and the unit of each type's position."""
 MOST_MASS, MOST_INERTIA, FARTHEST, MOST_TURN = 1e6, 1e12, 100.0, 10.0
 """Largest numbers allowed in a file, in kg, kg m^2, m and rad; larger ones are probably in other units."""
-MOST_JOINTS = 1000  # most joints of an arm, along which MuJoCo recurses
+MOST_JOINTS = 1000  # most joints of an arm; MuJoCo recurses from joint to joint
 
 Element = ElementTree.Element
 

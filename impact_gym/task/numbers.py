@@ -1,7 +1,4 @@
-"""Generate `numbers.pxi`: structures of the compiled program with a field for each row of `impact_gym.quantities`.
-
-setup.py writes the file.
-"""
+"""Generate `numbers.pxi`: structures of the compiled program with a field for each row of `impact_gym.quantities`."""
 
 from collections.abc import Iterable, Iterator
 

@@ -27,9 +27,9 @@ TRACE_COLUMNS = {
 class Channel(Parameters, path="uplink"):
     """A channel from operator to arm, or from arm to operator, that sends a packet each control period.
 
-    A packet that is overtaken by a newer one is dropped. The delay of a packet is `delay` plus an exponentially
-    distributed random time; its mean is `jitter`, or `tail` for the fraction `tail_share` of the packets, and it is at
-    most twelve times its mean. A `trace` (rows of time and delay in s, or a CSV file of such rows) gives the
+    A packet that is overtaken by a newer packet is dropped. The delay of a packet is `delay` plus an exponentially
+    distributed random time with the mean `jitter`, or `tail` for the fraction `tail_share` of the packets. The random
+    time is at most twelve times its mean. A `trace` (rows of time and delay in s, or a CSV file of such rows) gives the
     delays instead, beginning at a random time of the trace; a packet is lost if the nearest row has the delay `LOST`.
     Losses come in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
     """
@@ -65,10 +65,7 @@ class Channel(Parameters, path="uplink"):
 
     @property
     def table(self) -> NDArray[np.float64]:
-        """The trace for the compiled program: n times (s), then n delays (s).
-
-        A delay of `LOST` applies up to the middle between its row and the next row.
-        """
+        """The trace for the compiled program: n times (s), then n delays (s); between rows the nearest loss counts."""
         times, delays = np.array(self.trace or np.empty((0, 2)), np.float64).T
         lost = delays >= LOST
         if not lost.any():

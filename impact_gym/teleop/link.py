@@ -12,7 +12,7 @@ from impact_gym.teleop.channels import LOST, WAYS, Channel
 from impact_gym.teleop.operators import KINDS, Operator
 from impact_gym.validation import Range
 
-LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, s: largest time between two rows of a trace, the longer
+LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, s; the longer is the largest time between rows of a trace
 FADE: float = WITHDRAWAL_FADE  # s, time in which a withdrawal is reduced to 0
 
 

@@ -1,4 +1,4 @@
-"""Operators, who command the velocity of an arm from afar.
+"""Operators: persons, models of persons, and recordings, which command the velocity of an arm over a channel.
 
 Operators do not know where the object is. They assume its face `place_error` farther away than it is, and search at the
 speed `creep` from there on. They see a touch on the display and stop a reaction time later, except `Replay` and
@@ -30,8 +30,8 @@ class Commander(Parameters, path="operator"):
 class Replay(Commander):
     """Plays recorded commands, interpolated linearly, and holds the last one; it does not react to anything.
 
-    With a `length` (s), `time` and `velocity` contain several recordings one after another, each that long. `recording`
-    is the index of the one to play, from 0; from a pair (0, n) each episode draws one of n recordings.
+    With a `length` (s), `time` and `velocity` contain several recordings of this length, one after another. The index
+    of the recording to play, from 0, is `recording`; from a pair (0, n) each episode draws one of n recordings.
     """
 
     time: Instants  # rising from 0
