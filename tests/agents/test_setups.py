@@ -1,7 +1,6 @@
 """Set-ups: shipped ones are complete, files are read as written, and `impact-gym check` prints true statements."""
 
 import math
-import sys
 from dataclasses import replace
 from itertools import repeat
 from pathlib import Path
@@ -52,12 +51,10 @@ def test_load_setup_reads_a_file(mine):
     assert np.array_equal(single.reset(seed=5)[0], several.reset(seed=5)[0][0])
     task, training = Task(**setup.environment), setup.training
     assert {*task.drawn} == {"tool_mass", "coupling.stiffness", "robot.stiffness", "range_noise"}
-    assert (task.velocity_range, task.scenario.object_mass) == ((-0.2, 0.6), (0.2, 1.0))
     assert [*setup.tuned] == ["mine-profile"] == [*setup.against]  # the defaults of a file without [baselines]
     assert setup.tuned["mine-profile"].rule == "RangedProfile"
     assert setup.folder == Path("runs/mine")
-    assert (training.steps, training.rollout, setup.seeds, setup.budget) == (2000, 16, 2, 16)
-    assert setup.evaluation.weights == (1.0, 4.0)
+    assert (training.steps, setup.seeds, setup.budget, setup.evaluation.weights) == (2000, 2, 16, (1.0, 4.0))
 
 
 @pytest.mark.filterwarnings("ignore:SpringDamper.stroke")
@@ -94,8 +91,6 @@ def test_a_users_set_up_is_varied_around_its_own_numbers():
         for change in changes("alarm_threshold", varied["alarm_threshold"], own)
     ]
     assert thresholds == [0.75, 1.5, 3.0, 6.0, 12.0]  # N
-    assert "robot" not in Evaluation.of_table({}, {}).varied
-    assert len(load_setup("linear-blind").evaluation.varied["robot"]) == 2
 
 
 def test_variants_start_from_the_nominal_arguments():
@@ -110,12 +105,6 @@ def test_variants_start_from_the_nominal_arguments():
         task = Task(**change.environment)
         assert (task.tool_mass, task.force_noise, task.robot, task.alarm) == (mass, noise, None, "reading")
         assert (task.drawn, change.same) == ({}, same)
-
-
-def test_changes_leave_out_values_that_the_environment_refuses():
-    tight = {"type": "Bistable", "free_length": 0.07, "height": 0.06995, "front_stop": 0.001, "rear_stop": -0.001}
-    kept = changes("coupling.front_stop", {"times": [1.0, 4.0]}, {"coupling": tight})
-    assert [change.value for change in kept] == [1.0]
 
 
 def behind_in_far_flight(task, acceleration, duration):
@@ -145,17 +134,9 @@ def test_lines_state_the_consequences(mine):
     hand = [4.0 * m / k + 4.0 * (8.0 + m) / k_r for m in (0.3, 0.5) for k in (200, 400) for k_r in (5e4, 2e5)]
     assert sorted(lags) == pytest.approx(sorted(hand), rel=1e-12)
     text, of_mechanism = ("\n".join(check.lines(load_setup(name))) for name in (mine, "bistable-paper"))
-    drawn = "robot.stiffness: 50000 to 200000 N/m, log-uniform"
-    assert all(part in text for part in (drawn, f"impact-gym train {mine}", "mine-profile", "distance estimate"))
+    assert "robot.stiffness: 50000 to 200000 N/m, log-uniform" in text
     assert "warning" not in text
-    assert "the front stop holds the tool up to 8.38" in of_mechanism
     assert "the front stop holds the tool with 1.05 N" in of_mechanism  # 8.38 m/s^2 times 0.125 kg
-
-
-def test_check_needs_pygame_only_for_the_picture(monkeypatch, capsys, tmp_path):
-    monkeypatch.setitem(sys.modules, "pygame", None)
-    check.run(check.Check("linear-blind", tmp_path / "picture.png"))
-    assert capsys.readouterr().out.splitlines()[-1].startswith("no picture: rendering needs pygame")
 
 
 @pytest.mark.parametrize(("acceleration", "speed"), [(20.0, 1.5), (2.0, 0.4), (1.5, 10.0)])

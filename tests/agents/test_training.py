@@ -18,11 +18,10 @@ from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import shipped
 from agents.train.__main__ import TrainOptions, read_options
 from agents.train.imitation import Teacher
-from agents.train.networks import CENTRE_AND_SPREAD, FastTanh, Standardised, standardisation
+from agents.train.networks import FastTanh, standardisation
 from agents.train.ppo import Run, make_environments, policy_from
 from agents.train.scaling import ScaledRewards
 from impact_gym.sb3 import ImpactVecEnv
-from impact_gym.task import Task
 
 
 @pytest.mark.parametrize("name", shipped())
@@ -34,12 +33,6 @@ def test_read_options_takes_settings_from_the_set_up_and_reads_the_command_of_a_
     options = read_options(shlex.split(run.command)[2:])
     assert Run(load_setup(options.setup), options.training, options.seed) == run
     assert Run(setup, setup.training).command == f"impact-gym train {name}"
-
-
-def test_run_is_validated_at_the_tolerance_of_its_environment():
-    run = tiny(rtol=1e-4)
-    assert run.training_task.rtol == 1e-4
-    assert run.task.rtol == Task().rtol
 
 
 @pytest.mark.parametrize("power", [0.0, 0.5])
@@ -127,24 +120,6 @@ def test_fast_tanh_equals_torchs_and_has_its_gradient():
     values = torch.cat((torch.linspace(-12.0, 12.0, 4001), torch.tensor([-1e4, -0.0, 0.0, 1e4])))
     assert FastTanh()(values).numpy() == pytest.approx(torch.tanh(values).numpy(), rel=0, abs=3e-7)
     assert torch.autograd.gradcheck(FastTanh(), torch.linspace(-2.0, 2.0, 9, dtype=torch.float64, requires_grad=True))
-
-
-def test_standardised_numbers_have_about_unit_size_during_a_training():
-    """With random commands; rare or one-sided numbers may differ."""
-    task = {"privileged": True, "range_noise": 0.01, "time_weight": (0.5, 8.0)}
-    envs, rng = ImpactVecEnv(256, **task), np.random.default_rng(0)
-    assert {*envs.observation_spec.ids} - {*CENTRE_AND_SPREAD} == {"reaction_delay"}  # fixed here
-    envs.seed(0)
-    seen = [envs.reset()]
-    for _ in range(120):
-        command = np.stack((rng.normal(0.2, 0.4, 256), rng.uniform(-1.0, 1.0, 256)), axis=1)
-        seen.append(envs.step(command.clip(-1.0, 1.0).astype(np.float32))[0])
-    layer = Standardised(envs.observation_space, [Task(**task)])
-    places = [place for place, name in enumerate(envs.observation_spec.ids) if name in CENTRE_AND_SPREAD]
-    standard = layer(torch.as_tensor(np.concatenate(seen))).numpy()[:, places]
-    assert np.abs(standard.mean(axis=0)).max() < 1.5
-    assert standard.std(axis=0).min() > 0.2
-    assert standard.std(axis=0).max() < 3.0
 
 
 def test_standardised_drawn_numbers_have_mean_0_and_deviation_1():

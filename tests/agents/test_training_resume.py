@@ -3,6 +3,7 @@
 import fcntl
 import json
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,14 +23,6 @@ from agents.train.ppo import policy_from, resume, train
 from agents.train.seeds import train_one
 from impact_gym.files import UNFINISHED
 from impact_gym.task import Task
-
-TINY_SETTINGS = ("steps", "envs", "rollout", "batch", "width", "validate_every", "validation_scenarios")
-ALL_AT_ONCE = """[environment]
-tool_mass = [0.1, 0.2]
-reaction_delay = [0.008, 0.032]
-[evaluation.nominal]
-tool_mass = 0.125
-"""
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +88,7 @@ def test_resume_reaches_the_same_result_and_logs_each_step_once(whole, part):
 @pytest.mark.parametrize("imitation_steps", [512, 2048])
 def test_resume_reaches_the_same_result_during_and_after_imitation(tmp_path, imitation_steps):
     path = tmp_path / "all.toml"
-    path.write_text(ALL_AT_ONCE)
+    path.write_text("[environment]\ntool_mass = [0.1, 0.2]\n[evaluation.nominal]\ntool_mass = 0.125\n")
     run = tiny(path, nominal=0.5, teacher="blind-profile", imitation_steps=imitation_steps, steps=2048)
     assert_same(train(run, tmp_path / "whole"), resume(interrupted(run, tmp_path / "part")))
 
@@ -183,21 +176,11 @@ def test_train_stops_with_the_reason_if_it_touches_no_object(unreachable, tmp_pa
 
 
 def test_train_seeds_ships_nothing_of_a_collapsed_seed(unreachable, tmp_path):
-    settings = (f"--{name.replace('_', '-')} {getattr(unreachable.training, name)}" for name in TINY_SETTINGS)
+    names = ("steps", "envs", "rollout", "batch", "width", "validate_every", "validation_scenarios")
+    settings = (f"--{name.replace('_', '-')} {getattr(unreachable.training, name)}" for name in names)
     with pytest.raises(JobsFailedError, match=r"1 of 1 jobs failed(.|\n)*CollapsedError(.|\n)*objects missed"):
         trained(tmp_path, unreachable.setup.path, "--seeds", "1", *" ".join(settings).split())
     assert not (tmp_path / "policies").exists()
-
-
-class MadeUpValidation:
-    """A validation with given scores and shares of missed objects, one after the other."""
-
-    def __init__(self, *results):
-        self.results = iter(results)
-
-    def score(self, controller):
-        score, missed = next(self.results)
-        return {"score": score, "time_weight": [], "object_velocity": [], "approach_time": [], "missed": [missed]}
 
 
 def test_callback_keeps_the_best_policy_and_ends_after_three_validations_without_a_touch(tmp_path):
@@ -207,7 +190,10 @@ def test_callback_keeps_the_best_policy_and_ends_after_three_validations_without
     made, provenance = (tmp_path, run.setup, run.training, environments), {"settings": {"seed": 0}}
     callback = TrainingCallback(*made, lambda: policy_from(model, run, provenance))
     misses = [1.0, 1.0, 1.0, 0.9, *[1.0, 1.0, 0.0] * 3, 1.0, 1.0, 1.0]
-    callback.validation = MadeUpValidation(*zip([0.9, 0.5, 0.7, *[0.8] * 13], misses, strict=True))
+    empty = {name: [] for name in ("time_weight", "object_velocity", "approach_time")}
+    scores = zip([0.9, 0.5, 0.7, *[0.8] * 13], misses, strict=True)
+    results = iter([{**empty, "score": score, "missed": [missed]} for score, missed in scores])
+    callback.validation = SimpleNamespace(score=lambda controller: next(results))
     with pytest.raises(CollapsedError, match=r"after 4,096 of 4,096 steps"):
         model.learn(run.training.steps, callback, log_interval=None)
     best = load_policy(tmp_path / "best.npz")

@@ -26,7 +26,6 @@ from agents.tune import (
     Tune,
     next_weight,
     scores,
-    search_bound,
     search_bounds,
     tune,
     tune_one,
@@ -178,12 +177,6 @@ def test_bound_is_below_every_shipped_baseline(name, weight):
         blind = of(count=count, task=setup.task).play(load_baseline(baseline, weight)).loss(weight)
         assert known.mean() < blind.mean()
         assert np.mean(known < blind) > 0.9  # in single scenarios a search may end in a local minimum
-
-
-def test_search_of_the_bound_prefers_a_gentle_touch_to_a_miss_at_any_time_weight():
-    parameters = search_bound({}, 0.01, scenarios=3, generations=12, population=10)
-    known = ScenarioBatch.of("test", 3, Task(privileged=True), time_weight=[0.01]).play(Clairvoyant(parameters))
-    assert not known.missed.any()
 
 
 def test_search_bounds_beats_a_blind_profile_and_keeps_its_result(tmp_path):

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.lab import colours
 from impact_gym.render import palette
 
 ROOT = Path(__file__).parents[2]
@@ -35,12 +34,3 @@ def test_pages_and_pictures_have_no_colours_of_their_own():
     for path in files:
         if path.name != "palette.py":
             assert re.findall(r"#[0-9a-fA-F]{6}\b|#[0-9a-fA-F]{3}\b(?=[;\"'])", path.read_text()) == [], path
-
-
-def test_drawing_follows_the_page_in_the_colours_of_the_palette():
-    drawing = f'<svg width="1"><path style="stroke: {palette.RULE.lower()}"/><path style="stroke: #123456"/></svg>'
-    adaptive = colours.adaptive(drawing)
-    assert f"stroke: var(--rule, {palette.RULE.lower()})" in adaptive
-    assert "stroke: #123456" in adaptive
-    dark = adaptive.split("prefers-color-scheme: dark")[1]
-    assert f"--rule: {palette.COLOURS['rule'][1].lower()}" in dark
