@@ -121,14 +121,6 @@ def test_lag_equals_the_lag_after_a_long_acceleration(coupling, robot):
     assert check.lag(task) == pytest.approx(behind_in_far_flight(task, 20.0, 5.0)[-1], rel=1e-6, abs=1e-9)
 
 
-@pytest.mark.parametrize("share", [0.98, 1.02])
-def test_mechanism_leaves_its_stop_above_the_acceleration_at_which_it_holds_the_tool(share):
-    task = Task(coupling=ig.Bistable())
-    held = task.coupling.holding_force / task.tool_mass  # m/s^2
-    behind = behind_in_far_flight(task, share * held, 2.0)
-    assert (np.abs(behind).max() > 0.01) == (share > 1.0)
-
-
 def test_lines_state_the_consequences(mine):
     lags = [check.lag(corner) for corner in feasible.corners(Task(**load_setup(mine).environment))]
     hand = [4.0 * m / k + 4.0 * (8.0 + m) / k_r for m in (0.3, 0.5) for k in (200, 400) for k_r in (5e4, 2e5)]

@@ -118,22 +118,6 @@ def test_page_stands_on_its_own_and_has_every_chart(browser, folder, width):
     assert pictures == {f"{name}_{key}.svg" for name in ("linear-blind", "twin") for key in ("answer", "trade_off")}
 
 
-def test_page_answers_on_one_screen_changes_its_theme_and_prints(browser, folder):
-    page, problems = opened(browser, folder / "index.html", 1280, 800, reduced_motion="no-preference")
-    for name in (".finding", ".trade img", ".fails", ".igw-panels", ".igw-controls"):
-        box = page.locator(name).first.bounding_box()
-        assert box["y"] + box["height"] <= 800, name
-    page.wait_for_function("document.querySelector('.igw-play').textContent === 'Pause'")
-    colours = set()
-    for _ in range(3):
-        page.click("#theme")
-        colours.add(page.evaluate("getComputedStyle(document.body).backgroundColor"))
-    assert len(colours) == 2
-    printed = page.pdf(format="A4")
-    assert 4 <= len(re.findall(rb"/Type\s*/Page[^s]", printed)) <= 10  # with all that was folded
-    assert problems == []
-
-
 def test_page_is_used_by_keyboard_and_chooses_a_set_up_by_link(browser, folder):
     page, problems = opened(browser, folder / "index.html")
     page.wait_for_selector(".igw-panel")

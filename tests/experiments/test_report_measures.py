@@ -7,8 +7,7 @@ import polars as pl
 import pytest
 from contest import COUNT, PAPER_TIME, SPEEDS, played, run
 
-from agents.setups import load_setup, shipped
-from agents.setups.evaluation import variants
+from agents.setups import load_setup
 from experiments.report import answer, choice, holds, tables
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Run
@@ -201,13 +200,6 @@ def test_where_it_fails_names_the_mildest_change_of_each_kind_and_the_largest_lo
         "compliant robot. There it is worse than the paper's rule.",
         "Worse than the paper's rule with compliant robot, tool mass (0.2 kg), reaction delay.",
     )
-
-
-@pytest.mark.parametrize("name", shipped())
-def test_changes_of_a_set_up_have_different_names(name):
-    setup = load_setup(name)
-    changes = list(map(holds.words, variants(setup.evaluation, setup.environment)))
-    assert len(set(changes)) == len(changes)
 
 
 def test_report_of_an_operator_gives_slide_and_done_time_of_each_assistance():

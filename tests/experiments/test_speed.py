@@ -26,13 +26,6 @@ def true_solution(approach):
     return Solution.of(reference.simulate(*approach.run, rtol=1e-12), approach.duration)
 
 
-def test_time_of_scipy_is_that_of_its_contacts_alone():
-    begun = contenders.thread_time()
-    solution, charged = contenders.solved(NAMED["soft"], f"{CAREFUL} RK45", 1e-8)
-    assert 0 < charged < contenders.thread_time() - begun
-    assert contenders.failure(solution, true_solution(NAMED["soft"]), 1e-7) == ""
-
-
 @pytest.mark.parametrize("approach", NAMED)
 def test_heyoka_solves_a_named_approach_as_the_slow_solver_does(approach):
     pytest.importorskip(PEER)

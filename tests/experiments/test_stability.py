@@ -70,14 +70,6 @@ def test_row_of_a_sound_run_breaks_no_promise(coupling, robot, e):
         assert abs(row["energy_created"]) < 1e-6 + row["energy_doubt"]
 
 
-@pytest.mark.parametrize("number", [882, 2628, 1177, 1678, 1845, 2197])
-def test_row_of_an_object_that_is_pushed_or_sticks_breaks_no_promise(number):
-    """The first two objects are pushed until the tool is at rest, the others stick to the ground under the tool."""
-    approach = approaches.storm(number)
-    assert approach.scene.object.friction
-    assert promises_broken(storm.row_of(approach) | {"milliseconds": 1.0}) == set()
-
-
 @pytest.mark.parametrize("e", [0.1, 0.5, 0.9])
 def test_row_of_an_isolated_contact_loses_the_energy_of_its_restitution(e):
     row = storm.row_of(approach_of(e=e, motion=ig.Trapezoid(1.0, 8.0)))

@@ -3,7 +3,8 @@
 import signal
 
 import pytest
-from playing import READY, SETUP, begin, open_page, pressed, served, until_over
+from pages import opened
+from playing import READY, SETUP, begin, pressed, served, until_over
 
 PAD = """() => {
   const pad = {axes: [0, 0], buttons: [{pressed: false}, {pressed: false}]};
@@ -15,14 +16,17 @@ PAD = """() => {
 @pytest.fixture
 def tab(browser, server):
     """Open pages; at the end of the test none may have logged a message or called another server."""
-    opened = []
+    pages = []
 
     def open_tab(server=server, **options):
-        opened.append(open_page(browser, server, **options))
-        return opened[-1][0]
+        own = (server.address, server.address.replace("http", "ws"), "data:")
+        page, problems = opened(browser, server.address, own=own, **options)
+        page.wait_for_selector(READY + ", body.watching")
+        pages.append((page, problems))
+        return page
 
     yield open_tab
-    for page, problems in opened:
+    for page, problems in pages:
         page.context.close()
         assert problems == []
 
