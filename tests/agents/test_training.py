@@ -84,15 +84,11 @@ uplink = { trace = "delays.csv" }
 friction = 0.3
 horizon = 8.0
 velocity_range = [-0.3, 0.5]
-
-[[training.mixed]]
-share = 0.25
-operator = { type = "Trapezoid", speed = [0.1, 0.4], reaction = 8.0 }
-
-[[training.mixed]]
-share = 0.5
-operator = { type = "Replay", time = [0.0, 1.0], velocity = [0.0, 0.3] }
-uplink = { delay = 0.2 }
+[training]
+mixed = [
+  { share = 0.25, operator = { type = "Trapezoid", speed = [0.1, 0.4], reaction = 8.0 } },
+  { share = 0.5, operator = { type = "Replay", time = [0.0, 1.0], velocity = [0.0, 0.3] }, uplink = { delay = 0.2 } },
+]
 """
 
 

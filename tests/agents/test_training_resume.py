@@ -3,14 +3,13 @@
 import fcntl
 import json
 import shutil
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from own_set_up import change
 from refusals import refused
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-from training import assert_same, interrupted, model_of, rows, tiny
+from training import assert_same, interrupted, rows, tiny
 
 import impact_gym as ig
 from agents import load_policy, load_setup
@@ -18,8 +17,8 @@ from agents.evaluate import Validation
 from agents.jobs import JobsFailedError
 from agents.policies.networks import to_arrays
 from agents.train.__main__ import read_options, run
-from agents.train.callback import OBJECTIVES, CollapsedError, TrainingCallback
-from agents.train.ppo import policy_from, resume, train
+from agents.train.callback import OBJECTIVES, CollapsedError
+from agents.train.ppo import resume, train
 from agents.train.seeds import train_one
 from impact_gym.files import UNFINISHED
 from impact_gym.task import Task
@@ -181,24 +180,6 @@ def test_train_seeds_ships_nothing_of_a_collapsed_seed(unreachable, tmp_path):
     with pytest.raises(JobsFailedError, match=r"1 of 1 jobs failed(.|\n)*CollapsedError(.|\n)*objects missed"):
         trained(tmp_path, unreachable.setup.path, "--seeds", "1", *" ".join(settings).split())
     assert not (tmp_path / "policies").exists()
-
-
-def test_callback_keeps_the_best_policy_and_ends_after_three_validations_without_a_touch(tmp_path):
-    """A validation follows each of 16 rollouts. In the first tenth, which is one rollout, a policy may miss all."""
-    run = tiny(validate_every=256)
-    model, environments = model_of(run)
-    made, provenance = (tmp_path, run.setup, run.training, environments), {"settings": {"seed": 0}}
-    callback = TrainingCallback(*made, lambda: policy_from(model, run, provenance))
-    misses = [1.0, 1.0, 1.0, 0.9, *[1.0, 1.0, 0.0] * 3, 1.0, 1.0, 1.0]
-    empty = {name: [] for name in ("time_weight", "object_velocity", "approach_time")}
-    scores = zip([0.9, 0.5, 0.7, *[0.8] * 13], misses, strict=True)
-    results = iter([{**empty, "score": score, "missed": [missed]} for score, missed in scores])
-    callback.validation = SimpleNamespace(score=lambda controller: next(results))
-    with pytest.raises(CollapsedError, match=r"after 4,096 of 4,096 steps"):
-        model.learn(run.training.steps, callback, log_interval=None)
-    best = load_policy(tmp_path / "best.npz")
-    assert (best.provenance["validation"]["score"], best.provenance["steps"]) == (0.5, 512)
-    assert not np.array_equal(best.network.mean.weight, policy_from(model, run, {}).network.mean.weight)
 
 
 @pytest.mark.parametrize("steps", [4096, 256])

@@ -142,8 +142,3 @@ def begin(page, key="Enter"):
 def until_over(page):
     """Wait for the result of the try."""
     page.wait_for_selector("body:not(.playing) #answer:not([hidden])", timeout=20000)
-
-
-def pressed(page, name):
-    """The text of the pressed button of a setting."""
-    return page.locator(f"[data-set={name}][aria-pressed=true]").text_content()

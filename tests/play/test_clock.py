@@ -9,7 +9,6 @@ from playing import near_setup, wanted
 from experiments.play import try_files
 from experiments.play.assistance import PERIOD
 from experiments.play.clock import HOLD, SILENT, Clock, Stick
-from experiments.play.tries import LATE
 
 
 @pytest.fixture(scope="module")
@@ -79,16 +78,6 @@ def test_each_step_comes_when_it_is_due_and_slower_where_that_is_asked(hand, slo
     assert np.ptp(waits) > 0.01
 
 
-@pytest.mark.parametrize("seen", [False, True])
-def test_frames_say_what_comes_and_nothing_of_the_object_until_it_is_touched(hand, seen):
-    hand.play(push, seen=seen)
-    before = [frame for frame in hand.frames if not frame["touched"]]
-    assert all((frame["to"][2] is None) != seen for frame in before)
-    assert None not in hand.frames[-1]["to"]
-    assert hand.play(rest, seen=seen)["entry"]["missed"]  # of which the object is shown at last
-    assert [frame["to"][2] is None for frame in hand.frames[-2:]] == [not seen, False]
-
-
 def test_steps_that_come_late_are_noted_and_the_clock_goes_on_behind_a_machine_that_slept(hand):
     nap = {10: 0.005, 20: 1.0}  # s, by step
     hand.play(push, overslept=lambda step: nap.pop(step, 0.0))
@@ -96,15 +85,6 @@ def test_steps_that_come_late_are_noted_and_the_clock_goes_on_behind_a_machine_t
     assert late[[10, 11, 20]] == pytest.approx([0.005, -0.005, 1.0])  # a step that is late brings no other out of time
     assert np.abs(np.delete(late, [10, 11, 20])).max() < 1e-9
     assert np.diff([frame["at"] for frame in hand.frames])[21:40] == pytest.approx(PERIOD)  # nothing is made up for
-
-
-@pytest.mark.parametrize(("every", "marks"), [(80, ["invalid: too many late steps"]), (120, [])])
-def test_try_with_more_than_two_percent_of_late_steps_does_not_count(hand, every, marks):
-    """Each of them makes the next one come too soon."""
-    entry = hand.play(rest, overslept=lambda step: 1.1 * LATE if step % every == 9 else 0.0)["entry"]
-    late = np.abs(hand.kept()[0].late) > LATE
-    assert (np.mean(late) > 0.02) == bool(marks)
-    assert entry["marks"] == marks
 
 
 def test_stick_that_is_silent_is_let_go(hand):

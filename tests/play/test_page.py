@@ -4,7 +4,7 @@ import signal
 
 import pytest
 from pages import opened
-from playing import READY, SETUP, begin, pressed, served, until_over
+from playing import READY, SETUP, begin, served, until_over
 
 PAD = """() => {
   const pad = {axes: [0, 0], buttons: [{pressed: false}, {pressed: false}]};
@@ -89,33 +89,6 @@ def test_levels_end_in_free_play_and_a_missed_try_says_so_and_is_no_step(tab, tm
         assert (this.assist, this.record["uplink.delay"]) == ("brake", pytest.approx(0.1))
         assert "free play" in page.inner_text("#rounds [aria-pressed=true]")
         page.context.close()
-
-
-def test_no_key_goes_to_a_setting_and_the_next_key_plays_after_each_change(tab, server):
-    before, page, played = len(server.tries()), tab(), 0
-    page.click("#choices summary")
-    names = ["assist", "setup", "delay", "jitter", "stiffness", "slow", "seen"]
-    for name in names:
-        buttons = page.locator(f"[data-set={name}]")
-        buttons.nth(1 if name == "slow" else buttons.count() - 1).click()
-        chosen = {each: pressed(page, each) for each in names}
-        for key in ("ArrowRight", "Enter"):
-            page.wait_for_timeout(600)  # after a try arrows wait for half a second
-            page.keyboard.down(key)
-            page.wait_for_selector("body.playing")
-            for other in ("ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight"):
-                page.keyboard.press(other)
-            page.keyboard.up(key)
-            page.keyboard.press(" ")
-            page.wait_for_selector("body:not(.playing)")
-            played += 1
-            assert {each: pressed(page, each) for each in names} == chosen
-            if name == "slow":
-                page.locator("[data-set=slow]").first.click()
-                chosen["slow"] = "real time"
-    found = server.tries(before + played)[before:]
-    assert len(found) == played
-    assert not any("interrupted" in mark for this in found for mark in this.marks)
 
 
 @pytest.mark.parametrize("device", ["mouse", "touch", "gamepad"])  # of the keys tell the others
