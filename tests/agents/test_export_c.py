@@ -12,9 +12,9 @@ from policies import made_up_policy
 
 from agents import load_setup
 from agents.baselines.tuned import FIXED, RULES
-from agents.export.c_header import header, write_header
+from agents.export.c_header import write_header
 from agents.export.contract import Subject, of_name
-from agents.export.replay import LANGUAGES, WARNINGS, compiled, logged, replay
+from agents.export.replay import LANGUAGES, compiled, logged, replay
 from agents.policies import SHIPPED
 from agents.setups import shipped_baselines
 from impact_gym.envs import IDS
@@ -23,16 +23,6 @@ from impact_gym.task.action import RESOLUTION
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
-
-
-def test_one_program_can_include_two_headers_and_one_of_them_twice(tmp_path):
-    calls = ""
-    for name, policy in (("first", made_up_policy()), ("other", made_up_policy(seed=1, activation="relu"))):
-        (tmp_path / f"{name}.h").write_text(header(policy, name))
-        calls += f"void play_{name}(void);\nvoid play_{name}(void) {{ {name}_state s; {name}_reset(&s, 1.0); }}\n"
-    source = '#include "first.h"\n#include "other.h"\n#include "first.h"\n' + calls
-    flags = [*LANGUAGES["C99"], *WARNINGS, "-fsyntax-only", "-I", str(tmp_path), "-"]
-    subprocess.run([COMPILER, *flags], input=source, text=True, check=True)
 
 
 @pytest.mark.parametrize("name", [
