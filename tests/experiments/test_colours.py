@@ -1,14 +1,9 @@
-"""All colours of pages and pictures come from one palette, and text in them can be read."""
-
-import re
-from pathlib import Path
+"""Text in the colours of pages and pictures can be read."""
 
 import numpy as np
 import pytest
 
 from impact_gym.render import palette
-
-ROOT = Path(__file__).parents[2]
 
 
 def luminance(colour):
@@ -24,13 +19,3 @@ def test_colours_of_text_can_be_read_on_page_and_panel(scheme):
         for ground in ("bg", "panel"):
             light, dark = sorted([of[name], of[ground]], reverse=True)
             assert (light + 0.05) / (dark + 0.05) >= 4.5, (name, ground)
-
-
-def test_pages_and_pictures_have_no_colours_of_their_own():
-    suffixes, folders = {".py", ".css", ".js", ".jinja"}, ["play", "lab", "report", "design"]
-    paths = [ROOT / "impact_gym" / "render", *(ROOT / "experiments" / folder for folder in folders)]
-    files = [path for folder in paths for path in folder.rglob("*") if path.suffix in suffixes]
-    assert len(files) > 40
-    for path in files:
-        if path.name != "palette.py":
-            assert re.findall(r"#[0-9a-fA-F]{6}\b|#[0-9a-fA-F]{3}\b(?=[;\"'])", path.read_text()) == [], path

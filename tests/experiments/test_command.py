@@ -193,14 +193,6 @@ def test_matchups_refuse_two_set_ups_of_one_name_and_policies_of_another_arm(min
         matchups_of(ReportOptions(setups=("paper-limits",), folder=tmp_path))
 
 
-@pytest.mark.parametrize(("options", "scenarios"), [
-    ({}, {"set": "test", "count": 2000}), ({"scenarios": "hard", "count": 7}, {"set": "hard", "count": 7}),
-])  # fmt: skip
-def test_matchups_of_plays_the_set_of_the_set_up_unless_another_is_named(options, scenarios):
-    (matchup,) = matchups_of(ReportOptions(setups=("rigid-blind",), **options))
-    assert dict(matchup.scenarios) == scenarios
-
-
 def test_report_needs_no_more_than_its_extra():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     names = {

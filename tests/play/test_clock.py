@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from playing import near_setup, wanted
 
-from experiments.play import try_files
+from experiments.play import tries, try_files
 from experiments.play.assistance import PERIOD
 from experiments.play.clock import HOLD, SILENT, Clock, Stick
 
@@ -69,6 +69,8 @@ def test_each_step_comes_when_it_is_due_and_slower_where_that_is_asked(hand, slo
     (this, *_), frames = hand.kept(), hand.frames
     assert (entry["name"], entry["marks"]) == ("a", [])
     assert entry.items() >= this.result.items()
+    _, info, *_ = tries.replayed(this)  # looking ahead has changed nothing
+    assert {name: info[name] for name in ("touch_time", "done_time", "taken")}.items() <= this.result.items()
     assert len(this.late) == len(this.actions) == len(frames) - 1 > 20
     assert np.abs(this.late).max() < 1e-9
     begun = np.array([frame["t"] for frame in frames])[:-1]  # a touch cuts a step short, and its frame is not sooner

@@ -35,21 +35,6 @@ def test_try_is_played_again_by_environment_and_simulate(setup, assist, tmp_path
         assert outcome.peak_force == pytest.approx(info["peak_force"], abs=1e-9, rel=1e-9)
 
 
-def test_live_try_ends_as_its_replay_and_looking_ahead_changes_nothing():
-    first, second = (Live(wanted("brake", 4)) for _ in range(2))
-    while not first.ended:
-        ahead = first.ahead()
-        for live in (first, second):
-            live.step(0.3)
-        if first.time < ahead.time[0] + 1e-9 and not first.batch.bodies().touched[0]:
-            assert np.array_equal([*first.batch.bodies()], [*ahead])  # a command of this step arrives later
-    this = first.finished()
-    assert this.result == second.finished().result
-    _, info, *_ = tries.replayed(this)
-    for name, value in first.batch.info(0).items():
-        assert info[name] == value, name
-
-
 SCRIPT = "</script><script>alert(1)</script>"
 DAMAGES = {
     "format": "impact_gym try 1", "slow": 0.0, "assist": "magic", "seed": "1", "actions": [1.0], "late": [math.nan],
