@@ -95,6 +95,7 @@ def test_policy_warns_once_if_it_plays_another_environment(recwarn):
     *(({"reaction_delay": delay}, []) for delay in (0.016, (0.016, 0.016), [0.016, 0.016], np.full(2, 0.016))),
     ({"reaction_delay": [0.01, 0.02], "tool_mass": [0.1, 0.15]}, ["reaction_delay", "tool_mass"]),
     ({"coupling": {"type": "SpringDamper", "stiffness": np.array([40.0, 60.0])}}, ["coupling"]),
+    ({"coupling": {"type": "SpringDamper", "stiffness": 50.0}, "tool_mass": 0.125}, []),
     ({"privileged": True, "time_weight": 1.0, "rtol": 1e-5, "scenario": "hard", "max_episode_steps": 9}, []),
 ], ids=str)  # fmt: skip
 def test_policy_names_the_arguments_that_differ_in_any_notation(change, differs):

@@ -14,7 +14,7 @@ from scenes import scene
 
 import impact_gym as ig
 from agents import check, load_setup
-from agents.setups import feasible, owner, same_environment, shipped, shipped_baselines
+from agents.setups import feasible, owner, shipped, shipped_baselines
 from agents.setups.evaluation import VARIED, Evaluation, changes, variants
 from agents.setups.setup import FIXED
 from agents.train.ppo import Run
@@ -32,17 +32,6 @@ def test_load_setup_finds_all_files_of_a_shipped_set_up(name):
     assert all(owner(baseline) == setup for baseline in setup.tuned)
     setup.environment["tool_mass"] = 9.0
     assert load_setup(name).environment.get("tool_mass") != 9.0  # a caller cannot change the set-up of other callers
-
-
-def test_same_environment_ignores_defaults_and_notation():
-    written = {"tool_mass": 0.125, "coupling": {"type": "SpringDamper", "stiffness": 50.0}, "time_weight": [0.3, 8.0]}
-    delays = ([0.01, 0.02], (0.01, 0.02), np.array([0.01, 0.02]))
-    for given in (written, *({"scenario": scenario} for scenario in ("train", {"distance": [0.15, 0.35]}))):
-        assert same_environment(Task(), Task(**given))
-        late = [Task(**given | {"reaction_delay": each}) for each in delays]
-        assert all(same_environment(Task(reaction_delay=delays[0]), each) for each in late)
-        for other in ({"tool_mass": 0.2}, {"tool_mass": [0.1, 0.15]}):
-            assert not same_environment(Task(**given), Task(**other))
 
 
 def test_load_setup_reads_a_file(mine):

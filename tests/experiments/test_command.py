@@ -1,11 +1,8 @@
 """The command `impact-gym`: its names, commands as text, and the way from a set-up to its controller."""
 
 import json
-import re
 import shlex
-import subprocess
 import sys
-import tomllib
 import warnings
 from importlib.metadata import version
 from pathlib import Path
@@ -191,18 +188,3 @@ def test_matchups_refuse_two_set_ups_of_one_name_and_policies_of_another_arm(min
         matchups.of_setup(load_setup(mine), {"set": "test", "count": 5}, tmp_path)
     with pytest.raises(ValueError, match="there are no policies"):
         matchups_of(ReportOptions(setups=("paper-limits",), folder=tmp_path))
-
-
-def test_report_needs_no_more_than_its_extra():
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    names = {
-        extra: {re.split("[><=]", requirement)[0].replace("-", "_") for requirement in requirements}
-        for extra, requirements in extras.items()
-    }
-    absent = set().union(*names.values()) - names["report"] - {"packaging"}  # which matplotlib brings
-    assert {"torch", "cma", "mujoco", "ray"} <= absent
-    program = (
-        f"import sys; sys.modules.update(dict.fromkeys({sorted(absent)})); import experiments.report.page; "
-        "from experiments.report.__main__ import ReportOptions, matchups_of; matchups_of(ReportOptions())"
-    )
-    subprocess.run([sys.executable, "-c", program], check=True, cwd=ROOT)

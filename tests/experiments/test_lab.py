@@ -1,4 +1,4 @@
-"""Shared parts of studies: intervals over seeds and scenarios, the grid, symbols."""
+"""Shared parts of studies: intervals over seeds and scenarios."""
 
 from dataclasses import astuple
 
@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from agents.evaluate.play import play
-from experiments.lab import grid
 from experiments.lab.statistics import Comparison, Resamples, along, estimate, quantile_groups, tolerated
-from experiments.lab.study import frame_of
 
 
 def test_estimate_has_the_interval_of_normal_theory():
@@ -74,21 +71,3 @@ def test_tolerated_has_the_factor_of_the_tables(n, factor):
     scores = np.random.default_rng(6).normal(3.0, 2.0, n)
     assert (scores.mean() - tolerated(scores)) / scores.std(ddof=1) == pytest.approx(factor, abs=6e-4)
     assert np.isnan(tolerated(scores[:1]))
-
-
-def test_grid_plays_every_contestant_in_every_place_and_gives_back_what_was_played():
-    rule, slow = {"baseline": "paper-trapezoid"}, {"rule": ["ConstantSpeed", [0.5, 20.0]]}
-    few, other = {"set": "test", "count": 5}, {"set": "hard", "count": 3}
-    places = [grid.Place("mine", "as it is", {}), grid.Place("mine", "hard", {}, {"level": 2}, other)]
-    contestants = [grid.Contestant("rule", rule), grid.Contestant("slow", slow, seed=1)]
-    cells = list(grid.cells(places, contestants, few, [1.0, 2.0]))
-    assert len(cells) == 4
-    frame = frame_of((cell.labels, grid.play(**cell.arguments)) for cell in cells)
-    played = play(slow, few, [1.0, 2.0])
-    rows = frame.filter(change="as it is", contestant="slow", weight=2.0)
-    assert (grid.sample(rows, "object_velocity") == played["object_velocity"][1:]).all()
-    costs = rows.select(cost=grid.cost(2.0, 5.0))["cost"]
-    expected = played["object_velocity"][1] + 2.0 * played["approach_time"][1] + 5.0 * played["missed"][1]
-    assert costs.to_numpy() == pytest.approx(expected)
-    hard = frame.filter(change="hard", contestant="rule", level=2, weight=1.0)
-    assert (hard["distance"] == play(rule, other)["distance"]).all()

@@ -3,15 +3,12 @@
 import math
 import sys
 from dataclasses import asdict, replace
-from functools import partial
 
 import polars as pl
 import pytest
 from pages import text_of_a_page_that_stands_on_its_own
-from scenes import MOTION, scene
 from studies import small_run
 
-import impact_gym as ig
 from experiments import reference
 from experiments.lab.study import Cell
 from experiments.studies import speed
@@ -45,21 +42,6 @@ def test_a_rival_that_is_missing_or_fails_is_a_row_that_says_so(monkeypatch):
     for row, reason in zip(failed, ("ValueError", "ModuleNotFoundError"), strict=True):
         assert row["failure"].startswith(f"{contenders.GAVE_UP}: {reason}")
         assert row["microseconds"] == math.inf
-
-
-def test_limited_stops_a_call_that_takes_too_long():
-    run = partial(reference.simulate, scene(1e4, 0.5, ig.SpringDamper(150.0)), MOTION, 1.0)
-
-    def for_ever(method):
-        while True:  # a callback from Fortran may lose an error, but not every time
-            run(method=method)
-
-    for method in ("DOP853", "LSODA"):
-        with pytest.raises(TimeoutError), contenders.limited(1e-3):
-            for_ever(method)
-    with contenders.limited(1e-3):
-        pass
-    run()  # no longer limited
 
 
 @pytest.mark.parametrize(("change", "kind"), [
