@@ -19,7 +19,7 @@ from agents.baselines.random import Jittery
 from agents.baselines.rule import Floats, Rule
 from agents.baselines.tuned import RULES, read_tuned, write_tuned
 from agents.command_line import command_of, run_command
-from agents.evaluate import TUNING_SEED, ScenarioBatch
+from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
 from agents.jobs import cached
 from agents.provenance import circumstances, digest_of
 from agents.setups import Setup, load_setup, shipped
@@ -133,7 +133,7 @@ def tune(options: Tune) -> list[Path]:
         made = {"search": _searched(name, setup, options), "command": command_of("tune", alone)}
         made |= {"versions": circumstances("impact-gym", "cma", "numpy", "scipy")["versions"]}
         with locked(options.folder(setup) / LOCK):  # meanwhile another process may have tuned other weights
-            found = _tuned_before(name, setup, options, quiet=True)
+            found = _tuned_before(name, setup, options, say=lambda _: None)
             found |= {f"{weight:g}": result | {"parameters": dict(numbers)} | made}
             write_tuned(name, found, setup, options.folder(setup))
 
@@ -173,19 +173,18 @@ def tune_at_rule_time(options: Tune) -> None:
             tune(replace(options, setups=(setup.called,), names=(name,), weights=(weight,)))
 
 
-def _tuned_before(name: str, setup: Setup, options: Tune, quiet: bool = False) -> dict[str, Any]:
+def _tuned_before(name: str, setup: Setup, options: Tune, say: Callable[[str], None] = print) -> dict[str, Any]:
     """Return the entries of the file, by weight, that were tuned with these settings for this environment."""
     if not (options.folder(setup) / f"{name}.json").is_file():
         return {}
     try:
         weights = read_tuned(name, options.folder(setup), setup)["weights"]
     except ValueError as reason:
-        if not quiet:
-            print(f"{name} is tuned again: {reason}")
+        say(f"{name} is tuned again: {reason}")
         return {}
     same = {weight: tuned for weight, tuned in weights.items() if tuned["search"] == _searched(name, setup, options)}
-    if same != weights and not quiet:
-        print(f"{name} is tuned again at {sorted(set(weights) - set(same))}: it was tuned with other settings")
+    if same != weights:
+        say(f"{name} is tuned again at {sorted(set(weights) - set(same))}: it was tuned with other settings")
     return same
 
 
@@ -199,10 +198,7 @@ def tune_one(
     rule: str, environment: Mapping[str, Any], weight: float, rtol: float, jitter: float,
     scenarios: int, budget: int, population: int, seed: int,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the best parameters (k) of a rule at one weight, its scores (m/s) and the number of generations.
-
-    `jitter` adds random errors to the commands of all candidates, see `Jittery`.
-    """
+    """Return the best parameters (k) of a rule at one weight, its scores (m/s) and the number of generations."""
     kind, task, rng = RULES[rule], Task(**environment), np.random.default_rng((seed, 1))
     options: Any = {"copies": population, "time_weight": [weight] * population, "threads": 1, "lenient": True}
     batch = ScenarioBatch(TUNING_SEED, scenarios, task.changed({"rtol": rtol}), **options)
@@ -252,10 +248,7 @@ def search_bound(
     environment: Mapping[str, Any], time_weight: float, scenarios: int, generations: int,
     population: int = BOUND_POPULATION,
 ) -> Floats:  # fmt: skip
-    """Return the parameters (scenarios, k) of the best `Clairvoyant` for each of the first test scenarios.
-
-    The time weight is in m/s per s. Each scenario has `generations` of `population` candidates.
-    """
+    """Return the parameters (scenarios, k) of the best `Clairvoyant` of each scenario at a time weight (m/s per s)."""
     task, weights = Task(**{"rtol": BOUND_RTOL, **environment, "privileged": True}), [time_weight] * population
     batch = ScenarioBatch.of(bound.FROZEN, scenarios, task, copies=population, time_weight=weights, threads=1)
 

@@ -56,9 +56,8 @@ def perform(call: Call, versions: Mapping[str, str]) -> bytes:
     """
     try:
         if (here := {name: version(name) for name in versions}) != versions:
-            raise RuntimeError(
-                f"the node has {here}, the calling process {versions}: install the same versions on all nodes"
-            )
+            same = "install the same versions on all nodes"
+            raise RuntimeError(f"the node has {here}, the calling process {versions}: {same}")
         with warnings.catch_warnings(action="ignore", category=UserWarning):  # the calling process has warned already
             result = pkgutil.resolve_name(call.function)(**json.loads(call.given or call.arguments))
         return pickle.dumps(result, protocol=5)

@@ -59,11 +59,8 @@ class Column(NamedTuple):
     may_be_empty: bool = False  # True: an empty field becomes nan; False: an empty field is refused
 
 
-class Table(NamedTuple):
-    """The columns read from a file, and a text that says from where each was read."""
-
-    columns: dict[str, NDArray[np.float64]]  # each (n,), in SI units
-    said: str  # for each column its header in the file; then the file's columns that were not used
+Table = tuple[dict[str, NDArray[np.float64]], str]
+"""The columns, each (n,), in SI units; and a text that says from where each was read, and what was not used."""
 
 
 class _Layout(NamedTuple):
@@ -84,7 +81,7 @@ def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str
     """Read a CSV file and return those of the `wanted` columns that it contains.
 
     Args:
-        path: a regular file in UTF-8, UTF-16 or Latin-1.
+        path: a regular file in UTF-8, Latin-1, or UTF-16 with a byte order mark.
         wanted: the columns to look for, by name.
         unnamed: names of the columns, in order, if the file has no names. In any file, the first of these names and at
             least one other wanted column must be found.
@@ -97,11 +94,9 @@ def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str
 
 
 def _decoded(content: bytes) -> str:
-    zeros = [len(content) > 1 and not any(content[k:100:2]) for k in (0, 1)]
     marked = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    encoding = "utf-16" if marked else ("utf-16-be", "utf-16-le")[zeros.index(True)] if any(zeros) else "utf-8-sig"
     try:
-        text = content.decode(encoding)
+        text = content.decode("utf-16" if marked else "utf-8-sig")
     except UnicodeDecodeError:
         text = content.decode("latin-1")
     text = text.replace("\r\n", "\n").replace("\r", "\n")
@@ -127,7 +122,7 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
     )
     used = {source.place for source in sources.values()}
     rest = [shown(head) for place, head in enumerate(heads) if place not in used]
-    return Table(columns, f"{said}; not used: {', '.join(rest)}" if rest else said)
+    return columns, f"{said}; not used: {', '.join(rest)}" if rest else said
 
 
 def _numbers(

@@ -32,11 +32,6 @@ class ConstantSpeed(Rule):
         number("speed", np.min(speed), "m/s", above=0)
         super().__init__(np.stack(np.broadcast_arrays(speed, acceleration, braking), axis=-1))
 
-    @classmethod
-    def of(cls, parameters: ArrayLike) -> Rule:
-        """Return the controller with these parameters, in the order of PARAMETERS."""
-        return ConstantSpeed(*np.moveaxis(np.asarray(parameters, np.float64), -1, 0))
-
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the speed until the alarm, and then 0."""
         change = np.where(view.alarm, self["deceleration"], self["acceleration"])

@@ -85,8 +85,6 @@ class DetectorRanged(DetectorRule, StretchedProfile):
     """`StretchedProfile` with the alarm of a detector; it observes the standard deviation of the estimated distance."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {
-        **DetectorRule.NEEDS,
-        "range_noise": (0.001, 0.01),
-        "observe_range_noise": True,
-    }
+        **DetectorRule.NEEDS, "range_noise": (0.001, 0.01), "observe_range_noise": True,
+    }  # fmt: skip
     PARAMETERS = (*StretchedProfile.PARAMETERS, *DETECTOR)

@@ -59,9 +59,8 @@ class FilteredProfile(StretchedProfile):
         place = np.where(counts, (weight * place + added * measured) / (weight + added), place)
         weight, count, newest = weight + added, count + counts, np.where(counts, read_at, newest)
         state = np.concatenate([np.stack([weight, place, count, newest, deflection, rate]), times, velocities, tools])
-        return View(
-            view.observation, view.spec, distance_estimate=place - position, spread=1.0 / np.sqrt(weight)
-        ), state
+        own = {"distance_estimate": place - position, "spread": 1.0 / np.sqrt(weight)}
+        return View(view.observation, view.spec, **own), state
 
     def swing(self, deflection: Floats, rate: Floats, gained: Floats) -> tuple[Floats, Floats]:
         """Return the tool's deflection (m) and its rate (m/s) after a step in which the flange gains `gained` (m/s).

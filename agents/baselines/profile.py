@@ -39,10 +39,8 @@ class ReactingRule(Rule):
         """Return the command of `approach` until the alarm, and then the command of the reaction."""
         velocity, acceleration = self.approach(view)
         after = interpolate(TIMES, self.columns(REACTION[0].name, len(TIMES)), view["time_since_alarm"])
-        return (
-            np.where(view.alarm, after, velocity),
-            np.where(view.alarm, self["acceleration after the alarm"], acceleration),
-        )
+        fast = self["acceleration after the alarm"]
+        return np.where(view.alarm, after, velocity), np.where(view.alarm, fast, acceleration)
 
     def approach(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the profile's velocity (m/s) one control period later, and the acceleration (m/s^2) to reach it."""

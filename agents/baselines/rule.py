@@ -80,9 +80,8 @@ class Rule:
         kind: Any = type(self)
         self.parameters = np.array(parameters, np.float64)
         if self.parameters.ndim not in (1, 2) or self.parameters.shape[-1] != len(self.names()):
-            raise WrongTypeError(
-                f"{kind.__name__} has the parameters {self.names()}, got shape {self.parameters.shape}"
-            )
+            shape = self.parameters.shape
+            raise WrongTypeError(f"{kind.__name__} has the parameters {self.names()}, got shape {shape}")
         for parameter, values in zip(self.PARAMETERS, np.moveaxis(self.parameters, -1, 0), strict=True):
             for value in (values.min(), values.max()):
                 number(parameter.name, value, parameter.unit, at_least=parameter.low, at_most=parameter.high)
@@ -94,9 +93,11 @@ class Rule:
         return [parameter.name for parameter in cls.PARAMETERS]
 
     @classmethod
-    def of(cls, parameters: ArrayLike) -> "Rule":
+    def of(cls, parameters: ArrayLike) -> Self:
         """Return the rule with these parameters, even if its constructor has other arguments."""
-        return cls(parameters)
+        rule = cls.__new__(cls)
+        Rule.__init__(rule, parameters)
+        return rule
 
     def for_task(self, task: Task) -> Self:
         """Return the same rule for a task; `placed` maps its positions to the distances of the task's objects.

@@ -32,10 +32,10 @@ def play(
     """
     with warnings.catch_warnings(action="ignore", category=UserWarning):  # about scenarios that are hard on purpose
         task = Task(**(environment or {}))
-        played = [
-            scenario_batch_of(scenarios, weight, task, lenient).play(controller_of(controller, weight, task))
-            for weight in weights
-        ]
+        played = []
+        for weight in weights:
+            batch = scenario_batch_of(scenarios, weight, task, lenient)
+            played.append(batch.play(controller_of(controller, weight, task)))
     measured = [name for name in MEASURED if getattr(played[0], name) is not None]
     return {name: np.array([getattr(each, name) for each in played]) for name in measured} | played[0].scenario
 

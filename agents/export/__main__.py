@@ -112,10 +112,7 @@ def export(subject: Subject, options: Export, name: str) -> list[Path]:
 
 
 def judged(path: Path, computed: Floats | None, missing: str, actions: Floats, allowed: float) -> str:
-    """Return a sentence that compares the actions `computed` by an exported network with the policy's `actions` (n, k).
-
-    If `computed` is None, the network could not run, and the sentence says what is `missing`.
-    """
+    """Compare the actions (n, k) of an exported network with those of the policy; None: the network could not run."""
     if computed is None:
         return f"{path}: its network is not checked, {missing}"
     difference = float(np.abs(computed - actions).max())

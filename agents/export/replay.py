@@ -4,7 +4,7 @@ import ctypes
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,13 +74,11 @@ def compiled(subject: Subject, header: Path, folder: Path, *how: str, language: 
     compiler = shutil.which("g++" if language == "C++17" else "gcc") or shutil.which("cc")
     if compiler is None:
         return None
-    names: dict[str, Any] = {
-        "name": identifier(header.stem),
-        "controlled": has_controller(subject),
-        "network": subject.policy,
-    }
-    source = c_text("program.c.jinja", **names, fields=len(subject.spec.sensors), inputs=len(subject.spec),
-                    actions=subject.actions, operator=subject.task.operator)  # fmt: skip
+    source = c_text(
+        "program.c.jinja", name=identifier(header.stem), controlled=has_controller(subject), network=subject.policy,
+        fields=len(subject.spec.sensors), inputs=len(subject.spec), actions=subject.actions,
+        operator=subject.task.operator,
+    )  # fmt: skip
     library = folder / f"policy-{language}{''.join(how)}.so"
     flags = [*LANGUAGES[language], "-O2", "-ffp-contract=off", *WARNINGS, *how, "-fPIC", "-"]
     included = ["-D_POSIX_C_SOURCE=199309L", "-include", str(header.resolve())]

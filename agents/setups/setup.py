@@ -178,10 +178,9 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     known("baselines.", baselines, ("against", "tuned", "bound", "budget"))
     usual = {f"{path.stem}-profile": "BlindProfile" if task.range_noise is None else "RangedProfile"}
     listed = table(baselines, "tuned", "baselines.") or usual
-    tuned = {
-        identifier("baselines.tuned: each", name): _tuned(f"baselines.tuned.{name}", given, task)
-        for name, given in listed.items()
-    }
+    tuned = dict[str, Tuned]()
+    for name, given in listed.items():
+        tuned[identifier("baselines.tuned: each", name)] = _tuned(f"baselines.tuned.{name}", given, task)
     against = baselines.get("against", list(tuned))
     if not isinstance(against, list) or not all(isinstance(name, str) for name in against):
         raise ValueError(f"baselines.against must be a list of names, got {against!r}")

@@ -91,7 +91,11 @@ class Training:
         for name, (least, most) in WHOLE.items():
             if (value := getattr(self, name)) is not None or name != "simulation_threads":
                 number(name, whole(name, value, at_least=least), "-", at_most=most)
-        self._fits_memory()
+        # networks keep four numbers for each weight: the weight, its gradient and Adam's two moments
+        weights = self.width * (FEWEST + (self.depth - 1) * self.width)
+        largest = "width" if self.width >= self.depth else "depth"
+        for name, count in ((largest, 2 * 4 * weights), ("rollout", FEWEST * self.round)):
+            fits_memory(name, getattr(self, name), 4 * count // getattr(self, name))
         flag("informed_critic", self.informed_critic)
         if self.activation not in get_args(Activation):
             raise ValueError(f"activation must be {' or '.join(get_args(Activation))}, got {self.activation!r}")
@@ -109,18 +113,6 @@ class Training:
         number("learning_rate", self.learning_rate, "-", above=0)
         if self.rtol is not None:
             QUANTITIES["rtol"].check(self.rtol)
-
-    def _fits_memory(self) -> None:
-        """Raise ValueError if networks or rollout surely need more memory than this machine has.
-
-        Actor and critic need four numbers for each weight: the weight, its gradient and Adam's two moments. A rollout
-        keeps at least FEWEST numbers for each step.
-        """
-        weights = self.width * (FEWEST + (self.depth - 1) * self.width)
-        largest = "width" if self.width >= self.depth else "depth"
-        for name, numbers in ((largest, 2 * 4 * weights), ("rollout", FEWEST * self.round)):
-            value = getattr(self, name)
-            fits_memory(name, value, 4 * numbers // value)
 
     def changed(self, changes: Mapping[str, Any]) -> Self:
         """Return the settings with `changes` from JSON or TOML; ValueError: an unknown setting or a wrong value."""

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
-from agents.evaluate import Validation
+from agents.evaluate.scenario_batch import Validation
 from agents.policies.policy import Policy
 from agents.setups import Setup, Training
 from agents.train import checkpoint
@@ -116,21 +116,18 @@ class TrainingCallback(BaseCallback):
             policy.save(self._folder / "best.npz")
         if self._on_validation:
             self._on_validation(steps, result)
-        self._check_misses(float(np.mean(result["missed"])))
+        missed = float(np.mean(result["missed"]))
+        again = missed >= NEARLY_ALL and steps > BEGINNING * self._training.whole_steps
+        self.kept["collapsed"] = self.kept["collapsed"] + 1 if again else 0
+        if self.kept["collapsed"] >= COLLAPSED:
+            reason = f"{missed:.1%} of the objects missed, and nearly all of them in {COLLAPSED} validations in a row"
+            raise self._collapse(reason)
         return policy
 
     def _check_weights(self) -> None:
         """Raise CollapsedError if a weight is not finite."""
         if not torch.nn.utils.parameters_to_vector(self.model.policy.parameters()).isfinite().all():
             raise self._collapse("the weights are no longer finite")
-
-    def _check_misses(self, missed: float) -> None:
-        """Count the validations in a row that miss nearly all objects; raise CollapsedError if they are too many."""
-        again = missed >= NEARLY_ALL and self.num_timesteps > BEGINNING * self._training.whole_steps
-        self.kept["collapsed"] = self.kept["collapsed"] + 1 if again else 0
-        if self.kept["collapsed"] >= COLLAPSED:
-            reason = f"{missed:.1%} of the objects missed, and nearly all of them in {COLLAPSED} validations in a row"
-            raise self._collapse(reason)
 
     def _collapse(self, reason: str) -> CollapsedError:
         """Return the error, with the reason, the step and a remedy."""

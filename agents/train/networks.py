@@ -86,22 +86,12 @@ class AsymmetricPolicy(ActorCriticPolicy):
         super().__init__(*arguments, **options)
 
     def _build_mlp_extractor(self) -> None:  # stable-baselines3 documents that custom networks go here (2.9)
-        if not isinstance(self.net_arch, list):
-            raise ValueError(f"net_arch must be a list of widths, of actor and critic alike, got {self.net_arch!r}")
-        self.mlp_extractor = _TwoViews(self.features_dim, self.actor_inputs, self.net_arch, self.activation_fn)
-
-
-class _TwoViews(MlpExtractor):
-    """Hidden layers of an actor that sees the first `seen` features, and of a critic that sees all."""
-
-    def __init__(self, features: int, seen: int, layers: list[int], activation: type[torch.nn.Module]) -> None:
-        super().__init__(seen, {"pi": layers, "vf": []}, activation, "cpu")
-        critic = MlpExtractor(features, {"pi": [], "vf": layers}, activation, "cpu")
-        self._seen, self.value_net, self.latent_dim_vf = seen, critic.value_net, critic.latent_dim_vf
-
-    def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
-        """Return the actor's last hidden layer."""
-        return self.policy_net(features[:, : self._seen])
+        layers: Any = self.net_arch
+        actor: Any = MlpExtractor(self.actor_inputs, {"pi": layers, "vf": []}, self.activation_fn, "cpu")
+        critic = MlpExtractor(self.features_dim, {"pi": [], "vf": layers}, self.activation_fn, "cpu")
+        actor.value_net, actor.latent_dim_vf = critic.value_net, critic.latent_dim_vf
+        actor.forward_actor = lambda features: actor.policy_net(features[:, : self.actor_inputs])
+        self.mlp_extractor = actor
 
 
 class FastTanh(torch.nn.Module):

@@ -30,11 +30,10 @@ def train_seeds(
     training = replace(training, simulation_threads=1)  # does not change the result
     runs = [Run(setup, training, seed) for seed in range(seeds)]
     folders = [out.resolve() / f"seed-{seed}" for seed in range(seeds)]
-    arguments: list[dict[str, Any]] = [
-        {"folder": str(folder), "made_for": run.made_for()} for folder, run in zip(folders, runs, strict=True)
-    ]
-    for each in arguments:
-        _refuse_another(**each)
+    arguments = list[dict[str, Any]]()
+    for folder, run in zip(folders, runs, strict=True):
+        arguments.append({"folder": str(folder), "made_for": run.made_for()})
+        _refuse_another(**arguments[-1])
 
     def fill(seed: int, files: Mapping[str, bytes]) -> None:
         """Write the files of a run, if its folder is on another machine or was removed; print its score."""

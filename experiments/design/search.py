@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from agents.baselines.cmaes import Losses, minimise
 from agents.baselines.rule import Floats, Rule
 from agents.baselines.tuned import RULES
-from agents.evaluate import RESULTS, TUNING_SEED, Episodes, ScenarioBatch, Travel
+from agents.evaluate.scenario_batch import RESULTS, TUNING_SEED, Episodes, ScenarioBatch, Travel
 from experiments.design.pads import Pad, on_pad, pad_of
 from experiments.design.variables import SearchVariable, as_built
 from impact_gym.task import Task

@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 
 from agents.baselines.tuned import read_tuned
-from agents.evaluate import TUNING_SEED, ScenarioBatch
+from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
 from experiments.design.findings import ENTRY, analyse, mean
 from experiments.design.options import CHOSEN, FRONT, PAPER, SPRING, DesignOptions
 from experiments.design.search import MARGIN, PENALTY, Candidate, play, search

@@ -62,7 +62,7 @@ def play(controller: Any, scenario: Mapping[str, float], *, options: Mapping[str
 def rescore(
     controller: Any, frozen: str, numbers: Sequence[int], options: Mapping[str, Any], time_weight: float
 ) -> dict[str, NDArray[Any]]:
-    """Play scenarios of a frozen set together, as `agents.evaluate.ScenarioBatch` does.
+    """Play scenarios of a frozen set together, as `ScenarioBatch` does.
 
     Row k of the batch that the controller gets is scenario numbers[k]. Returns an array for each field of `Outcome`.
 

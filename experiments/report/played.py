@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from agents.evaluate import MEASURED, Episodes
+from agents.evaluate.scenario_batch import MEASURED, Episodes
 from experiments.lab.statistics import Floats, Resamples
 from experiments.report.matchups import BOUND, PAPER, Matchup
 from impact_gym.task.scenario import FIELDS

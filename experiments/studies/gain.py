@@ -18,7 +18,7 @@ from agents.baselines import BlindProfile, PaperTrapezoid
 from agents.baselines.cmaes import minimise
 from agents.baselines.profile import ACCELERATION, REACTION, ReactingRule
 from agents.baselines.rule import Floats, Parameter
-from agents.evaluate import TEST_SEED, TUNING_SEED, ScenarioBatch
+from agents.evaluate.scenario_batch import TEST_SEED, TUNING_SEED, ScenarioBatch
 from experiments.lab import grid
 from experiments.lab.parts import Section, Table, percent
 from experiments.lab.statistics import Comparison, Resamples, estimate

@@ -135,29 +135,23 @@ def parse(
     mass, stiffness, restitution, distance = middles
     contact = Contact(stiffness, restitution, task.dissipation)  # type: ignore[arg-type]  # checked by the task
     scene = Scene(Tool(task.tool_mass), Object(mass, distance), contact, task.coupling, task.robot)
-    motion, sensors = dict(content["motion"]), content.get("sensor", {})
-    if "brake" in motion:
-        motion["brake"] = _record("motion.brake", motion["brake"], Brake)
+    motion, sensors = content["motion"], content.get("sensor", {})
     one_of("sensor", sensors, Mapping)
-    known_sensors = {name: _sensor(f"sensor.{name}", known) for name, known in sensors.items()}
-    if not isinstance(speeds := motion.get("speed"), list):
-        return scene, [_record("motion", motion, Trapezoid)] * count, known_sensors
+    known_sensors = {name: _record(f"sensor.{name}", known, Sensor, cell=LoadCell) for name, known in sensors.items()}
+    speeds = motion.get("speed")
+    if not isinstance(speeds, list):
+        return scene, [_record("motion", motion, Trapezoid, brake=Brake)] * count, known_sensors
     if len(numbers("motion.speed", speeds, "m/s")) != count:
         raise ValueError(f"motion.speed must be a number in m/s, or one for each of {count} logs, got {shown(speeds)}")
-    return scene, [_record("motion", {**motion, "speed": speed}, Trapezoid) for speed in speeds], known_sensors
+    motions = [_record("motion", {**motion, "speed": speed}, Trapezoid, brake=Brake) for speed in speeds]
+    return scene, motions, known_sensors
 
 
-def _sensor(name: str, table: Any) -> Sensor:
-    """Return the sensor that a table describes, with a load cell if the table has the key `cell`."""
+def _record(name: str, table: Any, kind: type[Any], **inner: type[Any]) -> Any:
+    """Return an object of the class `kind` whose fields are the keys of a table; `inner` are classes of its fields."""
     one_of(name, table, Mapping)
-    cell = {"cell": _record(f"{name}.cell", table["cell"], LoadCell)} if "cell" in table else {}
-    return _record(name, {**table, **cell}, Sensor)
-
-
-def _record(name: str, table: Any, kind: type[Any]) -> Any:
-    """Return an object of the class `kind` whose fields are the keys of a table."""
-    one_of(name, table, Mapping)
-    return record_from(name, {"type": kind.__name__, **table}, (kind,))
+    parts = {key: _record(f"{name}.{key}", table[key], inner[key]) for key in inner if key in table}
+    return record_from(name, {"type": kind.__name__, **table, **parts}, (kind,))
 
 
 def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterator[str]:

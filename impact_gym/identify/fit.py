@@ -24,10 +24,7 @@ MAX_STEPS = 10  # most fits to find one end of an interval
 BEYOND = (1.6, 2.5)  # at these multiples of the distance to an end, the misfit is checked for another minimum
 MAX_DEVIATION = 1e3  # standard deviation assumed for a coordinate that the log does not determine
 MIN_IMPROVEMENT = 0.05  # a point replaces the best fit if its misfit is lower by this; doubled after each replacement
-MIN_LEFTOVER = (
-    6.0,
-    0.5,
-)  # a blow is missing in the model if its residual exceeds 6 standard deviations and half the blow
+MIN_LEFTOVER = 6.0, 0.5  # a blow is missing in the fit if its residual exceeds 6 deviations and half the blow
 
 Ends = tuple[float | None, ...]
 
@@ -115,24 +112,21 @@ def _minima(model: Model, after: int) -> list[Point]:
 
     If the logs contain more than the first blow, fits to the first blow alone are made, too, and the fits also start
     from their minima, because later blows add many local minima.
+
+    Raises:
+        ValueError: no starting point leads to a blow, or a free number does not change the residuals.
     """
     which = slice(after, after + STARTS)
     starts, first = scatter(model)[which], model.of_first_blow()
+    if not after and not starts:
+        raise ValueError("scene: no scene near it can be simulated to a blow; are motion and distance right?")
     if not after:
-        _refuse_idle(model, starts)
+        slopes = np.sum([np.abs(model.jacobian(x)).max(axis=0) for x in starts], axis=0)
+        for number in (number for number, slope in zip(model.free, slopes, strict=False) if slope == 0.0):
+            raise ValueError(f"free: the log does not depend on {number.name}; fix it, or record a column that does")
     if first.samples < model.samples:
         starts += [point.x for point in race(first, scatter(first)[which])]
     return race(model, starts)
-
-
-def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
-    """Raise ValueError if there is no starting point with a blow, or if a free number does not change the residuals."""
-    if not points:
-        raise ValueError("scene: no scene near it can be simulated to a blow; are motion and distance right?")
-    slopes = sum(np.abs(model.jacobian(x)).max(axis=0) for x in points)
-    for number, slope in zip(model.free, slopes, strict=False):
-        if slope == 0.0:
-            raise ValueError(f"free: the log does not depend on {number.name}; fix it, or record a column that does")
 
 
 def _extra_blows(fit: Fit) -> str:
@@ -146,10 +140,9 @@ def _extra_blows(fit: Fit) -> str:
         signal = (force - level(force, sensor)) / model.noise["force"]
         deviations, share = MIN_LEFTOVER
         blows = bursts(force, sensor)
+        parts = [slice(first, last + 1) for first, last in blows]
         extra = [
-            left[first : last + 1].sum()
-            > max(deviations * (last - first + 1) ** 0.5, share * signal[first : last + 1].sum())
-            for first, last in blows
+            left[part].sum() > max(deviations * len(left[part]) ** 0.5, share * signal[part].sum()) for part in parts
         ]
         if any(extra) and len(blows) > 1:
             times = ", ".join(f"{log.time[first]:g}" for first, _ in blows)

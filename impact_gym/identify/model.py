@@ -133,7 +133,7 @@ class Model:
         biased = [(k, name) for k, name in columns if self.sensors[name].bias == "estimated"]
         first = len(self.free) + len(self.logs)
         self.bias_places = {
-            key: place for place, key in enumerate(biased, first)
+            key: first + place for place, key in enumerate(biased)
         }  # (log, column): index of its bias in x
         self.size = first + len(biased)
         ends = np.cumsum([len(self.logs[k].time) for k, _ in columns])
@@ -195,10 +195,8 @@ class Model:
         if name == "tool_acceleration":
             values = tool_acceleration(scene, trace)
         elif name == "object_acceleration":
-            drag = (
-                scene.object.friction or 0.0
-            ) * GRAVITY  # an object at rest stays so until the force exceeds friction
-            values = trace.contact_force / scene.object.mass - drag
+            values = trace.contact_force / scene.object.mass - (scene.object.friction or 0.0) * GRAVITY
+            # an object at rest stays at rest until the force exceeds friction
             values = np.where(trace.object_velocity > 0.0, values, np.maximum(values, 0.0))
         else:
             values = getattr(trace, "contact_force" if name == "force" else name)

@@ -21,15 +21,11 @@ from impact_gym.scene import Scene
 SCATTERED = 40  # number of points of the Latin hypercube
 SEED = 0
 RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # `from_impulse` makes a starting point for each of these
-PASSES, NEAR = (
-    8,
-    0.1,
-)  # in `from_impulse`: most simulations per point; tolerance of the logarithms of mass and stiffness
+PASSES = 8  # of `from_impulse`: most simulations for a starting point
+NEAR = 0.1  # tolerance of the logarithms of mass and stiffness in `from_impulse`
 HEAVY = 1e3  # largest object mass in `from_impulse`, in masses of the tool
-ROUNDS, ROUND_EVALUATIONS = (
-    5,
-    8,
-)  # of `race`: number of comparisons; evaluations of the residuals before each comparison
+ROUNDS = 5  # of `race`: number of comparisons
+ROUND_EVALUATIONS = 8  # most evaluations of the residuals before a comparison
 MIN_GAP_REDUCTION = 0.2  # a fit is dropped if a round closes less than this part of its gap to the best fit
 GOOD_MISFIT = 20.0  # in misfits per sample: a rough minimum at most so far above the least misfit is refined
 MIN_DISTANCE = 0.03  # minima are distinct if a coordinate differs by more than this
@@ -173,9 +169,7 @@ def descend(
     # MINPACK's tolerance is relative to x. So start times and biases are counted from their initial values: otherwise,
     # with a log's clock that differs from the motion's by seconds, MINPACK would stop before it resolves microseconds.
     origin = np.where(np.arange(model.size) < len(model.free), 0.0, x)
-    for i, number in enumerate(
-        model.free
-    ):  # near e = 0 and e = 1 the derivative with respect to the coordinate vanishes
+    for i, number in enumerate(model.free):  # near e = 0 and e = 1 the derivative vanishes
         if number.name == RESTITUTION and i != fixed:
             x[i] = min(max(x[i], -LARGEST_START), LARGEST_START)
 
@@ -190,8 +184,7 @@ def descend(
         max_nfev=evaluations, ftol=tolerance, xtol=tolerance, gtol=tolerance,
     )  # fmt: skip
     end = full(solution.x)
-    for i, number in enumerate(model.free):
-        end[i] = np.clip(end[i], *number.reach)
+    end[: len(model.free)] = [np.clip(u, *number.reach) for u, number in zip(end, model.free, strict=False)]
     return Point(2.0 * float(solution.cost), end, solution.status > 0)
 
 

@@ -85,8 +85,12 @@ def simulate(
         raise ValueError("approach must be of this arm: its first joint angles do not put the flange at its start")
     if servo is not None and not (arm.rotors > 0).all():
         raise ValueError("a servo needs the arm's rotor_inertia, in kg m^2, above 0")
-    path = Path(motion)
-    equations = Equations(arm, approach, scene, path, gravity, servo, int(most_evaluations))
+    return _run(Equations(arm, approach, scene, Path(motion), gravity, servo, int(most_evaluations)), duration, rtol)
+
+
+def _run(equations: Equations, duration: float, rtol: float) -> Blow:
+    """Integrate from event to event, and return the result."""
+    arm, path, servo, law = equations.arm, equations.path, equations.servo, equations.scene.contact
     y, t, touching, status, impact = equations.first, 0.0, False, "ok", None
     touches, parted, undetected, peak, sideways = list[float](), list[float](), True, 0.0, 0.0
     due = 0.0 if servo else math.inf  # s, time of the servo's next sample
@@ -108,8 +112,8 @@ def simulate(
                 states = found.sol(times).T
                 force = CubicSpline(times, [equations.contact(*equations.penetration(each)) for each in states])
                 peak = max(peak, *force(times), *force(force.derivative().roots(extrapolate=False)))
-                places = [arm.flange(each[: arm.count])[0] - approach.start for each in states[::4]]
-                off_line = np.cross(places, approach.direction)
+                places = [arm.flange(each[: arm.count])[0] - equations.start for each in states[::4]]
+                off_line = np.cross(places, equations.u)
                 sideways = max(sideways, float(np.linalg.norm(off_line, axis=1).max()))
             t, y = float(found.t[-1]), found.y[:, -1]
             fired = next((kind for kind, times in enumerate(found.t_events) if times.size), None)

@@ -17,10 +17,8 @@ from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.bodies import Body, specification
 from impact_gym.validation import number, numbers
 
-TOLERANCE, STEPS = (
-    1e-10,
-    200,
-)  # search for joint angles: largest error of the pose (m, rad), and largest number of steps
+TOLERANCE = 1e-10  # m and rad, largest error of a pose found by the search for joint angles
+STEPS = 200  # most steps of the search
 LARGEST_TURN = 0.2  # rad or m, largest change of a joint in a step of the search
 SPACING, LONGEST = 0.0025, 4.0  # m, largest distance between places along a line, and largest length of a line
 

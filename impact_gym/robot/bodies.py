@@ -68,9 +68,7 @@ def welded_body(joint: str, links: Mapping[str, Array], reach: float, balanced: 
             f"link {next(iter(links))!r}, which joint {joint!r} moves, must have at least {LEAST_MASS:g} kg with all"
             f" that is welded to it, got {mass:g} kg"
         )
-    spread, axes = np.linalg.eigh(
-        total[:3, :3] - mass * np.outer(centre, centre)
-    )  # second moments of the mass along its axes
+    spread, axes = np.linalg.eigh(total[:3, :3] - mass * np.outer(centre, centre))  # second moments along the axes
     least, middle, most = (spread.sum() - spread[::-1]).tolist()
     first, *others = [repr(link) for link, part in links.items() if part.any()]
     what = f"link {first}" + (f" with {', '.join(others)} welded to it" if others else "")

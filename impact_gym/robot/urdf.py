@@ -7,7 +7,8 @@ MuJoCo's own URDF reader is not used: it needs the mesh files, ignores mimic joi
 the link whose inertia is wrong.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from graphlib import CycleError, TopologicalSorter
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -130,30 +131,25 @@ def _only(of: Element | None, tag: str, name: str) -> Element | None:
     return found[0] if found else None
 
 
-def _downwards(links: Iterable[str], elements: Mapping[str, Element]) -> list[Joint]:
+def _downwards(links: Collection[str], elements: Mapping[str, Element]) -> list[Joint]:
     """Return the joints, sorted so that each one follows all joints above it."""
-    below: dict[str, list[Joint]] = {link: [] for link in links}
-    children: set[str] = set()
+    above: dict[str, Joint] = {}  # for each link the joint on which it hangs
     for name, element in elements.items():
         ends = [_only(element, side, name) for side in ("parent", "child")]
         parent, child = ("" if end is None else end.get("link", "") for end in ends)
         for side, link in (("parent", parent), ("child", child)):
-            if link not in below:
+            if link not in links:
                 raise ValueError(f"joint {name!r} has the {side} {link!r}, which is no link")
-        if child in children:
+        if child in above:
             raise ValueError(f"link {child!r} hangs on two joints, a loop, which is not allowed")
-        children.add(child)
         mimic = element.find("mimic")
         mimics = None if mimic is None else mimic.get("joint", "")
-        below[parent].append(Joint(name, element.get("type", ""), parent, child, mimics, element))
-    reached, found = [link for link in below if link not in children], list[Joint]()
-    for link in reached:  # the list grows during the loop
-        found += below[link]
-        reached += [joint.child for joint in below[link]]
-    if len(reached) < len(below):
-        lost = next(link for link in below if link not in reached)
-        raise ValueError(f"link {lost!r} hangs on itself, a loop, which is not allowed")
-    return found
+        above[child] = Joint(name, element.get("type", ""), parent, child, mimics, element)
+    try:
+        order = [*TopologicalSorter({link: [joint.parent] for link, joint in above.items()}).static_order()]
+    except CycleError as loop:
+        raise ValueError(f"link {loop.args[1][0]!r} hangs on itself, a loop, which is not allowed") from None
+    return [above[link] for link in order if link in above]
 
 
 def _path(joints: Iterable[Joint], link: str) -> list[Joint]:

@@ -14,7 +14,7 @@ from agents.baselines import BlindProfile, Clairvoyant, ConstantSpeed, OperatorA
 from agents.baselines.profile import KNOTS, REACTION
 from agents.baselines.rule import View
 from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
-from agents.evaluate import RESULTS, ScenarioBatch
+from agents.evaluate.scenario_batch import RESULTS, ScenarioBatch
 from agents.export.contract import of_name
 from agents.setups import owner, shipped_baselines
 from agents.tune import CLEAN_ALARM

@@ -12,8 +12,8 @@ from policies import made_up_policy
 
 from agents import load_policy, load_setup, provenance
 from agents.baselines import ConstantSpeed, PaperTrapezoid, load_baseline
-from agents.evaluate import RESULTS, TEST_SEED, TUNING_SEED, VALIDATION_SEED, ScenarioBatch, Validation
 from agents.evaluate import play as jobs
+from agents.evaluate.scenario_batch import RESULTS, TEST_SEED, TUNING_SEED, VALIDATION_SEED, ScenarioBatch, Validation
 from agents.provenance import digest_of
 from agents.setups.evaluation import WEIGHTS
 from agents.train.ppo import FIRST_SEED
@@ -71,14 +71,6 @@ def test_seeds_of_evaluation_tuning_and_training_do_not_overlap():
     assert [frozen.seed for frozen in sets[:2]] == [VALIDATION_SEED, TEST_SEED]
     assert all(frozen.seed + frozen.count <= TUNING_SEED for frozen in sets)
     assert TUNING_SEED + 1_000_000 <= FIRST_SEED
-
-
-def test_shipped_policy_beats_the_papers_rule_on_both_objectives():
-    """On scenarios that no training has: at most half the object velocity, and no later."""
-    learned, paper = map(ScenarioBatch(TEST_SEED, 300).play, (load_policy("linear-blind"), PaperTrapezoid()))
-    assert not learned.missed.any()
-    assert learned.object_velocity.mean() <= 0.5 * paper.object_velocity.mean()
-    assert learned.approach_time.mean() <= paper.approach_time.mean()
 
 
 def test_policy_warns_once_if_it_plays_another_environment(recwarn):
@@ -163,8 +155,6 @@ def test_play_takes_sets_tables_and_ranges_alike():
               "distance": [0.15, 0.35]}  # fmt: skip
     same = [{"set": "test"}, {"table": table, "seed": frozen.seed}, {"ranges": ranges, "seed": frozen.seed}]
     noisy = {"range_noise": 0.01}
-    first, *rest = (
-        jobs.play({"baseline": "paper-trapezoid"}, {**each, "count": 20}, environment=noisy) for each in same
-    )
-    for results in rest:
-        assert_identical(first, results)
+    rule = {"baseline": "paper-trapezoid"}
+    first, *rest = (jobs.play(rule, {**each, "count": 20}, environment=noisy) for each in same)
+    assert_identical([first, first], rest)

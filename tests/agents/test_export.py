@@ -134,9 +134,7 @@ def test_all_controllers_of_a_set_up_are_exported_to_one_folder(tmp_path, capsys
     (tmp_path / "tuned" / "constant-speed.json").unlink()
     run = Export("linear-blind", tmp_path / "out", all=True, folder=tmp_path, episodes=10, calls=100)
     written = {path.name for path in exporting.run(run)}
-    assert written == {
-        f"{name}.h" for name in ("paper-trapezoid", "local-brake", "blind-profile", "constant-deceleration")
-    }
+    assert written == {"paper-trapezoid.h", "local-brake.h", "blind-profile.h", "constant-deceleration.h"}
     printed = capsys.readouterr().out
     for left_out in ("constant-speed is left out: baseline 'constant-speed' was not tuned", "linear-blind is left out"):
         assert left_out in printed

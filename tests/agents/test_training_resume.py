@@ -13,7 +13,7 @@ from training import assert_same, interrupted, rows, tiny
 
 import impact_gym as ig
 from agents import load_policy, load_setup
-from agents.evaluate import Validation
+from agents.evaluate.scenario_batch import Validation
 from agents.jobs import JobsFailedError
 from agents.policies.networks import to_arrays
 from agents.train.__main__ import read_options, run

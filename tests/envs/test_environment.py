@@ -13,7 +13,7 @@ from episodes import ID, PAPERS_SPRING, Always, encode, play, scenes_of
 
 import impact_gym as ig
 from agents.baselines import PaperTrapezoid
-from agents.evaluate import ScenarioBatch
+from agents.evaluate.scenario_batch import ScenarioBatch
 from experiments.reference import task as slow
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.sb3 import ImpactVecEnv

@@ -14,7 +14,7 @@ from tasks import STORM, rows_of_tasks
 
 import impact_gym as ig
 from agents.baselines import ConstantSpeed, PaperTrapezoid
-from agents.evaluate import ScenarioBatch
+from agents.evaluate.scenario_batch import ScenarioBatch
 from impact_gym.envs.infos import SLIDE
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.task import Task

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 import impact_gym as ig
 from agents.baselines import BlindProfile, ConstantSpeed
 from agents.baselines.tuned import read_tuned
-from agents.evaluate import TUNING_SEED, ScenarioBatch, Travel
+from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch, Travel
 from agents.setups import load_setup
 from experiments.design.pads import PADS, on_pad, pad_of
 from experiments.design.search import PENALTY, Candidate, Limits, SearchBudget, objective, play

@@ -13,8 +13,7 @@ from pages import opened, stands_on_its_own
 
 from agents.baselines import ConstantSpeed
 from agents.baselines.tuned import load_baseline
-from agents.evaluate import RESULTS
-from agents.evaluate.scenario_batch import ScenarioBatch
+from agents.evaluate.scenario_batch import RESULTS, ScenarioBatch
 from agents.setups import TUNED, load_setup
 from experiments.report import matchups
 from experiments.report.__main__ import ReportOptions, publish, write

@@ -107,6 +107,4 @@ def test_scatter_of_equal_blows_is_relative_to_the_median_of_the_fitted_blows():
     assert [each.equal for each in found.predictions] == pytest.approx([halves[k % 2] for k in range(5)])
     predicted = [each.predicted for each in found.predictions]
     assert found.errors("object_velocity")[0] == pytest.approx(np.abs(np.divide(predicted, ends) - 1.0))
-    assert predicted == pytest.approx(
-        [halves[k % 2] for k in range(5)], rel=0.03
-    )  # e near the middle of the fitted half
+    assert predicted == pytest.approx([halves[k % 2] for k in range(5)], rel=0.03)  # e is near the middle of its half

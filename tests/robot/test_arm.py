@@ -113,7 +113,6 @@ def part(mass, moments=(0.0, 0.0, 0.0), name="part 0", extra="", turn="0 0 0"):
 
 
 POINT = re.sub("<inertia .*?/>", "", part(0.5))
-FRAMES = [joint(f"to {k}", "fixed", f"frame {k - 1}" if k else "tip", f"frame {k}") for k in range(500)]
 AXES, SKEW = (1e-3, 2e-3, 2.5e-3), part(0.0).replace("</link>", '<inertial><mass value="0"/><inertia ixx="1" iyy="1"'
     ' izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>')  # fmt: skip
 READ = {  # edit of two rods; mass (kg) and moment about z (kg m^2) added at (0.5, 0.05) m of the second rod; a warning
@@ -129,9 +128,6 @@ READ = {  # edit of two rods; mass (kg) and moment about z (kg m^2) added at (0.
                                          part(0.1)), 0.1, 0.0, None),
     "a fixed link": (*on_tip([], joint("other", "planar", "base", "hull"), part("nan", name="hull")), 0, 0, None),
     "a second root": (*on_tip([POINT], link("alone")), 0.5, 0.0, None),
-    "blanks and slashes": (*(each.replace("part 0", "a/b c") for each in on_tip([POINT])), 0.5, 0.0, None),
-    "500 frames": (*on_tip([], *FRAMES, *(link(f"frame {k}") for k in range(499)),
-                           POINT.replace("part 0", "frame 499")), 0.5, 0.0, None),
     "six digits of a plate": ('izz="[^"]*"', f'izz="{0.0626 * (1 + 4e-7)}"', 0.0, 0.0, None),
     "a comment and a mesh": ("<link name=\"tip\">", '<!-- <link name="upper"/> --><link name="tip"><visual><geometry>'
                              '<mesh filename="package://no/such.stl"/></geometry></visual>', 0.0, 0.0, None),
