@@ -152,14 +152,15 @@ def test_agreement_finds_differences_and_counts_scenes_without_a_truth():
 
 def test_page_lists_every_failure(tmp_path):
     storm_cells = [Cell({"scene": number}, {"number": number}) for number in range(FEW)]
-    late = [Cell({"scene": 2}, {"number": 2, "patience": 1e-3})]  # s, too little for the independent solver
-    run = small_run(stability.STUDY, tmp_path, storm=storm_cells, truth=late)
+    patience = {2: 1e-3, 17: 60.0}  # s; too little for the independent solver, and enough
+    truths = [Cell({"scene": number}, {"number": number, "patience": seconds}) for number, seconds in patience.items()]
+    run = small_run(stability.STUDY, tmp_path, storm=storm_cells, truth=truths)
     run.write()
     text = text_of_a_page_that_stands_on_its_own(tmp_path, figures=0)
     assert all(promise.text in text for promise in promises.PROMISES)
-    (truth,) = run.frames["truth"].to_dicts()
-    assert (truth["speed"], truth["velocity"]) == (approaches.storm(2).motion.speed, None)
-    assert "TimeoutError" in truth["failure"]
+    late, _ = run.frames["truth"].to_dicts()
+    assert (late["speed"], late["velocity"]) == (approaches.storm(2).motion.speed, None)
+    assert "TimeoutError" in late["failure"]
     changes = (
         {"scene": 3, "milliseconds": 77.0}, {"scene": 5, "failure": "RuntimeError: the run stopped"},
         {"scene": 8, "energy_created": 1e-3, "energy_doubt": 1e-9, "traced": True},
