@@ -38,7 +38,7 @@ class ControllerOptions:
     this run."""
     quick: bool = False
     """Take a first look in a few minutes. The command then tries fewer parameters in the tuning, trains three policies
-    for a million steps each, and compares the controllers in 200 scenarios. Use another folder than for the full run."""
+    for a million steps each, and compares the controllers in 200 scenarios. For the full run, use another folder."""
     processes: int = 2
     """Number of tunings or trainings at the same time on this machine. Each uses one core."""
     time_weight: float | None = None
