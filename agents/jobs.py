@@ -9,6 +9,7 @@ code: give `cached` only a folder that `cached` has written, for the same user.
 import hashlib
 import inspect
 import json
+import os
 import pickle
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -20,7 +21,7 @@ from typing import Any
 
 from agents.command_line import progress
 from agents.workers import Answers, Call, Failure, on_cluster, on_this_machine
-from impact_gym.files import DiskFullError, write_file
+from impact_gym.files import DiskFullError, writing
 from impact_gym.validation import WrongTypeError, number, whole
 
 Workers = Callable[[Sequence[Call]], Answers]
@@ -114,7 +115,12 @@ def _answers(calls: Iterable[Call], folder: Path, keep_failures: bool, workers: 
             if isinstance(answer := pickle.loads(pickled), DiskFullError):
                 raise answer
             if keep_failures or not isinstance(answer, Failure):
-                write_file(_path(call, folder), hashlib.sha256(pickled).digest() + pickled)
+                path = _path(call, folder)
+                part = path.with_suffix(f".{os.getpid()}")
+                with writing(str(path)):
+                    folder.mkdir(parents=True, exist_ok=True)
+                    part.write_bytes(hashlib.sha256(pickled).digest() + pickled)
+                    part.replace(path)
             yield call, pickled
 
 

@@ -59,11 +59,8 @@ class Column(NamedTuple):
     may_be_empty: bool = False  # True: an empty field becomes nan; False: an empty field is refused
 
 
-class Table(NamedTuple):
-    """The columns read from a file, and a text that says from where each was read."""
-
-    columns: dict[str, NDArray[np.float64]]  # each (n,), in SI units
-    said: str  # for each column its header in the file; then the file's columns that were not used
+Table = tuple[dict[str, NDArray[np.float64]], str]
+"""The columns, each (n,), in SI units; and a text that says from where each was read, and what was not used."""
 
 
 class _Layout(NamedTuple):
@@ -125,7 +122,7 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
     )
     used = {source.place for source in sources.values()}
     rest = [shown(head) for place, head in enumerate(heads) if place not in used]
-    return Table(columns, f"{said}; not used: {', '.join(rest)}" if rest else said)
+    return columns, f"{said}; not used: {', '.join(rest)}" if rest else said
 
 
 def _numbers(

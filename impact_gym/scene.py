@@ -161,11 +161,6 @@ class Bistable(Parameters, path="coupling"):
         """Force of the front stop on the tool at rest, N."""
         return float(self.force(self.rest))
 
-    @property
-    def peak_position(self) -> float:
-        """Position of the slider at which the spring's force is largest, m; there L^3 = L0 H^2."""
-        return math.sqrt((self.free_length * self.height**2) ** (2 / 3) - self.height**2)
-
     def force(self, position: ArrayLike) -> NDArray[np.float64] | float:
         """Return the force of the spring, without the stops, on the tool, N, at slider positions (m) of any shape."""
         return self._at(bistable_force, position)

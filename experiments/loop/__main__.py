@@ -76,17 +76,13 @@ def start(subject: Subject, weight: float, seconds: float, out: Path) -> tuple[A
 def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -> dict[str, float]:
     """Return statistics of the age of commands (s), and the mean V_p (m/s) of the arm and of the environment.
 
-    The environment plays the same scenarios twice: with its own reaction delay, and with one longer by the median age.
+    Arm and environment play the same scenarios.
     """
     ages, velocity = (np.hstack([each[name] for each in played]) for name in ("ages", "object_velocity"))
-    age, delay = float(np.median(ages)), subject.task.ranges["reaction_delay"]
-    there, later = (
-        ScenarioBatch(SEED, len(played), subject.task.changed({"time_weight": weight, **changed}), quiet=True)
-        .play(subject.at(weight)).object_velocity.mean()
-        for changed in ({}, {"reaction_delay": [each + age for each in delay]})
-    )  # fmt: skip
-    figures = {"approaches": len(played), "age_median": age, "age_99": np.quantile(ages, 0.99), "age_most": ages.max()}
-    figures |= {"object_velocity": velocity.mean(), "environment": there, "environment_later": later}
+    batch = ScenarioBatch(SEED, len(played), subject.task.changed({"time_weight": weight}), quiet=True)
+    there = batch.play(subject.at(weight)).object_velocity.mean()
+    figures = {"approaches": len(played), "age_median": np.median(ages), "age_99": np.quantile(ages, 0.99)}
+    figures |= {"age_most": ages.max(), "object_velocity": velocity.mean(), "environment": there}
     return {name: float(value) for name, value in figures.items()}
 
 
@@ -107,8 +103,9 @@ def run(options: Loop) -> None:
         "{periods:,} periods of 1 ms, error: median {error_median:.6f} s, 99 % below {error_99:.6f} s, at most "
         "{error_most:.6f} s; {missed} missed; real-time priority: {real_time}\n"
         "age of commands: median {age_median:.6f} s, 99 % below {age_99:.6f} s, at most {age_most:.6f} s\n"
-        "V_p of {approaches:.0f} approaches: mean {object_velocity:.4f} m/s; in the environment {environment:.4f} m/s, "
-        "with that age as further delay {environment_later:.4f} m/s".format(**found)
+        "V_p of {approaches:.0f} approaches: mean {object_velocity:.4f} m/s; environment: {environment:.4f} m/s".format(
+            **found
+        )
     )
 
 

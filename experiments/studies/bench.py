@@ -8,7 +8,6 @@ The rates at several batch sizes show how large a batch should be. For each set-
 
 import io
 import json
-import os
 import tempfile
 import time
 from collections.abc import Callable
@@ -21,7 +20,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import polars as pl
-import torch
 from gymnasium.utils.performance import benchmark_vector_step
 
 from agents import load_policy
@@ -86,7 +84,6 @@ def stepped(quick: bool) -> pl.DataFrame:
 
 def three_rates(name: str, quick: bool) -> list[Row]:
     """Return the three rates of a set-up, in batches as large as those of its training."""
-    steps, threads = (STEPS // 100, {1}) if quick else (STEPS, {1, len(os.sched_getaffinity(0))})
     setup, policy, seconds = load_setup(name), load_policy(name), 0.1 if quick else 3.0
     count = setup.training.envs
     envs: list[Any] = [setup.make_vec(count) for _ in range(2)]
@@ -94,12 +91,10 @@ def three_rates(name: str, quick: bool) -> list[Row]:
     row["environment"] = benchmark_vector_step(envs[0], seconds, seed=0)  # type: ignore[arg-type]  # accepts 0.1 s, too
     acting = stepping(envs[1], lambda last: policy.predict(last[0])[0])
     row["environment with inference"] = max(rate(acting, count, seconds / 3) for _ in range(3))
-    for number in sorted(threads):
-        run = Run(setup, replace(setup.training, steps=steps, threads=number))
-        with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
-            metrics = json.loads((train(run, Path(folder) / "run") / "metrics.json").read_text())
-        row[f"training, torch threads: {number}"] = metrics["steps_per_second"]
-    torch.set_num_threads(1)
+    run = Run(setup, replace(setup.training, steps=STEPS // 100 if quick else STEPS, threads=1))
+    with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
+        metrics = json.loads((train(run, Path(folder) / "run") / "metrics.json").read_text())
+    row["training"] = metrics["steps_per_second"]
     return [row]
 
 

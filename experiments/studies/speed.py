@@ -106,7 +106,7 @@ def table_of(found: pl.DataFrame) -> Table:
 def analyse(frames: Frames, quick: bool) -> Findings:
     """Compare contenders at each error, and draw the error against time."""
     truths, times = frames["truth"], frames["times"]
-    doubt, load = truths["velocity_doubt"].to_numpy().max(), times["load"].drop_nulls().to_numpy()
+    doubt = truths["velocity_doubt"].to_numpy().max()
     found = ratios(times)
     differ = (pl.col("second_contacts") != pl.col("contacts")) | (pl.col("second_passes") != pl.col("passes"))
     return Findings(answer(found), [
@@ -126,7 +126,7 @@ def analyse(frames: Frames, quick: bool) -> Findings:
             "SciPy: RK45, DOP853, LSODA, Radau with events through the same slow solver. Only the time inside contacts "
             "counts, as its flights are exact. Equations are Python functions, as SciPy requires.",
             "Time: processor time, so that other work on the machine counts little; the best of several rounds. Calls "
-            f"over 0.2 s are made once. Load while they were timed: {load.min():.2f} to {load.max():.2f}.",
+            "over 0.2 s are made once.",
         ]),
     ], {"ratios": found})  # fmt: skip
 

@@ -217,7 +217,7 @@ class Batch:
             getattr(self, name)[:] = state[name]
 
     def _digest(self, state: Mapping[str, Any]) -> str:
-        """Return a digest of the tasks and of everything in `state` but the digest."""
+        """Return a digest of the tasks and of `state` without its own digest."""
         rest = {name: value for name, value in state.items() if name not in (*_STATE, "sha256")}
         total = sha256(repr(rest).encode())
         for values in (self._tasks, self._tables, *(np.asarray(state[name]) for name in _STATE)):

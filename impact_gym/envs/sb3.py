@@ -1,10 +1,13 @@
 """The batch as a `VecEnv`, because stable-baselines3 does not accept Gymnasium's vector environments."""
 
+import warnings
 from collections.abc import Mapping, Sequence
+from functools import cache
 from itertools import cycle
 from typing import Any
 
 import numpy as np
+import torch
 from gymnasium import Wrapper
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
@@ -13,7 +16,16 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.task.episodes import reset_options
+from impact_gym.threads import CORES
 from impact_gym.validation import one_of
+
+
+@cache
+def warn_of_threads(threads: int, available: int) -> None:
+    """Warn, once per process, if torch uses more than half of the cores, which slows down small networks."""
+    if threads > max(1, available // 2):
+        text = f"torch uses {threads} threads on {available} cores, which makes small networks several times slower:"
+        warnings.warn(f"{text} call torch.set_num_threads(1)", stacklevel=2)
 
 
 class ImpactVecEnv(VecEnv):
@@ -33,6 +45,7 @@ class ImpactVecEnv(VecEnv):
         per_slot: Sequence[Mapping[str, Any]] | None = None,
         **arguments: Any,  # arguments of `Task`
     ) -> None:
+        warn_of_threads(torch.get_num_threads(), CORES)
         mode = AutoresetMode.DISABLED  # `step_wait` resets on the step that ends an episode
         self.envs = ImpactApproachVectorEnv(
             num_envs, render_mode=render_mode, autoreset_mode=mode, threads=threads, per_slot=per_slot, **arguments

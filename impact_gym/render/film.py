@@ -14,7 +14,7 @@ from impact_gym.task.episodes import EpisodeState
 from impact_gym.task.task import Task
 
 FRAME_RATE = 30  # 1/s
-FLIGHT_FACTOR = 8  # how many times slower than real time a film is without contact; if the horizon is longer, less
+FLIGHT_FACTOR = 8  # how many times slower than real time a film is without contact; a longer horizon lowers it
 SHORTEST, LONGEST = 6.0, 10.0  # s, shortest and longest film
 CONTACT_FACTOR = 32  # smallest factor while tool and object touch
 LARGEST_FACTOR = 1024  # largest factor
@@ -112,7 +112,7 @@ class History:
         if not touching and state.closing > SLOWEST_IMPACT and -state.penetration / state.closing < away:
             away, speed = -state.penetration / state.closing, state.closing
         speed = max(speed, SLOWEST_IMPACT)
-        # of an elastic Hertz impact at this speed: depth and duration, Johnson 1985, eq. 11.23 and 11.24
+        # depth and duration of an elastic Hertz impact at this speed: Johnson 1985, eq. 11.23 and 11.24
         depth = (1.25 * self.reduced_mass * speed * speed / self.info["scenario"]["contact_stiffness"]) ** 0.4
         finest = 2.9432 * depth / speed / FRAMES_PER_IMPACT
         interval = min(interval, max(away / FRAMES_PER_FOLD, finest))

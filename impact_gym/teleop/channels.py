@@ -99,21 +99,21 @@ def columns_of(trace: Any) -> list[list[float]]:
     wanted = f"Channel.trace must be rows of time and delay in s, or a CSV file of them, got {shown(trace)}"
     try:
         if isinstance(trace, (str, Path)):
-            table = read_columns(Path(trace), TRACE_COLUMNS, ("time", "delay"))
-            time, delay = table.columns["time"], table.columns["delay"]
+            columns, said = read_columns(Path(trace), TRACE_COLUMNS, ("time", "delay"))
+            time, delay = columns["time"], columns["delay"]
             delay = np.where(np.isnan(delay) | (delay == np.inf), LOST, delay)
             arrived = delay[delay < LOST]
-            if table.said.count(" without a unit") and len(arrived) and np.median(arrived) >= USUAL_DELAY:
+            if " without a unit" in said and len(arrived) and np.median(arrived) >= USUAL_DELAY:
                 raise ValueError(f"its delays are {np.median(arrived):g} s in the median: are they in ms? If not, "
                                  "write the unit into the header, delay (s)")  # fmt: skip
             return [(time - time[0]).tolist(), delay.tolist()]
-        columns = np.asarray(trace, np.float64).T
+        rows = np.asarray(trace, np.float64).T
     except (OSError, TypeError, ValueError) as problem:
         why = " ".join(f"{problem}".split())
         raise ValueError(f"{wanted}: {why}") from None
-    if columns.ndim != 2 or len(columns) != 2:
+    if rows.ndim != 2 or len(rows) != 2:
         raise ValueError(wanted)
-    return columns.tolist()
+    return rows.tolist()
 
 
 def without_files(environment: Mapping[str, Any]) -> dict[str, Any]:

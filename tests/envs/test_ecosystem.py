@@ -1,10 +1,11 @@
-"""Use beside other software: processes, threads, wrappers of Gymnasium, and training by rl_zoo3."""
+"""Use beside other software: arrays that callers keep, threads, and training by rl_zoo3."""
 
 import copy
 import importlib.util
 import json
 import subprocess
 import sys
+import warnings
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -30,8 +31,7 @@ def step_through(env, rows):
     for row in rows:
         history.append(env.step(row[0] if isinstance(env, gym.Env) else row))
         if isinstance(env, gym.Env) and history[-1][2]:
-            trace = env.unwrapped.trace()
-            history += [[getattr(trace, name) for name in trace.__slots__], env.reset()]
+            history += [list(env.unwrapped.trace()), env.reset()]
     return history
 
 
@@ -60,7 +60,7 @@ def test_returned_arrays_are_never_written_again(kind):
 
 
 ROOT = Path(__file__).parents[2]
-ALGORITHMS = [("ppo", 256, 163_840), ("sac", 128, 4200), ("td3", 64, 4200), ("tqc", 64, 4200), ("crossq", 32, 4200)]
+ALGORITHMS = [("ppo", 256, 163_840), ("sac", 128, 4200), ("td3", 64, 4200), ("tqc", 128, 4200), ("crossq", 32, 4200)]
 
 
 @pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, reason="rl_zoo3 is not installed")
@@ -119,3 +119,14 @@ def test_results_in_threads_are_those_of_one_thread(work):
     finally:
         sys.setswitchinterval(before)
     assert_identical(together, alone * ROUNDS)
+
+
+def test_batch_for_stable_baselines3_warns_once_if_torch_uses_more_than_half_of_the_cores():
+    sb3 = pytest.importorskip("impact_gym.envs.sb3")
+    sb3.warn_of_threads.cache_clear()
+    with pytest.warns(UserWarning, match=r"9 threads on 16 cores.*set_num_threads\(1\)"):
+        sb3.warn_of_threads(9, 16)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for threads, available in ((9, 16), (1, 1), (1, 2), (8, 16)):
+            sb3.warn_of_threads(threads, available)

@@ -51,9 +51,6 @@ class Elastic:
         return ig.simulate(elastic, motion, self.start + 2 * self.duration, rtol)
 
 
-LINEAR = {"dissipation": "exact", "stiffness_exponent": 1.0, "damping_exponent": 0.0}
-
-
 class Oscillator:
     """A linear contact, x'' + 2 zeta x' + x = 0 from x = 0, x' = 1, in its own units of time and force.
 
@@ -92,10 +89,11 @@ class Oscillator:
             return 0.0 if force < self.peak else self.summit * self.second
         return brentq(lambda t: self.force(t) - force / self.newton, 0.0, self.summit, xtol=1e-15) * self.second
 
-    def run(self, threshold, rtol, **options):
-        linear = scene(self.stiffness, self.restitution, m_p=self.mass, distance=0.2, **LINEAR)
+    def run(self, threshold, rtol):
+        law = {"dissipation": "exact", "stiffness_exponent": 1.0, "damping_exponent": 0.0}
+        linear = scene(self.stiffness, self.restitution, m_p=self.mass, distance=0.2, **law)
         motion = ig.Trapezoid(self.speed, 10.0, ig.Brake(threshold, delay=1.0))
-        return ig.simulate(linear, motion, self.start + 2 * self.duration, rtol, **options)
+        return ig.simulate(linear, motion, self.start + 2 * self.duration, rtol)
 
 
 @EVERY_TOLERANCE

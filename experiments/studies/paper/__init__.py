@@ -46,7 +46,7 @@ def table(caption: str, statements: pl.DataFrame) -> Table:
 
 
 def draw_curves(frame: pl.DataFrame, axes: Any, curves: str | list[dict[str, Any]], where: dict[str, Any]) -> None:
-    """Draw curves that statements.toml describes; `where` has the values of columns in the rows to draw."""
+    """Draw the curves that statements.toml describes, from the rows whose columns have the values `where`."""
     for curve in DATA["curves"][curves] if isinstance(curves, str) else curves:
         style = {"scale": 1.0, "color": "rule"} | curve
         x, y, scale, colour = (style.pop(name) for name in ("x", "y", "scale", "color"))
@@ -63,7 +63,7 @@ def draw_curves(frame: pl.DataFrame, axes: Any, curves: str | list[dict[str, Any
 
 
 def picture(name: str, frame: pl.DataFrame) -> Picture:
-    """Return a figure drawn from its table, with curves, texts and layout from statements.toml."""
+    """Return a figure drawn from its table. statements.toml describes its curves, texts and layout."""
     about = DATA["figures"][name]
     figure = Figure(figsize=tuple(SCALE * length for length in about["size"]))
     grid: Any = figure.subplots(**about.get("panels", {}))

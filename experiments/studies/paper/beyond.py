@@ -122,7 +122,7 @@ def _numbers_beyond_detection(frame: pl.DataFrame) -> Numbers:
 
 
 def beyond_objects() -> pl.DataFrame:
-    """Simulate the fixed tool, the mechanism, and all small CHANGES of it that still hold the tool.
+    """Simulate the fixed tool, the mechanism, and all small CHANGES of the mechanism with which it holds the tool.
 
     `as_it_is_less` and `changed_less` are the reductions from the V_p of the fixed tool (%).
     """

@@ -1,4 +1,4 @@
-"""Tools of the figures: columns of a table, where a count changes along a parameter, runs, and shared layouts."""
+"""Tools for the figures: columns of a table, places where a count changes, runs with time histories, layouts."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise, product
@@ -117,15 +117,10 @@ def runs_of(frame: pl.DataFrame) -> tuple[Run, Run]:
     return Run(frame, "a"), Run(frame, "b")
 
 
-def mark(axes: Any, x: Any, y: Any, colour: str = "none", marker: str = "o", label: str | None = None) -> None:
-    """Mark points of a curve; without points and colour, add an entry to the legend."""
-    axes.plot(x, y, marker, color=colour, markeredgecolor="black", label=label)
-
-
 def impulses(frame: pl.DataFrame, axes: Any, cases: Sequence[str]) -> None:
     """Draw the impulse of the coupling since the contact began: the layout of Fig. 20 and 24."""
     for colour, run, case in zip(SERIES, runs_of(frame), cases, strict=False):
         time, impulse = run.running_impulse()
         axes.plot(time, impulse, color=colour, label=f"{case}: {impulse[-1]:.4f} N s")
-        mark(axes, time[-1], impulse[-1], colour)
-    mark(axes, [], [], label="end of the contact")
+        axes.plot(time[-1], impulse[-1], "o", color=colour)
+    axes.plot([], [], "o", color="black", label="end of the contact")

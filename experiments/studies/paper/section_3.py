@@ -1,12 +1,9 @@
 """Section 3, the compliant robot (3.1 model, 3.2 impacts): Fig. 11 to 14."""
 
-from typing import Any
-
 import numpy as np
 import polars as pl
 
 from experiments.lab import scenes
-from experiments.lab.charts import FLANGE, OBJECT
 from experiments.studies.paper.runs import Numbers, Run, histories, where
 from impact_gym.physics.impact import GRAVITY, sliding_distance
 from impact_gym.robot import IMPACT, default_approach
@@ -21,20 +18,11 @@ def figure_11() -> pl.DataFrame:
     position = default_approach().start[0] + trace.command_position
     columns = {"time": trace.time, "position": position, "velocity": trace.command_velocity}
     events = {"impact": outcome.contacts[0].start, "detection": outcome.detection_time}
-    return pl.DataFrame({**columns, **events})
-
-
-def _draw_figure_11(frame: pl.DataFrame, grid: Any) -> None:
-    time, position, velocity, (impact, *_), _ = where(frame).values()
-    before = time <= impact
-    for axes, values in zip(grid, (position, velocity), strict=True):
-        axes.plot(time[before], values[before], color=FLANGE)
-        axes.plot(time[~before], values[~before], color=FLANGE, linestyle=":", linewidth=1.0, label="after it")
-        axes.plot(impact, np.interp(impact, time, values), "o", color=OBJECT, markersize=8, label="impact")
+    return pl.DataFrame({**columns, **events}).with_columns(at_impact=pl.col("time") == pl.col("impact"))
 
 
 def _numbers_figure_11(frame: pl.DataFrame) -> Numbers:
-    time, _, velocity, (impact, *_), (detection, *_) = where(frame).values()
+    time, _, velocity, (impact, *_), (detection, *_), _ = where(frame).values()
     falling = np.flatnonzero((velocity[1:] < velocity[:-1]) & (time[:-1] > impact))
     braking = (velocity < 0.9) & (velocity > 0.1) & (time > impact)
     slope, offset = np.polyfit(time[braking], velocity[braking], 1)

@@ -1,5 +1,7 @@
 """Section 5, the bistable mechanism: Fig. 22 to 25; e = 0.1, k_c = 1e3."""
 
+import math
+
 import numpy as np
 import polars as pl
 
@@ -18,7 +20,8 @@ def figure_22() -> list[Row]:
     rows: list[Row] = []
     for height in HEIGHTS:
         mechanism = ig.Bistable(MECHANISM.stiffness, MECHANISM.free_length, height)
-        for x in sorted({*POSITIONS.tolist(), mechanism.peak_position, -mechanism.peak_position, MECHANISM.front_stop}):
+        peak = math.sqrt((mechanism.free_length * height**2) ** (2 / 3) - height**2)  # where L^3 = L0 H^2
+        for x in sorted({*POSITIONS.tolist(), peak, -peak, MECHANISM.front_stop}):
             rows.append({"height": height, "position": x, "force": float(mechanism.force(x))})
     return rows
 

@@ -5,7 +5,6 @@ call, such as SciPy's, more than the best of many short calls.
 """
 
 import math
-import os
 import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -119,7 +118,7 @@ def timed(approach: str, truth: Mapping[str, Any], settings: Sequence[tuple[str,
 
     In each round all settings are timed in turn.
     """
-    found, true, load = approach_of(approach), Solution(**truth), os.getloadavg()[0]
+    found, true = approach_of(approach), Solution(**truth)
     solved(found, OURS, 1e-8)  # a first call, which loads modules and tables, before anything is timed
     rows: dict[tuple[str, float], Row] = {}
     for _ in range(rounds):
@@ -128,4 +127,4 @@ def timed(approach: str, truth: Mapping[str, Any], settings: Sequence[tuple[str,
             if before["microseconds"] <= 1e6 * SLOW or "failure" not in before:
                 row = judged(found, contender, setting, true)
                 rows[contender, setting] = {**row, "microseconds": min(row["microseconds"], before["microseconds"])}
-    return [{"contender": name, "setting": setting, **row, "load": load} for (name, setting), row in rows.items()]
+    return [{"contender": name, "setting": setting, **row} for (name, setting), row in rows.items()]
