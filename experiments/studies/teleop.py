@@ -1,4 +1,4 @@
-"""Which assistance helps an operator who acts late? All are compared at every coupling, delay and operator.
+"""Which assistance helps if the operator's commands arrive late? All are played at every coupling, delay and operator.
 
 An operator steers towards an object over a channel with a delay. Their belief where the object is may be 5 cm off, and
 they stop one reaction time after they see the touch. An assistance at the arm senses the touch without delay.
@@ -201,7 +201,7 @@ def analyse(frames: Frames, _: bool) -> Findings:
 PLAYED = (*grid.PLAYED, "agents.setups", "impact_gym.teleop")
 STUDY = Study(
     "teleop",
-    "Which assistance helps an operator who acts late?",
+    "Which assistance helps if the operator's commands arrive late?",
     (Measurement("episodes", assisted, grid.play, PLAYED),),
     analyse,
 )
