@@ -32,7 +32,7 @@ def revision() -> dict[str, str | None]:
 
 
 def todays(command: str) -> str:
-    """Return a recorded command as this version would write it; old files name modules instead of `impact-gym`."""
+    """Return a recorded command as this version would write it; old files have `python -m` instead of `impact-gym`."""
     return re.sub(r"^python -m agents\.(\w+)", r"impact-gym \1", command).replace(" --algo ppo", "")
 
 
