@@ -125,7 +125,6 @@ def _answers(calls: Iterable[Call], folder: Path, keep_failures: bool, workers: 
 
 
 def _path(call: Call, folder: Path) -> Path:
-    """Return the path of a call's stored result."""
     key = json.dumps([call.function, call.arguments, call.depends])
     return folder / f"{hashlib.sha256(key.encode()).hexdigest()}.pkl"
 

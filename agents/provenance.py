@@ -37,11 +37,7 @@ def todays(command: str) -> str:
 
 
 def digest_of(*modules: str) -> str:
-    """Return the SHA-256 of the sources and data files of modules and whole packages, for `depends` of `cached`.
-
-    Raises:
-        ValueError: there is no such module.
-    """
+    """Return the SHA-256 of the sources and data files of modules and packages; ValueError: there is no such module."""
     digest = hashlib.sha256()
     for name in sorted(modules):
         root = origin_of(name)

@@ -35,7 +35,6 @@ def card(name: str) -> Iterator[str]:
 
 
 def _mean(values: Sequence[float]) -> str:
-    """Return the mean over seeds with its 95 % interval."""
     middle, count = np.mean(values), len(values)
     if count < 2:
         return f"{middle:.3f}"

@@ -69,13 +69,9 @@ class Rule:
     """Arguments of the environment that the rule computes with. A tuned rule uses those for which it was tuned."""
 
     def __init__(self, parameters: ArrayLike) -> None:
-        """Make a controller.
+        """Make a controller from `parameters` (k,), or (rows, k) for a batch, in the order and units of PARAMETERS.
 
-        Args:
-            parameters: (k,), in the order and units of PARAMETERS; or (rows, k), for batches of that many rows.
-
-        Raises:
-            ValueError: the number of parameters is wrong, or one is out of its limits; the message names it.
+        ValueError: the number of parameters is wrong, or a parameter is out of its limits; the message names it.
         """
         kind: Any = type(self)
         self.parameters = np.array(parameters, np.float64)
@@ -105,11 +101,7 @@ class Rule:
         return self.for_task(Task(**{name: value for name, value in arguments.items() if name not in apart}))
 
     def for_task(self, task: Task) -> Self:
-        """Return the same rule for a task; `placed` maps its positions to the distances of the task's objects.
-
-        Raises:
-            ValueError: the task's observation lacks a number that the rule needs.
-        """
+        """Return the same rule for a task; ValueError: the task's observation lacks a number that the rule needs."""
         kind: Any = type(self)
         twin = copy.copy(self)
         twin.task = task.changed({"privileged": True}) if "privileged" in self.NEEDS else task

@@ -65,7 +65,6 @@ def header(controller: Policy | Rule | Subject, name: str) -> str:
 
 
 def _network(policy: Policy) -> dict[str, Any]:
-    """Return the template's values for a network."""
     network = policy.network
     layers = [layer for layer in network.layers() if layer.name != "log_std"]
     used = sorted({"none", *([network.activation] if network.hidden else [])})

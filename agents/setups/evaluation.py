@@ -69,9 +69,7 @@ class Evaluation:
     ) -> "Evaluation":
         """Return the evaluation in a file's table for an environment; for `robot` see `usual`.
 
-        Raises:
-            TypeError, ValueError: a key is unknown, a value is out of range, or the environment refuses a change. The
-                message names the key.
+        TypeError, ValueError: an unknown key, a value out of range, or an invalid change of the environment.
         """
         known("evaluation.", content, [item.name for item in fields(cls)])
         known("evaluation.nominal.", table(content, "nominal", "evaluation."), SET_UP_ARGUMENTS)

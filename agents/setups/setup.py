@@ -129,9 +129,7 @@ def owner(baseline: str) -> Setup | None:
 def load_setup(name_or_path: str | Path) -> Setup:
     """Return a shipped set-up, by name, or a set-up from a file.
 
-    Raises:
-        ValueError: there is no such set-up, or the file has a mistake. The message names file, key, value and allowed
-        values.
+    ValueError: there is no such set-up, or an error in its file; the message has file, key, value and allowed values.
     """
     path = named_file("set-up", name_or_path, SHIPPED, ".toml")
     return deepcopy(_loaded(path.resolve(), path.stat().st_mtime_ns))

@@ -125,7 +125,6 @@ class TrainingCallback(BaseCallback):
         return policy
 
     def _check_weights(self) -> None:
-        """Raise CollapsedError if a weight is not finite."""
         if not torch.nn.utils.parameters_to_vector(self.model.policy.parameters()).isfinite().all():
             raise self._collapse("the weights are no longer finite")
 

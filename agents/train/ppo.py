@@ -171,7 +171,6 @@ def _to_its_end(folder: Path, run: Run, record: dict[str, Any], on_validation: O
 
 
 def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnValidation | None) -> None:
-    """Make environments and model, learn to the end, and write the results."""
     training = run.training
     torch.set_num_threads(training.threads)
     torch.distributions.Distribution.set_default_validate_args(False)  # these checks are slow

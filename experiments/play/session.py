@@ -68,7 +68,6 @@ class Session:
             self._begin(value)
 
     def _begin(self, options: Any) -> None:
-        """Begin a try with the values of the page's controls."""
         one_of("begin", options, dict)
         choice("setup", options.get("setup"), list(self.setups))
         choice("assist", options.get("assist"), list(NAMES))
@@ -103,7 +102,6 @@ class Session:
         self._send_roles()
 
     def _send_roles(self) -> None:
-        """Send to each page whether it steers."""
         for client in self.clients:
             client.enqueue({"kind": "role", "player": client is self.clients[0], "others": len(self.clients) - 1})
 

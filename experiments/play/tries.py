@@ -113,7 +113,6 @@ class Live:
         self._decide()
 
     def _decide(self) -> None:
-        """Get the next action of the assistance."""
         action, self._state = self.assistant.predict(self.batch.observations.copy(), state=self._state)
         self._action = np.asarray(action, np.float32)[0]
 

@@ -136,7 +136,6 @@ class Motion:
         self._y = np.append(z / scales.state, [0.0, 0.0])
 
     def _touch(self) -> None:
-        """Begin a contact."""
         z, v_in = self.state, float(self.state[1])
         self.contacts, self.first_contact = self.contacts + 1, min(self.first_contact, self.t)
         self._onset, self._peak, self._stiff = (self.t, v_in), 0.0, False
@@ -165,7 +164,6 @@ class Motion:
         self.top_speed = max(self.top_speed, self.object_velocity)
 
     def _turn(self, name: str) -> None:
-        """Change the state and the equations at a switch."""
         if name == "touching":
             self._y[0] = 0.0
             if not self.touching:

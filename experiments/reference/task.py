@@ -158,7 +158,6 @@ def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate:
 
 
 def _at_rest(task: Task, scenario: Mapping[str, float]) -> Motion:
-    """Return the chain at the start of an episode."""
     law = {"restitution": scenario["restitution"], "dissipation": task.dissipation}
     law["reference_velocity"] = task.reference_velocity
     scene = Record(

@@ -239,7 +239,6 @@ def _limits(matchups: Sequence[Matchup]) -> str:
 
 
 def _scenarios(scenarios: Mapping[str, Any]) -> str:
-    """Return the scenarios in words."""
     if "set" in scenarios:
         return f"the first {scenarios['count']:,} of the frozen set {scenarios['set']}"
     source = "from a file" if "table" in scenarios else f"drawn from {json.dumps(scenarios['ranges'])}"

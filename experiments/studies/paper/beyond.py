@@ -153,7 +153,6 @@ def _numbers_beyond_objects(frame: pl.DataFrame) -> Numbers:
 
 
 def _row(coupling: str, speed: float) -> Row:
-    """Simulate one approach at `speed` (m/s); return its row."""
     distance = speed**2 / (2.0 * MOTION.acceleration) + speed * CRUISE
     approach = scene(1e3, 0.1, COUPLINGS[coupling], distance=distance)
     outcome = ig.simulate(approach, replace(MOTION, speed=speed), duration=2.0)

@@ -35,7 +35,6 @@ INELASTIC = {"a": scene(1e5, RESTITUTION, SPRING), "b": scene(1e3, RESTITUTION, 
 def _point(
     k_t: float, k_c: float, restitution: float, zeta: float = 1.0, distance: float = DISTANCE, braked: bool = True
 ) -> Row:
-    """Simulate one approach; return its row."""
     approach = scene(k_c, restitution, ig.SpringDamper(k_t, zeta), distance=distance)
     outcome = ig.simulate(approach, MOTION if braked else STEADY, DURATION + distance / MOTION.speed)
     return {
