@@ -41,7 +41,7 @@ class ReactingRule(Rule):
         return np.where(view.alarm, after, velocity), np.where(view.alarm, fast, acceleration)
 
     def approach(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return the profile's velocity (m/s) one control period later, and the acceleration (m/s^2) to reach it."""
+        """Return the profile's velocity (m/s) at the end of the control period, and the acceleration (m/s^2) to it."""
         most = self[ACCELERATION.name] if ACCELERATION in self.PARAMETERS else ACCELERATION_RANGE[1]
         position = view[self.OVER] if self.OVER == "position" else -view[self.OVER]
         return follow(self.profile(view), position, view["velocity"], most, self.task.control_period)

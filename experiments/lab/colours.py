@@ -10,7 +10,7 @@ SERIES = "rule", "policy", "profile", "person", "object", "tool", "flange", "for
 def css() -> str:
     """Return the palette as custom properties `--NAME`, light or dark by the reader's system or a button.
 
-    SVG elements of the page whose attributes are colours of the light palette get the same choice.
+    SVG elements of the page whose attributes are colours of the light palette become light or dark, too.
     """
     block = ":root:not([data-theme=light])"
     dark = f"@media screen and (prefers-color-scheme: dark) {{ {_block(block, 1)} }}"

@@ -101,7 +101,7 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
 
 
 def quantile_groups(values: Floats, count: int) -> list[tuple[NDArray[np.bool_], float, float]]:
-    """Return mask (n,) and edges of `count` groups of `values` (n,), equally large; fewer groups if edges coincide."""
+    """Split `values` (n,) by quantiles into `count` groups; return each group's mask (n,), lower and upper edge."""
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
     last = max(len(edges) - 2, 0)
     group = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, last)
