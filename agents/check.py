@@ -28,14 +28,15 @@ SAMPLE = 500  # scenarios that the paper's rule plays
 class Check:
     """Check a set-up, and print what its file means.
 
-    The command prints the observation, the actions, the ranges, the training and the evaluation. It also plays the
-    paper's rule in some scenarios and prints the results. It draws a picture of the robot, the tool and the object.
+    A set-up is a file that describes an arm and its objects. The command prints the observation, the actions, the
+    ranges, and the settings of training and evaluation. It also plays the paper's rule in 500 scenarios and prints the
+    results. It draws a picture of the robot, the tool and the object.
     """
 
     setup: tyro.conf.Positional[str]
     """Name of a shipped set-up, or file of a set-up."""
     picture: Path | None = None
-    """PNG file for the picture, which is to scale. The picture needs the packages of the extra `render`. Default:
+    """PNG file for the picture, which is to scale. To draw it, install the packages of the extra `render`. Default:
     reports/setups/NAME.png."""
 
 

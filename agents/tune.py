@@ -41,14 +41,15 @@ SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")
 
 @dataclass(frozen=True)
 class Tune:
-    """Tune the baselines of set-ups, each for several time weights."""
+    """Tune the baselines (controllers that are not learned) of set-ups, each baseline for several time weights."""
 
     setups: tyro.conf.Positional[tuple[str, ...]] = SETUPS
     """Names of shipped set-ups, or files of set-ups. Default: all shipped set-ups."""
     names: tuple[str, ...] = ()
-    """Names of the baselines to tune. Default: all baselines of the set-ups that can be tuned."""
+    """Names of the baselines to tune. Default: all baselines in [baselines.tuned] of the set-ups."""
     weights: tuple[float, ...] = ()
-    """Time weights, costs of a second of approach, m/s per s. Default: the weights of the set-up's evaluation."""
+    """Time weights, m/s per s. A time weight is the cost of a second of approach. Default: `evaluation.weights` of the
+    set-up."""
     scenarios: int | None = None
     """Number of scenarios that each candidate (a set of parameters) plays. Default: the number in the set-up."""
     budget: int | None = None
@@ -56,13 +57,14 @@ class Tune:
     population: int = 16
     """Number of candidates in a generation of the search. They play at the same time."""
     seed: int = 1
-    """Seed of the search."""
+    """Seed of the random numbers in the search."""
     bound: bool = False
-    """Also search the bound: the best approach of a controller that knows the scenario. This leaves out set-ups that
-    use the bound of another set-up."""
+    """Also search the bound: the lowest cost of a controller that knows the scenario. The command does not search the
+    bound of a set-up that uses the bound of another set-up."""
     at_rule_time: bool = False
-    """Add time weights, to get mean approach times up to 5 ms shorter and up to 5 ms longer than that of the paper's
-    rule. The baseline's V_p at the mean approach time of the rule can then be interpolated."""
+    """Also tune for additional time weights, until one mean approach time is up to 5 ms shorter than that of the
+    paper's rule, and another is up to 5 ms longer. The report then interpolates V_p (the object's final velocity) at
+    the mean approach time of the rule."""
     processes: int = 2
     """Number of searches at the same time on this machine, each on one core. 0: the searches run in this process."""
     cluster: str | None = None

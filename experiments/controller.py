@@ -34,10 +34,11 @@ class ControllerOptions:
     setup: tyro.conf.Positional[str]
     """Name of a shipped set-up, or file of a set-up."""
     out: Path
-    """Folder for all results. If an earlier run for this set-up was stopped there, the command continues it."""
+    """Folder for all results. If the folder contains an unfinished run for this set-up, the command continues
+    this run."""
     quick: bool = False
-    """Take a first look in a few minutes. The command then tunes less, trains three policies for a million steps each,
-    and compares the controllers in 200 scenarios. Use another folder than for the full run."""
+    """Take a first look in a few minutes. The command then tries fewer parameters in the tuning, trains three policies
+    for a million steps each, and compares the controllers in 200 scenarios. For the full run, use another folder."""
     processes: int = 2
     """Number of tunings or trainings at the same time on this machine. Each uses one core."""
     time_weight: float | None = None

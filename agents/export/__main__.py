@@ -32,17 +32,17 @@ OBSERVATIONS = 10_000
 
 @dataclass(frozen=True)
 class Export:
-    """Write a controller as a C header, and a policy also as an ONNX file."""
+    """Write a controller as a C header, and a policy (a neural network) also as an ONNX file."""
 
     controller: tyro.conf.Positional[str]
     """Name of a shipped policy or baseline, file of a policy or baseline, or folder of a training. With --all, name or
-    file of a set-up. The header of a tuned baseline contains its parameters for all time weights for which it was
-    tuned. The function NAME_reset in this header takes the time weight."""
+    file of a set-up. The header of a tuned baseline contains the parameters for all time weights for which the
+    baseline was tuned. Pass the time weight to the function NAME_reset of this header."""
     out: Path
     """Folder for the C header and the ONNX file."""
     setup: str | None = None
-    """Name or file of a set-up. CONTROLLER may then also be the name of a baseline of this set-up. A rule without
-    parameters, such as the paper's rule, is written for the environment of this set-up."""
+    """Name or file of a set-up. CONTROLLER may then also be the name of a baseline of this set-up. With
+    this option, a rule without parameters, such as the paper's rule, is written for the arm of this set-up."""
     all: bool = False
     """Write all controllers of a set-up: its policy, its tuned baselines, and the rules without parameters, such as the
     paper's rule."""

@@ -34,8 +34,8 @@ class Training:
     episode draws its time weight log-uniformly between these two. The policy observes the time weight, so one policy
     can be used for all time weights in this range."""
     weight_power: float = 0.5
-    """The training divides rewards by (1 + time_weight) ** weight_power. Without this, episodes with a large time
-    weight would dominate."""
+    """The training divides rewards by (1 + time_weight) ** weight_power. With weight_power 0, episodes with a large
+    time weight would influence the policy most, because their costs are larger."""
     envs: int = 512
     """Number of parallel environments."""
     batch: int = 2048
@@ -45,19 +45,19 @@ class Training:
     epochs: int = 3
     """Number of passes over the samples of each rollout."""
     gae_lambda: float = 1.0
-    """Parameter lambda of PPO's estimate of the advantage. A large lambda gives less bias and more variance. The
-    discount factor is always 1."""
+    """Parameter lambda of PPO's estimate of the advantage. With a larger lambda, this estimate has less bias and
+    more variance. The discount factor is always 1."""
     entropy: float = 0.0
     """Weight of the entropy bonus, which rewards exploration."""
     clip: float = 0.2
-    """Clip range of PPO, relative to the probability of an action before the update."""
+    """Clip range of PPO: limit for the relative change of an action's probability in an update."""
     log_std: float = -0.8
     """Logarithm of the initial standard deviation of the actions."""
     informed_critic: bool = True
     """Whether the critic sees more than the policy: the true scenario and all other random numbers of the episode."""
     teacher: str = ""
-    """Name of a tuned baseline, of the set-up or shipped, that the policy imitates before it learns from rewards.
-    Empty: no imitation."""
+    """Name of a tuned baseline of the set-up, or of a shipped tuned baseline. The policy imitates this baseline before
+    it learns from rewards. Empty: no imitation."""
     imitation_steps: int = 1_000_000
     """Number of environment steps in which the policy imitates the teacher."""
     learning_rate: float = 7e-4
@@ -76,12 +76,13 @@ class Training:
     """Relative tolerance of the simulation during training. Default: the tolerance of the set-up's environment. The
     validation always uses the tolerance of the environment."""
     threads: int = 1
-    """Number of threads of PyTorch. A second thread helps only if a core is free."""
+    """Number of threads of PyTorch. A second thread makes the training faster only if a core is free."""
     simulation_threads: int | None = None
-    """Number of threads that simulate the environments. It does not change the result of the training. Default: one
-    thread for each core."""
+    """Number of threads that simulate the environments. This number does not change the result of the training.
+    Default: one thread for each core."""
     validate_every: int = 1_000_000
-    """Number of environment steps between two validations. The policy with the best validation score is kept."""
+    """Number of environment steps between two validations. The training keeps the policy with the lowest cost in a
+    validation."""
     validation_scenarios: int = 1000
     """Number of scenarios of each validation, at most 1,000."""
     checkpoint_every: int = 2_000_000

@@ -17,11 +17,12 @@ class Play:
     """Steer the tool in the browser, with a delay and an assistance that you choose.
 
     The command serves a page until you stop it, and prints the address of this page. Only a browser on this machine can
-    open the page. Each try is saved as a file.
+    open the page. Each approach that you steer (a try) is saved as a file.
     """
 
     setup: Annotated[Positional[str], arg(metavar="[SETUP]")] = "teleop-rigid"
-    """Name or file of a set-up with an operator. You take the place of the operator."""
+    """Name or file of a set-up that has an operator, a model of a person who steers the arm. You take the place of this
+    model."""
     assist: Annotated[str, arg(metavar="NAME")] = "none"
     """Assistance, a controller at the arm that may change your command: none, brake, limit, policy or rule."""
     port: Annotated[int, arg(metavar="PORT")] = 8765

@@ -39,22 +39,23 @@ PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "matplotlib", "polars",
 class ReportOptions:
     """Play policies and baselines in the same scenarios, and write a page that compares them.
 
-    If you name neither set-ups nor policies, the command takes the set-ups linear-blind, linear-ranged, bistable-blind
-    and paper-limits.
+    If you name neither set-ups nor policies, the command compares controllers for the set-ups linear-blind,
+    linear-ranged, bistable-blind and paper-limits. A set-up is a file that describes an arm and its objects.
     """
 
     setups: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Names of shipped set-ups, or files of set-ups. The page compares the policies and baselines of each set-up."""
+    """Names of shipped set-ups, or files of set-ups. The page compares the policy of each set-up with
+    its baselines, controllers that are not learned."""
 
     folder: Path | None = None
-    """Folder with the subfolders `policies` and `tuned` of the set-ups. Default: the folder to which
-    `impact-gym train --seeds` and `impact-gym tune` write these subfolders."""
+    """Folder with the subfolders `policies` and `tuned`. Default: the folder to which `impact-gym train --seeds` and
+    `impact-gym tune` write these subfolders for the set-up."""
     policy: tuple[str, ...] = ()
     """Policies to compare, if you name no set-ups: files of policies, folders of trainings, or names of shipped
     policies. The page compares each policy with the paper's rule and with the baselines."""
     baseline: tuple[str, ...] = ()
-    """With --policy: baselines to compare in addition to the paper's rule. Each is the name of a tuned baseline or
-    module:object. The object has the method `predict`, or it is a function or class that returns such an object.
+    """With --policy: baselines to compare in addition to the paper's rule. Give the name of a tuned baseline, or
+    module:object. The object must have the method `predict`, or be a function or class that returns such an object.
     Default: the baselines of the policy's set-up."""
     scenarios: str | None = None
     """Scenarios to use instead of those of the set-ups. Give the name or the CSV file of a frozen set of scenarios, or
@@ -65,10 +66,11 @@ class ReportOptions:
     scenarios of the frozen set, or "count" in the JSON file."""
     time_weight: float | None = None
     """Cost of a second of approach, in m/s of the object's final velocity. The page recommends the controller with the
-    lowest total cost. Default: `evaluation.typical` of the set-up."""
+    lowest total cost. Default: `evaluation.typical` of the set-up, which is 2 unless the file of the
+    set-up changes it."""
     out: Path = REPORTS / "latest"
-    """Folder for the page. A hidden folder beside it keeps the episodes that have been played. After an interruption,
-    repeat the command to continue."""
+    """Folder for the page. A hidden folder next to this folder keeps the results of all episodes. After an
+    interruption, repeat the command to continue."""
     force: bool = False
     """Play all episodes and write the page again, even if the page is up to date."""
     processes: int | None = None

@@ -129,7 +129,7 @@ def analyse(frames: Frames, quick: bool) -> Findings:
 
 STUDY = Study(
     name="bench",
-    question="How many steps per second?",
+    question="How many steps per second do the environments make?",
     measurements=(
         # one after the other in this process, whose threads are not limited to one
         Measurement(

@@ -1,4 +1,4 @@
-"""Compares assistances for an operator who acts late, with several couplings, delays and operators.
+"""Compares assistances for an operator whose commands arrive late, with several couplings, delays and operators.
 
 An operator steers towards an object over a channel with a delay. The place of the object that the operator assumes has
 an error of up to 5 cm. The operator stops one reaction time after the picture shows the touch. An assistance at the arm
@@ -202,7 +202,7 @@ def analyse(frames: Frames, _: bool) -> Findings:
 PLAYED = (*grid.PLAYED, "agents.setups", "impact_gym.teleop")
 STUDY = Study(
     "teleop",
-    "Which assistance helps an operator who acts late?",
+    "Which assistance helps if the operator's commands arrive late?",
     (Measurement("episodes", assisted, grid.play, PLAYED),),
     analyse,
 )

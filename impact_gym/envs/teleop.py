@@ -8,26 +8,29 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     """An operator commands the tool with a delay; an assistance at the arm corrects the commands without delay.
 
     ## Description
-    As `ImpactApproach`, except that an operator commands the velocity of the flange over one channel, and sees the arm
-    over another channel. The agent controls an assistance at the arm, between the operator's commands and the flange.
-    The assistance can slow down the approach, and after a touch it can stop and withdraw the tool. It does not know
-    where the object is. It acts without delay, whereas the operator's commands arrive late. The task is done when the
-    object rests again.
+    The environment is `ImpactApproach` with an *operator*: a model, a recording or a person. The operator commands the
+    velocity of the flange over one channel, and sees the arm over another channel. The agent controls an *assistance*
+    at the arm, between the operator's commands and the flange. The assistance can slow down the approach, and after a
+    touch it can stop and withdraw the tool. The assistance does not know where the object is. It acts without delay,
+    but the operator's commands arrive late. The task is done when the object rests again after the touch.
 
     ## Operators and Channels
     `operator` is an object of a class in `ig.operators`, or a dict with the name of the class as "type": `Replay`,
-    `Person`, `Trapezoid`, `Reach`, `SecondOrderLag`, `Tracker`; their docstrings have equations and sources. Operators
-    assume that the object is `place_error` farther away than it is. `uplink` and `downlink` are `Channel` objects. Once
-    per control period, at the ticks of the operator's clock, one packet is sent over each channel. Each packet has its
-    own delay; the receiver uses the newest packet that has arrived. Two packets do not wait for the next tick: the
-    operator's stop, and the arm's report of the first touch. An operator learns of the touch from the first packet to
-    arrive that was sent at the touch or later. The operator stops `reaction` after that, and then commands 0. A
-    `Tracker` also reads the position of the flange from the packets. A `Person` sends the velocity last passed to
-    `command(velocity)` of the unwrapped environment. A call before a step sets what is sent at the tick that falls into
-    that step or at its end. A `Replay` of the velocities sent at the ticks repeats the episode bit for bit.
+    `Person`, `Trapezoid`, `Reach`, `SecondOrderLag`, `Tracker`. The docstrings of these classes have equations and
+    sources. A model of an operator assumes that the object is `place_error` farther away than it is. `uplink` (for
+    commands) and `downlink` (for the operator's view) are `Channel` objects. Once per control period, at the ticks of
+    the operator's clock, one packet is sent over each channel. Each packet has its own delay, and the receiver uses the
+    newest packet that has arrived. Two packets are sent at once, without waiting for the next tick: the operator's
+    stop, and the arm's report of the first touch. An operator knows of the touch when the first packet arrives that was
+    sent at the touch or later. The operator stops `reaction` seconds after this, and from then on commands 0.
+    A
+    `Tracker` also reads the position of the flange from the packets. For a `Person`, your code passes the velocity to
+    `command(velocity)` of the unwrapped environment, and each tick sends the last velocity. A call before a step sets
+    the velocity that is sent at the tick during this step or at its end. A `Replay` of the velocities sent at the ticks
+    repeats the episode bit for bit.
 
     ## Action Space
-    `Box(-1, 1, (3,), float32)`. Values outside the box are clipped. With the operator's command u, the flange goes to
+    `Box(-1, 1, (3,), float32)`. Values outside the box are clipped. Let u be the operator's command. The flange goes to
     the velocity v = g u - r, clipped to `velocity_range`. If u changes during a step, v changes at once.
 
     | Num | Action                      | at -1 | at +1 | Unit  |
@@ -38,41 +41,44 @@ class ImpactTeleopEnv(ImpactApproachEnv):
 
     Three rules hold for every action. Without an alarm r is set to 0, so 0 <= v/u <= 1. After an alarm r is used for
     0.15 s (`after_alarm`), and then reduced from step to step, to 0 within 0.1 s. If u is 0, or if no newer command has
-    arrived for the `timeout` of the uplink, the flange stops at the largest deceleration, 20 m/s^2. An action that is
-    not finite is refused before anything moves.
+    arrived for the `timeout` of the uplink, the flange stops at the largest deceleration, 20 m/s^2. If an action is not
+    finite, `step` raises an error, and nothing moves.
 
     ## Observation Space
-    The observation of `ImpactApproach`, and five numbers about the operator's commands: the rows with `operator` in the
-    last column. Where the operator assumes the object to be is not observed.
+    The observation of `ImpactApproach`, and five more numbers about the operator's commands: the rows with 'only with
+    `operator`' in the last column. The observation does not contain the place where the operator assumes the object.
 
     OBSERVATION_TABLE
 
     A step lasts 16 ms. As in `ImpactApproach`, it ends early when the contact alarm reaches the controller.
 
     ## Reward
-    Each step gives `-time_weight` times its duration. The last step of the episode adds -V_p, where V_p is the object's
-    largest velocity, or -2 (`missed_cost`) if the object was not touched.
+    Each step gives `-time_weight` times its duration. If the object was touched, the last step of the episode adds
+    -V_p, where V_p is the object's largest velocity. If the object was not touched, the last step adds -2
+    (`missed_cost`).
 
     ## Starting State
     As in `ImpactApproach`, but the object is 0.2 to 0.8 m ahead, and its coefficient of friction on the ground is 0.1
-    to 0.5. If operator or channel are dicts, their numbers may be pairs (low, high), from which each episode draws.
+    to 0.5. If an operator or a channel is given as a dict, its numbers may be pairs (low, high), from which each
+    episode draws.
 
     ## Episode End
-    An episode terminates when the object has been touched and rests, and either the command has been 0 for 0.3 s, or
-    the flange is commanded at most 0.01 m/s with the tool within 5 mm of the object. It also terminates when an
-    operator who has commanded a motion commands 0 for 0.3 s without a touch, and at 8 s (`horizon`). Then the flange
-    brakes, and the simulation continues until all has settled.
+    An episode terminates in four cases. (1) The object has been touched and rests, and the operator's command has been
+    0 for 0.3 s. (2) The object has been touched and rests, the commanded velocity of the flange is at most 0.01 m/s,
+    and the tool is within 5 mm of the object. (3) The operator has commanded a motion, and then commands 0 for 0.3 s
+    without a touch. (4) The episode has lasted 8 s (`horizon`). Then the flange brakes, and the simulation continues
+    until the object cannot be touched again and the tool rests.
 
-    `info` of each step has `command` (m/s, the newest command that has arrived) and `command_age` (s), both at the end
-    of the step. For the last command that the flange executed in the step it has `teleop_action` (u, or 0 if the
-    command was too old) and `intervene_action` (v), arrays (1,) in m/s, and `is_intervention`: whether u and v differ
-    by more than 1 mm/s. Unlike in HIL-SERL, every step has an `intervene_action`; `is_intervention` says whether it is
-    an intervention. In a batch these entries are valid for the environments that played in the step; with SAME_STEP,
-    the entries of a finished episode are in `final_info`. The final info has `object_velocity` (m/s), `slide` (m),
-    `touch_time`, `done_time` (s; the horizon if the task was not done), `late` (s, mean time from a touch until the
-    operator's stop reaches the arm), `peak_force` (N), `contact_count`, `taken` (the fraction of the operator's
-    commanded motion that the assistance withheld before the touch), `missed`, `record`, and the other entries of
-    `ImpactApproach`.
+    The `info` of each step has `command` (m/s, the newest command that has arrived) and `command_age` (s), both at the
+    end of the step. Three other entries describe the last command that the flange executed in the step: `teleop_action`
+    is u, or 0 if the command was too old. `intervene_action` is v. These two are arrays (1,) in m/s. `is_intervention`
+    says whether u and v differ by more than 1 mm/s. In the library HIL-SERL, only steps with an intervention have an
+    `intervene_action`. Here every step has one. In a batch these entries are valid for the environments that played in
+    the step. With SAME_STEP, the entries of a finished episode are in `final_info`. The final info has
+    `object_velocity` (m/s), `slide` (m), `touch_time`, `done_time` (s; the horizon if the task was not done), `late`
+    (s, mean time from a touch until the operator's stop reaches the arm), `peak_force` (N), `contact_count`, `taken`
+    (the fraction of the operator's commanded motion that the assistance withheld before the touch), `missed`, `record`,
+    and the other entries of `ImpactApproach`.
 
     ## Arguments
     See `ImpactApproach`. `ImpactTeleop-v0` has the operator `Reach`, and channels with a delay of 0.1 s each way.

@@ -6,10 +6,8 @@ import pytest
 from agents.baselines.filtered import FilteredProfile, FirstReadingProfile
 from agents.baselines.profile import LEAST_SPREAD
 from agents.baselines.rule import View
-from agents.evaluate.controllers import controller_of
 from impact_gym.envs.batch import Batch
 from impact_gym.task import ObservationSpec, Task
-from impact_gym.task.range_sensor import RangeSensor
 
 START = [parameter.start for parameter in FilteredProfile.PARAMETERS]
 PRIOR = 12.0 / 0.2**2  # 1/m^2, weight of the prior: uniform between 15 and 35 cm
@@ -71,15 +69,3 @@ def test_filter_begins_anew_with_each_episode():
     again, _ = rule.see(View(batch.observations, spec), later, np.array([True, True, False, False]))
     assert np.array_equal(again["distance_estimate"][:2], view["distance_estimate"][:2])
     assert (again["spread"][2:] < view["spread"][2:]).all()
-
-
-def test_filter_keeps_the_sensor_for_which_it_was_tuned():
-    """It does not subtract the bias of another sensor with which it plays; its commands are for the other arm."""
-    numbers = dict(zip(FilteredProfile.names(), START, strict=True))
-    tuned = {
-        "baseline": "mine", "rule": "FilteredProfile", "weights": {"2": {"parameters": numbers}},
-        "parameters": [{"name": name} for name in numbers], "environment": {"range_sensor": {"noise": 0.001}},
-    }  # fmt: skip
-    there = Task(range_sensor={"noise": 0.002, "bias": 0.02}, tool_mass=0.5, velocity_range=(-0.2, 0.7))
-    played = controller_of({"tuned": tuned}, 2.0, there).task
-    assert (played.range_sensor, played.tool_mass, played.velocity_range) == (RangeSensor(0.001), 0.125, (-0.2, 0.7))

@@ -1,7 +1,6 @@
 """Set-ups: shipped ones are complete, files are read as written, and `impact-gym check` prints true statements."""
 
 import math
-import sys
 from dataclasses import replace
 from itertools import repeat
 from pathlib import Path
@@ -15,7 +14,7 @@ from scenes import scene
 
 import impact_gym as ig
 from agents import check, load_setup
-from agents.setups import feasible, owner, same_environment, shipped, shipped_baselines
+from agents.setups import feasible, owner, shipped, shipped_baselines
 from agents.setups.evaluation import VARIED, Evaluation, changes, variants
 from agents.setups.setup import FIXED
 from agents.train.ppo import Run
@@ -35,29 +34,16 @@ def test_load_setup_finds_all_files_of_a_shipped_set_up(name):
     assert load_setup(name).environment.get("tool_mass") != 9.0  # a caller cannot change the set-up of other callers
 
 
-def test_same_environment_ignores_defaults_and_notation():
-    written = {"tool_mass": 0.125, "coupling": {"type": "SpringDamper", "stiffness": 50.0}, "time_weight": [0.3, 8.0]}
-    delays = ([0.01, 0.02], (0.01, 0.02), np.array([0.01, 0.02]))
-    for given in (written, *({"scenario": scenario} for scenario in ("train", {"distance": [0.15, 0.35]}))):
-        assert same_environment(Task(), Task(**given))
-        late = [Task(**given | {"reaction_delay": each}) for each in delays]
-        assert all(same_environment(Task(reaction_delay=delays[0]), each) for each in late)
-        for other in ({"tool_mass": 0.2}, {"tool_mass": [0.1, 0.15]}):
-            assert not same_environment(Task(**given), Task(**other))
-
-
 def test_load_setup_reads_a_file(mine):
     setup = load_setup(mine)
     single, several = setup.make(), setup.make_vec(3)
     assert np.array_equal(single.reset(seed=5)[0], several.reset(seed=5)[0][0])
     task, training = Task(**setup.environment), setup.training
     assert {*task.drawn} == {"tool_mass", "coupling.stiffness", "robot.stiffness", "range_noise"}
-    assert (task.velocity_range, task.scenario.object_mass) == ((-0.2, 0.6), (0.2, 1.0))
     assert [*setup.tuned] == ["mine-profile"] == [*setup.against]  # the defaults of a file without [baselines]
     assert setup.tuned["mine-profile"].rule == "RangedProfile"
     assert setup.folder == Path("runs/mine")
-    assert (training.steps, training.rollout, setup.seeds, setup.budget) == (2000, 16, 2, 16)
-    assert setup.evaluation.weights == (1.0, 4.0)
+    assert (training.steps, setup.seeds, setup.budget, setup.evaluation.weights) == (2000, 2, 16, (1.0, 4.0))
 
 
 @pytest.mark.filterwarnings("ignore:SpringDamper.stroke")
@@ -89,13 +75,8 @@ def test_a_users_set_up_is_varied_around_its_own_numbers():
     assert varied["robot"] == ["rigid"]
     assert 0.02 in varied["reaction_delay"]
     assert "scenario" not in varied  # the frozen set lies outside the default ranges, but not outside of these
-    thresholds = [
-        Task(**change.environment).alarm_threshold
-        for change in changes("alarm_threshold", varied["alarm_threshold"], own)
-    ]
-    assert thresholds == [0.75, 1.5, 3.0, 6.0, 12.0]  # N
-    assert "robot" not in Evaluation.of_table({}, {}).varied
-    assert len(load_setup("linear-blind").evaluation.varied["robot"]) == 2
+    thresholds = changes("alarm_threshold", varied["alarm_threshold"], own)
+    assert [change.environment["alarm_threshold"] for change in thresholds] == [0.75, 1.5, 3.0, 6.0, 12.0]  # N
 
 
 def test_variants_start_from_the_nominal_arguments():
@@ -112,32 +93,13 @@ def test_variants_start_from_the_nominal_arguments():
         assert (task.drawn, change.same) == ({}, same)
 
 
-def test_changes_leave_out_values_that_the_environment_refuses():
-    tight = {"type": "Bistable", "free_length": 0.07, "height": 0.06995, "front_stop": 0.001, "rear_stop": -0.001}
-    kept = changes("coupling.front_stop", {"times": [1.0, 4.0]}, {"coupling": tight})
-    assert [change.value for change in kept] == [1.0]
-
-
-def behind_in_far_flight(task, acceleration, duration):
-    """Return the lag of the tool behind the command over time, m, while the flange accelerates."""
-    chain = scene(coupling=task.coupling, robot=task.robot, m_t=task.tool_mass, distance=1e6)
-    trace = ig.simulate(chain, ig.Trapezoid(1e3, acceleration), duration, trace=True).trace
-    return trace.command_position - trace.tool_position
-
-
 @pytest.mark.parametrize("robot", [None, ig.Robot(5.0, 3e3, 200.0)])
 @pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(200.0, 1.0)])
 def test_lag_equals_the_lag_after_a_long_acceleration(coupling, robot):
-    task = Task(tool_mass=0.3, coupling=coupling, robot=robot)
-    assert check.lag(task) == pytest.approx(behind_in_far_flight(task, 20.0, 5.0)[-1], rel=1e-6, abs=1e-9)
-
-
-@pytest.mark.parametrize("share", [0.98, 1.02])
-def test_mechanism_leaves_its_stop_above_the_acceleration_at_which_it_holds_the_tool(share):
-    task = Task(coupling=ig.Bistable())
-    held = task.coupling.holding_force / task.tool_mass  # m/s^2
-    behind = behind_in_far_flight(task, share * held, 2.0)
-    assert (np.abs(behind).max() > 0.01) == (share > 1.0)
+    chain = scene(coupling=coupling, robot=robot, m_t=0.3, distance=1e6)
+    trace = ig.simulate(chain, ig.Trapezoid(1e3, 20.0), 5.0, trace=True).trace
+    lag = trace.command_position[-1] - trace.tool_position[-1]
+    assert check.lag(Task(tool_mass=0.3, coupling=coupling, robot=robot)) == pytest.approx(lag, rel=1e-6, abs=1e-9)
 
 
 def test_lines_state_the_consequences(mine):
@@ -145,17 +107,9 @@ def test_lines_state_the_consequences(mine):
     hand = [4.0 * m / k + 4.0 * (8.0 + m) / k_r for m in (0.3, 0.5) for k in (200, 400) for k_r in (5e4, 2e5)]
     assert sorted(lags) == pytest.approx(sorted(hand), rel=1e-12)
     text, of_mechanism = ("\n".join(check.lines(load_setup(name))) for name in (mine, "bistable-paper"))
-    drawn = "robot.stiffness: 50000 to 200000 N/m, log-uniform"
-    assert all(part in text for part in (drawn, f"impact-gym train {mine}", "mine-profile", "distance estimate"))
+    assert "robot.stiffness: 50000 to 200000 N/m, log-uniform" in text
     assert "warning" not in text
-    assert "the front stop holds the tool up to 8.38" in of_mechanism
     assert "the front stop holds the tool with 1.05 N" in of_mechanism  # 8.38 m/s^2 times 0.125 kg
-
-
-def test_check_needs_pygame_only_for_the_picture(monkeypatch, capsys, tmp_path):
-    monkeypatch.setitem(sys.modules, "pygame", None)
-    check.run(check.Check("linear-blind", tmp_path / "picture.png"))
-    assert capsys.readouterr().out.splitlines()[-1].startswith("no picture: rendering needs pygame")
 
 
 @pytest.mark.parametrize(("acceleration", "speed"), [(20.0, 1.5), (2.0, 0.4), (1.5, 10.0)])

@@ -18,11 +18,10 @@ from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import shipped
 from agents.train.__main__ import TrainOptions, read_options
 from agents.train.imitation import Teacher
-from agents.train.networks import CENTRE_AND_SPREAD, FastTanh, Standardised, standardisation
+from agents.train.networks import FastTanh, standardisation
 from agents.train.ppo import Run, make_environments, policy_from
 from agents.train.scaling import ScaledRewards
 from impact_gym.sb3 import ImpactVecEnv
-from impact_gym.task import Task
 
 
 @pytest.mark.parametrize("name", shipped())
@@ -36,12 +35,6 @@ def test_read_options_takes_settings_from_the_set_up_and_reads_the_command_of_a_
     assert Run(setup, setup.training).command == f"impact-gym train {name}"
 
 
-def test_run_is_validated_at_the_tolerance_of_its_environment():
-    run = tiny(rtol=1e-4)
-    assert run.training_task.rtol == 1e-4
-    assert run.task.rtol == Task().rtol
-
-
 @pytest.mark.parametrize("power", [0.0, 0.5])
 def test_scaled_rewards_divides_by_a_power_of_one_plus_the_weight_of_the_episode(power):
     plain = ImpactVecEnv(16, time_weight=(0.5, 8.0))
@@ -53,15 +46,13 @@ def test_scaled_rewards_divides_by_a_power_of_one_plus_the_weight_of_the_episode
     for _ in range(120):
         weights = plain.observation_spec.decode(seen, "time_weight")
         actions = np.full((16, 2), 0.4, np.float32)
-        seen, rewards, ended, infos = plain.step(actions)
+        seen, rewards, ended, _ = plain.step(actions)
         assert scaled.step(actions)[1] == pytest.approx(rewards / (1.0 + weights) ** power, rel=1e-5)
-        for slot in np.flatnonzero(ended):
-            assert infos[slot]["time_weight"] == pytest.approx(weights[slot], rel=1e-5)
         episodes += ended.sum()
     assert episodes > 30
 
 
-def test_a_share_of_the_environments_is_nominal_and_the_critic_sees_true_numbers():
+def test_share_of_the_environments_is_nominal():
     run = tiny("linear-robust", nominal=0.25)
     environments = make_environments(run)
     environments.seed(3)
@@ -75,14 +66,7 @@ def test_a_share_of_the_environments_is_nominal_and_the_critic_sees_true_numbers
     shown = {name: spec.decode(seen, name) for name in truths}
     for name, truth in truths.items():
         assert shown[name][12:] == pytest.approx(truth, rel=1e-5)
-    records = {}
-    while len(records) < 12:
-        _, _, ended, infos = environments.step(np.full((16, 2), 0.2, np.float32))
-        for slot in np.flatnonzero(ended[:12]):
-            records.setdefault(slot, infos[slot]["record"])
-    for slot, record in records.items():
-        assert [shown[name][slot] for name in truths] == pytest.approx([record[name] for name in truths], rel=1e-4)
-    assert len({record["tool_mass"] for record in records.values()}) == 12
+    assert len({*shown["tool_mass"][:12]}) == 12
 
 
 RECORDED = """[environment]
@@ -91,15 +75,11 @@ uplink = { trace = "delays.csv" }
 friction = 0.3
 horizon = 8.0
 velocity_range = [-0.3, 0.5]
-
-[[training.mixed]]
-share = 0.25
-operator = { type = "Trapezoid", speed = [0.1, 0.4], reaction = 8.0 }
-
-[[training.mixed]]
-share = 0.5
-operator = { type = "Replay", time = [0.0, 1.0], velocity = [0.0, 0.3] }
-uplink = { delay = 0.2 }
+[training]
+mixed = [
+  { share = 0.25, operator = { type = "Trapezoid", speed = [0.1, 0.4], reaction = 8.0 } },
+  { share = 0.5, operator = { type = "Replay", time = [0.0, 1.0], velocity = [0.0, 0.3] }, uplink = { delay = 0.2 } },
+]
 """
 
 
@@ -127,24 +107,6 @@ def test_fast_tanh_equals_torchs_and_has_its_gradient():
     values = torch.cat((torch.linspace(-12.0, 12.0, 4001), torch.tensor([-1e4, -0.0, 0.0, 1e4])))
     assert FastTanh()(values).numpy() == pytest.approx(torch.tanh(values).numpy(), rel=0, abs=3e-7)
     assert torch.autograd.gradcheck(FastTanh(), torch.linspace(-2.0, 2.0, 9, dtype=torch.float64, requires_grad=True))
-
-
-def test_standardised_numbers_have_about_unit_size_during_a_training():
-    """With random commands; rare or one-sided numbers may differ."""
-    task = {"privileged": True, "range_noise": 0.01, "time_weight": (0.5, 8.0)}
-    envs, rng = ImpactVecEnv(256, **task), np.random.default_rng(0)
-    assert {*envs.observation_spec.ids} - {*CENTRE_AND_SPREAD} == {"reaction_delay"}  # fixed here
-    envs.seed(0)
-    seen = [envs.reset()]
-    for _ in range(120):
-        command = np.stack((rng.normal(0.2, 0.4, 256), rng.uniform(-1.0, 1.0, 256)), axis=1)
-        seen.append(envs.step(command.clip(-1.0, 1.0).astype(np.float32))[0])
-    layer = Standardised(envs.observation_space, [Task(**task)])
-    places = [place for place, name in enumerate(envs.observation_spec.ids) if name in CENTRE_AND_SPREAD]
-    standard = layer(torch.as_tensor(np.concatenate(seen))).numpy()[:, places]
-    assert np.abs(standard.mean(axis=0)).max() < 1.5
-    assert standard.std(axis=0).min() > 0.2
-    assert standard.std(axis=0).max() < 3.0
 
 
 def test_standardised_drawn_numbers_have_mean_0_and_deviation_1():

@@ -9,7 +9,7 @@ import pytest
 from own_set_up import change
 from refusals import refused
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-from training import assert_same, interrupted, model_of, rows, tiny
+from training import assert_same, interrupted, rows, tiny
 
 import impact_gym as ig
 from agents import load_policy, load_setup
@@ -17,19 +17,11 @@ from agents.evaluate.scenario_batch import Validation
 from agents.jobs import JobsFailedError
 from agents.policies.networks import to_arrays
 from agents.train.__main__ import read_options, run
-from agents.train.callback import OBJECTIVES, CollapsedError, TrainingCallback
-from agents.train.ppo import policy_from, resume, train
+from agents.train.callback import OBJECTIVES, CollapsedError
+from agents.train.ppo import resume, train
 from agents.train.seeds import train_one
 from impact_gym.files import UNFINISHED
 from impact_gym.task import Task
-
-TINY_SETTINGS = ("steps", "envs", "rollout", "batch", "width", "validate_every", "validation_scenarios")
-ALL_AT_ONCE = """[environment]
-tool_mass = [0.1, 0.2]
-reaction_delay = [0.008, 0.032]
-[evaluation.nominal]
-tool_mass = 0.125
-"""
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +87,7 @@ def test_resume_reaches_the_same_result_and_logs_each_step_once(whole, part):
 @pytest.mark.parametrize("imitation_steps", [512, 2048])
 def test_resume_reaches_the_same_result_during_and_after_imitation(tmp_path, imitation_steps):
     path = tmp_path / "all.toml"
-    path.write_text(ALL_AT_ONCE)
+    path.write_text("[environment]\ntool_mass = [0.1, 0.2]\n[evaluation.nominal]\ntool_mass = 0.125\n")
     run = tiny(path, nominal=0.5, teacher="blind-profile", imitation_steps=imitation_steps, steps=2048)
     assert_same(train(run, tmp_path / "whole"), resume(interrupted(run, tmp_path / "part")))
 
@@ -183,36 +175,11 @@ def test_train_stops_with_the_reason_if_it_touches_no_object(unreachable, tmp_pa
 
 
 def test_train_seeds_ships_nothing_of_a_collapsed_seed(unreachable, tmp_path):
-    settings = (f"--{name.replace('_', '-')} {getattr(unreachable.training, name)}" for name in TINY_SETTINGS)
+    names = ("steps", "envs", "rollout", "batch", "width", "validate_every", "validation_scenarios")
+    settings = (f"--{name.replace('_', '-')} {getattr(unreachable.training, name)}" for name in names)
     with pytest.raises(JobsFailedError, match=r"1 of 1 jobs failed(.|\n)*CollapsedError(.|\n)*objects missed"):
         trained(tmp_path, unreachable.setup.path, "--seeds", "1", *" ".join(settings).split())
     assert not (tmp_path / "policies").exists()
-
-
-class MadeUpValidation:
-    """A validation with given scores and shares of missed objects, one after the other."""
-
-    def __init__(self, *results):
-        self.results = iter(results)
-
-    def score(self, controller):
-        score, missed = next(self.results)
-        return {"score": score, "time_weight": [], "object_velocity": [], "approach_time": [], "missed": [missed]}
-
-
-def test_callback_keeps_the_best_policy_and_ends_after_three_validations_without_a_touch(tmp_path):
-    """A validation follows each of 16 rollouts. In the first tenth, which is one rollout, a policy may miss all."""
-    run = tiny(validate_every=256)
-    model, environments = model_of(run)
-    made, provenance = (tmp_path, run.setup, run.training, environments), {"settings": {"seed": 0}}
-    callback = TrainingCallback(*made, lambda: policy_from(model, run, provenance))
-    misses = [1.0, 1.0, 1.0, 0.9, *[1.0, 1.0, 0.0] * 3, 1.0, 1.0, 1.0]
-    callback.validation = MadeUpValidation(*zip([0.9, 0.5, 0.7, *[0.8] * 13], misses, strict=True))
-    with pytest.raises(CollapsedError, match=r"after 4,096 of 4,096 steps"):
-        model.learn(run.training.steps, callback, log_interval=None)
-    best = load_policy(tmp_path / "best.npz")
-    assert (best.provenance["validation"]["score"], best.provenance["steps"]) == (0.5, 512)
-    assert not np.array_equal(best.network.mean.weight, policy_from(model, run, {}).network.mean.weight)
 
 
 @pytest.mark.parametrize("steps", [4096, 256])

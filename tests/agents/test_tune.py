@@ -12,25 +12,13 @@ import pytest
 from episodes import Always
 from refusals import refused
 
-from agents import load_setup
+from agents import load_setup, tune
 from agents.baselines import Clairvoyant, ConstantSpeed, bound
 from agents.baselines.cmaes import minimise
 from agents.baselines.random import Jittery
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
-from agents.tune import (
-    CLEAN_ALARM,
-    MOST_TRIED,
-    NEAR,
-    Tune,
-    next_weight,
-    scores,
-    search_bound,
-    search_bounds,
-    tune,
-    tune_one,
-)
 from impact_gym.task import Task
 
 SPACE = (
@@ -96,21 +84,21 @@ def noisy(tmp_path):
     """Options to tune two weights in this process; the set-up's baseline has all options."""
     path = tmp_path / "noisy.toml"
     path.write_text(NOISY)
-    return Tune((str(path),), weights=(1.0, 4.0), processes=0, out=tmp_path, jobs=tmp_path / "jobs", **SEARCH)
+    return tune.Tune((str(path),), weights=(1.0, 4.0), processes=0, out=tmp_path, jobs=tmp_path / "jobs", **SEARCH)
 
 
 def test_tune_searches_with_the_settings_of_the_set_up_and_records_them(noisy, tmp_path):
-    (path,), setup = tune(noisy), load_setup(noisy.setups[0])
+    (path,), setup = tune.tune(noisy), load_setup(noisy.setups[0])
     weights = read_tuned("noisy-speed", tmp_path, setup)["weights"]
     for weight in (1.0, 4.0):
         entry = weights[f"{weight:g}"]
-        environment = {**setup.environment, **CLEAN_ALARM}
-        alone = tune_one("ConstantSpeed", environment, weight, rtol=1e-6, jitter=0.02, **SEARCH)
+        environment = {**setup.environment, **tune.CLEAN_ALARM}
+        alone = tune.tune_one("ConstantSpeed", environment, weight, rtol=1e-6, jitter=0.02, **SEARCH)
         assert list(entry["parameters"].values()) == alone["parameters"]
-        calm = tune_one("ConstantSpeed", environment, weight, rtol=1e-6, jitter=0.0, **SEARCH)
+        calm = tune.tune_one("ConstantSpeed", environment, weight, rtol=1e-6, jitter=0.0, **SEARCH)
         assert entry["train"] == alone["train"] != calm["train"]
         rule = ConstantSpeed.of(alone["parameters"]).for_task(Task(**environment))
-        assert entry["validation"] == alone["validation"] == scores(rule, weight)
+        assert entry["validation"] == alone["validation"] == tune.scores(rule, weight)
         assert entry["search"] == {**SEARCH, "clean_alarm": True, "jitter": 0.02}
         assert f"--names noisy-speed --weights {weight} --scenarios 8 --budget 24" in entry["command"]
         assert isinstance(load_baseline("noisy-speed", weight, tmp_path), ConstantSpeed)
@@ -119,7 +107,7 @@ def test_tune_searches_with_the_settings_of_the_set_up_and_records_them(noisy, t
 
 def test_tune_prefers_a_gentle_touch_to_a_miss_at_any_time_weight():
     """At 0.05 m/s per s, 1.2 s without a touch cost less than any impact, but a miss costs 2 m/s."""
-    found = tune_one("ConstantSpeed", {}, 0.05, 1e-5, 0.0, **SEARCH | {"scenarios": 20, "budget": 80})
+    found = tune.tune_one("ConstantSpeed", {}, 0.05, 1e-5, 0.0, **SEARCH | {"scenarios": 20, "budget": 80})
     assert found["validation"]["missed"] == 0
     assert 0.05 * 1.2 < found["train"] < 2.0
     stage = ScenarioBatch(TUNING_SEED, 20, Task(rtol=1e-5))
@@ -127,36 +115,36 @@ def test_tune_prefers_a_gentle_touch_to_a_miss_at_any_time_weight():
 
 
 def test_tune_keeps_finished_weights_and_reaches_the_same_result_after_a_stop(noisy, tmp_path):
-    (path,) = tune(noisy)
+    (path,) = tune.tune(noisy)
     whole, setup = path.read_bytes(), load_setup(noisy.setups[0])
-    tune(replace(noisy, out=tmp_path / "parts", jobs=tmp_path / "others", weights=(4.0,)))
-    (parts,) = tune(replace(noisy, out=tmp_path / "parts", jobs=tmp_path / "others"))
+    tune.tune(replace(noisy, out=tmp_path / "parts", jobs=tmp_path / "others", weights=(4.0,)))
+    (parts,) = tune.tune(replace(noisy, out=tmp_path / "parts", jobs=tmp_path / "others"))
     assert parts.read_bytes() == whole
     weights = read_tuned("noisy-speed", tmp_path, setup)["weights"]
     weights["1"]["parameters"]["speed"] = 0.123  # no search finds this number
     write_tuned("noisy-speed", weights, setup, tmp_path)
     marked = path.read_bytes()
-    tune(noisy)
+    tune.tune(noisy)
     assert path.read_bytes() == marked
     path.unlink()
-    tune(noisy)
+    tune.tune(noisy)
     assert path.read_bytes() == whole
 
 
 def test_parallel_tunings_keep_each_others_weights(noisy, tmp_path):
     each = [replace(noisy, weights=(weight,), jobs=tmp_path / f"jobs-{weight}") for weight in (0.5, 1.0, 2.0, 4.0)]
     with ProcessPoolExecutor(4, get_context("spawn")) as pool:
-        list(pool.map(tune, each))
+        list(pool.map(tune.tune, each))
     assert [*read_tuned("noisy-speed", tmp_path, load_setup(noisy.setups[0]))["weights"]] == ["0.5", "1", "2", "4"]
 
 
 def test_tune_repeats_a_search_with_other_settings_or_another_environment(noisy, tmp_path, capsys):
-    first = tune(noisy)[0].read_bytes()
-    path = tune(replace(noisy, seed=9))[0]
+    first = tune.tune(noisy)[0].read_bytes()
+    path = tune.tune(replace(noisy, seed=9))[0]
     assert "tuned again at ['1', '4']: it was tuned with other settings" in capsys.readouterr().out
     second = path.read_bytes()
     (tmp_path / "noisy.toml").write_text(NOISY.replace("[baselines", "tool_mass = 0.2\n[baselines"))
-    tune(replace(noisy, seed=9))
+    tune.tune(replace(noisy, seed=9))
     assert "another environment" in capsys.readouterr().out
     assert len({first, second, path.read_bytes()}) == 3
 
@@ -164,7 +152,7 @@ def test_tune_repeats_a_search_with_other_settings_or_another_environment(noisy,
 def test_tune_uses_a_cluster_even_if_processes_are_given(noisy, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(RuntimeError, match="install the extra `cluster`"):
-        tune(replace(noisy, processes=2, cluster="ray"))
+        tune.tune(replace(noisy, processes=2, cluster="ray"))
 
 
 @pytest.mark.parametrize("weight", load_setup("linear-blind").evaluation.weights)
@@ -180,17 +168,11 @@ def test_bound_is_below_every_shipped_baseline(name, weight):
         assert np.mean(known < blind) > 0.9  # in single scenarios a search may end in a local minimum
 
 
-def test_search_of_the_bound_prefers_a_gentle_touch_to_a_miss_at_any_time_weight():
-    parameters = search_bound({}, 0.01, scenarios=3, generations=12, population=10)
-    known = ScenarioBatch.of("test", 3, Task(privileged=True), time_weight=[0.01]).play(Clairvoyant(parameters))
-    assert not known.missed.any()
-
-
 def test_search_bounds_beats_a_blind_profile_and_keeps_its_result(tmp_path):
-    wanted = Tune(("linear-blind",), weights=(1.0,), processes=0, out=tmp_path, jobs=tmp_path / "jobs")
+    wanted = tune.Tune(("linear-blind",), weights=(1.0,), processes=0, out=tmp_path, jobs=tmp_path / "jobs")
     setup, size = load_setup("linear-blind"), {"scenarios": 4, "generations": 25}
     refused(lambda: bound.read_bound(setup, tmp_path), "was not searched", "impact-gym tune linear-blind --bound")
-    (path,) = search_bounds(wanted, **size)
+    (path,) = tune.search_bounds(wanted, **size)
     parameters = bound.read_bound(setup, tmp_path, generations=25)[1.0]
     known = ScenarioBatch.of("test", 4, Task(privileged=True), time_weight=[1.0]).play(Clairvoyant(parameters))
     blind = ScenarioBatch.of("test", 4, time_weight=[1.0]).play(load_baseline("blind-profile", 1.0))
@@ -199,7 +181,7 @@ def test_search_bounds_beats_a_blind_profile_and_keeps_its_result(tmp_path):
     fastest = np.sqrt(2 * known.scenario["distance"] / 20.0)  # s, at full acceleration
     assert (known.approach_time > fastest - 0.02).all()  # the tool may swing ahead of the flange
     bound.write_bound(setup, {1.0: 0.5 * parameters}, tmp_path, generations=25)
-    assert search_bounds(wanted, **size) == [path]
+    assert tune.search_bounds(wanted, **size) == [path]
     assert np.array_equal(bound.read_bound(setup, tmp_path, 25)[1.0], 0.5 * parameters)  # it was not searched again
 
 
@@ -217,20 +199,20 @@ def test_read_bound_refuses_the_result_of_another_search(tmp_path):
 @pytest.mark.parametrize("power", [0.1, 0.3, 0.6])
 def test_tuned_times_enclose_the_time_of_the_rule_within_5_ms(target, power):
     times = {weight: 0.35 * weight**-power for weight in (0.7, 1.0, 2.0, 4.0)}
-    for _ in range(MOST_TRIED):
-        if (weight := next_weight(times, target)) is None:
+    for _ in range(tune.MOST_TRIED):
+        if (weight := tune.next_weight(times, target)) is None:
             break
         times[weight] = 0.35 * weight**-power
     sooner, later = (np.array([time for time in times.values() if (time > target) == side]) for side in (False, True))
-    in_reach = 0.35 * 32.0**-power <= target - NEAR and target + NEAR <= 0.35 * 0.125**-power
+    in_reach = 0.35 * 32.0**-power <= target - tune.NEAR and target + tune.NEAR <= 0.35 * 0.125**-power
     if in_reach:
-        assert target - sooner.max() <= NEAR
-        assert later.min() - target <= NEAR
-    assert in_reach or next_weight(times, target) is None
+        assert target - sooner.max() <= tune.NEAR
+        assert later.min() - target <= tune.NEAR
+    assert in_reach or tune.next_weight(times, target) is None
 
 
 def test_tuning_at_the_rules_time_ends_for_a_front_with_a_gap():
     times = {weight: 0.25 if weight > 0.3 else 0.45 for weight in (0.2, 0.7, 1.0, 2.0)}
-    while (weight := next_weight(times, 0.31)) is not None:
+    while (weight := tune.next_weight(times, 0.31)) is not None:
         times[weight] = 0.25 if weight > 0.3 else 0.45
     assert len(times) < 50

@@ -17,22 +17,17 @@ def test_steps_steps_gain_the_difference_to_the_step_before():
     assert (first.contestant, first.velocity.less, first.velocity.share) == (PAPER, None, None)
     assert [step.added for step in steps] == ["the arm's limits", PLACE, "learning"]
     assert [step.contestant for step in steps] == ["constant", "profile", "learned policy"]
-    for step, share, less in zip(steps, (0.7, 0.5, 0.3), (0.3, 0.2, 0.2), strict=True):
+    assert first.loss.value.value == pytest.approx(mean + 2.0 * PAPER_TIME)
+    for step, share, less, cost in zip(steps, (0.7, 0.5, 0.3), (0.3, 0.2, 0.2), (0.2, 0.0, 0.0), strict=True):
         assert step.velocity.value.value == pytest.approx(share * mean)
         assert step.velocity.less.value == pytest.approx(less * mean)
         gain = step.velocity.share
         assert (gain.value, gain.low, gain.high) == pytest.approx((less / 0.7,) * 3)  # what all share cancels
-    assert first.loss.value.value == pytest.approx(mean + 2.0 * PAPER_TIME)
-    for step, share, less in zip(steps, (0.8, 0.6, 0.4), (0.2 * mean + 0.2, 0.2 * mean, 0.2 * mean), strict=True):
-        assert step.loss.value.value == pytest.approx(share * mean + 2.0 * 0.2)  # at w = 2, after 0.2 s
-        assert step.loss.less.value == pytest.approx(less)
+        assert step.loss.value.value == pytest.approx((share + 0.1) * mean + 2.0 * 0.2)  # at w = 2, after 0.2 s
+        assert step.loss.less.value == pytest.approx(0.2 * mean + cost)
     text = sentence([first, *steps])
     for words in ("42.9 % [42.9, 42.9] from the arm's limits", "28.6 % [28.6, 28.6] from learning"):
         assert words in text
-    rows = table([first, *steps], {"profile": "tuned profile (profile)"}).rows
-    assert rows[0][:4] == ("the paper", PAPER, f"{mean:.3f}", "-")
-    assert rows[2][:2] == (f"+ {PLACE}", "tuned profile (profile)")
-    assert rows[2][4] == "28.6 % [28.6, 28.6]"
 
 
 def test_gains_add_up_to_the_whole_in_every_resample():
@@ -89,19 +84,16 @@ def test_steps_compares_the_clairvoyant_on_its_searched_scenarios():
     assert knows.velocity.value.value == pytest.approx(0.1 * subset_mean)
     assert knows.velocity.less.value == pytest.approx((0.25 - 0.1) * subset_mean)
     assert knows.velocity.share.value == pytest.approx(0.15 / 0.75)
-    assert "the first 20 scenarios" in table(steps_of(results), {}).rows[-1][1]
-    assert "knowing the object" not in sentence(steps_of(results))
     results.bound = Run((7.0, 8.0), results.bound.arrays)
     assert steps_of(results)[-1].contestant == policy.contestant  # not searched at the typical weight
 
 
 @pytest.mark.parametrize(("policy", "profile", "limits", "said", "gap"), [
     (run((0.2, 0.4)), run((0.5, 0.6), (0.25, 0.2)), ["", "at least ", "at most "], "at least 28.6 %", "50 ms sooner"),
-    (run((0.2, 0.4)), run((0.4, 0.6)), ["", "", ""], " 28.6 %", ""),
     (run((0.2, 0.4)), run((0.4, 0.5), (0.5, 0.35)), ["", "", ""], "V_p + 2 T", "50 ms later"),
     (run((0.2, 0.4), missed=1), run((0.4, 0.6)), ["", "", ""], None, ""),  # more than one in a hundred
     (run((0.9, 1.1)), run((0.4, 0.6)), ["", "", ""], None, ""),  # nothing is gained
-    (run((0.3, 0.4), (0.25, 0.2)), run((0.4, 0.6)), ["", "", "at least "], None, ""),  # what the whole is, is not known
+    (run((0.3, 0.4), (0.25, 0.2)), run((0.4, 0.6)), ["", "", "at least "], None, ""),  # the whole gain is unknown
 ])  # fmt: skip
 def test_steps_claim_only_what_is_read_at_the_papers_time(policy, profile, limits, said, gap):
     results = played()
@@ -117,22 +109,11 @@ def test_steps_claim_only_what_is_read_at_the_papers_time(policy, profile, limit
         assert (shares == [None] * 3) == ("later" in gap) == ([step.velocity.less for step in steps] == [None] * 3)
 
 
-def test_steps_that_come_too_late_are_compared_by_their_cost():
-    results = played(acceleration_range=(1.0, 8.0))
-    results.baselines["profile"] = run((0.4, 0.5), (0.5, 0.35))
-    text, total = sentence(steps_of(results)), 0.6 * SPEEDS.mean() + 0.2
-    assert "from the choice of speed" in text  # on an arm that can do no more than the paper's rule
-    assert f"{total:.3f} m/s by which the policy lowers V_p + 2 T" in text
-    assert f"{100 * (0.2 * SPEEDS.mean() + 0.2) / total:.1f} %" in text
-
-
 @pytest.mark.parametrize(("names", "noise", "added"), [
     ((), None, [f"the arm's limits and {PLACE} and learning"]),
-    (("constant",), None, ["the arm's limits", f"{PLACE} and learning"]),
     (("profile",), None, [f"the arm's limits and {PLACE}", "learning"]),
     (("profile", "evenly", "constant"), None,
      ["the arm's limits", "knowing where objects can stand", "the profile's shape", "learning"]),
-    (("range", "profile", "constant"), 0.01, ["the arm's limits", PLACE, "the estimate", "learning"]),
     (("profile", "constant"), 0.01, ["the arm's limits", PLACE, "the estimate and learning"]),
     (("over", "range", "profile", "constant"), 0.01,
      ["the arm's limits", PLACE, "the estimate", "a profile over it", "learning"]),
@@ -141,14 +122,5 @@ def test_links_join_the_next_step_without_a_baseline(names, noise, added):
     results = played(names, range_noise=noise)
     assert [link.added for link in links(results)][1:] == added
     assert bool(sentence(steps_of(results))) == (len(added) > 1)
-
-
-def test_links_take_the_first_of_two_baselines_of_one_rule():
-    for names in (("profile", "other", "constant"), ("other", "profile", "constant")):
-        assert links(played(names))[2].contestant == names[0]
-
-
-def test_steps_resample_all_contestants_alike():
-    """The numbers of one contestant do not depend on the other contestants."""
-    alone, together = (steps_of(played(names)) for names in ((), ("profile", "constant")))
-    assert alone[-1].velocity.value == together[-1].velocity.value
+    alone = steps_of(played(()))[-1].velocity.value  # the other contestants change no number of the policy
+    assert steps_of(results)[-1].velocity.value == alone

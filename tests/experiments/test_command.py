@@ -1,11 +1,8 @@
 """The command `impact-gym`: its names, commands as text, and the way from a set-up to its controller."""
 
 import json
-import re
 import shlex
-import subprocess
 import sys
-import tomllib
 import warnings
 from importlib.metadata import version
 from pathlib import Path
@@ -66,16 +63,14 @@ def test_help_is_of_its_command_and_in_words_of_a_user(name, exit_of, capsys):
         assert jargon not in text, jargon
 
 
-@pytest.mark.parametrize("words", [(), ("--help",), ("reprot",), ("--version",)])
-def test_list_of_commands_is_printed_for_no_name_help_and_an_unknown_name(words, exit_of, capsys):
-    status, printed = exit_of(*words), capsys.readouterr()
-    if words == ("--version",):
-        assert {f"impact-gym {version('impact-gym')}", f"numpy {np.__version__}"} <= {*printed.out.splitlines()}
-        return
-    text = printed.err if words == ("reprot",) else printed.out
-    assert len(NAMES) == 12
-    assert [line.split()[0] for line in text.splitlines() if line.startswith("  ")] == NAMES
-    assert (status, "'reprot': report?" in text) == ((2, True) if words == ("reprot",) else (0, False))
+def test_list_of_commands_is_printed_for_no_name_help_and_an_unknown_name(exit_of, capsys):
+    for words in ((), ("--help",), ("reprot",)):
+        status, printed = exit_of(*words), capsys.readouterr()
+        text = printed.err if words == ("reprot",) else printed.out
+        assert [line.split()[0] for line in text.splitlines() if line.startswith("  ")] == NAMES
+        assert (status, "'reprot': report?" in text) == ((2, True) if words == ("reprot",) else (0, False))
+    exit_of("--version")
+    assert {f"impact-gym {version('impact-gym')}", f"numpy {np.__version__}"} <= {*capsys.readouterr().out.splitlines()}
 
 
 @pytest.mark.parametrize(("name", "options"), [
@@ -91,12 +86,6 @@ def test_command_of_options_is_read_into_the_same_options(name, options):
     words = shlex.split(command_of(called, options, None, *first))
     assert words[: 2 + len(first)] == ["impact-gym", called, *first]
     assert read_command(name, type(options), words[2 + len(first) :]) == options
-
-
-def test_command_of_leaves_out_what_another_default_says():
-    settings = Training()
-    assert command_of("train", settings, settings, "linear-blind") == "impact-gym train linear-blind"
-    assert command_of("train", Training(steps=5), settings, "mine.toml") == "impact-gym train mine.toml --steps 5"
 
 
 def test_command_line_says_in_one_line_what_went_wrong(capsys):
@@ -149,35 +138,29 @@ def test_copy_setup_keeps_a_folder_for_its_set_up(mine, tmp_path):
 @pytest.mark.storm
 def test_controller_goes_from_a_file_to_a_controller_and_keeps_what_is_done(mine, tmp_path, exit_of, capsys):
     out = tmp_path / "out"
-    assert exit_of("controller", str(mine), "--out", str(out), "--quick") == 0
+    words = ("controller", str(mine), "--out", str(out), "--quick")
+    assert exit_of(*words) == 0
     for path in ("tuned/mine-profile.json", "policies/mine.npz", "report/index.html"):
         assert (out / path).is_file(), path
     (choice,) = json.loads((out / "report" / "results.json").read_text())["choices"].values()
     exported = {"paper's rule": "paper-trapezoid"}.get(choice["controller"], choice["controller"])
-    assert [path.stem for path in (out / "export").glob("*.h")] == [
-        "mine" if exported.startswith("seed-") else exported
-    ]
+    stem = "mine" if exported.startswith("seed-") else exported
+    assert [path.stem for path in (out / "export").glob("*.h")] == [stem]
     assert choice["sentence"] in capsys.readouterr().out
     weights = json.loads((out / "tuned" / "mine-profile.json").read_text())["weights"]
     assert {entry["search"]["budget"] for entry in weights.values()} == {16}  # no more than the set-up says
     ensemble = load_ensemble(out / "policies" / "mine.npz")
     assert len(ensemble.policies) == 2
     assert load_setup(mine).describes(ensemble[None].task)
-    matchup = matchups.of_setup(load_setup(out / "mine.toml"), {"set": "test", "count": 30}, out)
-    assert matchup.scenarios["ranges"]["object_mass"] == [0.2, 1.0]
-    assert [baseline.name for baseline in matchup.baselines] == ["paper's rule", "mine-profile"]
     first = (out / "policies" / "mine.npz").read_bytes()
-    capsys.readouterr()
-    assert exit_of("controller", str(mine), "--out", str(out), "--quick") == 0
+    assert exit_of(*words) == 0
     assert (out / "policies" / "mine.npz").read_bytes() == first
     assert "training for" not in capsys.readouterr().out
-    assert exit_of("controller", str(mine), "--out", str(out), "--quick", "--time-weight", "3", "--all") == 0
+    assert exit_of(*words, "--time-weight", "3", "--all") == 0
     assert {"mine", "mine-profile", "paper-trapezoid"} <= {path.stem for path in (out / "export").glob("*.h")}
     assert json.loads((out / "report" / "results.json").read_text())["choices"]["mine"]["time_weight"] == 3.0
     assert "3" in json.loads((out / "tuned" / "mine-profile.json").read_text())["weights"]
-    assert "time_weight must be" in exit_of(
-        "controller", str(mine), "--out", str(out), "--quick", "--time-weight", "99"
-    )
+    assert "time_weight must be" in exit_of(*words, "--time-weight", "99")
 
 
 @pytest.mark.storm
@@ -196,14 +179,6 @@ def test_recommended_controller_is_the_best_on_unseen_scenarios_or_within_its_in
     assert Comparison.of_means(best, costs[choice]).less.low <= 0.0, {name: cost.mean() for name, cost in costs.items()}
 
 
-def test_quick_look_note_says_what_is_less_than_a_set_up_wants(mine):
-    setup, search = load_setup(mine), {"weights": {"2": {"search": {"budget": 8}}}}
-    contestant = matchups.Contestant("mine-profile", {"tuned": search}, (2.0,), "")
-    assert matchups.quick_look_note(setup, {"settings": {"steps": 2000}}, []) == ""
-    note = matchups.quick_look_note(setup, {"settings": {"steps": 500}}, [contestant])
-    assert note == "; A QUICK LOOK, trained for 500 steps of 2,000, baselines tuned with 8 candidates of 16"
-
-
 def test_matchups_refuse_two_set_ups_of_one_name_and_policies_of_another_arm(mine, tmp_path):
     (tmp_path / "there").mkdir()
     with pytest.raises(ValueError, match="the same name"):
@@ -211,34 +186,5 @@ def test_matchups_refuse_two_set_ups_of_one_name_and_policies_of_another_arm(min
     made_up_policy(environment={"range_noise": 0.01}).save(tmp_path / "policies" / "mine.npz")
     with pytest.raises(ValueError, match=r"mine\.npz was trained for another environment than .*mine\.toml"):
         matchups.of_setup(load_setup(mine), {"set": "test", "count": 5}, tmp_path)
-
-
-@pytest.mark.parametrize(("options", "scenarios"), [
-    ({}, {"set": "test", "count": 2000}),
-    ({"count": 7}, {"set": "test", "count": 7}),
-    ({"scenarios": "hard", "count": 7}, {"set": "hard", "count": 7}),
-])  # fmt: skip
-def test_matchups_of_plays_the_set_of_the_set_up_unless_another_is_named(options, scenarios):
-    (matchup,) = matchups_of(ReportOptions(setups=("rigid-blind",), **options))
-    assert dict(matchup.scenarios) == scenarios
-    assert matchup.evaluation == load_setup("rigid-blind").evaluation
-
-
-def test_report_of_a_set_up_without_policies_is_refused(tmp_path):
     with pytest.raises(ValueError, match="there are no policies"):
         matchups_of(ReportOptions(setups=("paper-limits",), folder=tmp_path))
-
-
-def test_report_needs_no_more_than_its_extra():
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    names = {
-        extra: {re.split("[><=]", requirement)[0].replace("-", "_") for requirement in requirements}
-        for extra, requirements in extras.items()
-    }
-    absent = set().union(*names.values()) - names["report"] - {"packaging"}  # which matplotlib brings
-    assert {"torch", "cma", "mujoco", "ray"} <= absent
-    program = (
-        f"import sys; sys.modules.update(dict.fromkeys({sorted(absent)})); import experiments.report.page; "
-        "from experiments.report.__main__ import ReportOptions, matchups_of; matchups_of(ReportOptions())"
-    )
-    subprocess.run([sys.executable, "-c", program], check=True, cwd=ROOT)

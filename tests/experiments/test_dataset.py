@@ -11,12 +11,9 @@ import h5py
 import numpy as np
 import pytest
 import tomli_w
-from episodes import assert_identical
 from playing import pushed
 from refusals import refused
 
-from agents.baselines import PaperTrapezoid
-from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import load_setup
 from experiments.play import try_files
 from impact_gym.envs.batch import Batch
@@ -49,10 +46,7 @@ def make(source="linear-blind", **options):
     dataset.work(dataset.DatasetOptions(str(source), **{"episodes": COUNT, **options}))
 
 
-def rule_of(setup="linear-blind", **options):
-    make(setup, who=("rule",), **options)
-
-
+rule_of = partial(make, who=("rule",))
 check_rule = partial(dataset.check, "impact/linear-blind/rule-v0")
 
 
@@ -63,33 +57,12 @@ def test_each_player_of_a_set_up_has_a_dataset_that_replays(capsys):
     for name in names:
         assert dataset.check(name) == COUNT
         loaded = minari.load_dataset(name)
-        about = {"author", "code_permalink", "requirements", "algorithm_name", "description", "env_spec"}
-        assert {*loaded.storage.metadata} >= about
-        env = loaded.recover_environment()
-        for episode, at in zip(loaded, loaded.storage.get_episode_metadata(range(COUNT)), strict=True):
-            observation, _ = env.reset(seed=at["seed"], options=at["options"])
+        for episode in loaded:
             assert all(map(loaded.observation_space.contains, episode.observations))
             assert all(map(loaded.action_space.contains, episode.actions))
-            for step, action in enumerate(episode.actions):
-                assert_identical(observation, episode.observations[step])
-                observation, reward, ended, _, info = env.step(action)
-                assert (reward, ended) == (episode.rewards[step], episode.terminations[step])
-                assert env.unwrapped.sensors()["position"] == episode.infos["position"][step + 1]
-            assert info["object_velocity"] == episode.infos["object_velocity"][-1]
-            assert info["record"] == at["options"]["record"]
     example = Path(__file__).parents[2] / "docs" / "examples" / "minari_again.py"
     command = [sys.executable, str(example), "impact/linear-blind/profile-v0"]
     assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "begins as recorded: True\n"
-
-
-def test_dataset_of_the_rule_equals_the_batch():
-    rule_of()
-    loaded, setup = minari.load_dataset("impact/linear-blind/rule-v0"), load_setup("linear-blind")
-    weights = [at["options"]["record"]["time_weight"] for at in loaded.storage.get_episode_metadata(range(COUNT))]
-    batch = ScenarioBatch(dataset.SEED, COUNT, setup.task)
-    assert np.ptp(weights) > 1.0
-    played = np.array([episode.infos["object_velocity"][-1] for episode in loaded])
-    assert_identical(played, batch.play(PaperTrapezoid()).object_velocity)
 
 
 def test_failed_write_leaves_nothing_and_nothing_is_overwritten(root):
@@ -111,7 +84,7 @@ def test_failed_write_leaves_nothing_and_nothing_is_overwritten(root):
 
 
 def test_dataset_of_another_version_is_refused(tmp_path):
-    refused(lambda: dataset.check("impact/no-v0"), "there is no dataset 'impact/no-v0'", "which has: none")
+    refused(lambda: dataset.check("impact/no-v0"), "there is no dataset 'impact/no-v0'")
     rule_of()
     file = next(tmp_path.rglob("main_data.hdf5"))
     with h5py.File(file, "a") as content:
@@ -161,17 +134,16 @@ def test_bad_input(options, said):
     refused(lambda: make(**{"who": ("rule",), **options}), *said)
 
 
-def test_random_actions_are_as_many_as_the_environment_takes():
-    make("teleop-spring", who=("random",), episodes=2)
-    assert dataset.check("impact/teleop-spring/random-v0") == 2
-
-
-def test_a_set_up_without_a_policy_is_refused_for_the_policy_alone(tmp_path):
+def test_set_up_without_a_policy_is_refused_for_the_policy_alone_and_one_with_an_operator_takes_random_actions(
+    tmp_path,
+):
     path = tmp_path / "mine.toml"
     path.write_text(tomli_w.dumps({"environment": {"coupling": {"type": "SpringDamper", "stiffness": 80.0}}}))
     refused(lambda: make(str(path), who=("policy",)), "mine")
     rule_of(path)
     assert dataset.check("impact/mine/rule-v0") == COUNT
+    make("teleop-spring", who=("random",), episodes=2)
+    assert dataset.check("impact/teleop-spring/random-v0") == 2
 
 
 @pytest.mark.parametrize(("marked", "count"), [(False, 4), (True, 5)])
@@ -199,10 +171,7 @@ def test_operator_draws_every_recording_and_a_set_up_takes_it(folder, tmp_path):
     env = setup.make()
     for number, this in enumerate(try_files.of_persons(folder)):
         env.reset(seed=1, options={"record": {"operator.recording": number, "uplink.delay": 0.0, "distance": 0.79}})
-        sent, ended = [], False
-        while not ended and len(sent) < 60:
-            *_, ended, _, info = env.step(np.array([1.0, 1.0, -1.0], np.float32))
-            sent.append(info["command"])
+        sent = [env.step(np.array([1.0, 1.0, -1.0], np.float32))[4]["command"] for _ in range(40)]
         assert {*sent} <= {*this.operator["velocity"]}
         assert len({*sent}) > 20
 

@@ -1,6 +1,6 @@
 """Designs: laws of pads and of a tool in flight, limits, and plays of a design."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -16,10 +16,7 @@ from experiments.design.search import PENALTY, Candidate, Limits, SearchBudget, 
 from experiments.design.variables import SearchVariable, as_built, search_variables
 from impact_gym.task import Task
 
-STIFFNESS = "coupling.stiffness=20:200"
-SPRING = (STIFFNESS, "coupling.damping_ratio=0.2:2")
 PROFILE = list(read_tuned("blind-profile")["weights"]["2"]["parameters"].values())
-NO_LIMITS = Limits(deflection=None)
 
 
 @pytest.mark.parametrize("name", PADS)
@@ -85,7 +82,7 @@ def test_excess_is_the_sum_of_shares_beyond_the_limits():
     values = {"deflection": travel.deflection.max(), "stroke": travel.stroke.max(), "peak_force": peak}
 
     def excess(pad=None, **limits):
-        return replace(NO_LIMITS, **limits).excess(played, travel, pad=pad)
+        return Limits(**{"deflection": None, **limits}).excess(played, travel, pad=pad)
 
     assert excess() == 0.0
     for name, value in values.items():
@@ -97,32 +94,6 @@ def test_excess_is_the_sum_of_shares_beyond_the_limits():
     soft = pad._replace(stiffness=peak / (0.6 * pad.radius) ** 1.5)
     assert excess(soft) == pytest.approx(0.2)
     assert excess(soft._replace(stiffness=10.0 * soft.stiffness)) == 0.0
-
-
-def test_scenario_batch_plays_rows_with_a_design_as_a_set_up_with_that_design():
-    ranges = {"coupling": {"type": "SpringDamper", "stiffness": [10.0, 300.0], "damping_ratio": [0.1, 2.0]}}
-    designs = {"coupling.stiffness": np.array([40.0, 150.0]), "coupling.damping_ratio": np.array([1.5, 0.3])}
-    stage = ScenarioBatch(TUNING_SEED, 10, Task(**ranges), copies=2, threads=1)
-    together = stage.play(BlindProfile(PROFILE), {name: np.repeat(values, 10) for name, values in designs.items()})
-    for copy in range(2):
-        alone = Task().changed({name: float(values[copy]) for name, values in designs.items()})
-        played = ScenarioBatch(TUNING_SEED, 10, alone, threads=1).play(BlindProfile(PROFILE))
-        assert np.array_equal(together.object_velocity[10 * copy : 10 * copy + 10], played.object_velocity)
-
-
-def test_task_changes_the_numbers_of_a_coupling_together():
-    task = Task(**load_setup("bistable-blind").environment)
-    assert Task(**task.arguments()) == task
-    before = task.arguments()
-    after = task.changed({"coupling.height": 0.06, "coupling.rear_stop": -0.03, "tool_mass": 0.1}).arguments()
-    assert after["coupling"] == before["coupling"] | {"height": 0.06, "rear_stop": -0.03} | {
-        "free_length": 0.07, "stop_stiffness": 1e5, "stop_damping_ratio": 1.0
-    }  # fmt: skip
-    assert after["tool_mass"] == 0.1
-    drawn = Task(coupling={"type": "SpringDamper", "stiffness": [40, 60]}).changed({"coupling.damping_ratio": 0.5})
-    assert drawn.arguments()["coupling"] == {"type": "SpringDamper", "stiffness": [40, 60], "damping_ratio": 0.5}
-    with pytest.raises(ValueError, match="rear_stop must be above minus the stroke"):
-        task.changed({"coupling.height": 0.06})
 
 
 def test_play_draws_the_design_within_its_tolerance_in_each_scenario():
@@ -142,7 +113,6 @@ def test_play_draws_the_design_within_its_tolerance_in_each_scenario():
     ("coupling.stiffness=20:80", 50.0, True),  # of linear-blind
     ("coupling.stiffness=100:400", 200.0, True),  # which is not in it
     ("coupling.damping_ratio=0.5:2", 1.0, False),
-    ("coupling.damping_ratio=0.1:2", 1.0, True),
     ("coupling.damping_ratio=0:3", 1.0, False),
 ])  # fmt: skip
 def test_free_number_is_searched_on_a_logarithmic_scale_if_wide_and_starts_at_the_set_ups_value(
@@ -151,5 +121,4 @@ def test_free_number_is_searched_on_a_logarithmic_scale_if_wide_and_starts_at_th
     (variable,) = search_variables([text], load_setup("linear-blind"))
     parameter = variable.parameter()
     assert variable.logarithmic is logarithmic
-    values = variable.value(np.array([parameter.low, parameter.start, parameter.high]))
-    assert values == pytest.approx([variable.low, start, variable.high])
+    assert variable.value(parameter.start) == pytest.approx(start)

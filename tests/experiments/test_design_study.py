@@ -9,22 +9,21 @@ import pytest
 
 from agents.setups import load_setup
 from experiments.design.__main__ import design
-from experiments.design.findings import analyse, reduction, summary
+from experiments.design.findings import summary
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions, write_setup
 from experiments.design.pads import on_pad, pad_of
 from experiments.design.search import SearchBudget, objective
 from experiments.design.study import PAPERS_RULE, Search, study_of
 from experiments.lab.study import Run, StudyOptions
 
-SPRING = ("coupling.stiffness=20:200", "coupling.damping_ratio=0.2:2")
-
 
 @pytest.fixture
 def small(tmp_path):
     """Options of a search of a few seconds."""
+    spring = ("coupling.stiffness=20:200", "coupling.damping_ratio=0.2:2")
     budget = SearchBudget(scenarios=12, budget=24, population=8)
     few = {"search": budget, "seeds": 1, "processes": 0, "against": ()}
-    return DesignOptions("linear-blind", SPRING, tmp_path / "out", times=(1.0, 1.3), **few)
+    return DesignOptions("linear-blind", spring, tmp_path / "out", times=(1.0, 1.3), **few)
 
 
 def run_of(options):
@@ -43,24 +42,12 @@ def test_stopped_study_continues_and_ends_with_a_set_up(small):
     assert [(row["line"], row["allowed"]) for row in rows if row["line"] != FRONT] == [
         (PAPER, 1.0), *((name, time) for name in (CHOSEN, "paper's spring") for time in (1.0, 1.3))
     ]  # fmt: skip
-    curve, text = [row for row in rows if row["line"] == CHOSEN], (small.out / "index.html").read_text()
-    assert f"its tool moves at most {1e3 * max(row['deflection'] for row in curve):.1f} mm" in text
-    for missed in (0, 1):
-        number = pl.int_range(pl.len()).over("line", "allowed", "seed")
-        frame = run.frames["designs"].with_columns(missed=number < missed)
-        assert (f"It misses {missed} of" in analyse(small, {"designs": frame}, False).answer) == (missed > 0)
-    again = run_of(small)
-    again.write()
-    assert again.frames["designs"].equals(run.frames["designs"])
     search = Search(small)
     chosen = search.candidate(search.chosen(run.frames))
     (cell,) = search.controllers(False, run.frames)  # searched with the design as it may be built
     searched = cell.arguments["candidate"]["environment"]["coupling"]["stiffness"]
     assert np.mean(searched) == pytest.approx(chosen.design["coupling.stiffness"])
-    path = write_setup(small.out / "it-designed.toml", small.arm, chosen, "the command")
-    parameters = path.read_text().splitlines()[1].removeprefix("# Its controller: the BlindProfile with ")
-    assert [float(each) for each in parameters.split(", ")] == pytest.approx(chosen.parameters, rel=1e-5)
-    setup = load_setup(path)
+    setup = load_setup(write_setup(small.out / "it-designed.toml", small.arm, chosen, "the command"))
     assert setup.environment["coupling"]["stiffness"] == chosen.design["coupling.stiffness"]
     assert setup.environment["tool_mass"] == small.arm.environment["tool_mass"]
     assert setup.training == load_setup("linear-blind").training
@@ -68,22 +55,16 @@ def test_stopped_study_continues_and_ends_with_a_set_up(small):
 
 def test_design_with_a_pad_writes_set_up_and_page(small, capsys):
     design(replace(small, pad="memory-foam", search=replace(small.search, budget=8), times=(1.0,)))
-    printed = capsys.readouterr().out
-    assert printed.splitlines()[-1].startswith("results: file:")
-    setup = load_setup(small.out / "linear-blind-designed.toml")
-    scenario = setup.environment["scenario"]
+    assert capsys.readouterr().out.splitlines()[-1].startswith("results: file:")
+    scenario = load_setup(small.out / "linear-blind-designed.toml").environment["scenario"]
     assert scenario["contact_stiffness"][1] < pad_of("memory-foam").stiffness
     assert scenario["contact_stiffness"][0] == pytest.approx(on_pad("memory-foam", 1e3, 0.5)[0])
-    assert scenario["distance"] == [0.15, 0.35]
-    assert "draws stiffness and restitution of the contact independently" in setup.about
     rows = pl.read_csv(small.out / "summary.csv")
     (paper,), (chosen,) = (rows.filter(line=line).to_dicts() for line in (PAPER, CHOSEN))
     gain = 100.0 * (1.0 - chosen["object_velocity"] / paper["object_velocity"])
     assert chosen["lower"] == pytest.approx(gain / 100.0)
-    text = (small.out / "index.html").read_text()
-    said = re.search(r"its mean V_p is (\d+\.\d) % \[.*?each fifth of the distances at least (-?\d+\.\d) %", text)
-    assert float(said[2]) <= float(said[1]) == pytest.approx(gain, abs=0.06)  # a single point has its own time
-    assert f"at most {1e3 * chosen['deflection']:.1f} mm against the flange" in text
+    said = re.search(r"its mean V_p is (\d+\.\d) % \[", (small.out / "index.html").read_text())
+    assert float(said[1]) == pytest.approx(gain, abs=0.06)  # a single point has its own time
 
 
 def results(velocity, time, excess=0.0, **labels):
@@ -97,7 +78,6 @@ def results(velocity, time, excess=0.0, **labels):
 @pytest.mark.parametrize(("played", "seed"), [
     ([(0.20, 0.30, 0.0), (0.19, 0.30, 0.0)], 2),
     ([(0.20, 0.30, 0.0), (0.19, 0.306, 0.0)], 1),  # 2 % later
-    ([(0.20, 0.30, 0.0), (0.19, 0.28, 0.0)], 2),
     ([(0.20, 0.30, 0.0), (0.10, 0.28, 0.1)], 1),  # a tenth beyond a limit
     ([(0.20, 0.30, 0.2), (0.19, 0.30, 0.1)], 2),
     ([(0.20, 0.30, 0.0, 0), (0.19, 0.30, 0.0, 1)], 1),  # a miss of 40 costs 2 / 40 m/s, and has no V_p
@@ -124,9 +104,3 @@ def test_loss_of_a_miss_is_the_missed_cost_of_the_environment(small):
     gentle, never = [*design, 0.3, 8.0, 8.0], [*design, 0.01, 8.0, 8.0]
     touched, missed, *_ = losses(np.array([gentle, never, gentle, gentle])[:, None])[:, 0]
     assert touched < 0.5 < missed == pytest.approx(2.0)
-
-
-def test_reduction_reads_a_line_at_the_mean_approach_time_of_the_papers_rule():
-    line = pl.concat([results(v, 0.3 * share, allowed=share) for share, v in ((0.9, 0.23), (1.1, 0.17))])
-    gain = reduction(line, results(0.6, 0.3, line=PAPER))
-    assert (gain.value, gain.low, gain.high) == pytest.approx((1.0 - 0.2 / 0.6,) * 3)

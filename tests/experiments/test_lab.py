@@ -1,18 +1,12 @@
-"""Shared parts of studies: intervals over seeds and scenarios, the grid, symbols."""
+"""Shared parts of studies: intervals over seeds and scenarios."""
 
 from dataclasses import astuple
-from html import unescape
 
 import numpy as np
 import pytest
-from pages import as_plain_text_has_it
 from scipy.stats import norm
 
-from agents.evaluate.play import play
-from experiments.lab import grid
-from experiments.lab.page import mathtext, typeset
 from experiments.lab.statistics import Comparison, Resamples, along, estimate, quantile_groups, tolerated
-from experiments.lab.study import frame_of
 
 
 def test_estimate_has_the_interval_of_normal_theory():
@@ -26,14 +20,17 @@ def test_estimate_has_the_interval_of_normal_theory():
 
 
 @pytest.mark.parametrize(("of_seeds", "of_scenarios"), [(1.0, 0.0), (0.0, 1.0), (0.3, 5.0)])
-def test_resamples_vary_with_seeds_and_scenarios(of_seeds, of_scenarios):
+def test_resamples_vary_with_seeds_and_scenarios_and_keep_the_axes_between(of_seeds, of_scenarios):
     """x = a_seed + b_scenario: the variance of the mean is var(a) / seeds + var(b) / scenarios, both unbiased."""
     rng = np.random.default_rng(1)
     seeds, scenarios = 10, 400
     a, b = of_seeds * rng.standard_normal(seeds), of_scenarios * rng.standard_normal(scenarios)
-    means = Resamples(scenarios, resamples=20_000).means(a[:, None] + b)
+    values, resamples = a[:, None] + b, Resamples(scenarios, resamples=20_000)
+    means = resamples.means(values)
     assert means[0] == pytest.approx(a.mean() + b.mean())
     assert means[1:].var() == pytest.approx(a.var(ddof=1) / seeds + b.var(ddof=1) / scenarios, rel=0.05)
+    both = resamples.means(np.stack([values, 2.0 * values], axis=1))
+    assert both == pytest.approx(np.stack([means, 2.0 * means], axis=1))
 
 
 def test_comparison_cancels_what_is_shared():
@@ -51,16 +48,6 @@ def test_comparison_of_fronts_is_at_the_time_of_theirs():
     comparison = Comparison.of_fronts((times, velocities), point)
     assert comparison.ours == pytest.approx([0.35, 0.3])
     assert comparison.less.value == pytest.approx(0.35)
-
-
-def test_resamples_keep_the_axes_between_seeds_and_scenarios():
-    values = np.random.default_rng(3).standard_normal((4, 3, 50))
-    resamples = Resamples(50, resamples=100)
-    means = resamples.means(values)
-    assert means.shape == (101, 3)
-    assert means[0] == pytest.approx(values.mean(axis=(0, 2)))
-    for k in range(3):
-        assert means[:, k] == pytest.approx(resamples.means(values[:, k]))
 
 
 def test_along_reads_between_points_and_at_ends():
@@ -84,31 +71,3 @@ def test_tolerated_has_the_factor_of_the_tables(n, factor):
     scores = np.random.default_rng(6).normal(3.0, 2.0, n)
     assert (scores.mean() - tolerated(scores)) / scores.std(ddof=1) == pytest.approx(factor, abs=6e-4)
     assert np.isnan(tolerated(scores[:1]))
-
-
-@pytest.mark.parametrize(
-    "text", ["V_p + 2 T (m/s)", "k_c up to 1e5 N/m^1.5", "F_T at v_in", "rises with k_c^(2/5)", "10^-3 < d"]
-)
-def test_typeset_and_mathtext_leave_neither_underscore_nor_caret(text):
-    page, outside = typeset(text), "".join(mathtext(text).split("$")[::2])
-    assert not {"_", "^"} & {*page, *outside}
-    assert unescape(as_plain_text_has_it(page)).replace("(2/5)", "2/5") == text.replace("(2/5)", "2/5")
-
-
-def test_grid_plays_every_contestant_in_every_place_and_gives_back_what_was_played():
-    rule, slow = {"baseline": "paper-trapezoid"}, {"rule": ["ConstantSpeed", [0.5, 20.0]]}
-    few, other = {"set": "test", "count": 5}, {"set": "hard", "count": 3}
-    places = [grid.Place("mine", "as it is", {}), grid.Place("mine", "hard", {}, {"level": 2}, other)]
-    contestants = [grid.Contestant("rule", rule), grid.Contestant("slow", slow, seed=1)]
-    cells = list(grid.cells(places, contestants, few, [1.0, 2.0]))
-    labels = [tuple(cell.labels.get(name) for name in ("change", "contestant", "level")) for cell in cells]
-    assert labels == [("as it is", "rule", None), ("as it is", "slow", None), ("hard", "rule", 2), ("hard", "slow", 2)]
-    frame = frame_of((cell.labels, grid.play(**cell.arguments)) for cell in cells)
-    played = play(slow, few, [1.0, 2.0])
-    rows = frame.filter(change="as it is", contestant="slow", weight=2.0)
-    assert (grid.sample(rows, "object_velocity") == played["object_velocity"][1:]).all()
-    costs = rows.select(cost=grid.cost(2.0, 5.0))["cost"]
-    expected = played["object_velocity"][1] + 2.0 * played["approach_time"][1] + 5.0 * played["missed"][1]
-    assert costs.to_numpy() == pytest.approx(expected)
-    hard = frame.filter(change="hard", contestant="rule", weight=1.0)
-    assert (hard["distance"] == play(rule, other)["distance"]).all()

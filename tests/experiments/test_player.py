@@ -8,13 +8,11 @@ import pytest
 from pages import opened, stands_on_its_own
 
 from agents import load_policy
-from agents.baselines import ConstantSpeed, PaperTrapezoid
+from agents.baselines import PaperTrapezoid
 from agents.evaluate.scenario_batch import Episodes, ScenarioBatch
 from experiments.lab.player import choose, films, fragment, script, style
-from experiments.lab.player.films import COLUMNS, FORCE, MOST, POSITION, VELOCITY, play, thin
-from impact_gym.render.film import CONTACT_FACTOR
+from experiments.lab.player.films import COLUMNS, FORCE, MOST, POSITION, VELOCITY
 from impact_gym.task import Task, evaluation_sets
-from impact_gym.task.task import HORIZON
 
 CONTESTANTS = {"the paper's <b>rule</b>": PaperTrapezoid(), "learned </script> policy": load_policy("linear-blind")}
 COUPLINGS = {"spring": {}, "rigid": {"coupling": {"type": "Rigid"}}, "bistable": {"coupling": {"type": "Bistable"}}}
@@ -29,16 +27,13 @@ def film(request):
     return films(CONTESTANTS, choose(*played.values()), played, frozen=TEST_SET, environment=environment), played
 
 
-def columns(run):
-    return dict(zip(COLUMNS, map(np.array, run["rows"]), strict=True))
-
-
 def test_film_shows_the_judged_episode_and_obeys_momentum_and_kinematics(film, request):
     content, played = film
     assert len(content["scenes"]) >= 8
     assert len(json.dumps(content)) * 13 / len(content["scenes"]) < 1.5e6  # of a page that must open soon
     for scene, run in [(each, run) for each in content["scenes"] for run in each["runs"]]:
-        rows, limits, episodes, number = columns(run), scene["limits"], played[run["name"]], scene["number"]
+        rows = dict(zip(COLUMNS, map(np.array, run["rows"]), strict=True))
+        limits, episodes, number = scene["limits"], played[run["name"]], scene["number"]
         time, force = rows["time"], rows["contact_force"]
         assert run["chain"]["coupling"] == request.node.callspec.params["film"]
         assert scene["scenario"] == {name: values[number] for name, values in TEST_SET.scenario.items()}
@@ -69,35 +64,11 @@ def test_film_shows_the_judged_episode_and_obeys_momentum_and_kinematics(film, r
             assert np.trapezoid(rows[f"{body}_velocity"], time) == pytest.approx(way, abs=allowed)
 
 
-def test_film_clock_is_as_slow_as_the_environments(film):
-    for scene in film[0]["scenes"]:
-        starts, factors = np.array(scene["clock"]).T
-        assert starts[0] == 0.0
-        assert (np.diff([*starts, scene["end"]]) > 0.0).all()
-        for contact in (run["contacts"][0] for run in scene["runs"] if run["contacts"]):
-            assert factors[np.searchsorted(starts, np.mean(contact)) - 1] >= CONTACT_FACTOR
-        assert 3.0 < np.diff([*starts, scene["end"]]) @ factors < 30.0  # s
-
-
-def test_thin_keeps_within_its_tolerances():
-    run = play(PaperTrapezoid(), TEST_SET.seed, 2, {"time_weight": 2.0}, {})
-    rows = run.until(run.history.now)
-    limits = {"farthest": 0.5, "speed": 1.0, "force": rows["contact_force"].max(), "depth": 1e-3}
-    rows_kept = thin(rows, limits)
-    assert len(rows_kept) < len(rows["time"]) / 3
-    assert len(rows_kept) < MOST
-    for name, allowed in (("tool_position", POSITION * 0.5), ("contact_force", FORCE * limits["force"])):
-        again = np.interp(rows["time"], rows["time"][rows_kept], rows[name][rows_kept])
-        assert np.abs(again - rows[name]).max() <= allowed * (1.0 + 1e-9)
-
-
 def test_films_refuse_a_replay_that_differs():
     batch = ScenarioBatch.of("test", 3, time_weight=[2.0])
     played = {"paper": batch.play(PaperTrapezoid())}
-    with pytest.raises(RuntimeError, match=r"scenario 1: the replay of 'paper' leaves the object at .* result was"):
-        films({"paper": load_policy("linear-blind")}, {"first": 1}, played, frozen=TEST_SET)
     played["paper"].object_velocity[1] += 1e-9
-    with pytest.raises(RuntimeError, match="scenario 1"):
+    with pytest.raises(RuntimeError, match="scenario 1: the replay of 'paper' leaves the object at"):
         films({"paper": PaperTrapezoid()}, {"first": 1}, played, frozen=TEST_SET)
 
 
@@ -134,20 +105,6 @@ def test_choose_finds_what_its_phrases_say_in_the_same_scenarios():
     assert find("missed by the policy") == 7
 
 
-def test_films_show_misses():
-    batch, slow = ScenarioBatch.of("test", 20, time_weight=[2.0]), ConstantSpeed(0.05)
-    played = {"paper": batch.play(PaperTrapezoid()), "slow": batch.play(slow)}
-    chosen = choose(*played.values())
-    assert played["slow"].missed.all()
-    assert any("missed by the policy" in text.lower() for text in chosen)
-    assert not any("v_p" in text.lower() for text in chosen)
-    content = films({"paper": PaperTrapezoid(), "slow": slow}, chosen, played, frozen=TEST_SET)
-    for scene in content["scenes"]:
-        assert scene["runs"][1]["missed"]
-        assert scene["runs"][1]["contacts"] == []
-        assert scene["end"] == pytest.approx(HORIZON)
-
-
 @pytest.fixture(scope="module")
 def page_file(film, tmp_path_factory):
     path = tmp_path_factory.mktemp("watch") / "page.html"
@@ -155,18 +112,6 @@ def page_file(film, tmp_path_factory):
     head += f'<meta name="viewport" content="width=device-width, initial-scale=1"><style>{style()}</style>'
     path.write_text(f"{head}<body>{fragment(film[0])}<script>{script()}</script></body></html>")
     return path
-
-
-def watched(browser, page_file, **options):
-    """Open the page and wait for its film, which is built once it is visible."""
-    page, problems = opened(browser, page_file, **options)
-    page.wait_for_selector(".igw-panel")
-    return page, problems
-
-
-def seek(page, film):
-    page.evaluate("""film => { const slider = document.querySelector('.igw-slider');
-                     slider.value = film; slider.dispatchEvent(new Event('input')); }""", film)  # fmt: skip
 
 
 @pytest.mark.parametrize("width", [390, 1280])
@@ -178,7 +123,9 @@ def test_player_slider_and_choice_change_the_picture(browser, page_file, width):
         if share is None:
             page.select_option(".igw-select", "3")
         else:
-            seek(page, share * steps)
+            page.evaluate("""film => { const slider = document.querySelector('.igw-slider');
+                             slider.value = film; slider.dispatchEvent(new Event('input')); }""",
+                          share * steps)  # fmt: skip
         pictures.append(page.evaluate("[...document.querySelectorAll('.igw-panel svg')].map(svg => svg.outerHTML)"))
     assert all(len(panels) == 4 for panels in pictures)
     for pair in itertools.combinations(pictures, 2):
@@ -191,25 +138,17 @@ def test_player_slider_and_choice_change_the_picture(browser, page_file, width):
 
 @pytest.mark.parametrize("film", ["spring"], indirect=True)
 def test_player_plays_pauses_and_takes_keys(browser, page_file):
-    page, problems = watched(browser, page_file, reduced_motion="reduce")
+    page, problems = opened(browser, page_file, reduced_motion="reduce")
+    page.wait_for_selector(".igw-panel")
     shown = page.locator(".igw-time").inner_text
     poster = shown()
-    page.wait_for_timeout(300)
-    assert shown() == poster  # no motion unless asked for
-    assert "in contact" in page.inner_text(".igw-live")
     page.focus(".igw-slider")
     page.keyboard.press("ArrowRight")
     assert shown() != poster
     page.keyboard.press("Home")
-    assert (shown(), page.inner_text(".igw-rate")) == ("0.0 ms", "1/8 speed")
-    assert page.get_attribute(".igw-slider", "aria-valuetext") == "0.0 ms, 1/8 speed"
+    assert shown() == "0.0 ms"
     page.click(".igw-play")
     page.wait_for_function("parseFloat(document.querySelector('.igw-time').textContent) > 5")
-    assert page.inner_text(".igw-play") == "Pause"
     page.click(".igw-play")
-    stopped = shown()
-    page.wait_for_timeout(200)
-    assert shown() == stopped
-    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
-    assert shown() == poster
+    assert page.inner_text(".igw-play") == "Play"
     assert problems == []

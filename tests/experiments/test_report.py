@@ -22,19 +22,18 @@ from impact_gym.files import UNFINISHED
 from impact_gym.task import Task, evaluation_sets
 
 COUNT = 30
-LINEAR = matchups.of_setup(load_setup("linear-blind"), {"set": "test", "count": COUNT})
-FEW = [LINEAR.policy, next(seed for seed in LINEAR.seeds if seed.name != LINEAR.chosen)]
-SEEDS = tuple(replace(seed, weights=(0.7, 1.0, 2.0, 4.0)) for seed in FEW)
-EVALUATION = replace(LINEAR.evaluation, varied={"tool_mass": {"times": [0.7, 1.0]}, "scenario": ["hard"]})
-MATCHUP = replace(LINEAR, seeds=SEEDS, evaluation=EVALUATION)
-TWIN = replace(MATCHUP, name="twin", title="A twin, in plain words", bound=None)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A report of two matchups with the same episodes."""
     out = tmp_path_factory.mktemp("report") / "latest"
-    assert publish([MATCHUP, TWIN], ReportOptions(out=out, processes=0)) == out / "index.html"
+    linear = matchups.of_setup(load_setup("linear-blind"), {"set": "test", "count": COUNT})
+    few = [linear.policy, next(seed for seed in linear.seeds if seed.name != linear.chosen)]
+    seeds = tuple(replace(seed, weights=(0.7, 1.0, 2.0, 4.0)) for seed in few)
+    evaluation = replace(linear.evaluation, varied={"tool_mass": {"times": [0.7, 1.0]}, "scenario": ["hard"]})
+    linear = replace(linear, seeds=seeds, evaluation=evaluation)
+    publish([linear, replace(linear, name="twin", title="A twin", bound=None)], ReportOptions(out=out, processes=0))
     return out
 
 
@@ -76,8 +75,6 @@ def test_answer_and_ablation_follow_from_the_episodes_on_disk(folder, results, e
     assert answer["sooner"]["value"] == pytest.approx(1 - sooner / time)
     by_seed = [1 - np.interp(time, *front_of(episodes, seed)) / velocity for seed in seeds]
     assert sorted(answer["each"]) == pytest.approx(sorted(by_seed))
-    for name in ("reduction", "sooner", "velocity", "improvement"):
-        assert answer[name]["low"] <= answer[name]["value"] <= answer[name]["high"]
     before = paper["velocity"]["value"]["value"]
     assert before == pytest.approx(velocity)
     assert [step["contestant"] for step in steps[:3]] == ["constant-speed", "constant-deceleration", "blind-profile"]
@@ -85,12 +82,7 @@ def test_answer_and_ablation_follow_from_the_episodes_on_disk(folder, results, e
         after = np.interp(time, *front_of(episodes, step["contestant"]))
         assert step["velocity"]["less"]["value"] == pytest.approx(before - after)
         before = after
-    page = (folder / "index.html").read_text()
-    chosen, at_one_time, ablation, *_ = re.findall("<table>.*?</table>", page, re.DOTALL)
-    assert "the one to take" in chosen
-    assert "learned policy" in at_one_time
-    assert "+ the arm&#39;s limits" in ablation
-    assert f"{100 * answer['reduction']['value']:.1f} %" in page
+    assert f"{100 * answer['reduction']['value']:.1f} %" in (folder / "index.html").read_text()
     assert f"{100 * steps[0]['velocity']['share']['value']:.1f} %" in results["sentences"][1]
 
 
@@ -122,80 +114,34 @@ def test_page_stands_on_its_own_and_has_every_chart(browser, folder, width):
     page.wait_for_function(f"{shown}.filter(image => image.naturalWidth > 200).length === 2")
     assert (folder / "index.html").stat().st_size < 6e6
     pictures = {path.name for path in (folder / "figures").iterdir()}
-    names = [f"{name}_{key}" for name in ("linear-blind", "twin") for key in ("answer", "trade_off")]
-    assert pictures == {f"{name}.svg" for name in names}
+    assert pictures == {f"{name}_{key}.svg" for name in ("linear-blind", "twin") for key in ("answer", "trade_off")}
 
 
-def test_page_answers_on_one_screen_plays_changes_its_theme_and_prints(browser, folder):
-    page, problems = opened(browser, folder / "index.html", 1280, 800, reduced_motion="no-preference")
-    for name in (".finding", ".trade img", ".fails", ".igw-panels", ".igw-controls"):
-        box = page.locator(name).first.bounding_box()
-        assert 15 < box["height"] < (25 if name == ".fails" else 800), name  # where it fails is one line
-        assert box["y"] + box["height"] <= 800, name
-    page.wait_for_function("document.querySelector('.igw-play').textContent === 'Pause'")
-    assert "median" in page.locator(".igw-select option").first.inner_text()
-    assert page.evaluate("document.documentElement.scrollHeight") <= 6 * 800
-    colours = set()
-    for _ in range(3):
-        page.click("#theme")
-        colours.add(page.evaluate("getComputedStyle(document.body).backgroundColor"))
-    assert len(colours) == 2
-    closed = page.locator("details:not([open])").count()
-    printed = page.pdf(format="A4")
-    assert 4 <= len(re.findall(rb"/Type\s*/Page[^s]", printed)) <= 10  # with all that was folded
-    assert page.locator("details:not([open])").count() == closed
-    assert problems == []
-
-
-def test_page_is_used_by_keyboard_and_chooses_a_set_up_by_link(browser, folder):
+def test_page_chooses_a_set_up_by_key_and_by_link(browser, folder):
     page, problems = opened(browser, folder / "index.html")
     page.wait_for_selector(".igw-panel")
-    links = page.evaluate("[...document.querySelectorAll('a[href]')].map(link => link.ariaLabel || link.textContent)")
-    assert len(set(links)) == len(links)
-    page.evaluate("""() => {
-        const all = document.querySelectorAll("a[href], button, select, input, summary, [tabindex='0']");
-        const holder = control => control.closest("summary") ? control.parentElement.parentElement : control;
-        const seen = control => !holder(control).closest("details:not([open]), [hidden]");
-        window.wanted = new Set([...all].filter(control => control.tabIndex >= 0 && seen(control)));
-        addEventListener("focusin", event => window.wanted.delete(event.target)); }""")
-    count = page.evaluate("window.wanted.size")
-    assert count > 20
-    for _ in range(2 * count):
-        page.keyboard.press("Tab")
-    assert page.evaluate("[...window.wanted].map(control => control.outerHTML.slice(0, 80))") == []
-    chosen = "document.querySelector('[aria-selected=true]').id"
     visible = "[...document.querySelectorAll('[role=tabpanel]')].filter(tab => tab.checkVisibility()).map(t => t.id)"
-    assert (page.evaluate(chosen), page.evaluate(visible)) == ("tab-linear-blind", ["linear-blind"])
-    assert page.inner_text("#tab-twin").split("\n") == ["A twin, in plain words", "twin"]
+    assert page.evaluate(visible) == ["linear-blind"]
     page.focus("#tab-linear-blind")
     page.keyboard.press("ArrowRight")
-    assert page.evaluate("document.activeElement.id") == page.evaluate(chosen) == "tab-twin"
     assert page.evaluate(visible) == ["twin"]
-    page.click("nav [data-part=engineer-]")
-    assert page.evaluate("location.hash") == "#engineer-twin"
     page.evaluate("location.hash = '#trade-off-linear-blind'")
-    page.wait_for_function(f"{chosen} === 'tab-linear-blind'")
+    page.wait_for_function(f"{visible}[0] === 'linear-blind'")
     assert page.evaluate("document.getElementById('trade-off-linear-blind').open")
     assert problems == []
-
-
-HALF = """
-from agents.baselines import ConstantSpeed
-class Half(ConstantSpeed):
-    def __init__(self):
-        super().__init__(0.5)
-"""
 
 
 def test_report_takes_a_users_baseline_ranges_and_tool_and_plays_and_writes_only_what_changed(
     tmp_path, monkeypatch, capsys
 ):
-    (tmp_path / "half_rule.py").write_text(HALF)
+    (tmp_path / "half_rule.py").write_text(
+        "from agents.baselines import ConstantSpeed\ndef half(): return ConstantSpeed(0.5)"
+    )
     monkeypatch.syspath_prepend(tmp_path)
     scenarios = tmp_path / "mine.json"
     ranges, tool = {"object_mass": 0.4, "distance": [0.2, 0.3]}, {"tool_mass": 0.2}
     scenarios.write_text(json.dumps({"ranges": ranges, "seed": 5, "count": 6, "environment": tool}))
-    options = ReportOptions(policy=("linear-blind",), baseline=("half_rule:Half",), scenarios=str(scenarios),
+    options = ReportOptions(policy=("linear-blind",), baseline=("half_rule:half",), scenarios=str(scenarios),
                             out=tmp_path / "out", processes=0)  # fmt: skip
     of_other_sources = tmp_path / ".out.episodes" / "0"
     of_other_sources.mkdir(parents=True)
@@ -212,7 +158,7 @@ def test_report_takes_a_users_baseline_ranges_and_tool_and_plays_and_writes_only
     episodes = pl.read_parquet(page.with_name("episodes.parquet"))
     assert set(episodes["object_mass"]) == {0.4}
     assert episodes["distance"].is_between(0.2, 0.3).all()
-    half = of(episodes, "half_rule:Half").sort("scenario")
+    half = of(episodes, "half_rule:half").sort("scenario")
     judged = ScenarioBatch(5, 6, Task(scenario=ranges | {"distance": (0.2, 0.3)}, **tool)).play(ConstantSpeed(0.5))
     assert (half["object_velocity"].to_numpy() == judged.object_velocity).all()
 
@@ -227,7 +173,7 @@ def test_report_takes_a_users_baseline_ranges_and_tool_and_plays_and_writes_only
         assert [path.exists() for path in (lost, letter, begun)] == [True, True, False]
     assert stored() == first
     write(replace(options, count=4, force=True))
-    assert len(of(pl.read_parquet(page.with_name("episodes.parquet")), "half_rule:Half")) == 4
+    assert len(of(pl.read_parquet(page.with_name("episodes.parquet")), "half_rule:half")) == 4
     assert stored()
     assert not stored().items() & first.items()  # what does not depend on how many scenarios there are, too
     write(replace(options, policy=("rigid-blind",), count=4))

@@ -3,15 +3,12 @@
 import math
 import sys
 from dataclasses import asdict, replace
-from functools import partial
 
 import polars as pl
 import pytest
 from pages import text_of_a_page_that_stands_on_its_own
-from scenes import MOTION, scene
 from studies import small_run
 
-import impact_gym as ig
 from experiments import reference
 from experiments.lab.study import Cell
 from experiments.studies import speed
@@ -26,14 +23,7 @@ def true_solution(approach):
     return Solution.of(reference.simulate(*approach.run, rtol=1e-12), approach.duration)
 
 
-def test_time_of_scipy_is_that_of_its_contacts_alone():
-    begun = contenders.thread_time()
-    solution, charged = contenders.solved(NAMED["soft"], f"{CAREFUL} RK45", 1e-8)
-    assert 0 < charged < contenders.thread_time() - begun
-    assert contenders.failure(solution, true_solution(NAMED["soft"]), 1e-7) == ""
-
-
-@pytest.mark.parametrize("approach", ["soft", "multiple", "pushed", "bistable"])
+@pytest.mark.parametrize("approach", NAMED)
 def test_heyoka_solves_a_named_approach_as_the_slow_solver_does(approach):
     pytest.importorskip(PEER)
     truth = true_solution(NAMED[approach])
@@ -49,50 +39,9 @@ def test_a_rival_that_is_missing_or_fails_is_a_row_that_says_so(monkeypatch):
     ours, *failed = contenders.timed("stiff", asdict(true_solution(NAMED["stiff"])), tried, rounds=2)
     assert (ours["failure"], ours["contacts"]) == ("", 2)
     assert 0 < ours["microseconds"] < 1e4
-    for row, reason in zip(
-        failed, ("ValueError: method must be", "ModuleNotFoundError: import of heyoka"), strict=True
-    ):
+    for row, reason in zip(failed, ("ValueError", "ModuleNotFoundError"), strict=True):
         assert row["failure"].startswith(f"{contenders.GAVE_UP}: {reason}")
         assert row["microseconds"] == math.inf
-
-
-def test_cell_of_a_rival_without_an_answer_says_why():
-    labels = {"scene": "stiff", "rival": "heyoka"}
-    lost = {**labels, **speed.STUDY.measurements[1].failed(labels), "failure": "no answer within 400 s"}
-    ours = {**labels, **row_of(OURS, 1e-6, 10.0, 1e-8)}
-    missing = dict.fromkeys(("microseconds", "velocity_error"))
-    found = speed.ratios(pl.DataFrame([ours, lost | missing]))
-    (line,) = speed.table_of(found.filter(error=1e-6)).rows
-    assert line == ["stiff, 1e-6", "10", "no answer within 400 s"]
-
-
-def test_limited_stops_a_call_that_takes_too_long():
-    run = partial(reference.simulate, scene(1e4, 0.5, ig.SpringDamper(150.0)), MOTION, 1.0)
-
-    def for_ever(method):
-        while True:  # a callback from Fortran may lose an error, but not every time
-            run(method=method)
-
-    for method in ("DOP853", "LSODA"):
-        with pytest.raises(TimeoutError), contenders.limited(1e-3):
-            for_ever(method)
-    with contenders.limited(1e-3):
-        pass
-    run()  # no longer limited
-
-
-def test_named_scenes_are_what_they_are_called():
-    answers = {name: true_solution(NAMED[name]) for name in ("multiple", "pushed", "bistable")}
-    assert answers["multiple"].contacts == 6
-    assert (answers["pushed"].contacts, answers["bistable"].passes) == (2, 2)
-    slower = NAMED["bistable"]
-    faster = replace(slower, motion=replace(slower.motion, speed=slower.motion.speed + 1e-4))
-    assert true_solution(faster).passes == 1
-    second = ig.simulate(*NAMED["pushed"].run).contacts[1]
-    assert second.approach_velocity < 0.05 < 0.1 < second.end - second.start
-
-
-EXACT = Solution(1.0, 10.0, 0.1, 0.3, contacts=2, passes=1)
 
 
 @pytest.mark.parametrize(("change", "kind"), [
@@ -101,25 +50,20 @@ EXACT = Solution(1.0, 10.0, 0.1, 0.3, contacts=2, passes=1)
       (("contacts", 1), ("passes", 0), ("detection_time", math.nan))),
 ])  # fmt: skip
 def test_failure_names_the_error_of_a_solution(change, kind):
-    solution = replace(EXACT, **change)
-    assert contenders.failure(solution, EXACT, contenders.TOO_WRONG) == kind
-
-
-def row_of(contender, setting, microseconds, error):
-    return {"contender": contender, "setting": setting, "microseconds": microseconds, "velocity_error": error,
-            "failure": ""}  # fmt: skip
+    exact = Solution(1.0, 10.0, 0.1, 0.3, contacts=2, passes=1)
+    assert contenders.failure(replace(exact, **change), exact, contenders.TOO_WRONG) == kind
 
 
 def test_ratio_is_that_of_the_cheapest_setting_with_an_error_that_is_not_small_by_chance():
-    rows = [row_of("heyoka", *numbers) for numbers in ((1e-3, 10.0, 1e-9), (1e-4, 100.0, 1e-5), (1e-5, 1e3, 1e-7))]
-    assert speed.cheapest(pl.DataFrame(rows), ["heyoka"], 1e-6)["setting"] == 1e-5
-    assert speed.cheapest(pl.DataFrame(rows), ["heyoka"], 1e-8) is None
-    rows.append(row_of(OURS, 1e-6, 50.0, 1e-8))
-    cell = pl.DataFrame(rows).with_columns(scene=pl.lit("soft"), rival=pl.lit("heyoka"))
-    found = speed.ratios(cell)
+    names = ["contender", "setting", "microseconds", "velocity_error"]
+    rows = [["heyoka", 1e-3, 10.0, 1e-9], ["heyoka", 1e-4, 100.0, 1e-5], ["heyoka", 1e-5, 1e3, 1e-7]]
+    rows = pl.DataFrame([*rows, [OURS, 1e-6, 50.0, 1e-8]], names, orient="row")
+    rows = rows.with_columns(failure=pl.lit(""), scene=pl.lit("soft"), rival=pl.lit("heyoka"))
+    assert speed.cheapest(rows, ["heyoka"], 1e-6)["setting"] == 1e-5
+    assert speed.cheapest(rows, ["heyoka"], 1e-8) is None
+    found = speed.ratios(rows)
     assert found["ratio"].to_list() == [0.2, 20.0, None, None]
     assert speed.answer(found).startswith("Faster than impact_gym: heyoka takes 0.20 times as long")
-    assert "on 'soft' at 0.0001 m/s" in speed.answer(found)
     assert speed.answer(found.filter(error=1e-6)).startswith("No rival is faster than impact_gym")
 
 

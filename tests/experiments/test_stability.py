@@ -24,36 +24,27 @@ def approach_of(coupling=None, robot=None, e=0.5, motion=MOTION):
     return Approach("7", "planted", scene(1e5, e, coupling, robot), motion, 0.8)
 
 
-def ranges_of(approach):
-    """The numbers of a scene that the storm draws from its ranges; None: the scene has no such number."""
-    scene, motion = approach.scene, approach.motion
-    damping = getattr(scene.coupling, "damping_ratio", getattr(scene.coupling, "stop_damping_ratio", None))
-    stiffness, deceleration = getattr(scene.coupling, "stiffness", None), motion.brake and motion.brake.deceleration
-    values = scene.contact.stiffness, scene.contact.restitution, scene.object.mass / scene.tool.mass, motion.speed
-    return dict(zip(approaches.RANGES, (*values, stiffness, damping, deceleration), strict=True))
-
-
 def test_storm_covers_its_ranges_with_every_chain_and_law_and_depends_on_its_number_alone():
     drawn = [approaches.storm(number) for number in range(1500)]
-    everywhere = [*map(ranges_of, drawn)]
-    for name, (low, high) in approaches.RANGES.items():
-        values = np.array([ranges[name] for ranges in everywhere if ranges[name] is not None])
-        assert (values.min(), values.max()) == pytest.approx((low, high), rel=1e-12)
-        place = values / high if low == 0 else np.log(values / low) / math.log(high / low)
-        inside = place[(place > 1e-9) & (place < 1 - 1e-9)]
-        assert len(inside) > 400
-        assert np.quantile(inside, [0.1, 0.5, 0.9]) == pytest.approx([0.1, 0.5, 0.9], abs=0.06)
-    assert len({approaches.kind(approach.scene) for approach in drawn[:9]}) == 9
-    contacts = [approach.scene.contact for approach in drawn]
+    scenes, contacts = [approach.scene for approach in drawn], [approach.scene.contact for approach in drawn]
+    for name, values in {
+        "contact stiffness": [contact.stiffness for contact in contacts],
+        "restitution": [contact.restitution for contact in contacts],
+        "mass ratio": [each.object.mass / each.tool.mass for each in scenes],
+        "speed": [approach.motion.speed for approach in drawn],
+    }.items():
+        low, high = approaches.RANGES[name]
+        place = np.log(np.array(values) / low) / math.log(high / low)
+        assert np.quantile(place, [0.0, 0.1, 0.5, 0.9, 1.0]) == pytest.approx([0.0, 0.1, 0.5, 0.9, 1.0], abs=0.07)
+    assert len({approaches.kind(each) for each in scenes[:9]}) == 9
     assert {contact.dissipation for contact in contacts} == set(Dissipation.__args__)
     exponents = {(contact.stiffness_exponent, contact.damping_exponent) for contact in contacts}
     assert exponents == set(approaches.EXPONENTS)
-    rough = {approach.scene.object.friction is not None for approach in drawn}
-    ended = {getattr(approach.scene.coupling, "stroke", None) is not None for approach in drawn}
-    assert rough == ended == {False, True}
+    assert {each.object.friction is not None for each in scenes} == {False, True}
+    assert {getattr(each.coupling, "stroke", None) is not None for each in scenes} == {False, True}
     assert 0.15 < np.mean([approach.motion.brake is None for approach in drawn]) < 0.25
     assert [approaches.storm(number) for number in reversed(range(40))] == drawn[39::-1]
-    assert len({repr(approach.scene) for approach in drawn}) == 1500
+    assert len({repr(each) for each in scenes}) == 1500
 
 
 def frame_of(*rows):
@@ -77,14 +68,6 @@ def test_row_of_a_sound_run_breaks_no_promise(coupling, robot, e):
     if e == 1.0 and ig.simulate(*approach.run).contacts[-1].end is not None:
         # nothing dissipates, so a finished contact returns all its energy
         assert abs(row["energy_created"]) < 1e-6 + row["energy_doubt"]
-
-
-@pytest.mark.parametrize("number", [882, 2628, 1177, 1678, 1845, 2197])
-def test_row_of_an_object_that_is_pushed_or_sticks_breaks_no_promise(number):
-    """The first two objects are pushed until the tool is at rest, the others stick to the ground under the tool."""
-    approach = approaches.storm(number)
-    assert approach.scene.object.friction
-    assert promises_broken(storm.row_of(approach) | {"milliseconds": 1.0}) == set()
 
 
 @pytest.mark.parametrize("e", [0.1, 0.5, 0.9])
@@ -134,7 +117,6 @@ def test_row_of_a_planted_fault_breaks_its_promise(fault, promise, coupling):
 def test_checked_finds_an_object_that_is_slowed_between_two_contacts():
     outcome = ig.simulate(*approach_of(ig.SpringDamper(150.0), e=1.0).run)
     first, second, *rest = outcome.contacts
-    assert storm.checked(approach_of().scene, outcome)["pull"] <= 0.0
     slowed = second._replace(object_velocity=first.object_velocity - 1e-6)
     wrong = outcome._replace(contacts=(first, slowed, *rest))
     assert storm.checked(approach_of().scene, wrong)["pull"] > promises.PULL
@@ -163,51 +145,32 @@ def test_agreement_finds_differences_and_counts_scenes_without_a_truth():
     assert elsewhere["velocity_error"].item() == pytest.approx(3e-6, rel=1e-3)
     unknown = frame_of(truth | {"failure": "no answer"})
     assert promises.agreement(ours, unknown).is_empty()
-    _, finding, kept = promises.over_agreement(same, 1)
-    assert kept
-    assert "the independent solver failed in 1" in finding
+    assert promises.over_agreement(same, 1)[-1]
     assert not promises.over_agreement(pl.concat([same, elsewhere]), 0)[-1]
     assert not promises.over_agreement(same.clear(), 0)[-1]
 
 
-@pytest.fixture(scope="module")
-def study(tmp_path_factory):
-    """A study of a few scenes; the independent solver gets no time for one of them."""
-    late = Cell({"scene": 2}, {"number": 2, "patience": 1e-3})
-    run = small_run(
-        stability.STUDY, tmp_path_factory.mktemp("stability"),
-        storm=[Cell({"scene": number}, {"number": number}) for number in range(FEW)],
-        truth=lambda frames: [*stability.cells_of_truth(True, frames), late],
-    )  # fmt: skip
+def test_page_lists_every_failure(tmp_path):
+    storm_cells = [Cell({"scene": number}, {"number": number}) for number in range(FEW)]
+    patience = {2: 1e-3, 17: 60.0}  # s; too little for the independent solver, and enough
+    truths = [Cell({"scene": number}, {"number": number, "patience": seconds}) for number, seconds in patience.items()]
+    run = small_run(stability.STUDY, tmp_path, storm=storm_cells, truth=truths)
     run.write()
-    return run
-
-
-def test_page_has_a_row_for_each_scene_also_for_one_without_a_truth(study):
-    assert study.frames["storm"]["scene"].to_list() == [*range(FEW)]
-    text = text_of_a_page_that_stands_on_its_own(study.folder, figures=0)
+    text = text_of_a_page_that_stands_on_its_own(tmp_path, figures=0)
     assert all(promise.text in text for promise in promises.PROMISES)
-    late = study.frames["truth"].filter(scene=2)
-    assert late["speed"].item() == approaches.storm(2).motion.speed
-    assert "TimeoutError" in late["failure"].item()
-    assert late["velocity"].item() is None
-
-
-def test_page_lists_every_failure(study):
+    late, _ = run.frames["truth"].to_dicts()
+    assert (late["speed"], late["velocity"]) == (approaches.storm(2).motion.speed, None)
+    assert "TimeoutError" in late["failure"]
     changes = (
         {"scene": 3, "milliseconds": 77.0}, {"scene": 5, "failure": "RuntimeError: the run stopped"},
         {"scene": 8, "energy_created": 1e-3, "energy_doubt": 1e-9, "traced": True},
     )  # fmt: skip
-    wrong = study.frames["storm"]
+    wrong = run.frames["storm"]
     for change in changes:
         wrong = wrong.update(pl.DataFrame(change), on="scene")
-    findings = stability.STUDY.analyse(study.frames | {"storm": wrong}, False)
+    findings = stability.STUDY.analyse(run.frames | {"storm": wrong}, False)
     listed = {row[:3] for row in findings.tables["failures"].iter_rows()}
     assert listed >= {(3, promises.FAST.text, "77"), (5, promises.ENDED.text, "RuntimeError: the run stopped")}
     assert (8, promises.PASSIVE.text) in {row[:2] for row in listed}
-    shown = [row for part in findings.sections[1].parts for row in part.rows]
-    assert {row[0] for row in shown} >= {"3", "5", "8"}
-    assert "promises are missed" in findings.answer
-    verdicts = {text: (finding, met) for text, finding, met in findings.sections[0].parts[0].rows}
-    assert verdicts[promises.PASSIVE.text][0].startswith(f"1 of {FEW} scenes do not")
-    assert [verdicts[promise.text][1] for promise in (promises.PASSIVE, promises.FINITE)] == ["missed", "met"]
+    verdicts = {text: met for text, _, met in findings.sections[0].parts[0].rows}
+    assert [verdicts[promise.text] for promise in (promises.PASSIVE, promises.FINITE)] == ["missed", "met"]

@@ -14,18 +14,18 @@ from impact_gym.files import whole_file
 
 def _called(log, number):
     with Path(log).open("a") as file:
-        file.write(f"{number} {os.getppid()} {os.getpid()}\n")
+        file.write(f"{number} {os.getpid()}\n")
 
 
 def begun(log):
-    """Return number, parent process (one for each node) and process of the started calls, in their order."""
+    """Return number and process of the started calls, in their order."""
     lines = Path(log).read_text().splitlines() if Path(log).exists() else []
     return [tuple(map(int, line.split())) for line in lines]
 
 
 def calls(log):
     """Return the numbers of the started calls."""
-    return [number for number, *_ in begun(log)]
+    return [number for number, _ in begun(log)]
 
 
 def kept(folder):
@@ -33,17 +33,13 @@ def kept(folder):
     return {path: path.stat().st_mtime_ns for path in folder.glob("**/*.pkl")}
 
 
-def numbers(log, number, seconds=0.0, megabytes=0):
-    """Return sums of many numbers, whose last bits depend on the order of summation.
-
-    A result of a megabyte stays on its node until it is fetched.
-    """
+def numbers(log, number, seconds=0.0):
+    """Return sums of many numbers, whose last bits depend on the order of summation."""
     _called(log, number)
     time.sleep(seconds)
     drawn = np.random.default_rng(number).standard_normal((64, 64))
     threads = [os.environ.get(name, "") for name in ONE_THREAD]
-    result = {"product": drawn @ drawn.T, "number": number, "threads": threads, "where": __file__}
-    return result | {"values": np.random.default_rng(number).random(int(megabytes * 1e6 / 8))}
+    return {"product": drawn @ drawn.T, "number": number, "threads": threads}
 
 
 def played(log, number, count):

@@ -1,8 +1,6 @@
 """Commands that pages, cards and reports print: their own parsers read the options, and nothing is run."""
 
 import argparse
-import functools
-import inspect
 import re
 import runpy
 import shlex
@@ -30,10 +28,8 @@ def read_options(module, words, monkeypatch):
     """Let a command read its options, and stop it then."""
 
     def and_stop(read):
-        def reading(what, *arguments, **options):
-            if inspect.isfunction(what):  # tyro would call it
-                what = functools.wraps(what)(lambda *_, **__: None)
-            read(what, *arguments, **options)
+        def reading(*arguments, **options):
+            read(*arguments, **options)
             raise Read
 
         return reading

@@ -8,17 +8,15 @@ import pytest
 
 
 def text_of_a_page_that_stands_on_its_own(folder, figures):
-    """Check that the page in a folder embeds its figures and links only to files that exist; return its text."""
+    """Check that the page in a folder embeds its figures and links only to files that exist.
+
+    Return its text, with subscripts and powers as V_p and m^1.5.
+    """
     text = (folder / "index.html").read_text()
     assert len(re.findall("data:image/svg", text)) == figures
     assert not re.search(r"""(src|href)=["'](https?:|//)""", text)
     for file in re.findall('href="([^"#]+)"', text):
         assert (folder / file).is_file()
-    return as_plain_text_has_it(text)
-
-
-def as_plain_text_has_it(text):
-    """Return HTML with its subscripts and powers as plain text: V_p, m^1.5."""
     return re.sub(r"<sup>([^<]+)</sup>", r"^\1", re.sub(r"<sub>(\w+)</sub>", r"_\1", text))
 
 
@@ -35,14 +33,17 @@ def chromium():
         browser.close()
 
 
-def opened(browser, file, width=1280, height=900, **options):
-    """Return a page that shows a file, and the list of its messages, errors and requests to other servers."""
-    page = browser.new_context(viewport={"width": width, "height": height}, **options).new_page()
-    problems = []
+def opened(browser, file, width=1280, height=900, own=("file:", "data:"), **options):
+    """Return a page that shows a file or an address, and the list of its messages, errors and requests.
+
+    Requests to addresses that begin with a text of `own` are not in the list.
+    """
+    page, problems = browser.new_context(viewport={"width": width, "height": height}, **options).new_page(), []
     page.on("console", lambda message: problems.append(f"{message.type}: {message.text}"))
     page.on("pageerror", lambda error: problems.append(str(error)))
-    page.on("request", lambda request: request.url.startswith(("file:", "data:")) or problems.append(request.url))
-    page.goto(file.as_uri())
+    for kind in ("request", "websocket"):
+        page.on(kind, lambda asked: asked.url.startswith(own) or problems.append(asked.url))
+    page.goto(file if isinstance(file, str) else file.as_uri())
     return page, problems
 
 

