@@ -1,7 +1,4 @@
-"""Read and write archives: arrays and JSON in one file with a checksum, the file format of policies and checkpoints.
-
-Reading an archive runs no code from it.
-"""
+"""Archives, the files of policies and checkpoints: arrays and JSON with a checksum. Reading one runs no code."""
 
 import hashlib
 import io
@@ -44,7 +41,7 @@ def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArr
 
 
 def load(file: IO[bytes], kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of an archive in an open file; an error of any kind: it is damaged, or not `kind`."""
+    """Return content and arrays of an archive in an open file; any exception: it is damaged or no `kind`."""
     size = file.seek(0, io.SEEK_END)
     with NpzFile(file, allow_pickle=False) as archive:
         parts = archive.zip.infolist()  # type: ignore[union-attr]  # None after closing

@@ -1,4 +1,4 @@
-"""Check a set-up and print what follows from it: `impact-gym check my.toml`, or the name of a shipped set-up."""
+"""Check a set-up, print what its file means, and draw it: `impact-gym check SETUP`, a name or a file."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -41,11 +41,7 @@ class Check:
 
 
 def lag(task: Task) -> float:
-    """Return how far (m) the tool lags behind the imposed motion at full acceleration, once vibrations have decayed.
-
-    It is the sum of two deflections, of the coupling and of the robot: acceleration times the mass that the spring
-    accelerates, divided by the stiffness.
-    """
+    """Return how far (m) the tool lags behind the imposed motion at full acceleration, once vibrations have decayed."""
     spring = task.tool_mass / task.coupling.stiffness if isinstance(task.coupling, SpringDamper) else 0.0
     arm = (task.robot.mass + task.tool_mass) / task.robot.stiffness if task.robot else 0.0
     return task.acceleration_range[1] * (spring + arm)
@@ -98,7 +94,7 @@ def lines(setup: Setup) -> Iterator[str]:
 
 
 def run(options: Check) -> None:
-    """Print what follows from a set-up, and draw robot, tool and object at rest."""
+    """Print what a set-up's file means, and draw robot, tool and object at rest."""
     setup = load_setup(options.setup)
     for line in lines(setup):
         print(line)

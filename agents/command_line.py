@@ -45,7 +45,7 @@ def read_command(
     @registry.primitive_rule
     def plain_words(info: constructors.PrimitiveTypeInfo) -> constructors.PrimitiveConstructorSpec[Any] | None:
         """Read a value as tyro does; the help has "PATH" for "{None}|PATH", and "NAME ..." for "[STR [STR ...]]"."""
-        if within:  # tyro looks up its own rule
+        if within:  # called by the line `spec = ...` below: tyro then uses its own rule
             return None
         within.append(info)
         spec = registry.get_primitive_spec(info)
@@ -94,8 +94,8 @@ def command_line(name: str, after: str = "the same command continues") -> Iterat
 def command_of(name: str, options: Any, default: Any = None, *first: str) -> str:
     """Return the command line `impact-gym NAME ...` from which `read_command` reads `options`.
 
-    Options that equal those of `default` are left out; without `default`, options with the default value of their
-    dataclass. The words in `first` come before the options.
+    Options with the same value as in `default` are left out; None: with the default value of the dataclass. The words
+    in `first` come before the options.
     """
     positional, named = _words(options, default)
     return shlex.join(["impact-gym", name, *first, *positional, *named])

@@ -1,9 +1,9 @@
 """Run independent calls in parallel, on this machine or on a Ray cluster, and store their results.
 
-A result has the same bits wherever it is computed. `cached` calls a function once for each of many arguments. The
-calling process stores each result at once, in a file. So a command that was stopped, even killed, continues when it is
-run again, and the nodes of a cluster need no common disk. Stored results are pickles, and reading a pickle can run
-code: give `cached` only a folder that `cached` has written, for the same user.
+A result has the same bits wherever it is computed. The process that calls `cached` stores each result in a file as soon
+as it arrives. So a command that was stopped or killed continues when it is run again, and the nodes of a cluster need
+no common disk. Stored results are pickles, and reading a pickle can run code: give `cached` only a folder that only
+you can write to.
 """
 
 import hashlib
@@ -125,7 +125,6 @@ def _answers(calls: Iterable[Call], folder: Path, keep_failures: bool, workers: 
 
 
 def _path(call: Call, folder: Path) -> Path:
-    """Return the path of a call's stored result."""
     key = json.dumps([call.function, call.arguments, call.depends])
     return folder / f"{hashlib.sha256(key.encode()).hexdigest()}.pkl"
 

@@ -32,16 +32,12 @@ def revision() -> dict[str, str | None]:
 
 
 def todays(command: str) -> str:
-    """Return a recorded command as this version would write it; old files name modules instead of `impact-gym`."""
+    """Return a recorded command as this version would write it; old files have `python -m` instead of `impact-gym`."""
     return re.sub(r"^python -m agents\.(\w+)", r"impact-gym \1", command).replace(" --algo ppo", "")
 
 
 def digest_of(*modules: str) -> str:
-    """Return the SHA-256 of the sources and data files of modules and whole packages, for `depends` of `cached`.
-
-    Raises:
-        ValueError: there is no such module.
-    """
+    """Return the SHA-256 of the sources and data files of modules and packages; ValueError: there is no such module."""
     digest = hashlib.sha256()
     for name in sorted(modules):
         root = origin_of(name)

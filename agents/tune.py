@@ -30,8 +30,8 @@ from impact_gym.validation import distinct, nearest, number, whole
 SETUPS = shipped()
 BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1
 BOUND_RTOL = 1e-5  # tolerance of the simulation during the search; the error of V_p is below 1e-6 m/s
-NEAR = 0.005  # s, largest difference between the mean approach time of the paper's rule and those that enclose it
-MOST_TRIED = 8  # most time weights that `tune_at_rule_time` adds to a baseline
+NEAR = 0.005  # s, largest difference between the mean approach time of the paper's rule and the times that enclose it
+MOST_TRIED = 8  # largest number of time weights that `tune_at_rule_time` adds to a baseline
 LEAST_WEIGHT, LARGEST_WEIGHT = 0.125, 32.0  # m/s per s, limits of the observed time weight
 LOCK = ".lock"  # name of a file in the folder of the tuned baselines
 CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}  # an alarm without errors
@@ -146,8 +146,8 @@ def tune(options: Tune) -> list[Path]:
 def next_weight(times: Mapping[float, float], target: float) -> float | None:
     """Return the time weight (m/s per s) to tune next, so that two approach times enclose `target` (s) within NEAR.
 
-    `times` are the mean approach times (s) at the weights so far; a larger weight has a shorter time. None: two times
-    enclose the target within NEAR, or no other weight can be tried.
+    `times` are the mean approach times (s) at the weights tuned so far; a larger weight has a shorter time. None: two
+    times enclose the target within NEAR, or the next weight is beyond its limits or already tuned.
     """
     sooner, later = ({w: t for w, t in times.items() if (t > target) == side} for side in (False, True))
     if not (sooner and later):

@@ -1,7 +1,6 @@
-"""Workers that run independent calls: processes of this machine or nodes of a Ray cluster; see `agents.jobs`.
+"""Workers that run independent calls for `agents.jobs`: processes of this machine or nodes of a Ray cluster.
 
-The processes are started by pebble: it can end a call that takes too long, and if a process dies, only its own call
-fails.
+The package pebble starts the processes. It can end a call that takes too long, and a dead process fails only its call.
 """
 
 import json
@@ -25,11 +24,11 @@ from agents.provenance import origin_of
 from impact_gym.files import DiskFullError
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-"""Environment variables that give a worker one thread: the rounding of sums must not depend on the number of cores."""
+"""Environment variables that give a worker one thread, so that sums do not depend on the number of cores."""
 
 
 class Failure(NamedTuple):
-    """Why a call has no result."""
+    """The reason for which a call has no result."""
 
     reason: str
     trace: str = ""  # traceback of the error that the function raised
@@ -50,10 +49,7 @@ Answers = Generator[tuple[Call, bytes], None, None]
 
 
 def perform(call: Call, versions: Mapping[str, str]) -> bytes:
-    """Run a call, if the packages here have these `versions`; return its pickled result or error.
-
-    A full disk is no `Failure`: the DiskFullError ends all calls.
-    """
+    """Run a call, if packages have these `versions`; return its pickled result, `Failure` or `DiskFullError`."""
     try:
         if (here := {name: version(name) for name in versions}) != versions:
             same = "install the same versions on all nodes"
@@ -68,7 +64,7 @@ def perform(call: Call, versions: Mapping[str, str]) -> bytes:
 
 
 def on_this_machine(calls: Sequence[Call], processes: int | None, seconds: float | None) -> Answers:
-    """Run calls in new processes of this machine, which are spawned: forked ones would inherit threads and locks."""
+    """Run calls in new processes of this machine, spawned, because forked ones would inherit threads and locks."""
     if processes == 0 or not calls:
         yield from ((call, perform(call, {})) for call in calls)
         return
@@ -99,7 +95,7 @@ def on_this_machine(calls: Sequence[Call], processes: int | None, seconds: float
 
 
 def _begin(function: str) -> None:
-    """Prepare a worker: it imports the function, and ends when the calling process ends, even by a kill."""
+    """Import the function in a new worker, which ends when the calling process ends or is killed."""
 
     def end_with_parent() -> None:
         if parent := multiprocessing.parent_process():
@@ -111,7 +107,7 @@ def _begin(function: str) -> None:
 
 
 def on_cluster(calls: Sequence[Call], address: str) -> Answers:
-    """Run calls on a Ray cluster, one core each, with the sources of this machine; Ray repeats calls of a lost node."""
+    """Run each call on one core of a Ray cluster, with this machine's sources; Ray repeats the calls of a lost node."""
     if not calls:
         return
     try:
@@ -124,7 +120,7 @@ def on_cluster(calls: Sequence[Call], address: str) -> Answers:
     sent["working_dir"] = str(origin_of("agents") / "tuned")  # a folder without modules: nodes import only `py_modules`
     try:
         place = os.environ.get("RAY_ADDRESS", "") if address in ("ray", "auto") else address
-        if place and place not in ("ray", "auto"):  # Ray itself would try for minutes to reach a dead address
+        if place and place not in ("ray", "auto"):  # Ray itself would wait for minutes for a dead address
             host, _, port = place.removeprefix("ray://").rpartition(":")
             socket.create_connection((host.strip("[]"), int(port)), timeout=10.0).close()
         name = "auto" if address == "ray" else address

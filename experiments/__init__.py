@@ -1,1 +1,1 @@
-"""Evaluation, the report, the paper's figures, and benchmarks."""
+"""The command `impact-gym`, the report, studies, the game, and other programs on top of `agents`."""

@@ -1,7 +1,4 @@
-"""The command `impact-gym NAME`: each name runs a module, which reads its own arguments.
-
-Packages that a command needs are looked for first. If some are not installed, the command says so in one line.
-"""
+"""The command `impact-gym NAME`, which runs the module of this name if the packages that it needs are installed."""
 
 import platform
 import re
@@ -74,7 +71,7 @@ def missing(extras: tuple[str, ...]) -> list[str]:
 
 
 def main() -> None:
-    """Run the command that the first word names."""
+    """Run the command whose name is the first argument."""
     name, *arguments = sys.argv[1:] or ["--help"]
     commands = {name: command for group in COMMANDS.values() for name, command in group.items()}
     if name in ("--help", "-h", "help"):
@@ -91,7 +88,7 @@ def main() -> None:
         remedy = f"pip install 'impact-gym[{','.join(command.extras)}]'"
         sys.exit(f"impact-gym {name} needs {', '.join(absent)}: {remedy}")
     sys.argv[1:] = arguments
-    sys.path.append("")  # for the report's `module:object`; last, as users may have their own folder `experiments`
+    sys.path.append("")  # for controllers `module:object`; last, because users may have their own folder `experiments`
     runpy.run_module(command.module, run_name="__main__", alter_sys=True)
 
 

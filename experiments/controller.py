@@ -1,8 +1,8 @@
 """From a set-up to a controller: `impact-gym controller my.toml --out DIR`.
 
-Tunes the baselines, trains the seeds, writes the report and exports the controller that it recommends: the paper's
-rule, a tuned baseline or the policy of the median seed. Each stage is a command, which is printed. Results are kept in
-DIR: the same command resumes where it was stopped. `--quick` runs all stages with a fraction of the work.
+The stages are the commands tune, train, report and export. The last stage exports the controller that the report
+recommends: the paper's rule, a tuned baseline or the policy of the median seed. Results are kept in DIR, so a stopped
+command continues when it is run again. `--quick` tunes, trains and plays less.
 """
 
 from collections.abc import Callable
@@ -52,12 +52,9 @@ class ControllerOptions:
 
 
 def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
-    """Return the copy of the set-up's file in `out`, which all stages read.
+    """Copy the set-up's file to `out`, for all stages, and return the copy.
 
-    The settings in MADE_FOR must not change between runs; all other parts of the file may change.
-
-    Raises:
-        ValueError: the folder holds other files, or results of other settings.
+    ValueError: the folder holds other files, or results of other settings MADE_FOR.
     """
     copy, sign = out / f"{setup.path.stem}.toml", out / "quick"
     if out.exists() and not out.is_dir():
@@ -102,7 +99,7 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[
 
 
 def exporting(copy: Path, options: ControllerOptions) -> export.Export:
-    """Return the options that export the controller that the report recommends, or all controllers."""
+    """Return the options for the export of the controller that the report recommends, or of all controllers."""
     out = options.out
     best = report.results_of(out / "report")["choices"][copy.stem]["controller"]
     files = {name: out / "tuned" / f"{name}.json" for name in load_setup(copy).tuned}

@@ -1,4 +1,4 @@
-"""`impact-gym dataset`: episodes of rule, profile, policy or persons, for Minari, with bit-exact replay."""
+"""`impact-gym dataset`: datasets for Minari, with episodes of rules, policies or persons that can be replayed."""
 
 import json
 import os
@@ -89,11 +89,7 @@ class DatasetOptions:
 
 
 def players(name: str, setup: Setup) -> Players:
-    """Return the player with a name of `DatasetOptions.who`.
-
-    Raises:
-        ValueError: the name is unknown, or the player was not tuned or trained.
-    """
+    """Return the player with a name of `DatasetOptions.who`; ValueError: it is unknown, or was not tuned or trained."""
     tuned = setup.against[0] if name == "profile" and setup.against else name
     if name == "policy":
         policy = load_policy(setup.name if setup.shipped else setup.folder / "policies" / f"{setup.name}.npz")
@@ -112,9 +108,9 @@ def players(name: str, setup: Setup) -> Players:
 
 
 def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], play: Players) -> EpisodeBuffer:
-    """Play an episode and return it. Its options hold the full record, so a reset with them repeats the episode.
+    """Play an episode and return it; its options hold the full record, so a reset with them repeats the scenario.
 
-    The infos of each step are the values of `sensors` in SI units, and those of `episode_info` at this step.
+    The infos of each step are the values of `sensors` (SI units) and of `episode_info` at this step.
     """
     bare: Any = env.unwrapped
 
@@ -142,11 +138,7 @@ def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], pla
 def write(
     name: str, env: gym.Env[Any, Any], episodes: Iterator[EpisodeBuffer], options: DatasetOptions, who: str, about: str
 ) -> Any:
-    """Write a dataset atomically and return it; `who` is its player, `about` its description.
-
-    Raises:
-        ValueError: the dataset exists, or its name is invalid.
-    """
+    """Write a dataset atomically and return it; ValueError: the dataset exists, or its name is invalid."""
     final, (namespace, _, _) = get_dataset_path(name), parse_dataset_id(name)
     if final.exists():
         raise ValueError(f"there is a dataset {name} already, {final}: delete it, or use another --version")
@@ -195,7 +187,7 @@ def of_tries(options: DatasetOptions) -> Any:
 
 
 class Given:
-    """Plays given actions, then zeros, at any time weight."""
+    """A controller that plays given actions, and then zeros."""
 
     def __init__(self, actions: Sequence[Sequence[float]], _weight: float) -> None:
         given = np.array(actions, np.float32)
@@ -207,10 +199,9 @@ class Given:
 
 
 def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
-    """Make the environment of a dataset's metadata. The metadata is not trusted: nothing that it names is imported.
+    """Make the environment that a dataset's metadata describe, without importing code that they name.
 
-    Raises:
-        ValueError: the environment is not of this package, or names other code, a wrapper or a file.
+    ValueError: the environment is not of this package, or its metadata name other code, a wrapper or a file.
     """
     spec = json.loads(about["env_spec"])
     if spec["id"] not in IDS:
@@ -224,11 +215,7 @@ def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
 
 
 def check(name: str) -> int:
-    """Replay a dataset of Minari; return the number of its episodes.
-
-    Raises:
-        ValueError: the dataset is missing, or its replay differs; the message says where.
-    """
+    """Replay a dataset; return its number of episodes; ValueError: it is missing, or its replay differs."""
     if not get_dataset_path(name).is_dir():
         known = ", ".join(minari.list_local_datasets()) or "none"
         raise ValueError(f"there is no dataset {name!r:.80} in {get_dataset_path()}, which has: {known}")
@@ -236,7 +223,7 @@ def check(name: str) -> int:
     made = f"it was made with {', '.join(about.get('requirements', ['?']))}, solver {about.get('solver', '?')}"
     other = f"{made}; installed are impact-gym {version('impact-gym')}, solver {compiled_from()}"
     try:
-        env = environment_of(about)  # first: Minari may make an environment when it reads the dataset
+        env = environment_of(about)  # before `load_dataset`, which may itself make the environment
         dataset = minari.load_dataset(name)
     except (AssertionError, AttributeError, LookupError, TypeError, ValueError, gym.error.Error) as problem:
         raise ValueError(

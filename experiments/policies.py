@@ -1,4 +1,4 @@
-"""Print a card for each policy, with purpose, failures and results: `impact-gym policies [NAME ...]`."""
+"""Print purpose, failures and results of policies: `impact-gym policies [NAME ...]`."""
 
 import argparse
 from collections.abc import Iterator, Sequence
@@ -13,7 +13,7 @@ from agents.setups import load_setup, shipped
 
 
 def card(name: str) -> Iterator[str]:
-    """Yield the lines of a policy's card: purpose, failures, results of its seeds on the validation set, command."""
+    """Yield lines about a policy: purpose, failures, results of its seeds on the validation set, command."""
     setup = load_setup(name)
     path = setup.folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
@@ -35,7 +35,6 @@ def card(name: str) -> Iterator[str]:
 
 
 def _mean(values: Sequence[float]) -> str:
-    """Return the mean over seeds with its 95 % interval."""
     middle, count = np.mean(values), len(values)
     if count < 2:
         return f"{middle:.3f}"
@@ -44,7 +43,7 @@ def _mean(values: Sequence[float]) -> str:
 
 
 def main() -> None:
-    """Print the cards."""
+    """Print the lines about each policy."""
     parser = argparse.ArgumentParser(
         prog="impact-gym policies", description="Print the purpose, the failures and the results of policies."
     )

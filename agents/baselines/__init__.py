@@ -1,4 +1,4 @@
-"""Controllers without learning. They have the method of stable-baselines3: `action, state = predict(observation)`."""
+"""Controllers that do not learn. They have stable-baselines3's method: `action, state = predict(observation)`."""
 
 from agents.baselines.constant import ConstantGain, ConstantSpeed, LocalBrake, OperatorAlone, PaperTrapezoid
 from agents.baselines.detector import DetectorProfile, DetectorRanged

@@ -1,6 +1,6 @@
-"""Files of the clairvoyant bound: for each scenario, the parameters of the `Clairvoyant` rule with the lowest cost.
+"""Files of the clairvoyant bound: for each scenario, the parameters with which `Clairvoyant` has the lowest cost.
 
-`impact-gym tune --bound` searches these parameters. Another kind of controller could reach a lower cost.
+`impact-gym tune --bound` searches for them. A controller of another class than `Clairvoyant` could have a lower cost.
 """
 
 from collections.abc import Mapping
@@ -53,7 +53,7 @@ def read_bound(setup: Setup, folder: Path = TUNED, generations: int = GENERATION
 
 
 def bound_of(setup: Setup, folder: Path = TUNED) -> dict[float, Floats]:
-    """Return the best parameters (scenarios, k) at each time weight of the evaluation; empty if one is missing."""
+    """Return the best parameters (scenarios, k) at each time weight of the evaluation; empty if a weight is missing."""
     if not path_of(setup, folder).is_file():
         return {}
     by_weight, weights = read_bound(setup, folder), setup.evaluation.weights

@@ -1,7 +1,4 @@
-"""Search for a rule's parameters with CMA-ES. One batch plays the candidates of all problems.
-
-N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772. The package `cma` is by the same author.
-"""
+"""Optimise a rule's parameters with CMA-ES (N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772)."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -29,12 +26,12 @@ def minimise(
     losses: Losses, parameters: tuple[Parameter, ...], problems: int = 1, population: int = 20, generations: int = 150,
     seed: int = 0,
 ) -> Minimum:  # fmt: skip
-    """Search the lowest loss of each problem, from the start values of `parameters` and within their limits.
+    """Minimise the loss of each problem, from the start values of `parameters` and within their limits.
 
     Each generation calls `losses` once, with `population` candidates of each problem. The search ends after
     `generations`, or when it has converged for all problems. The result depends on the arguments alone.
     """
-    import cma  # imported here, as playing a rule does not need it
+    import cma  # not needed to play a rule
 
     low, high, start = np.array([(each.low, each.high, each.start) for each in parameters]).T
     best, lowest, generation = np.tile(start, (problems, 1)), np.full(problems, np.inf), 0

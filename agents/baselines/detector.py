@@ -1,8 +1,8 @@
 """Rules that detect the touch from the sensors' readings instead of using the environment's alarm.
 
-With `alarm="reading"` the noise of the force sensor can raise the alarm; if the threshold is not above the noise, the
-alarm is on most of the time. A detector estimates the noise, and adds up by how much the readings exceed it: the method
-of cumulative sums (E. S. Page, Continuous inspection schemes, Biometrika 41, 1954).
+With `alarm="reading"` the noise of the force sensor can raise the environment's alarm. A detector estimates the noise
+and adds up the readings' excess over it: a cumulative sum (E. S. Page, Continuous inspection schemes, Biometrika 41,
+1954).
 """
 
 from collections.abc import Mapping
@@ -27,18 +27,16 @@ DETECTOR = (
 
 Each step subtracts `allowance` and `allowance per noise` from the sum. A touch is detected when the sum exceeds
 `detection` plus `detection per noise`. "per noise": the number is multiplied by the standard deviation of the force
-readings (N). "share that a deflection keeps": the ratio of one deflection to the one before, in free critically damped
-motion.
+readings (N). "share that a deflection keeps": the factor by which a critically damped deflection decays in one step.
 """
 
 
 class DetectorRule(ReactingRule):
-    """A `ReactingRule` with its own alarm, which a cumulative sum over the readings of force and deflection raises.
+    """A `ReactingRule` whose alarm is raised by a cumulative sum over the readings of force and deflection.
 
     While its alarm is off, the rule estimates mean and standard deviation of the force readings. A touch pushes the
-    tool back: the `kick` is the deflection minus the value that the last two readings predict for a critically damped
-    tool without a touch. The alarm ends the time `after_alarm` of the environment after it began, so a false alarm
-    costs no more than that time.
+    tool back: the `kick` is the deflection minus the value that the two readings before predict for a critically damped
+    tool without a touch. The alarm lasts for the time `after_alarm`, an argument of the environment.
     """
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"deflection_sensor": True, "past_readings": 2}
@@ -82,7 +80,7 @@ class DetectorProfile(DetectorRule, BlindProfile):
 
 
 class DetectorRanged(DetectorRule, StretchedProfile):
-    """`StretchedProfile` with the alarm of a detector; it observes the standard deviation of the estimated distance."""
+    """`StretchedProfile` with the alarm of a detector."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {
         **DetectorRule.NEEDS, "range_noise": (0.001, 0.01), "observe_range_noise": True,

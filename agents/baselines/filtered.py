@@ -1,9 +1,9 @@
 """Rules for a range sensor: a filter estimates the object's place from all readings, and a profile uses the estimate.
 
 The sum of a reading, the flange's position and the tool's deflection at the time of the reading is a measurement of the
-object's place. The estimate begins at the middle of the set-up's range of distances, with the variance of this range;
-each measurement is weighted by the inverse of its variance. The filter knows the set-up's range sensor, tool mass and
-coupling. If episodes draw one of these numbers, the filter uses the middle of its range.
+object's place. The estimate begins at the middle of the set-up's range of distances, with the variance of a uniform
+distribution over this range. Each measurement is weighted by the inverse of its variance. The filter uses the set-up's
+range sensor, tool mass and coupling; for a drawn number of these, it uses the middle of the number's range.
 """
 
 from collections.abc import Mapping
@@ -65,8 +65,7 @@ class FilteredProfile(StretchedProfile):
     def swing(self, deflection: Floats, rate: Floats, gained: Floats) -> tuple[Floats, Floats]:
         """Return the tool's deflection (m) and its rate (m/s) after a step in which the flange gains `gained` (m/s).
 
-        It solves the equation of the coupling for a constant acceleration of the flange (paper, eq. 17). Without a
-        spring, deflection and rate stay 0.
+        The acceleration of the flange is constant (paper, eq. 17). Without a spring, deflection and rate stay 0.
         """
         coupling, period = self.task.coupling, self.task.control_period
         if not isinstance(coupling, SpringDamper):
@@ -78,6 +77,6 @@ class FilteredProfile(StretchedProfile):
 
 
 class FirstReadingProfile(FilteredProfile):
-    """`FilteredProfile` that uses only the first reading of an episode."""
+    """`FilteredProfile` whose filter uses only the first reading of an episode."""
 
     READINGS = 1

@@ -1,10 +1,8 @@
 """Rules that follow a speed profile until the alarm, then command a velocity that depends on the time since the alarm.
 
-A profile gives the speed for each position of the flange, for each estimated distance or for each true distance. No
-real controller knows the true distance: a rule that uses it is a bound for the others.
-
-A reaction that also depends on the sensed force was tried and did not help: the best reaction is to retreat at full
-acceleration, whatever the force is.
+A profile is a speed as a function of the flange's position, of the estimated distance or of the true distance. No
+sensor measures the true distance: a rule that uses it is a bound for the other rules. The reaction does not depend on
+the measured force, because the best reaction is to retreat at full acceleration at every force.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,7 +21,7 @@ REACTION = (
     Parameter("acceleration after the alarm", "m/s^2", *ACCELERATION_RANGE, 15.0),
 )
 ACCELERATION = Parameter("acceleration", "m/s^2", *ACCELERATION_RANGE, 15.0)
-"""Limit of acceleration and deceleration on a profile: above it a bistable mechanism can leave its stop."""
+"""Limit of acceleration and deceleration on a profile. At a high acceleration a bistable mechanism leaves its stop."""
 USUAL_SPREAD, LEAST_SPREAD = 1e-2, 1e-3  # m, usual and smallest standard deviation of an estimated distance
 
 
@@ -43,7 +41,7 @@ class ReactingRule(Rule):
         return np.where(view.alarm, after, velocity), np.where(view.alarm, fast, acceleration)
 
     def approach(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return the profile's velocity (m/s) one control period later, and the acceleration (m/s^2) to reach it."""
+        """Return the profile's velocity (m/s) at the end of the control period, and the acceleration (m/s^2) to it."""
         most = self[ACCELERATION.name] if ACCELERATION in self.PARAMETERS else ACCELERATION_RANGE[1]
         position = view[self.OVER] if self.OVER == "position" else -view[self.OVER]
         return follow(self.profile(view), position, view["velocity"], most, self.task.control_period)
@@ -64,7 +62,7 @@ def follow(
     """Return the command with which the flange has the profile's `speed` at the end of a control `period` (s).
 
     The position at the end is predicted twice: from the present velocity alone; then from the mean of the present
-    velocity and the profile's speed at the first prediction. `acceleration` (m/s^2) limits this speed and the command.
+    velocity and the profile's speed at the first prediction. `acceleration` (m/s^2) limits both changes of velocity.
     """
     ahead = speed(position + velocity * period)
     reach = np.asarray(acceleration) * period
@@ -74,15 +72,15 @@ def follow(
 
 
 KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315, 0.35])
-"""Positions (m) of the corners of `BlindProfile`, see `Rule.placed`. Before the first one the arm is accelerating."""
+"""Positions (m) of the corners of `BlindProfile`, see `Rule.placed`. The arm accelerates up to the first corner."""
 AHEAD: Floats = np.array([-0.2, -0.12, -0.08, -0.05, -0.035, -0.02, -0.01, 0.0, 0.01, 0.025, 0.05])
 """Positions (m) of the corners of `RangedProfile`, relative to the estimated place of the object."""
 GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
-"""Gaps (m) between tool and object at the corners of `Clairvoyant`; below 0 coupling or object is compressed."""
+"""Gaps (m) between tool and object at the corners of `Clairvoyant`. Below a gap of 0 the object is compressed."""
 
 
 class BlindProfile(ReactingRule):
-    """Follow a broken line of speeds over the flange's position until the alarm; then react."""
+    """Follow a piecewise linear profile over the flange's position until the alarm; then react."""
 
     PARAMETERS = (
         *(Parameter(f"speed at {1e3 * knot:g} mm", "m/s", 0.01, VELOCITY_RANGE[1], 0.6) for knot in KNOTS),
@@ -91,14 +89,14 @@ class BlindProfile(ReactingRule):
     )
 
     def speed(self, position: Floats) -> Floats:
-        """Return the broken line's speed (m/s) at `position` (m)."""
+        """Return the profile's speed (m/s) at `position` (m)."""
         return interpolate(self.placed(KNOTS), self.columns(self.PARAMETERS[0].name, len(KNOTS)), position)
 
 
 class ConstantDeceleration(ReactingRule):
-    """Brake with constant deceleration to the `lowest speed` at the position `end`, where all objects should be met.
+    """Brake with constant deceleration to the `lowest speed` at the position `end`.
 
-    This is best for a rigid tool if all distances in a range are equally likely.
+    For a rigid tool, this profile has the lowest mean cost if all distances up to `end` are equally likely.
     """
 
     PARAMETERS = (
@@ -118,7 +116,7 @@ class ConstantDeceleration(ReactingRule):
 
 
 class Ranged(ReactingRule):
-    """Brake steadily to the `contact speed`, reach it a `margin` before the estimated distance, and keep it."""
+    """Brake at constant deceleration to the `contact speed`, from a `margin` before the estimated distance on."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_noise": 0.01}
     PARAMETERS = (
@@ -138,7 +136,7 @@ class Ranged(ReactingRule):
 
 
 class RangedProfile(ReactingRule):
-    """Follow a speed profile over the position relative to the estimated place of the object; then react."""
+    """Follow a piecewise linear profile over the position relative to the object's estimated place; then react."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_noise": 0.01}
     PARAMETERS = (
@@ -152,12 +150,12 @@ class RangedProfile(ReactingRule):
     OVER = "distance_estimate"
 
     def speed(self, position: Floats) -> Floats:
-        """Return the broken line's speed (m/s) at `position` (m) relative to the estimated place."""
+        """Return the profile's speed (m/s) at `position` (m) relative to the estimated place."""
         return interpolate(AHEAD, self.columns(self.PARAMETERS[0].name, len(AHEAD)), position)
 
 
 class StretchedProfile(RangedProfile):
-    """`RangedProfile` that becomes longer and slower when the standard deviation of the estimate grows."""
+    """`RangedProfile` whose positions and speeds are scaled by powers of the estimate's standard deviation."""
 
     PARAMETERS = (
         *RangedProfile.PARAMETERS,
@@ -179,7 +177,7 @@ class StretchedProfile(RangedProfile):
 class Clairvoyant(ReactingRule):
     """Follow a velocity profile over the true gap between tool and object until the alarm; then react.
 
-    It needs the environment's argument `privileged`, and parameters that were optimised for the scenario it plays.
+    The parameters are optimised for each scenario.
     """
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"privileged": True}
@@ -192,10 +190,7 @@ class Clairvoyant(ReactingRule):
     OVER = "distance"
 
     def speed(self, position: Floats) -> Floats:
-        """Return the velocity (m/s) at the tool's `position` (m) relative to the object.
-
-        At a larger gap than all GAPS, the tool brakes with the parameter `deceleration`.
-        """
+        """Return the velocity (m/s) at the tool's `position` (m) relative to the object; before all GAPS it brakes."""
         corners = self.columns(self.PARAMETERS[0].name, len(GAPS))
         far = np.maximum(-position - GAPS[-1], 0.0)
         near = interpolate(GAPS, corners, -position)

@@ -1,4 +1,4 @@
-"""Random actions, for comparison, and random errors added to a rule's actions."""
+"""Random actions, and random errors on a rule's actions."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ class RandomActions:
     """Draw every action uniformly from the action space of a task."""
 
     def __init__(self, seed: int = 0, task: Task | None = None) -> None:
-        """Make a controller; `seed` is the seed of its draws. Default task: that of `ImpactApproach-v0`."""
+        """Make a controller; default task: that of `ImpactApproach-v0`."""
         self._rng, self._size = np.random.default_rng(seed), len(ActionSpec(task or Task()))
 
     def for_task(self, task: Task) -> "RandomActions":
@@ -28,9 +28,9 @@ class RandomActions:
 
 
 class Jittery:
-    """A rule with random errors on its actions, for a search; in a scenario all candidates get the same errors.
+    """A rule with random errors on its actions, the same for all candidates of a search in a scenario.
 
-    The search then finds no parameters that work only if commands are followed exactly.
+    With these errors the search avoids parameters that work only if the arm follows commands exactly.
     """
 
     def __init__(self, rule: Controller, jitter: float, scenarios: int, rng: np.random.Generator) -> None:

@@ -31,7 +31,7 @@ class Parameter(NamedTuple):
     unit: str
     low: float
     high: float
-    start: float  # where tuning begins
+    start: float  # where the search of `impact-gym tune` begins
 
 
 class View:
@@ -66,16 +66,12 @@ class Rule:
     NEEDS: ClassVar[Mapping[str, Any]] = {}
     """Arguments of the environment that add the observations which the rule needs."""
     KNOWS: ClassVar[tuple[str, ...]] = ()
-    """Arguments of the environment that the rule knows. In another environment it keeps the values it was tuned for."""
+    """Arguments of the environment that the rule computes with. A tuned rule uses those for which it was tuned."""
 
     def __init__(self, parameters: ArrayLike) -> None:
-        """Make a controller.
+        """Make a controller from `parameters` (k,), or (rows, k) for a batch, in the order and units of PARAMETERS.
 
-        Args:
-            parameters: (k,), in the order and units of PARAMETERS; or (rows, k), for batches of that many rows.
-
-        Raises:
-            ValueError: the number of parameters is wrong, or one is out of its limits; the message names it.
+        ValueError: the number of parameters is wrong, or a parameter is out of its limits; the message names it.
         """
         kind: Any = type(self)
         self.parameters = np.array(parameters, np.float64)
@@ -100,11 +96,7 @@ class Rule:
         return rule
 
     def for_task(self, task: Task) -> Self:
-        """Return the same rule for a task; `placed` maps its positions to the distances of the task's objects.
-
-        Raises:
-            ValueError: the task's observation lacks a number that the rule needs.
-        """
+        """Return the same rule for a task; ValueError: the task's observation lacks a number that the rule needs."""
         kind: Any = type(self)
         twin = copy.copy(self)
         twin.task = task.changed({"privileged": True}) if "privileged" in self.NEEDS else task
@@ -155,10 +147,7 @@ class Rule:
 
 
 def interpolate(knots: Floats, values: Floats, at: Floats) -> Floats:
-    """Return the height at `at` (n,) of the broken line through `values` (k,) or (n, k) at `knots` (k,).
-
-    Beyond its ends the line is level.
-    """
+    """Interpolate linearly at `at` (n,) between `values` (k,) or (n, k) at `knots` (k,); constant beyond the knots."""
     place = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
     share = np.clip((at - knots[place]) / (knots[place + 1] - knots[place]), 0.0, 1.0)
     table = np.broadcast_to(values, (*np.shape(at), len(knots)))

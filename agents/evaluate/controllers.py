@@ -29,8 +29,8 @@ from impact_gym.task import Task
 def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None = None) -> Controller:
     """Return the controller that `spec` describes, for a time weight (m/s per s) and a task.
 
-    A tuned baseline keeps those arguments of the environment for which it was tuned that its class lists in KNOWS. If
-    the task has the default scenario, the baseline also keeps the range of distances for which it was tuned.
+    A tuned baseline keeps the arguments in its class's KNOWS as they were when it was tuned. In a task with the default
+    scenario, it also keeps the range of distances for which it was tuned.
     """
     ((kind, value),) = spec.items()
     if kind not in KINDS:

@@ -30,7 +30,7 @@ def play(
     `controller` is described as in `agents.evaluate.controllers`. `environment` must hold no scenario and no time
     weight. For `lenient` see `ScenarioBatch`.
     """
-    with warnings.catch_warnings(action="ignore", category=UserWarning):  # about scenarios that are hard on purpose
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # about hard scenarios, which are intended
         task = Task(**(environment or {}))
         played = []
         for weight in weights:

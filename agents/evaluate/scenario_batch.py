@@ -51,7 +51,7 @@ class Episodes:
         return self.object_velocity + time_weight * self.approach_time
 
     def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the cost plus the environment's charge for a missed object, m/s; the return is minus this loss."""
+        """Return the cost plus the charge for a missed object, m/s: minus the sum of the episode's rewards."""
         return self.cost(time_weight) + self.missed_cost * self.missed
 
 
@@ -71,8 +71,8 @@ class ScenarioBatch:
             task: task of all rows; None: the default task.
             copies: number of copies of each scenario.
             time_weight: time weight of each copy, m/s per s; None: the task's.
-            frozen: set from which the scenarios are taken instead of drawn; its seed must be `seed`.
-            threads: number of threads; it changes no result.
+            frozen: set that holds the scenarios, which are then not drawn; its seed must be `seed`.
+            threads: number of threads; it has no effect on the results.
             quiet: do not warn if a policy was trained for another environment.
             lenient: count a scenario whose status is not ok as missed, without an error.
             max_steps: number of integration steps after which the solver gives up a scenario.
@@ -105,7 +105,7 @@ class ScenarioBatch:
         """Play every row to its end.
 
         If the controller's action for a row does not depend on the other rows, the row's result depends only on the
-        scenario and the controller. A policy that was trained for another environment warns once.
+        scenario and the controller. For a policy that was trained for another environment, a warning is given once.
 
         Args:
             controller: controller that plays.
@@ -125,7 +125,7 @@ class ScenarioBatch:
         while not (ended := batch.ended).all():
             if watch is not None:
                 watch(batch.bodies())
-            if isinstance(controller, Policy):  # without memory: rows that have ended need no action
+            if isinstance(controller, Policy):  # has no memory, so rows that have ended can be left out
                 actions[~ended], _ = controller.predict(batch.observations[~ended])
             else:
                 seen = batch.observations.copy()
@@ -145,7 +145,7 @@ class ScenarioBatch:
 
 
 class Validation:
-    """The frozen validation set at several time weights. Its score selects the best policy and judges trainings.
+    """The frozen validation set at several time weights. The score on it selects the best policy of a training.
 
     The score is the mean loss: V_p + w T, plus the charge for a miss. Episodes that do not settle count as missed.
     """

@@ -1,8 +1,8 @@
 """Export controllers: `impact-gym export linear-blind --out DIR` writes a C header, and for a policy also ONNX.
 
-The files are checked. The controller in a header replays episodes of the environment; the time of one call is printed
-beside the control period. A network, in C or ONNX, is compared with the policy on NumPy for 10,000 observations, drawn
-uniformly from the observation space. If this machine cannot check a file, a line says so.
+Then the command checks the files. The controller in C replays episodes of the environment, and its calls are timed.
+The network in C and in ONNX is compared with the policy on NumPy for 10,000 random observations. A line is printed for
+each file that this machine cannot check.
 """
 
 import importlib

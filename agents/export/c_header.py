@@ -1,8 +1,7 @@
 """A controller as a C header for a control loop: C99 or C++, no memory allocation, only math.h and string.h.
 
-The header holds a policy's network, `NAME_act`, or a rule. `NAME_reset` and `NAME_step` are the whole controller, which
-computes the command from the readings of the sensors, both in SI units. The header's text is in controller.h.jinja and
-rule.h.jinja.
+The function `NAME_act` is a policy's network. `NAME_reset` and `NAME_step` are the controller, from sensor readings to
+the command in SI units. The header's templates are controller.h.jinja and rule.h.jinja.
 """
 
 import re
@@ -66,7 +65,6 @@ def header(controller: Policy | Rule | Subject, name: str) -> str:
 
 
 def _network(policy: Policy) -> dict[str, Any]:
-    """Return the template's values for a network."""
     network = policy.network
     layers = [layer for layer in network.layers() if layer.name != "log_std"]
     used = sorted({"none", *([network.activation] if network.hidden else [])})
@@ -112,7 +110,7 @@ def c_text(template: str, folder: Path = Path(__file__).parent, **content: Any) 
 
 
 def has_controller(subject: Subject) -> bool:
-    """Whether sensors measure all observed values; if not, the header holds only the network."""
+    """Whether a controller in C can know all observed values; if not, the header holds only the network."""
     return set(subject.spec.ids) <= set(values(subject.spec))
 
 
@@ -142,6 +140,6 @@ def _seen(entry: Entry, value: str, name: str) -> str:
 
 
 def _rows(values: NDArray[np.float32]) -> str:
-    """Return numbers for C, six in a row; nine digits represent a float32 exactly."""
+    """Return numbers for C, six in a line; nine digits represent a float32 exactly."""
     numbers = [f"{float(value):.8e}f" for value in values.ravel()]
     return ",\n".join("    " + ", ".join(numbers[first : first + 6]) for first in range(0, len(numbers), 6))

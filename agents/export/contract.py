@@ -57,8 +57,8 @@ class Subject:
     ) -> None:
         """Describe a policy; or a rule for its environment, with parameters (k,) or (weights, k).
 
-        `weights` are the time weights (m/s per s), ascending, for which a rule was tuned. `validation` (JSON) and
-        `command` say what it scored and how it was made; default: what the policy's file says.
+        `weights` are the time weights (m/s per s), ascending, for which a rule was tuned. `validation` (JSON) are its
+        scores, `command` is the command that made it; default: those in the policy's file.
         """
         if not isinstance(controller, Policy | Rule):
             raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
@@ -161,7 +161,7 @@ def of_name(name: str, setup: Setup | None = None) -> Subject:
 def of_setup(setup: Setup, folder: Path | None = None) -> dict[str, Subject]:
     """Return all controllers of a set-up by name: policy and tuned baselines in `folder`, and rules without parameters.
 
-    A controller that does not exist yet, or cannot play the set-up, is left out, and a line says so.
+    A controller that does not exist yet, or cannot play the set-up, is left out, and a line with its name is printed.
     """
     folder, found = folder or setup.folder, {}
     for name in ("paper-trapezoid", "local-brake", *(["operator-alone"] if setup.environment.get("operator") else [])):

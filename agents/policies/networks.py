@@ -105,7 +105,7 @@ class Network:
 
 def from_arrays(description: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Network:
     """Return the network with this `description` and with arrays named as in `to_arrays`."""
-    # layers get new names: exported C code contains them, and no text of the file may get into code
+    # layers get new names, because exported C code contains the names, and no text of the file may get into code
     places = {name: f"hidden_{place}" for place, name in enumerate(description["layers"])}
     places |= {name: name for name in ("mean", "log_std")}
     made = {name: Affine(place, arrays[f"{name}.weight"], arrays[f"{name}.bias"]) for name, place in places.items()}

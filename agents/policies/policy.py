@@ -107,7 +107,7 @@ class Policy:
 
 @dataclass(frozen=True)
 class Ensemble:
-    """The policies of a set-up's seeds, all for the same environment; one of them is chosen to represent the set-up."""
+    """Policies for one environment, trained with different seeds; the policy with the seed `chosen` represents them."""
 
     policies: Sequence[Policy]
     chosen: int  # seed of the chosen policy

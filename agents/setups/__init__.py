@@ -3,8 +3,7 @@
 `[environment]` holds the arguments of the environment; a physical number may be a pair (low, high), from which each
 episode draws. `[training]` holds settings that differ from the defaults in `agents.setups.training`. `[baselines]`
 names the rules to tune, and the baselines with which policies are compared. `[evaluation]` holds the time weights, the
-scenarios, and the arguments that are varied to test robustness. The set-ups in this folder are
-shipped; they are loaded by name.
+scenarios, and the arguments that are varied to test robustness. The set-ups in this folder are loaded by name.
 """
 
 from agents.setups.setup import (

@@ -1,4 +1,4 @@
-"""How a set-up is evaluated: the table `[evaluation]` of its file."""
+"""Evaluation of a set-up: the table `[evaluation]` of its file."""
 
 import math
 import warnings
@@ -42,7 +42,7 @@ MAY_BE_NONE = ("robot", "coupling.stroke")
 
 @dataclass(frozen=True)
 class Evaluation:
-    """How a set-up is evaluated."""
+    """Time weights, scenarios and variations with which a set-up is evaluated."""
 
     weights: tuple[float, ...] = WEIGHTS
     """Time weights, m/s per s, for which baselines are tuned, and at which policies are validated and compared."""
@@ -69,9 +69,7 @@ class Evaluation:
     ) -> "Evaluation":
         """Return the evaluation in a file's table for an environment; for `robot` see `usual`.
 
-        Raises:
-            TypeError, ValueError: a key is unknown, a value is out of range, or the environment refuses a change. The
-                message names the key.
+        TypeError, ValueError: an unknown key, a value out of range, or an invalid change of the environment.
         """
         known("evaluation.", content, [item.name for item in fields(cls)])
         known("evaluation.nominal.", table(content, "nominal", "evaluation."), SET_UP_ARGUMENTS)
@@ -100,9 +98,8 @@ class Evaluation:
 def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return the default variations of an environment: VARIED, with the environment's own numbers.
 
-    Three variations depend on the environment. If it has no robot compliance, `robot` is tried. If its spring has no
-    stops, a stroke that is too short is tried. If its objects come from the default ranges, the frozen set `hard` is
-    tried, which lies outside these ranges.
+    A rigid robot is also replaced by `robot`. A spring without stops also gets a stroke that is too short. An
+    environment with the default scenario ranges also plays the frozen set `hard`, which lies outside these ranges.
     """
     with warnings.catch_warnings(action="ignore", category=UserWarning):
         task = Task(**environment)
@@ -140,7 +137,7 @@ def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Cha
 
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
-    """Yield the changes of one argument; values that the environment refuses are left out, unless `strict`."""
+    """Yield the changes of one argument; invalid values are left out, or with `strict` a ValueError."""
     where = f"evaluation.varied.{name}"
     multiples = isinstance(values, Mapping)
     if multiples:

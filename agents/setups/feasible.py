@@ -1,4 +1,4 @@
-"""Checks whether a set-up's task can be done, before hours of training."""
+"""Checks before a training whether a set-up's task can be done."""
 
 from collections.abc import Iterator
 from itertools import product
@@ -8,8 +8,8 @@ from impact_gym.task import QUANTITIES, ObservationSpec, Task
 from impact_gym.task.task import MOUNT_IDS
 
 OVERSHOOT = 2.0
-"""How many times the commanded acceleration a compliant robot's flange can reach: the factor for an undamped spring
-after one step from rest. Several steps at the robot's natural frequency reach more."""
+"""Acceleration of a compliant robot's flange as a multiple of the commanded acceleration, for an undamped spring after
+one step from rest. Several steps at the robot's natural frequency cause a higher acceleration."""
 
 
 def warnings(task: Task) -> list[str]:

@@ -1,4 +1,4 @@
-"""Set-ups as records, and functions that read their files."""
+"""The record of a set-up, and functions that read its file."""
 
 import tomllib
 from collections.abc import Mapping
@@ -64,7 +64,7 @@ class Setup:
     environment: Mapping[str, Any]  # arguments of `gym.make("ImpactApproach-v0", ...)`
     training: Training = field(default_factory=Training)
     tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines by name
-    against: tuple[str, ...] = ()  # baselines for comparison, besides the paper's rule; the first is the main rival
+    against: tuple[str, ...] = ()  # baselines for comparison, without the paper's rule; the first is the main one
     bound: str = ""  # set-up whose clairvoyant bound also applies here
     budget: int = BUDGET  # number of candidates that tuning tries for each time weight
     evaluation: Evaluation = field(default_factory=Evaluation)
@@ -93,7 +93,7 @@ class Setup:
 
     @property
     def called(self) -> str:
-        """How a command line names the set-up: by its name if it is shipped, else by its path."""
+        """Argument of a command for this set-up: its name if it is shipped, else its path."""
         return self.name if self.shipped else str(self.path)
 
     @property
@@ -129,9 +129,7 @@ def owner(baseline: str) -> Setup | None:
 def load_setup(name_or_path: str | Path) -> Setup:
     """Return a shipped set-up, by name, or a set-up from a file.
 
-    Raises:
-        ValueError: there is no such set-up, or the file has a mistake. The message names file, key, value and allowed
-        values.
+    ValueError: there is no such set-up, or an error in its file; the message has file, key, value and allowed values.
     """
     path = named_file("set-up", name_or_path, SHIPPED, ".toml")
     return deepcopy(_loaded(path.resolve(), path.stat().st_mtime_ns))
@@ -239,7 +237,7 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
                 what = f"{weight:g} m/s per s, a default of evaluation.{name}"
                 raise ValueError(f"training.time_weight must include {what}, got {low:g} to {high:g} m/s per s")
     baselines = {*setup.tuned, *shipped_baselines()}
-    known("baselines.against.", setup.against, {*baselines, *FIXED})  # a file may not name code to import
+    known("baselines.against.", setup.against, {*baselines, *FIXED})  # so that no file can name code to import
     known("training.teacher.", [setup.training.teacher], {"", *baselines, *FIXED})
     known("baselines.bound.", [setup.bound], [setup.name, *shipped()])
 

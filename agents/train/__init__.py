@@ -1,1 +1,1 @@
-"""Training with stable-baselines3; begin reading with the module `ppo`."""
+"""Training with stable-baselines3; the main module is `ppo`."""

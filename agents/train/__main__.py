@@ -1,4 +1,4 @@
-"""Train a policy: `impact-gym train [SETUP]`; with `--seeds` train several, whose median represents the set-up."""
+"""Train a policy, or with `--seeds` several policies: `impact-gym train [SETUP]`."""
 
 import sys
 from collections.abc import Sequence
@@ -64,7 +64,7 @@ def read_options(arguments: Sequence[str]) -> TrainOptions:
 
 
 def default_options(setup: str) -> TrainOptions:
-    """Return the options of the command `impact-gym train SETUP`, which gives no other option."""
+    """Return the options of the command line `impact-gym train SETUP`."""
     return TrainOptions(setup, load_setup(setup).training)
 
 

@@ -24,7 +24,7 @@ OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
 OnValidation = Callable[[int, dict[str, Any]], None]
 """Function that gets the number of steps so far and the result, after each validation."""
 ROWS = 200  # largest number of rows of a learning curve
-NEARLY_ALL = 0.99  # share of objects missed; a policy above it touches an object only by accident
+NEARLY_ALL = 0.99  # fraction of the objects; a policy that misses more of them touches an object only by accident
 COLLAPSED = 3  # validations in a row with nearly all objects missed: the training has collapsed
 BEGINNING = 0.1  # fraction of a training at its begin, in which a policy may miss all objects
 
@@ -125,7 +125,6 @@ class TrainingCallback(BaseCallback):
         return policy
 
     def _check_weights(self) -> None:
-        """Raise CollapsedError if a weight is not finite."""
         if not torch.nn.utils.parameters_to_vector(self.model.policy.parameters()).isfinite().all():
             raise self._collapse("the weights are no longer finite")
 
@@ -144,7 +143,7 @@ class TrainingCallback(BaseCallback):
                 self.logger.record(f"objectives/{name}", self.kept["sums"][name] / self.kept["episodes"])
         self.kept |= {"sums": dict.fromkeys(OBJECTIVES, 0.0), "episodes": 0}
         row = {name: float(value) for name, value in self.logger.name_to_value.items()}
-        self.logger.dump()  # forgets these values
+        self.logger.dump()  # also deletes these values from the logger
         self.kept["rows"].append({STEPS: self.num_timesteps, **row})
         columns = {name for each in self.kept["rows"] for name in each}
         table = csv.DictWriter(text := io.StringIO(newline=""), sorted(columns))

@@ -23,7 +23,7 @@ from agents.setups import Training
 from agents.train.scaling import ScaledRewards
 
 FORMAT = "impact_gym checkpoint 3"
-# stable-baselines3 2.9 has no public access to these attributes; a test checks that resuming changes no bit
+# stable-baselines3 2.9 has no public names for these; a test checks that a resumed training has the same result
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
 
 

@@ -1,8 +1,7 @@
 """PPO that first imitates a baseline, in states that the policy itself visits.
 
 S. Ross, G. Gordon, D. Bagnell, A Reduction of Imitation Learning and Structured Prediction to No-Regret Online
-Learning, AISTATS 2011. PPO alone does not find behaviour far from its own, such as an approach in pulses. After
-imitation of such behaviour, PPO improves it.
+Learning, AISTATS 2011. PPO alone does not find behaviour far from its initial one, such as an approach in pulses.
 """
 
 from typing import Any
@@ -25,7 +24,7 @@ class Teacher:
     """
 
     def __init__(self, setup: Setup, name: str) -> None:
-        """Make a teacher from a baseline without parameters, or from a tuned one of the set-up or a shipped one."""
+        """Make a teacher from a baseline without parameters, or from a tuned baseline, of the set-up or shipped."""
         rules, means, self.checksum = [FIXED[name]()] if name in FIXED else [], [(0.0, 0.0)], name
         if not rules:
             its_own = name in setup.tuned

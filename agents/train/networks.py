@@ -35,8 +35,8 @@ CENTRE_AND_SPREAD = {
     "restitution": (0.55, 0.25),
     "distance": (0.1, 0.3),
 }
-"""Approximate centre and spread of the observed numbers during a training. The networks get standardised numbers,
-because they would learn small differences late. In a saved policy the standardisation is part of the weights."""
+"""Approximate centre and spread of the observed numbers during a training. Without standardisation, the networks would
+learn late from numbers that vary little. In a saved policy the standardisation is part of the weights."""
 
 
 def standardisation(tasks: Sequence[Task]) -> NDArray[np.float64]:
@@ -95,7 +95,7 @@ class AsymmetricPolicy(ActorCriticPolicy):
 
 
 class FastTanh(torch.nn.Module):
-    """tanh by NumPy: equal to torch.nn.Tanh within rounding, but eight times faster if torch uses a slow path."""
+    """tanh by NumPy: equal to torch.nn.Tanh within rounding, and on some machines eight times faster than it."""
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
         """Return tanh of `values`."""

@@ -2,8 +2,7 @@
 
 Each training writes a run folder. It holds `config.json` (settings, versions, command), `progress.csv` and events for
 TensorBoard, `best.npz` (the policy with the best validation score), `final.npz`, and `metrics.json` (with the speed of
-the training). Until the training ends, the folder also holds `checkpoint.npz`, from which `resume` reaches the same
-result to the bit.
+the training). Until the training ends, the folder also holds `checkpoint.npz`. A resumed training has the same bits.
 """
 
 import json
@@ -73,7 +72,7 @@ class Run:
 
     @property
     def slots(self) -> list[dict[str, Any]]:
-        """Arguments that each environment changes in `task`: first none, then the set-up's `mixed`, then `nominal`."""
+        """Changed arguments of each environment: none for the first ones, then the set-up's `mixed`, then `nominal`."""
         shares = (*self.setup.mixed, (self.training.nominal, self.setup.evaluation.nominal))
         others = [dict(changes) for share, changes in shares for _ in range(round(share * self.training.envs))]
         return [{} for _ in range(self.training.envs - len(others))] + others
@@ -85,7 +84,7 @@ class Run:
         return command_of("train", self.training, self.setup.training, self.setup.called, *seed)
 
     def made_for(self) -> dict[str, Any]:
-        """Return everything that determines the result, in the form in which JSON returns it."""
+        """Return everything that determines the result, as JSON values."""
         evaluation, training = self.setup.evaluation, self.training
         settings = {"setup": self.setup.called, "seed": self.seed, **asdict(training)}
         made = {"settings": settings, "environment": self.task.arguments(), "weights": evaluation.weights}
@@ -172,7 +171,6 @@ def _to_its_end(folder: Path, run: Run, record: dict[str, Any], on_validation: O
 
 
 def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnValidation | None) -> None:
-    """Make environments and model, learn to the end, and write the results."""
     training = run.training
     torch.set_num_threads(training.threads)
     torch.distributions.Distribution.set_default_validate_args(False)  # these checks are slow
@@ -190,7 +188,7 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
         print(f"training for {training.whole_steps:,} steps; torch uses {training.threads} thread(s)")
     done = model.num_timesteps
     bar = progress(f"{run.setup.name}, seed {run.seed}", training.whole_steps, done)
-    dropped = done + 1 if done else None  # first step whose values an interrupted run has written
+    dropped = done + 1 if done else None  # TensorBoard drops values of the interrupted run from this step on
     with SummaryWriter(folder, purge_step=dropped) as callback.writer, closing(bar) as callback.bar:
         model.learn(
             training.whole_steps - done,

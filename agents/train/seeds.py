@@ -1,7 +1,7 @@
-"""Trainings of a set-up with several seeds: all policies are kept, and the median one represents the set-up.
+"""Trainings of a set-up with several seeds; the policy with the median validation score represents the set-up.
 
-Finished trainings are stored by `agents.jobs`, and a killed training resumes from its checkpoint. On a cluster,
-resuming needs run folders under the same path on all nodes; otherwise the training of a lost node starts again.
+`agents.jobs` stores finished trainings, and a killed training resumes from its checkpoint. On a cluster, resuming needs
+run folders under the same path on all nodes; otherwise the training of a lost node starts from its first step.
 """
 
 import json
@@ -27,7 +27,7 @@ def train_seeds(
     cluster: str | None = None,
 ) -> Path:  # fmt: skip
     """Train the seeds from 0 on, except those finished in `out`; return the file with all policies, in `policies`."""
-    training = replace(training, simulation_threads=1)  # does not change the result
+    training = replace(training, simulation_threads=1)  # has no effect on the result
     runs = [Run(setup, training, seed) for seed in range(seeds)]
     folders = [out.resolve() / f"seed-{seed}" for seed in range(seeds)]
     arguments = list[dict[str, Any]]()
@@ -70,7 +70,7 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> dict[str, bytes]:
             _refuse_another(str(run), made_for)  # on a cluster, `train_seeds` may not see this folder
             resume(run)
         else:
-            shutil.rmtree(run, ignore_errors=True)  # left by a training that was killed before it began
+            shutil.rmtree(run, ignore_errors=True)  # of a training that was killed before it wrote config.json
             train(Run.of_record(made_for["settings"]), run)
         return {name: (run / name).read_bytes() for name in KEPT}
 

@@ -7,7 +7,7 @@ from experiments.lab.study import Run, StudyOptions
 
 
 def design(options: DesignOptions) -> None:
-    """Search for a design; write the chosen one as a set-up file, and all results as a page."""
+    """Search for designs; write the chosen design as a set-up file, and all results as a page."""
     checked, command = options.checked(), command_of("design", options)
     run = Run(study_of(checked), StudyOptions(checked.out, processes=checked.processes), command)
     page = run.write()

@@ -16,9 +16,9 @@ from experiments.lab.study import Findings, Frames
 from impact_gym.quantities import QUANTITIES
 
 LABELS = {FRONT: "best design for each approach time", CHOSEN: "chosen design"}
-BINS = 5  # groups of test scenarios by the object's distance, equally many scenarios in each
+BINS = 5  # groups of test scenarios by the object's distance, with the same number of scenarios
 ENTRY = ("line", "allowed", "seed", "loss", "rule", "design", "parameters")
-"""Columns that identify a candidate on a line of the chart; `design` and `parameters` are JSON."""
+"""Columns that identify a candidate on a line of the chart, see `experiments.design.study.Row`."""
 
 
 def mean(rows: pl.DataFrame, name: str) -> float:
@@ -54,7 +54,7 @@ def in_words(design: str) -> str:
 
 
 def reduction(line: pl.DataFrame, paper: pl.DataFrame) -> Estimate:
-    """Return 1 - (V_p of `line` / V_p of the paper's rule), both at the mean approach time of the paper's rule."""
+    """Return 1 - V_p of `line` / V_p of the paper's rule, with V_p of `line` at the rule's mean approach time."""
     resamples = Resamples(len(paper))
     ours, theirs = (
         grid.front(rows.rename({"allowed": "weight"}).with_row_index("episode"), resamples) for rows in (line, paper)
@@ -81,7 +81,7 @@ def chart(rows: Sequence[dict[str, Any]]) -> Figure:
 
 
 def analyse(options: DesignOptions, frames: Frames, _: bool) -> Findings:
-    """Compare the designs and couplings on the test set."""
+    """Compare the designs and the other couplings with the paper's rule on the test set."""
     frame = frames["designs"]
     rows, paper = summary(frame), frame.filter(line=PAPER)
     lines = {name: played for (name,), played in grid.groups(frame, "line") if name != PAPER}
@@ -94,26 +94,26 @@ def analyse(options: DesignOptions, frames: Frames, _: bool) -> Findings:
     missed = f" It misses {chosen['missed'].sum()} of {chosen.height} objects." if chosen["missed"].any() else ""
     pad = f" with a pad of {options.pad}" if options.pad else ""
     answer = (
-        f"Chosen: {in_words(chosen['design'][0])}{pad}. At the mean approach time of the paper's rule it leaves the "
-        f"object {percent(gains[CHOSEN])} slower than the paper's rule with the paper's spring; in no fifth of the "
-        f"distances less than {100 * least:.1f} %. Before the first touch its tool moves at most {1e3 * moved:.1f} mm "
-        f"against the flange. Its set-up: {options.file.name}.{missed}"
+        f"Chosen design: {in_words(chosen['design'][0])}{pad}. At the mean approach time of the paper's rule its mean "
+        f"V_p is {percent(gains[CHOSEN])} lower than that of the paper's rule with the paper's spring; in each fifth "
+        f"of the distances at least {100 * least:.1f} % lower. Before the first touch its tool moves at most "
+        f"{1e3 * moved:.1f} mm against the flange. Its set-up: {options.file.name}.{missed}"
     )
     gained = [(LABELS.get(name, name), percent(gain)) for name, gain in gains.items()]
     scaled = [{**row, **{name: 1e3 * row[name] for name in ("deflection", "stroke")}} for row in rows]
     caption = (
-        "Down and left is better; test scenarios, which no search used. Beside each design of the front: largest "
-        "deflection of its coupling before the first touch. A line is one coupling with a controller searched for each "
-        "approach time."
+        "Test scenarios, which no search used. Points below and to the left are better. The numbers at the designs are "
+        "the largest deflections of their couplings before the first touch. A line is one coupling, with a controller "
+        "searched for each approach time."
     )
     alt = "Mean approach time against mean V_p: designs, the chosen design, others and the paper's rule."
-    read = "Interpolated between the two approach times beside the paper's; the scenarios are resampled."
+    read = "Interpolated between the two approach times next to the paper's; intervals by resampling the scenarios."
     return Findings(answer, [
         Section("Approach time against V_p", [
             Picture("front", chart(rows), alt, caption),
             Table(read, ("coupling", "V_p lower at the paper's approach time, 95 % interval"), gained),
         ]),
-        Section("All of them", [Table.of("", scaled, {
+        Section("All designs and couplings", [Table.of("", scaled, {
             "coupling": "{line}", "time allowed (paper's = 1)": "{allowed:.2f}", "approach (s)": "{approach_time:.4f}",
             "V_p (m/s)": "{object_velocity:.4f}", "lower": "{lower:.1%}", "deflection (mm)": "{deflection:.1f}",
             "stroke (mm)": "{stroke:.1f}", "peak force, 95 % (N)": "{peak_force:.0f}",

@@ -20,7 +20,7 @@ from impact_gym.task import Task
 from impact_gym.validation import distinct, identifier, number, whole
 
 PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"
-"""Lines on the chart of V_p against approach time. Each compared coupling adds a line under its own name."""
+"""Lines on the chart of V_p against approach time. Each compared coupling adds a line with its set-up's name."""
 SPRING = "paper's spring"
 LIMITED = (FRONT, CHOSEN)
 
@@ -59,11 +59,7 @@ class DesignOptions:
     process."""
 
     def checked(self) -> "DesignOptions":
-        """Return the options with sorted times.
-
-        Raises:
-            ValueError: an option is out of range, or the designs in the ranges cannot be searched.
-        """
+        """Return the options with sorted times; ValueError: an option, or a design in its ranges, is invalid."""
         whole("seeds", self.seeds, at_least=1)
         whole("processes", self.processes, at_least=0)
         identifier("setup", f"{self.arm.name}-designed")  # the name of the result
@@ -113,27 +109,24 @@ class DesignOptions:
 
     @property
     def typical(self) -> float:
-        """The one of `times` that is nearest to 1, the approach time of the paper's rule."""
+        """The element of `times` that is nearest to 1, the approach time of the paper's rule."""
         return min(self.times, key=lambda allowed: abs(allowed - 1.0))
 
     def limits_of(self, line: str) -> Limits:
-        """Return the limits for a line; the paper's rule and the compared couplings have no limits."""
+        """Return the limits of a line's designs; the paper's rule and the compared couplings have none."""
         return self.limits if line in LIMITED else Limits(deflection=None)
 
 
 OF_TEACHER = ("teacher", "imitation_steps")
 """Settings of [training] that refer to a baseline of the original set-up; the design's set-up leaves them out."""
 DRAWN = (
-    "this file draws stiffness and restitution of the contact independently from the ranges that the pad leaves, "
-    "where on the pad both follow from the object's own: the softer it is, the more it keeps of its own restitution"
+    "this file draws stiffness and restitution of the contact through the pad independently of each other; in the "
+    "search both were computed from the object's stiffness and restitution without the pad"
 )
 
 
 def write_setup(path: Path, setup: Setup, candidate: Candidate, command: str) -> Path:
-    """Write a design as a set-up file to `path`, with `command` as its first line; return the path.
-
-    With a pad, the ranges of contact stiffness and restitution are those of contacts through the pad; see DRAWN.
-    """
+    """Write a design as a set-up file to `path`, with `command` as its first line; return the path."""
     content = parsed(setup.path, "TOML", tomllib.loads)
     environment = Task(**setup.environment).changed(candidate.design).arguments()
     if candidate.pad:
@@ -158,7 +151,7 @@ def write_setup(path: Path, setup: Setup, candidate: Candidate, command: str) ->
 
 
 def _on_pad(environment: Mapping[str, Any], pad: str) -> dict[str, list[float]]:
-    """Return the scenario's ranges; those of contact stiffness and restitution are those through the pad."""
+    """Return the scenario's ranges, with contact stiffness and restitution through the pad; see DRAWN."""
     ranges = {name: list(ends) for name, ends in Task(**environment).scenario.by_id().items()}
     corners = on_pad(pad, *np.meshgrid(*(ranges[name] for name in CONTACT)))
     return ranges | {name: [float(v.min()), float(v.max())] for name, v in zip(CONTACT, corners, strict=True)}

@@ -1,12 +1,12 @@
 """Contact through a pad: a dome of soft material on the tool. Pad and object act as two Hertz springs in series.
 
-Both springs carry the same force F = k_i delta_i^1.5, so their penetrations add up to that of one spring with
+Both springs have the same force F = k_i delta_i^1.5, so their penetrations add up to that of one spring with
 
     k^(-2/3) = k_pad^(-2/3) + k_object^(-2/3),
 
-Spring i stores 2/5 F delta_i, that is, the share k_i^(-2/3) / k^(-2/3) of the energy, and loses the share 1 - e_i^2 of
-what it stores. So 1 - e^2 is the mean of 1 - e_i^2, weighted by the stored energies. k_object and e_object are those of
-the contact with a tool without a pad; such a tool is far stiffer than any pad.
+Spring i stores the energy 2/5 F delta_i, the share k_i^(-2/3) / k^(-2/3) of the total, and loses the fraction 1 - e_i^2
+of this energy. So 1 - e^2 is the mean of 1 - e_i^2, weighted by the stored energies. k_object and e_object are those of
+the contact with a tool without a pad, which is far stiffer than any pad.
 """
 
 import math
@@ -32,20 +32,16 @@ class Pad(NamedTuple):
 
 
 def pad_of(material: str) -> Pad:
-    """Return the pad of a material, with the geometric mean of its measured moduli and its largest restitution.
-
-    Raises:
-        ValueError: no pad is made of this material.
-    """
+    """Return the pad of a material, with the geometric mean of its measured moduli and its largest restitution."""
     known("--pad ", [material], PADS)
     measured, radius = MATERIALS[material], PADS[material]
-    assert measured.restitution is not None  # all materials of PADS have a measured restitution
+    assert measured.restitution is not None  # measured for all materials of PADS
     stiffness = hertz(radius, math.sqrt(math.prod(measured.young)), sum(measured.poisson) / 2.0, *RIGID)
     return Pad(stiffness, measured.restitution[1], radius)
 
 
 def on_pad(name: str, stiffness: Floats, restitution: Floats) -> tuple[Floats, Floats]:
-    """Return stiffness (N/m^1.5) and restitution (-) of contacts through a pad, from those without it (any shape)."""
+    """Return stiffness (N/m^1.5) and restitution of contacts through a pad, from those without a pad (any shape)."""
     pad = pad_of(name)
     of_pad, of_object = pad.stiffness ** (-2.0 / 3.0), np.asarray(stiffness) ** (-2.0 / 3.0)
     share = of_pad / (of_pad + of_object)

@@ -1,8 +1,7 @@
-"""One search over design and controller together, for the least V_p with a limited mean approach time.
+"""One search over design and controller together, for the lowest V_p with a limited mean approach time.
 
-A design must be judged with its own best controller. Finding this controller takes a few hundred generations. A search
-over design and controller together takes about twice as many generations; a search over designs alone would need a
-search for the controller for every design.
+Each design needs a controller of its own. A search for the controller alone takes a few hundred generations; the joint
+search takes about twice as many. A search over designs alone would need a search for the controller of each design.
 """
 
 import json
@@ -27,11 +26,11 @@ from impact_gym.validation import number, whole
 
 RTOL = 1e-5  # rtol of the simulation in a search: the error of V_p is below 1e-6 m/s
 PENALTY = 2.0
-"""m/s, penalty for exceeding a limit or the approach time by 100 %, in proportion for less. V_p gains less than the
-penalty by the same excess, so the optimum keeps the limits."""
+"""m/s, penalty for an excess of 100 % over a limit or the approach time, in proportion for other excesses. No excess
+lowers V_p by as much as its penalty, so the optimum keeps the limits."""
 MARGIN = 1.2
-"""A search draws the errors of built numbers from the tolerance times this factor. It uses few scenarios, and a
-mechanism that barely holds its tool in all of them may release it in others."""
+"""Factor on the tolerance in a search. A mechanism that barely holds its tool in the search's few scenarios may release
+it in others."""
 CONTACT = ("contact_stiffness", "restitution")
 WITHIN = 0.95
 """Share of the episodes that must keep the limit of the peak force; all must keep deflection and stroke."""
@@ -59,12 +58,9 @@ class Limits:
     def excess(self, played: Episodes, travel: Travel, count: int = 1, pad: Pad | None = None) -> Floats:
         """Return the sum of (value / limit - 1) over the limits that a candidate exceeds, for each candidate (count,).
 
-        Args:
-            played: episodes, the same number for each candidate, sorted by candidate.
-            travel: deflection and stroke of the tool in these episodes.
-            count: number of candidates.
-            pad: pad on the tool. Hertz's law holds for small penetrations, so in the share WITHIN of the episodes the
-                penetration of the pad may be at most half its radius.
+        `played` and `travel` are of the same number of episodes for each candidate, sorted by candidate. In the share
+        WITHIN of the episodes, the penetration of a `pad` may be at most half its radius, because Hertz's law holds for
+        small penetrations.
         """
         peak = np.quantile(played.peak_force.reshape(count, -1), WITHIN, axis=1)
         repeated = None if self.touched_once is None else max(1.0 - self.touched_once, 1e-3)
@@ -103,10 +99,10 @@ class Candidate:
         return RULES[self.rule].of(self.parameters if parameters is None else parameters).for_task(self.task)
 
     def contact(self, stage: ScenarioBatch) -> dict[str, Floats]:
-        """Return contact stiffness and restitution of each scenario through the pad; empty without a pad."""
+        """Return contact stiffness (N/m^1.5) and restitution of each scenario through the pad; empty without a pad."""
         if not self.pad:
             return {}
-        scenario = stage.play(self.controller()).scenario  # the scenarios are drawn when they are played
+        scenario = stage.play(self.controller()).scenario  # playing draws the scenarios
         return dict(zip(CONTACT, on_pad(self.pad, *(scenario[name] for name in CONTACT)), strict=True))
 
 
@@ -139,8 +135,8 @@ def objective(
 ) -> Losses:
     """Return the loss function of a search, from candidates (population, 1, k) to losses (population, 1), m/s.
 
-    A candidate is an array of the design's variables and then of the rule's parameters. All candidates are played in
-    the same training scenarios. The arguments are those of `search`, as objects.
+    A candidate is an array of the design's variables and then of the rule's parameters. All candidates play the same
+    tuning scenarios. The arguments are those of `search`, as objects.
     """
     population, scenarios = budget.population, budget.scenarios
     task = candidate.task.changed({"rtol": RTOL})
@@ -170,11 +166,11 @@ def search(
     candidate: Mapping[str, Any], variables: Sequence[Sequence[Any]], approach_time: float,
     limits: Mapping[str, float | None], budget: Mapping[str, Any], seed: int,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Search, and return one row: the best `design` and the `parameters` of its rule as JSON, and their `loss` (m/s).
+    """Search, and return one row: the best `design` and the `parameters` of its rule as JSON, and the `loss` (m/s).
 
     Args:
-        candidate: fields of a `Candidate`. Its environment has a range for each variable. The search starts at its
-            `parameters`.
+        candidate: fields of a `Candidate`, whose environment has a range for each variable, and at whose `parameters`
+            the search starts.
         variables: fields of each `SearchVariable`; if empty, only the controller is searched.
         approach_time: largest mean approach time over the scenarios, s.
         limits: fields of `Limits`.
@@ -194,15 +190,10 @@ def search(
 
 
 def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any]) -> pl.DataFrame:
-    """Play a candidate on a frozen set; return a row for each scenario: its numbers and the results.
+    """Play a candidate on the frozen set `name`; return a row for each scenario: its numbers and the results.
 
-    Deflection and stroke are in m. `excess` is that of `Limits.excess` over all scenarios, the same in each row.
-
-    Args:
-        candidate: fields of a `Candidate`.
-        tolerance: largest relative error of each number of the design; errors are drawn for each scenario.
-        name: name of the frozen set.
-        limits: fields of `Limits`.
+    `candidate` and `limits` are the fields of these records. For each scenario, each number of the design gets an error
+    of at most `tolerance`, relative. `excess` is `Limits.excess` over all scenarios, the same in each row.
     """
     player = Candidate(**candidate)
     task = player.task.changed(as_built(player.design, tolerance))

@@ -1,8 +1,8 @@
 """The study of `impact-gym design`: searches, choice on the validation set, results on the test set.
 
-For each approach time, the front has the best design of all seeds, as judged on the validation set. The chosen design
-is the front's design at the approach time nearest to that of the paper's rule. For the other approach times only the
-controller of the chosen design is searched again. Nothing is chosen on the test set.
+For each approach time, the front has the design of the seed with the lowest cost on the validation set. The chosen
+design is the front's design at the approach time nearest to that of the paper's rule. For the other approach times, new
+controllers of the chosen design are searched. The test set is used for no choice.
 """
 
 import json
@@ -30,7 +30,7 @@ DEPENDS = (
     *(f"experiments.design.{name}" for name in ("variables", "pads")),
 )  # fmt: skip
 STARTS = {("BlindProfile", False): "blind-profile", ("BlindProfile", True): "bistable-blind-profile"}
-"""Tuned baseline at which a search starts, by rule and by whether the coupling is bistable; by default "ranged"."""
+"""Tuned baseline at which a search starts, by rule and by whether the coupling is bistable; default: "ranged"."""
 Row = Mapping[str, Any]
 """A candidate in the columns ENTRY: `line` of the chart, largest mean approach time `allowed` (as a multiple of that of
 the paper's rule), `seed` and `loss` (m/s) of the search, and the candidate's rule, parameters and design."""
@@ -44,12 +44,12 @@ PAPERS_RULE: Row = {
 
 @dataclass(frozen=True)
 class Search:
-    """The cells of each table of the study; they depend on the options and on earlier tables."""
+    """The cells of each table of the study, from the options and from earlier tables."""
 
     options: DesignOptions
 
     def candidate(self, row: Row) -> Candidate:
-        """Return the candidate of a row; the environment of the chosen design draws the numbers as built."""
+        """Return the candidate of a row; the environment of the chosen design draws its numbers with errors."""
         options, row = self.options, {**BLANK, **row}
         rule, parameters, design = row["rule"] or options.rule, json.loads(row["parameters"]), json.loads(row["design"])
         others = {PAPER: options.others[SPRING], **options.others}
@@ -62,7 +62,7 @@ class Search:
         return Candidate(environment, rule, parameters, design, options.pad)
 
     def searches(self, _: bool, __: Frames) -> Iterator[Cell]:
-        """Yield cells that search designs, and controllers of the compared couplings."""
+        """Yield cells that search for designs, and for controllers of the compared couplings."""
         seeds = {FRONT: self.options.seeds} | dict.fromkeys(self.options.others, 1)
         yield from self._searched(
             {"line": line, "allowed": allowed, "seed": 1 + k}
@@ -76,7 +76,7 @@ class Search:
         yield from self._played([PAPERS_RULE, *frames["searches"].filter(line=FRONT).to_dicts()], "validation")
 
     def controllers(self, _: bool, frames: Frames) -> Iterator[Cell]:
-        """Yield cells that search the chosen design's controller for each approach time but `typical`."""
+        """Yield cells that search for the chosen design's controller at each approach time except `typical`."""
         chosen = {**self.chosen(frames), "seed": 1}
         others = [time for time in self.options.times if time != self.options.typical]
         yield from self._searched({**chosen, "allowed": time} for time in others)
@@ -95,10 +95,7 @@ class Search:
         return {**row, "line": CHOSEN}
 
     def front(self, frames: Frames) -> list[Row]:
-        """Return for each approach time the design with the lowest V_p on the validation set.
-
-        Missed objects, exceeded limits and a too long approach time are penalised as in a search.
-        """
+        """Return for each approach time the design with the lowest cost on the validation set."""
         played = dict(grid.groups(frames["validation"], "line", "allowed", "seed"))
         paper = mean(played[PAPER, 1.0, 1], "approach_time")
         charged = grid.missed_cost(self.options.searched)
@@ -113,10 +110,7 @@ class Search:
         return [min((row for row in found if row["allowed"] == time), key=cost) for time in self.options.times]
 
     def _searched(self, rows: Iterable[Row]) -> Iterator[Cell]:
-        """Yield a cell for each row: on the line FRONT it searches design and controller, else only the controller.
-
-        The search starts at the row's parameters. If the row has none, it starts at the parameters of a shipped tuning.
-        """
+        """Yield a search for each row: for design and controller on the line FRONT, else for the controller."""
         options, papers_rule = self.options, self.candidate(PAPERS_RULE)
         batch = ScenarioBatch(TUNING_SEED, options.search.scenarios, papers_rule.task, threads=1)
         paper = float(batch.play(papers_rule.controller()).approach_time.mean())
@@ -142,7 +136,7 @@ class Search:
 
 
 def start_of(candidate: Candidate, approach_time: float) -> list[float]:
-    """Return the parameters of the shipped tuning whose approach time on the validation set is nearest (s)."""
+    """Return the parameters of the shipped baseline whose mean approach time on the validation set is nearest (s)."""
     bistable = isinstance(candidate.task.coupling, Bistable)
     weights = read_tuned(STARTS.get((candidate.rule, bistable), "ranged"))["weights"].values()
     nearest = min(weights, key=lambda tuned: abs(tuned["validation"]["approach_time"] - approach_time))

@@ -17,7 +17,7 @@ from impact_gym.task import Task
 from impact_gym.validation import number
 
 WIDE = 10.0
-"""A range whose ends differ by at least this factor is searched on a logarithmic scale; stiffness and mass always."""
+"""Ranges whose ends differ by at least this factor, and all ranges of stiffness and mass, have a logarithmic scale."""
 
 
 class SearchVariable(NamedTuple):
@@ -49,11 +49,10 @@ class SearchVariable(NamedTuple):
 
 
 def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]:
-    """Return a variable for each text `NAME=LOW:HIGH`. The search starts at the set-up's value (its mean if drawn).
+    """Return a variable for each text `NAME=LOW:HIGH`; the search starts at the set-up's value (if drawn, its middle).
 
-    Raises:
-        ValueError: there are no texts, a text has another form, a name is repeated or is no number of the set-up's
-            coupling and tool, or LOW is not below HIGH.
+    ValueError: there is no text, a text has another form, a name is repeated or is no number of the set-up's coupling
+    and tool, or LOW is not below HIGH.
     """
     if not texts:
         raise ValueError("--free must name a number of the design, such as coupling.stiffness=10:300")
@@ -69,7 +68,7 @@ def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]
 
 
 def _read(text: str, own: Mapping[str, float]) -> SearchVariable:
-    """Return the variable in a text; the search starts at its value in `own`, the set-up's numbers."""
+    """Return the variable in a text; `own` holds the set-up's numbers."""
     name, _, ends = text.partition("=")
     try:
         low, high = map(float, ends.split(":"))
@@ -90,9 +89,7 @@ def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[fl
 def searched_environment(setup: Setup, variables: Sequence[SearchVariable], deflection: float | None) -> dict[str, Any]:
     """Return the set-up's environment with the range of each variable, as if the number were drawn in each episode.
 
-    Raises:
-        ValueError: the coupling is invalid at an end of a range, or no design in the ranges holds the tool within
-            `deflection` (m).
+    ValueError: the coupling is invalid at an end of a range, or all designs deflect by more than `deflection` (m).
     """
     with within("--free"):
         task = Task(**setup.environment).changed({each.name: [each.low, each.high] for each in variables})

@@ -1,4 +1,4 @@
-"""Style of all charts: colours for colour-blind readers, units on every axis, vector graphics."""
+"""Style of all charts, and their SVG files."""
 
 import io
 from pathlib import Path
@@ -40,10 +40,7 @@ OTHERS = FLANGE  # for series beyond the colours of SERIES
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write `figure` as SVG, with subscripts and without a date, so that equal data give equal files.
-
-    The SVG has no background, and is light or dark like the page around it.
-    """
+    """Write `figure` as SVG with subscripts, light or dark like its page; without a date, so equal data, equal file."""
     for text in figure.findobj(Text):
         text.set_text(mathtext(text.get_text()))
     file = io.StringIO()

@@ -1,4 +1,4 @@
-"""The palette as CSS custom properties of a page, and drawings that become light or dark with the page."""
+"""The palette as CSS custom properties of a page, and drawings that are light or dark like their page."""
 
 import re
 
@@ -8,9 +8,9 @@ SERIES = "rule", "policy", "profile", "person", "object", "tool", "flange", "for
 
 
 def css() -> str:
-    """Return the colours as custom properties `--NAME`; the reader's system or a button chooses light or dark.
+    """Return the palette as custom properties `--NAME`, light or dark by the reader's system or a button.
 
-    SVG drawings in the page whose attributes are colours of the light palette follow this choice.
+    SVG elements of the page whose attributes are colours of the light palette become light or dark, too.
     """
     block = ":root:not([data-theme=light])"
     dark = f"@media screen and (prefers-color-scheme: dark) {{ {_block(block, 1)} }}"
@@ -21,7 +21,7 @@ def css() -> str:
 
 
 def adaptive(drawing: str) -> str:
-    """Return an SVG drawing whose colours of the light palette become light or dark with the page around it."""
+    """Return an SVG drawing in which colours of the light palette become those of the page's light or dark palette."""
     names = {light.lower(): name for name, light in palette.LIGHT.items()}
     pattern = re.compile("|".join(names), re.IGNORECASE)
     drawing = pattern.sub(lambda found: f"var(--{names[found[0].lower()]}, {found[0]})", drawing)

@@ -19,7 +19,7 @@ from impact_gym.task.task import MISSED_COST
 
 PLAYED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.policies.networks", "agents.policies.policy",
           "agents.setups.evaluation")  # fmt: skip
-"""Modules that the result of an episode depends on, besides the arguments: set-ups, policies and tuned baselines."""
+"""Modules on which the result of an episode depends. Set-ups, policies and baselines are arguments of the cells."""
 
 
 class Contestant(NamedTuple):
@@ -60,7 +60,7 @@ def play(
     controller: Mapping[str, Any], environment: Mapping[str, Any], scenarios: Mapping[str, Any],
     weights: Sequence[float], lenient: bool = False,
 ) -> pl.DataFrame:  # fmt: skip
-    """Return a row for each episode: its weight (m/s per s), number, scenario, and its results."""
+    """Return a row for each episode: its weight (m/s per s), number, scenario and results."""
     results = jobs.play(controller, scenarios, weights, environment, lenient)
     measured = {name: results[name] for name in MEASURED if name in results}
     shape = next(iter(measured.values())).shape
@@ -70,7 +70,7 @@ def play(
 
 
 def groups(frame: pl.DataFrame, *by: str) -> Iterator[tuple[tuple[Any, ...], pl.DataFrame]]:
-    """Yield each combination of values of some columns with its rows, in the order of their first rows."""
+    """Yield each combination of values of the columns `by` with its rows, in the order of its first row."""
     yield from frame.group_by(by, maintain_order=True)
 
 
@@ -83,7 +83,7 @@ def sample(frame: pl.DataFrame, name: str) -> Floats:
 def front(
     frame: pl.DataFrame, resamples: Resamples, measures: Sequence[str] = ("approach_time", "object_velocity")
 ) -> Front:
-    """Return the means of two measures at each weight (1 + n, weights) of one contestant in one place."""
+    """Return the means (1 + n, weights) of two measures of one contestant in one place."""
     each = [rows for _, rows in groups(frame.sort("weight"), "weight")]
     first, second = (np.stack([resamples.means(sample(rows, name)) for rows in each], axis=1) for name in measures)
     return first, second

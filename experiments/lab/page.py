@@ -25,7 +25,7 @@ def factor(value: float) -> str:
 
 
 def typeset(text: str) -> Markup:
-    """Return a text as HTML: subscripts and powers (V_p, N/m^1.5) become elements, an interval stays in one line."""
+    """Return a text as HTML, with subscripts and powers (V_p, N/m^1.5) and unbroken intervals."""
     unbroken = INTERVAL.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), str(escape(text)))
     return Markup(POWER.sub(r"<sup>\1\2</sup>", SYMBOL.sub(r"\1<sub>\2</sub>", unbroken)))
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from experiments.lab.statistics import Estimate
 
-LONG = 80  # characters; a cell with more holds a sentence, whose column stays wide on a small screen
+LONG = 80  # characters; the column of a longer cell stays wide on a small screen
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Table:
 
     @property
     def classes(self) -> list[str]:
-        """CSS class of each column: "" if half of it is numbers or intervals, else "left", or "left words" if long."""
+        """CSS class of each column: "" if half of its cells are numbers, else "left", "left words" if one is LONG."""
         found = []
         for column in zip(*self.rows, strict=False):
             numbers = sum(bool(re.match(r"([-+\d]|at (least|most) \d).{,40}$", cell)) for cell in column)
@@ -44,12 +44,12 @@ class Heat(NamedTuple):
 
     value: str
     note: str  # shown under the value
-    ratio: float  # of the cell's value to the heat map's reference value; below 1 is better
+    ratio: float  # of the cell's value to the reference value; lower is better
 
 
 @dataclass(frozen=True)
 class HeatMap:
-    """Rows of cells; the warmer the colour, the worse the ratio."""
+    """Rows of cells, coloured by their ratio."""
 
     caption: str
     head: Sequence[str]

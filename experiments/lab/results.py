@@ -19,9 +19,9 @@ KEPT = "kept"
 
 
 def csv_of(frame: pl.DataFrame) -> str:
-    """Return a table as CSV in which a spreadsheet finds no formula: such a text gets an apostrophe before it.
+    """Return a table as CSV, with an apostrophe before each text that a spreadsheet would read as a formula.
 
-    A text that begins with =, +, -, @, a tab or a line break is read as a formula (OWASP, CSV Injection).
+    Such a text begins with =, +, -, @, a tab or a line break (OWASP, CSV Injection).
     """
     return frame.with_columns(pl.selectors.string().str.replace(r"^([=+\-@\t\r\n])", "'$1")).write_csv()
 
@@ -30,8 +30,8 @@ def csv_of(frame: pl.DataFrame) -> str:
 def recorded_run(folder: Path, command: str, packages: Iterable[str]) -> Iterator[list[dict[str, Any]]]:
     """Record a run of a study in `folder`/results.json; yield the records of all runs, this run last.
 
-    A record has the command, the circumstances, the machine's load before the run, and the run's duration in seconds,
-    None if it was stopped. If the folder keeps no results, earlier records are dropped.
+    A record has the command, the circumstances, the machine's load before the run, and the run's duration (s), None if
+    the run was stopped. Earlier records are dropped if the folder has no kept results.
     """
     log = folder / "results.json"
     runs: list[dict[str, Any]] = (

@@ -8,7 +8,7 @@ OBJECT_MASS = 0.25  # kg
 HEAVY_MASS = 2.5  # kg, the object of Fig. 14
 REDUCED_MASS = TOOL_MASS * OBJECT_MASS / (TOOL_MASS + OBJECT_MASS)  # kg
 DISTANCE = 0.2505  # m, identified: first contact at 0.313 s
-THRESHOLD = 1.0  # N, printed in section 3.2: the robot does not sense a smaller contact force
+THRESHOLD = 1.0  # N, printed in section 3.2: the smallest contact force at which the robot brakes
 BRAKE = ig.Brake(threshold=THRESHOLD, delay=0.016, deceleration=8.0)
 MOTION = ig.Trapezoid(speed=1.0, acceleration=8.0, brake=BRAKE)
 STEADY = ig.Trapezoid(MOTION.speed, MOTION.acceleration)  # without brake
@@ -24,10 +24,7 @@ def scene(
     contact_stiffness: float, restitution: float, coupling: Coupling | None = None,
     robot: ig.Robot | ig.RobotTable | None = None, *, object_mass: float = OBJECT_MASS, distance: float = DISTANCE,
 ) -> ig.Scene:  # fmt: skip
-    """Return the paper's tool and object with this contact (N/m^1.5).
-
-    Without a coupling the tool is fixed to the robot; without a robot the flange follows the imposed motion exactly.
-    """
+    """Return a scene with the paper's tool and object; `contact_stiffness` is in N/m^1.5."""
     contact = ig.Contact(contact_stiffness, restitution)
     return ig.Scene(ig.Tool(TOOL_MASS), ig.Object(object_mass, distance), contact, coupling or ig.Rigid(), robot)
 

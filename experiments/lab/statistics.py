@@ -1,8 +1,6 @@
 """Intervals over training seeds and scenarios by bootstrap, and comparisons of two contestants.
 
-All contestants play the same scenarios, so all have the same resamples (common random numbers). The seeds of a training
-are its replicates. For the probability of improvement see R. Agarwal et al., Deep Reinforcement Learning at the Edge of
-the Statistical Precipice, NeurIPS 2021.
+All contestants play the same scenarios, so all have the same resamples (common random numbers).
 """
 
 from dataclasses import dataclass
@@ -46,8 +44,8 @@ class Resamples:
     def means(self, values: Floats) -> Floats:
         """Return the mean of `values` (seeds, ..., scenarios) over seeds and scenarios in each resample: (1 + n, ...).
 
-        Values (scenarios,) count as those of one seed. Seeds are resampled independently of scenarios, and identically
-        in all calls with the same number of seeds.
+        Values (scenarios,) are those of one seed. Seeds are resampled independently of scenarios. All calls with the
+        same number of seeds have the same resamples.
         """
         values = np.atleast_2d(values).astype(np.float64)
         seeds = len(values)
@@ -62,8 +60,8 @@ class Resamples:
 def _shares(seed: tuple[int, int], units: int, resamples: int) -> Floats:
     """Return the share of each unit in the sample and in each resample (1 + n, units).
 
-    A resample draws units - 1 units, which makes the variance of a mean unbiased. With ten seeds, drawing ten makes the
-    variance a tenth too small (J. N. K. Rao, C. F. J. Wu, J. Am. Stat. Assoc. 83 (1988) 231-241).
+    A resample draws n - 1 of n units, so that the variance of a mean is unbiased. With n draws it would be too small by
+    the factor 1 - 1 / n (J. N. K. Rao, C. F. J. Wu, J. Am. Stat. Assoc. 83 (1988) 231-241).
     """
     drawn = max(units - 1, 1)
     even = np.full(units, 1.0 / units)
@@ -72,7 +70,7 @@ def _shares(seed: tuple[int, int], units: int, resamples: int) -> Floats:
 
 
 def estimate(resampled: Floats) -> Estimate:
-    """Return the value of resample 0 with the percentile interval of the others; non-finite values are left out."""
+    """Return the value of resample 0 with the percentile interval of the finite values of all other resamples."""
     finite = resampled[1:][np.isfinite(resampled[1:])]
     tail = 50.0 * (1.0 - CONFIDENCE)
     low, high = np.percentile(finite, [tail, 100.0 - tail]) if finite.size else (np.nan, np.nan)
@@ -80,11 +78,10 @@ def estimate(resampled: Floats) -> Estimate:
 
 
 def tolerated(scores: Floats) -> float:
-    """Return the score that CONTENT of all trainings reach, with CONFIDENCE, from `scores` (n,); higher is better.
+    """Return the score that the share CONTENT of all trainings exceeds, with CONFIDENCE; nan for a single score.
 
-    It is the one-sided tolerance bound of normal scores, mean - k s, with k from the noncentral t distribution (G. J.
-    Hahn, W. Q. Meeker, Statistical Intervals, section 4.4): an interval of the mean does not bound a single training.
-    One score gives nan.
+    This is the one-sided tolerance bound of normal `scores` (n,), mean - k s, with k from the noncentral t distribution
+    (G. J. Hahn, W. Q. Meeker, Statistical Intervals, section 4.4).
     """
     n = len(scores)
     if n < 2:
@@ -94,9 +91,9 @@ def tolerated(scores: Floats) -> float:
 
 
 def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
-    """Return y at x = `at` (n,) on each of n broken lines (n, k), constant beyond the ends.
+    """Interpolate n curves (n, k) linearly at x = `at` (n,), constant beyond their ends.
 
-    Playing one of two weights at random in each episode gives the straight line between them.
+    The straight line between two weights can be reached: it is the result of drawing one of both in each episode.
     """
     order = np.argsort(curve_x, axis=1)
     x, y = np.take_along_axis(curve_x, order, 1), np.take_along_axis(curve_y, order, 1)
@@ -104,10 +101,7 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
 
 
 def quantile_groups(values: Floats, count: int) -> list[tuple[NDArray[np.bool_], float, float]]:
-    """Return the mask (n,), lower and upper edge of `count` equally large groups of `values` (n,), in order.
-
-    If values repeat, edges can coincide; then there are fewer groups.
-    """
+    """Split `values` (n,) by quantiles into `count` groups; return each group's mask (n,), lower and upper edge."""
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
     last = max(len(edges) - 2, 0)
     group = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, last)
@@ -116,10 +110,7 @@ def quantile_groups(values: Floats, count: int) -> list[tuple[NDArray[np.bool_],
 
 @dataclass(frozen=True)
 class Comparison:
-    """Bootstrap values (1 + n,) of one measure for two contestants; lower is better; entry 0 is the full sample.
-
-    Both contestants have the same resamples, so the variation that they share cancels.
-    """
+    """Bootstrap values (1 + n,) of a measure of two contestants, on the same resamples; entry 0 is the full sample."""
 
     ours: Floats
     theirs: Floats
@@ -132,7 +123,7 @@ class Comparison:
 
     @classmethod
     def of_fronts(cls, ours: Front, theirs: Front) -> Self:
-        """Compare V_p (m/s) of our front with their front, a single point, at the mean approach time of that point."""
+        """Compare V_p (m/s) of the front `ours` with the single point `theirs`, at the point's mean approach time."""
         (time,), (velocity,) = theirs[0].T, theirs[1].T
         return cls(along(*ours, time), velocity)
 

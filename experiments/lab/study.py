@@ -1,7 +1,4 @@
-"""A study: a question, the measurement of each of its cells, and the analysis. All studies have the same runner.
-
-cells -> measure -> rows, kept on disk -> a frame for each measurement -> analysis -> page
-"""
+"""A study: a question, the measurement of each of its cells, and the analysis, which writes a page."""
 
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -29,11 +26,11 @@ LARGE = 50_000  # rows; a table with more is written as Parquet
 SOLVER = tuple(
     f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "to_kernel", "outcome", "simulation")
 )
-"""Modules that each simulated row depends on, besides the compiled solver."""
+"""Modules on which a simulated row depends, in addition to the compiled solver."""
 
 
 class Cell(NamedTuple):
-    """One cell of a grid: `labels` become columns of each of its rows, `arguments` are passed to the measure."""
+    """One cell of a grid: `labels` become columns of its rows, `arguments` are those of `Measurement.measure`."""
 
     labels: Row
     arguments: Mapping[str, Any]
@@ -46,14 +43,14 @@ class Measurement:
     name: str  # of the table
     cells: Callable[[bool, Frames], Iterable[Cell]]  # arguments: whether the run is quick, and the earlier tables
     measure: Callable[..., Rows]  # a function of a module, which other processes can import
-    depends: tuple[str, ...] = SOLVER  # modules whose change makes rows outdated, besides the module of `measure`
+    depends: tuple[str, ...] = SOLVER  # modules whose change makes rows outdated, in addition to that of `measure`
     failed: Callable[[Row], Row] | None = None  # row of a failed cell, from its labels; None: a failure is an error
     seconds: float | None = None  # time limit of a cell, after which it has failed
     processes: int | None = None  # 1: cells are timed, so they run one after the other; 0: in this process
 
     @property
     def digest(self) -> str:
-        """Digest of the sources that kept rows depend on."""
+        """Digest of the sources on which kept rows depend."""
         modules = {self.measure.__module__, *self.depends}
         solver = compiled_from() if any(name.startswith("impact_gym") for name in modules) else ""
         return f"{solver} {digest_of(*modules)}"
@@ -136,7 +133,7 @@ class Run:
         return frame_of(zip((cell.labels for cell in cells), results, strict=True))
 
     def measure(self) -> None:
-        """Measure the tables in `only`, or all."""
+        """Measure the tables in `only`; empty: all tables."""
         names = [measurement.name for measurement in self.study.measurements]
         if unknown := set(self.options.only) - {*names}:
             raise ValueError(f"only: no table {min(unknown)!r} in the study {self.study.name}: {', '.join(names)}")

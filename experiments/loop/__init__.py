@@ -1,1 +1,1 @@
-"""A controller exported to C runs at 1 kHz and steers a simulated arm in another process, over UDP."""
+"""A control loop at 1 kHz: a controller exported to C steers a simulated arm in another process, over UDP."""

@@ -44,8 +44,7 @@ class Loop:
 def compiled(subject: Subject, name: str, out: Path) -> Path:
     """Write header and loop.c to `out`, compile them, and return the path of the program.
 
-    Raises:
-        ValueError: the controller needs what the simulated arm does not have, or there is no C compiler.
+    ValueError: the controller needs a part that the simulated arm does not have, or there is no C compiler.
     """
     task, name = subject.task, identifier(name)
     if task.operator or task.range_sensor or task.past_readings or task.alarm != "force":
@@ -74,10 +73,7 @@ def start(subject: Subject, weight: float, seconds: float, out: Path) -> tuple[A
 
 
 def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -> dict[str, float]:
-    """Return statistics of the age of commands (s), and the mean V_p (m/s) of the arm and of the environment.
-
-    Arm and environment play the same scenarios.
-    """
+    """Return statistics of the age of commands (s), and mean V_p (m/s) of arm and environment in these scenarios."""
     ages, velocity = (np.hstack([each[name] for each in played]) for name in ("ages", "object_velocity"))
     batch = ScenarioBatch(SEED, len(played), subject.task.changed({"time_weight": weight}), quiet=True)
     there = batch.play(subject.at(weight)).object_velocity.mean()

@@ -1,4 +1,4 @@
-"""The simulated arm: plays the environment in steps of 1 ms in real time; SILENCE without a good packet stops it."""
+"""The simulated arm, in steps of 1 ms in real time; without a valid packet for the time SILENCE it stops."""
 
 import json
 import math
@@ -26,7 +26,7 @@ WAIT = 10.0  # s, how long the arm waits for a controller's first packet
 
 
 class Line:
-    """The arm's UDP socket: sends readings, returns the newest good command, and counts refused packets by reason."""
+    """The arm's UDP socket: sends readings, returns the newest valid command, and counts refused packets by reason."""
 
     def __init__(self, task: Task) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -34,7 +34,7 @@ class Line:
         self.socket.setblocking(False)
         self.task, self.sent, self.last, self.begun = task, 0, -1.0, 0.0
         self.refused: Counter[str] = Counter()
-        self.peer: Any = None  # address of the controller: that of the first good packet
+        self.peer: Any = None  # address of the controller: the sender of the first valid packet
 
     def send(self, approach: int, time_weight: float, readings: Mapping[str, Any]) -> None:
         """Send readings, arrays (1,), to the controller."""
@@ -43,7 +43,7 @@ class Line:
         self.socket.sendto(MAGIC + struct.pack(f"{len(numbers)}d", *numbers), self.peer)
 
     def newest(self) -> tuple[float, float, float] | None:
-        """Return stamp (s), velocity (m/s) and acceleration (m/s^2) of the newest good command since the last call."""
+        """Return stamp (s), velocity (m/s) and acceleration (m/s^2) of the newest valid command since the last call."""
         found = None
         while True:
             try:
@@ -58,7 +58,7 @@ class Line:
             found = (command[0], command[1], command[2]) if self.last > 0.0 else found  # sequence 0 is a greeting
 
     def refusal(self, packet: bytes, peer: Any, now: float) -> str:
-        """Return why a packet that is received at `now` (s) is refused; "": it is good."""
+        """Return the reason to refuse a packet received at `now` (s); "": it is valid."""
         if self.peer not in (None, peer):
             return "from another address"
         if len(packet) != COMMAND.size or packet[:8] != MAGIC:
@@ -78,10 +78,10 @@ class Line:
 
 
 def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) -> dict[str, Any]:
-    """Play an approach in real time; return V_p (m/s), the age of the command in force at each step (s), and `stop`.
+    """Play an approach in real time; return V_p (m/s), the age of the active command at each step (s), and `stop`.
 
-    `stop` says when and why the watchdog stopped the arm; it is empty if it did not. After a stop the flange brakes as
-    fast as it can, and later commands have no effect.
+    `stop` has time and reason of a stop by the watchdog; empty: no stop. After a stop the flange brakes at its limit,
+    and commands have no effect.
     """
     batch.begin_seeded(seed + number, {"time_weight": weight})
     begun = good_at = stamp = line.begun = time.monotonic()
@@ -111,13 +111,13 @@ def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) ->
 def serve(environment: Mapping[str, Any], weight: float, seed: int, seconds: float, out: Path, port: Any) -> None:
     """Send the arm's UDP port through the pipe `port`, play approaches, and write them to `out` (JSON).
 
-    New approaches begin for `seconds`; each draws its scenario from the next seed. All have the time weight `weight`
-    (m/s per s). After an approach that the watchdog stopped no other begins.
+    New approaches begin for `seconds`, or until the watchdog stops one; each draws its scenario from the next seed. All
+    have the time weight `weight` (m/s per s).
     """
     task = Task(**{**environment, "control_period": PERIOD, "time_weight": weight})
     line, batch, played = Line(task), Batch(1, task, threads=1), list[dict[str, Any]]()
     port.send(line.socket.getsockname()[1])
-    with suppress(OSError):  # real-time priority needs a permission
+    with suppress(OSError):  # real-time priority needs permission
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(50))
     begun = time.monotonic()
     while line.peer is None and time.monotonic() < begun + WAIT:

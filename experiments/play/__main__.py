@@ -1,4 +1,4 @@
-"""`impact-gym play`: steer the tool in the browser, alone or assisted."""
+"""`impact-gym play`: steer the tool in the browser, with or without assistance."""
 
 import os
 import sys

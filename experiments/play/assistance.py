@@ -25,7 +25,7 @@ PERSON = {"type": "Person"}
 PERIOD: float = Task.control_period  # s
 RANGES = {"delay": ("s", 0.0, 1.0), "jitter": ("s", 0.0, 0.05), "stiffness": ("N/m", 20.0, 2000.0)}
 """Units and ranges of the settings: delay of the round trip, jitter of each channel, stiffness of a spring."""
-RTOL = 1e-12  # so that `simulate` and the environment agree to 1e-9
+RTOL = 1e-12  # with this tolerance `simulate` and the environment agree to 1e-9
 
 
 def playable(name: str) -> Setup:
@@ -43,7 +43,7 @@ def playable(name: str) -> Setup:
 
 
 def related(setup: Setup) -> dict[str, str]:
-    """Return names of set-ups by coupling: if shipped, the three that differ only in the coupling; else only itself."""
+    """Return the names of the set-ups that differ only in the coupling, by coupling; a file has no such set-ups."""
     family, _, kind = setup.called.rpartition("-")
     if setup.shipped and kind in COUPLINGS:
         return {each: f"{family}-{each}" for each in COUPLINGS}
@@ -53,8 +53,7 @@ def related(setup: Setup) -> dict[str, str]:
 def environment_of(setup: Setup) -> dict[str, Any]:
     """Return a set-up's environment without the operator; delays, jitter and stiffness have the page's RANGES.
 
-    The values that the player chose are in the episode's record, so all tries with one kind of coupling have the same
-    environment.
+    The values that the player chose are in the episode's record, not in the environment.
     """
     environment = {name: value for name, value in setup.environment.items() if name != "operator"} | {"rtol": RTOL}
     for way in WAYS:
@@ -96,7 +95,7 @@ def record_of(settings: Mapping[str, float]) -> dict[str, float]:
 
 
 def assistance(name: str, setup: Setup) -> Controller:
-    """Return an assistance for a set-up; ValueError: it is unknown, or none was tuned or trained for this set-up."""
+    """Return an assistance for a set-up; ValueError: unknown name, or it was not tuned or trained for this set-up."""
     if name not in NAMES:
         raise ValueError(f"assist must be one of {', '.join(NAMES)}, got {name!r:.80}")
     if name == "policy":

@@ -1,7 +1,7 @@
-"""The clock of tries runs in its own process, so that each step is played on time however busy the server is.
+"""The clock that plays tries in real time, in its own process, so that a busy server does not delay it.
 
-The server sends the player's input. It receives frames, each with its downlink delay, and results of tries. If the
-server is killed, the clock stops the arm and saves the try.
+The clock receives the player's input from the server. It sends frames, each with its downlink delay, and the results of
+tries. If the server is killed, the clock stops the arm and saves the try.
 """
 
 import os
@@ -28,7 +28,7 @@ from impact_gym.teleop.channels import CUT
 
 STOPPED = "the server was stopped"
 SILENT = 0.25  # s: if the player sends nothing for longer, the velocity is 0
-HOLD = 1e-5  # m/s, sent instead of 0 before the touch; 0 would end the try
+HOLD = 1e-5  # m/s, replaces 0 before the touch, because 0 would end the try
 
 
 @dataclass
@@ -37,7 +37,7 @@ class Stick:
 
     inputs: deque[tuple[float, float]] = field(default_factory=lambda: deque([(-1e9, 0.0)], 256))
     touched: bool = False  # whether the player has seen the touch
-    let_go: bool = False  # whether the stick is released for the rest of the try
+    let_go: bool = False  # whether the command stays 0 for the rest of the try
     marks: list[str] = field(default_factory=list)  # why the try is invalid or incomplete
 
     def put(self, velocity: float, came: float) -> None:
@@ -45,7 +45,7 @@ class Stick:
         self.inputs.append((came, velocity))
 
     def stop(self, why: str = "") -> None:
-        """Release the stick for the rest of the try; a reason marks the try as interrupted."""
+        """Set the command to 0 for the rest of the try; a reason marks the try as interrupted."""
         if why and not self.let_go:
             self.marks.append(f"interrupted: {why}")
         self.let_go = True
@@ -110,7 +110,7 @@ class Clock:
             self.send(kind="failed", text=str(problem))
 
     def _run(self, live: Live, seen: bool) -> None:
-        """Play each step on time until the try or the server ends."""
+        """Play each step at its time until the try or the server ends."""
         slow, start, behind, rng = live.kept.slow, self.now(), 0.0, random.Random(live.kept.seed)
         self._send_frame(live, seen, rng)
         while not (live.ended or self.gone):
@@ -121,7 +121,7 @@ class Clock:
             velocity = self.stick.at(now - slow * (live.time + PERIOD - live.next_tick))
             live.step(velocity, now - due - behind)
             behind = now - due
-            if behind > slow * PERIOD:  # after a pause, e.g. of the machine, lost steps are not caught up
+            if behind > slow * PERIOD:  # after a pause of the machine, lost steps are not played faster
                 start, behind = start + behind, 0.0
             self._send_frame(live, seen, rng)
 
@@ -132,7 +132,7 @@ class Clock:
         late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)
         touched = bool(then.touched[0])
         places = [np.round(np.ravel(each[1:4]), 6).tolist() for each in (now, then)]  # flange, tool, object, m
-        if not (seen or touched or live.ended):  # when the try has ended, a missed object is shown, too
+        if not (seen or touched or live.ended):  # when the try has ended, the page shows a missed object, too
             places = [[*chain, None] for *chain, _ in places]
         self.send(
             kind="frame", n=len(live.kept.actions), t=round(live.time, 4), touched=touched, wait=late * slow,

@@ -1,4 +1,4 @@
-"""Films that compare a try with variants: the same commands with another assistance, another coupling, or no delay."""
+"""Films that compare a try with variants: the same commands with another assistance or coupling, or without delay."""
 
 import math
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from experiments.play.tries import Live, Try, replayed
 from impact_gym.render.film import History
 
 SECONDS = 7.0  # length of a film
-COARSE = 5.0  # factor on the allowed drawing errors, so that the film is ready at once
+COARSE = 5.0  # factor on the allowed errors of the film, which the player waits for
 BEFORE = 0.4  # s, shown before the first touch
 SENTENCES = {
     "brake": "The brake at the arm senses the touch at once; it does not wait for you.",
@@ -27,14 +27,14 @@ SENTENCES = {
 
 
 class Variant(NamedTuple):
-    """A try in a film, with a sentence on what is different and why it matters."""
+    """A try in a film, with a sentence on its difference from the player's try."""
 
     played: Try
     sentence: str = ""
 
 
 def again(this: Try) -> dict[str, Variant]:
-    """Return a try and its variants by name: the same commands with another assistance or coupling, or no delay."""
+    """Return a try and its variants, by name."""
     other, label = ("brake", "brake on") if this.assist == "none" else ("none", "no help")
     found = {"You": Variant(this), f"Your hand, {label}": Variant(_changed(this, assist=other), SENTENCES[other])}
     for kind, setup in related(load_setup(this.setup)).items():
@@ -58,7 +58,7 @@ def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Tr
 
 
 def _without_delay(this: Try) -> Try:
-    """Return the try as if without delay: commands between the touch and the time the player saw it are left out.
+    """Return the try as without delay: without the commands between the touch and the time when the player saw it.
 
     The arm then touches earlier by the uplink's delay, and the player sees the touch earlier by the downlink's delay.
     """
@@ -72,10 +72,7 @@ def _without_delay(this: Try) -> Try:
 
 
 def film(variants: Mapping[str, Variant]) -> dict[str, Any]:
-    """Return a slow-motion film that lasts SECONDS, as a dict for the page.
-
-    `html` is the film; `slides` has for each variant's name how far the object slides (m).
-    """
+    """Return a slow-motion film of SECONDS: its `html`, and `slides`, the object's slide (m) by variant."""
     replays = {name: replayed(each.played) for name, each in variants.items()}
     runs = {name: Run(History(*each, ended=True), each[1]) for name, each in replays.items()}
     scene: dict[str, Any] = {"label": "one scenario for all", "number": 0, "compact": True}

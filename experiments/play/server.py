@@ -1,4 +1,4 @@
-"""The server of the page: on this machine only, open to anyone with the address, with limits on what it receives."""
+"""The server of the page: for this machine only, with a token in the address and limits on messages."""
 
 import asyncio
 import json
@@ -38,7 +38,7 @@ RESTART = 1012  # code with which a server that stops closes its connections
 
 
 class Client:
-    """A connected page. It receives messages in order, as fast as it reads them; a new frame replaces a waiting one."""
+    """A connected page, with a queue of messages for it and a limit on the rate of its messages."""
 
     def __init__(self, socket: server.ServerConnection) -> None:
         self.socket, self._queue, self._has_messages = socket, list[dict[str, Any]](), asyncio.Event()
@@ -60,12 +60,7 @@ class Client:
                     await asyncio.wait_for(self.socket.send(json.dumps(self._queue.pop(0))), TIME_LIMIT)
 
     async def receive(self) -> Any:
-        """Return the next message of the page.
-
-        Raises:
-            ValueError: too many messages, or a message is not JSON.
-            ConnectionClosed: the page has disconnected.
-        """
+        """Return the next message of the page; ValueError: too many messages, or no JSON; ConnectionClosed: no page."""
         try:
             message = json.loads(await self.socket.recv())
         except (ValueError, RecursionError):
@@ -78,7 +73,7 @@ class Client:
 
 
 def foreign(request: Request, token: str, port: int) -> str | None:
-    """Return why a request is not from our page: another host (DNS rebinding), origin or token; None if it is."""
+    """Return why a request is not from this server's page: another host (DNS rebinding), origin or token; else None."""
     hosts = [f"{name}:{port}" for name in (HOST, "localhost")]
     host, origin = map(request.headers.get_all, ("Host", "Origin"))
     if len(host) != 1 or host[0] not in hosts:
@@ -97,7 +92,7 @@ def reply(status: int, text: str, kind: str = "text/plain") -> Response:
 
 
 class Site:
-    """The page, its style sheet and script, its films and its messages, below /token/; it answers our own page only."""
+    """The page, its style sheet and script, its films and its messages, at addresses that begin with /token/."""
 
     def __init__(self, session: Session, token: str, port: int) -> None:
         self.session, self.token, self.port = session, token, port
@@ -148,7 +143,6 @@ class Site:
 
 
 async def _run(session: Session, listening: socket.socket, ready: Callable[[str], None]) -> None:
-    """Serve until cancelled."""
     token, port = secrets.token_urlsafe(16), listening.getsockname()[1]
     site = Site(session, token, port)
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
@@ -167,11 +161,7 @@ async def _run(session: Session, listening: socket.socket, ready: Callable[[str]
 
 
 def serve(session: Session, port: int, ready: Callable[[str], None]) -> None:
-    """Serve until stopped; `ready` is called with the address once the server answers.
-
-    Raises:
-        ValueError: the port is in use or out of range.
-    """
+    """Serve until stopped; call `ready` with the address; ValueError: the port is in use or out of range."""
     number("port", port, "-", at_least=0, at_most=65535)
     try:
         listening = socket.create_server((HOST, port))

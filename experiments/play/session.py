@@ -1,4 +1,4 @@
-"""Between the pages and the clock: says which page steers, checks pages' messages, forwards the clock's messages."""
+"""The session between pages and clock: it checks the pages' messages and forwards the clock's messages."""
 
 import asyncio
 import multiprocessing
@@ -20,16 +20,12 @@ MAX_ON_CHART = 200  # tries
 
 
 class Session:
-    """One page steers the tool, the other pages watch; one try is in progress at a time."""
+    """Pages of which one steers the tool, and at most one try in progress."""
 
     def __init__(self, setup: Setup, assist: str, folder: Path) -> None:
-        """Read the tries in a folder and start the clock.
-
-        Raises:
-            ValueError: unknown assistance, or another server uses the folder.
-        """
+        """Read the tries in `folder`, start the clock; ValueError: unknown assistance, or another server's folder."""
         assistance(assist, setup)
-        self._lock = ExitStack()  # the clock's process, a fork of this one, holds the lock, too
+        self._lock = ExitStack()  # the clock's process inherits the lock by the fork
         self._lock.enter_context(locked(folder / ".lock", wait=False))
         self.setup, self.assist, self.folder = setup.called, assist, folder
         self.clients: list[Any] = []  # the player is the first
@@ -37,7 +33,7 @@ class Session:
         self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is in progress; its arm's velocity range, m/s
         self._seen_at, self._newest = 0.0, -1  # when the try's last frame is shown, s; number of the newest frame shown
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
-        self.left_out = list[str]()  # for each file in the folder that is not shown, why
+        self.left_out = list[str]()  # for each file in the folder that is not shown, the reason
         for path in sorted(folder.glob("*.json")):
             try:
                 name = identifier(f"name of {path}", path.stem)
@@ -72,7 +68,6 @@ class Session:
             self._begin(value)
 
     def _begin(self, options: Any) -> None:
-        """Begin a try with the values of the page's controls."""
         one_of("begin", options, dict)
         choice("setup", options.get("setup"), list(self.setups))
         choice("assist", options.get("assist"), list(NAMES))
@@ -107,7 +102,6 @@ class Session:
         self._send_roles()
 
     def _send_roles(self) -> None:
-        """Tell each page whether it steers."""
         for client in self.clients:
             client.enqueue({"kind": "role", "player": client is self.clients[0], "others": len(self.clients) - 1})
 

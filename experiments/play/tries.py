@@ -1,4 +1,4 @@
-"""A try is one episode that a person or an operator steers; here it is played, replayed bit for bit, and evaluated."""
+"""Tries, episodes that a person or an operator steers: play, replay bit for bit, and evaluate them."""
 
 import math
 from dataclasses import dataclass, field
@@ -26,21 +26,21 @@ ROUNDING = 1e-6  # share of a control period
 
 @dataclass(frozen=True)
 class Try:
-    """One steered episode: the first six fields say how to play it, the others record how it was played."""
+    """One steered episode: six fields with which it is played, and a record of how it was played."""
 
     setup: str
     assist: str
     seed: int
     record: dict[str, float]  # numbers of the episode's record that the seed does not draw; once begun, all numbers
-    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # once begun, a person's is a Replay of the commands
+    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # once begun, a Replay of a person's commands
     slow: float = 1.0  # times slower than real time
     environment: dict[str, Any] = field(default_factory=dict)  # arguments except the operator
     actions: list[list[float]] = field(default_factory=list)  # actions of the assistance, one for each step
-    late: list[float] = field(default_factory=list)  # s, delay of each step, less the delay of the step before
-    marks: list[str] = field(default_factory=list)  # why the try does not count: interrupted, late
+    late: list[float] = field(default_factory=list)  # s, delay of each step minus the delay of the step before
+    marks: list[str] = field(default_factory=list)  # reasons for which the try does not count: interrupted, invalid
     motion: dict[str, list[float]] = field(default_factory=dict)  # executed by the flange: fields of `ig.Motion`
-    result: dict[str, float] = field(default_factory=dict)  # from `simulate` with `motion`; times: from the episode
-    made: dict[str, Any] = field(default_factory=dict)  # versions of the code, but neither time nor machine
+    result: dict[str, float] = field(default_factory=dict)  # from `simulate` with `motion`; times from the episode
+    made: dict[str, Any] = field(default_factory=dict)  # versions of the code
 
 
 def advance(batch: Batch, action: ArrayLike) -> None:
@@ -49,11 +49,7 @@ def advance(batch: Batch, action: ArrayLike) -> None:
 
 
 def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
-    """Play a try again; return its trace (settling included), its `info`, its task, and times of alarm and end.
-
-    Raises:
-        RuntimeError: the replayed episode does not end with the last action: the environment has changed.
-    """
+    """Play a try again; return trace (settling included), `info`, task and episode state; RuntimeError: it differs."""
     batch = Batch(1, Task(**this.environment, operator=this.operator), threads=1, trace_points=TRACE_POINTS)
     batch.begin_seeded(this.seed, this.record)
     for action in this.actions:
@@ -66,14 +62,14 @@ def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
 
 
 def corners(trace: Trace) -> ig.Motion:
-    """Return the executed motion as a piecewise linear velocity that passes through every point of the trace."""
+    """Return the executed motion as a piecewise linear velocity through every point of the trace."""
     times, velocities = [0.0], [0.0]
     low, high, before = -math.inf, math.inf, (0.0, 0.0)
     for time, velocity in zip(trace.time.tolist(), trace.command_velocity.tolist(), strict=True):
         if time <= before[0]:
             continue
         least, most = ((velocity - velocities[-1] + side) / (time - times[-1]) for side in (-BEND, BEND))
-        if least > high or most < low:  # one line cannot pass all points: a new corner
+        if least > high or most < low:  # no line from the last corner passes all points: a new corner
             times.append(before[0])
             velocities.append(before[1])
             low, high = ((velocity - before[1] + side) / (time - before[0]) for side in (-BEND, BEND))
@@ -84,7 +80,7 @@ def corners(trace: Trace) -> ig.Motion:
 
 
 def simulated(this: Try) -> Outcome:
-    """Return the outcome of `simulate` with the recorded motion, the same bit for bit at each call."""
+    """Return the outcome of `simulate` with the recorded motion."""
     record = this.record
     task: Any = Task(**this.environment, operator=this.operator).at(record)
     law = {"dissipation": task.dissipation, "reference_velocity": task.reference_velocity}
@@ -117,7 +113,6 @@ class Live:
         self._decide()
 
     def _decide(self) -> None:
-        """Get the next action of the assistance."""
         action, self._state = self.assistant.predict(self.batch.observations.copy(), state=self._state)
         self._action = np.asarray(action, np.float32)[0]
 
@@ -137,7 +132,7 @@ class Live:
         return (math.floor(self.time / PERIOD + ROUNDING) + 1) * PERIOD
 
     def step(self, velocity: float = 0.0, late: float = 0.0) -> None:
-        """Play a control step `late` (s) too late. If it contains a tick, a person's `velocity` (m/s) is sent there."""
+        """Play a control step `late` (s) too late; at a tick in this step a person's `velocity` (m/s) is sent."""
         tick = self.next_tick
         if self.person:
             self.batch.set_operator_velocity(velocity)
@@ -160,13 +155,13 @@ class Live:
         return bodies
 
     def to_end(self) -> Try:
-        """Play to the end with a person's velocity of 0, and return the try without its results."""
+        """Play to the end with a person's velocity of 0, and return the try without results."""
         while not self.ended:
             self.step()
         return self.kept
 
     def finished(self) -> Try:
-        """Play to the end with a person's velocity of 0, and return the try with its results."""
+        """Play to the end with a person's velocity of 0, and return the try with results."""
         done = self.to_end()
         trace, info, *_ = replayed(done)
         motion = corners(trace)

@@ -1,4 +1,4 @@
-"""Files of tries: a JSON file for each, and the operator that replays a folder of tries."""
+"""Files of tries, one JSON file for each try, and an operator that replays tries."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -20,11 +20,7 @@ SPARE = 3  # ticks between the end (horizon) of one recording and the begin of t
 
 
 def from_text(text: str) -> Try:
-    """Return the try in the text of a file.
-
-    Raises:
-        ValueError, TypeError, LookupError: the text is no try of this version, or a value is out of range.
-    """
+    """Return the try in a file's text; ValueError, TypeError, LookupError: no try of this version, or out of range."""
     content = json.loads(text, parse_float=_finite, parse_constant=_finite, parse_int=lambda text: int(_finite(text)))
     if content.pop("format", None) != FORMAT:
         raise ValueError(f"its format is not {FORMAT!r}")
@@ -63,16 +59,12 @@ def read(path: Path) -> Try:
 
 
 def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
-    """Return paths and tries of a folder, the oldest first; each try is read when the iterator reaches it."""
+    """Return paths and tries of a folder, the oldest first."""
     return ((path, read(path)) for path in sorted(folder.glob("*.json")))
 
 
 def of_persons(folder: Path, marked: bool = False) -> list[Try]:
-    """Return the unmarked tries of persons in a folder; with `marked=True` their marked tries, too.
-
-    Raises:
-        ValueError: there are no such tries, or their environments differ.
-    """
+    """Return persons' tries in a folder, `marked` ones only on request; ValueError: none, or environments differ."""
     every = [this for _, this in folder_of(folder) if this.operator["type"] == "Replay"]
     found = [this for this in every if marked or not this.marks]
     if not found:

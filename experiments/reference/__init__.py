@@ -1,7 +1,7 @@
-"""The slow, simple and independent solver, with which the fast one is compared.
+"""The slow, simple and independent solver, with which the solver of `impact_gym` is compared.
 
-It shares no code with `impact_gym` and only reads the attributes of a scene and a motion. Events cut the motion into
-phases with smooth equations. Such events are:
+It shares no code with `impact_gym` and only reads the attributes of a scene and a motion. Events divide the motion into
+phases with smooth equations:
 
 - touch and separation,
 - the contact force passes the brake's threshold, peaks, or begins or ceases to be clamped at zero,
@@ -34,7 +34,7 @@ class Reference:
     object_velocity: float
     peak_object_velocity: float
     tool_velocity: float
-    flange_velocity: float  # of the robot's mass, or of the imposed motion if the robot has no mass
+    flange_velocity: float  # of the robot's mass; without a compliant robot, of the imposed motion
     peak_force: float  # N
     detection_time: float | None  # s; None: the force never exceeded the brake's threshold
     contacts: tuple[ContactRecord, ...]
@@ -51,12 +51,12 @@ def simulate(scene: Any, motion: Any, duration: float, rtol: float = 1e-11, meth
     """Simulate `scene` under `motion` for `duration` seconds.
 
     `method`, a name that SciPy's `solve_ivp` accepts, and `rtol` apply only to contacts. Flight is exact to rounding,
-    or integrated at rtol 1e-12 where it has no closed form.
+    or integrated at rtol 1e-12 if it has no closed form.
 
     Raises:
         ValueError: the method or the law of dissipation is unknown.
         NotImplementedError: the kind of coupling is unknown.
-        RuntimeError: SciPy gives up, or a part goes on and off without end.
+        RuntimeError: SciPy's integration fails, or a `Switch` changes without end.
     """
     if method not in SOLVERS:
         raise ValueError(f"method must be one of {list(SOLVERS)}, got {method!r}")

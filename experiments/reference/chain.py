@@ -1,4 +1,4 @@
-"""The bodies and their connections: forces and accelerations of object, tool and flange.
+"""Forces and accelerations of object, tool and flange.
 
 The state is y = (delta, delta', u, u', w, w', impulse of F, impulse of T). delta = x_t - x_p is the penetration,
 u = x_f - x_t the deflection of the coupling, and w = x_r - x_f the deflection of the robot. F is the force of the tool
@@ -15,9 +15,8 @@ from experiments.reference.command import Command
 from experiments.reference.integration import Switch, Vector
 from experiments.reference.laws import BistableForce, StoppedSpring, damping_factor, robot_law
 
-# Slacks, in the scales of the contact: how far a gauge must pass zero to switch. Without slack, rounding would switch
-# gauges that tend to zero.
-SLACK = 1e-12  # for the sign and the slope of the contact force; contacts with small restitution end slowly
+# Slacks of switches, in the scales of the contact, see `Switch`: without a slack, rounding would cause changes.
+SLACK = 1e-12  # for the sign and the slope of the contact force, which tend to zero if the restitution is small
 STEADY = 1e-9  # for the contact force minus friction, while an object is pushed along
 POSITION_SLACK = 1e-16  # m, for the position of the slider
 G = 9.80665  # m/s^2
@@ -45,7 +44,7 @@ class StiffError(Exception):
 
 
 class Chain:
-    """The bodies and laws of a scene (SI units), and which of its one-sided parts are `on`.
+    """The bodies and laws of a scene (SI units), and the state of its switches, `on`.
 
     `motion` is a `Command`, or has the attributes of `impact_gym.Trapezoid`.
     """
@@ -116,10 +115,10 @@ class System:
         self.mass_unit = self.damping_unit * scales.time
         self.m_t, self.m_p = chain.m_t / self.mass_unit, chain.m_p / self.mass_unit
         self.k_t, self.c_t = chain.k_t / self.stiffness_unit, chain.c_t / self.damping_unit
-        self.patience = inf  # how many more times `rates` may be called
+        self.patience = inf  # number of calls of `rates` that are left
 
     def enter(self, t: float) -> float:
-        """Begin a phase at t (s); return the time at which the commanded motion must be cut next (s)."""
+        """Begin a phase at t (s); return the time of the next change of the commanded motion (s)."""
         self.x_r, self.v_r, self.a, cut = self.chain.command.at(t)
         self.alpha = self.a * self.scales.time**2 / self.scales.length
         return cut

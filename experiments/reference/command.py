@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 class Command:
-    """The commanded motion as pieces (start s, position m, velocity m/s, acceleration m/s^2), the last without end.
+    """The commanded motion as pieces (start s, position m, velocity m/s, acceleration m/s^2).
 
     With a `motion`, the command accelerates from rest to the motion's speed and holds it until the motion brakes.
     Without a motion, it is at rest until `steer` is called. A contact force above `threshold` (N) is detected.
@@ -16,7 +16,7 @@ class Command:
 
     def __init__(self, motion: Any = None, threshold: float = inf) -> None:
         self.pieces = [(0.0, 0.0, 0.0, 0.0)]
-        self.nodes: NDArray[np.float64] = np.array(())  # m, positions at which the motion must also be cut
+        self.nodes: NDArray[np.float64] = np.array(())  # m, positions at which a phase must also end
         self.detection_time: float | None = None  # s, when the contact force first exceeds the threshold
         self.threshold, self.brake = threshold, None if motion is None else motion.brake
         if motion is not None:
@@ -27,12 +27,12 @@ class Command:
             self.deceleration = a if self.brake.deceleration is None else float(self.brake.deceleration)
 
     def at(self, t: float) -> tuple[float, float, float, float]:
-        """Return position (m), velocity (m/s), acceleration (m/s^2) and the time of the next cut (s)."""
+        """Return position (m), velocity (m/s), acceleration (m/s^2) and the time of the next piece or node (s)."""
         start, x, v, a = [p for p in self.pieces if p[0] <= t][-1]
         s = t - start
         x, v = x + (v + a * s / 2) * s, v + a * s
         cut = min((p[0] for p in self.pieces if p[0] > t), default=inf)
-        # a node that was just reached counts as passed, even if x is before it by rounding
+        # a node that was just reached counts as passed, even if x is smaller by rounding
         for node in self.nodes[self.nodes > x + 1e-12][:1].tolist():
             square = v * v + 2 * a * (node - x)  # of the velocity at the node
             if square >= 0 and v + sqrt(square) > 0:
@@ -40,7 +40,7 @@ class Command:
         return x, v, a, cut
 
     def steer(self, t: float, velocity: float, acceleration: float) -> None:
-        """Change to `velocity` (m/s) at `acceleration` (m/s^2) from t (s) on, then hold it."""
+        """Change to `velocity` (m/s) at `acceleration` (m/s^2) from t (s) on, then hold this velocity."""
         x, v, _, _ = self.at(t)
         ramp = abs(velocity - v) / acceleration
         there = (t + ramp, x + (v + velocity) / 2 * ramp, velocity, 0.0)

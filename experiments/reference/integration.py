@@ -1,9 +1,8 @@
 """Integration of one smooth phase by SciPy's integrators, or of the flight of a linear chain by the exact solution.
 
-`solve_ivp` compares the signs of an event function at the two ends of a step, so it misses an event function that
-crosses zero twice in a step. Here the inside of each step is searched, too: first on the cubic through the values and
-slopes at its ends, without further evaluations. If the cubic crosses zero or comes near it, the interpolant of the
-integrator is searched.
+`solve_ivp` compares the signs of an event function at the two ends of a step, so it misses two zeros in one step. Here
+the inside of each step is searched, too: first the cubic through the states and slopes at its ends, and if a gauge is
+near zero there, the interpolant of the integrator.
 """
 
 from collections.abc import Callable
@@ -21,7 +20,7 @@ from scipy.optimize import brentq, minimize_scalar
 Vector = NDArray[np.float64]
 SOLVERS: dict[str, Any] = {s.__name__: s for s in (RK23, RK45, DOP853, Radau, BDF, LSODA)}
 
-# shares of a step at which gauges are computed; with points close to both ends, an extremum near an end is noticed
+# fractions of a step at which gauges are computed; the points close to both ends show an extremum near an end
 POINTS = np.array([0.0, 0.001, 0.3, 0.7, 0.999, 1.0])
 LEFT, RIGHT = (1 - POINTS) ** 2, POINTS**2
 HERMITE = np.array([(1 + 2 * POINTS) * LEFT, POINTS * LEFT, RIGHT * (3 - 2 * POINTS), RIGHT * (POINTS - 1)]).T
@@ -30,15 +29,15 @@ TIGHT = {"rtol": 4 * np.finfo(float).eps}  # tolerance of brentq
 
 @dataclass
 class Switch:
-    """A part that is on while its gauge, a function of time and state, is positive."""
+    """A state of the model that is on while its gauge, a function of time and state, is positive."""
 
     name: str
     on: bool
     gauge: Callable[[float, list[float]], float]
-    slack: float = 0.0  # how far the gauge must pass zero to switch; 0: rounding may switch it again and again
+    slack: float = 0.0  # amount by which the gauge must pass zero for a change
 
     def margin(self, t: float, y: list[float]) -> float:
-        """Return how far the gauge is from switching; a negative value means that it has switched."""
+        """Return the distance of the gauge from a change; negative: the switch has changed."""
         return (self.gauge(t, y) if self.on else -self.gauge(t, y)) + self.slack
 
 
@@ -46,12 +45,9 @@ def advance(
     equations: Any, end: float, y: Vector, switches: list[Switch], method: str, rtol: float, atol: Vector,
     longest_step: float,
 ) -> tuple[float, Vector, Switch | None]:  # fmt: skip
-    """Integrate from time 0 to `end` or to the first change of a switch; return time, state and switch.
+    """Integrate `equations.rates` from time 0 to `end` or to the first change of a switch; return time, state, switch.
 
-    `equations` has `rates`, a function of time and state.
-
-    Raises:
-        RuntimeError: SciPy gives up.
+    RuntimeError: SciPy's integration fails.
     """
     options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": longest_step}
 
@@ -100,7 +96,7 @@ def _first_turn(
 
 
 def _turns(left: float, middle: float, right: float) -> bool:
-    """Return whether `middle` is a minimum so close to zero that the margin may have been negative near it."""
+    """Return whether `middle` is a minimum so close to zero that the margin may be negative near it."""
     return middle < left and middle <= right and middle < 2 * (max(left, right) - middle)
 
 
@@ -131,10 +127,7 @@ def _root(switch: Switch, dense: Any, times: list[float], g: list[float]) -> flo
 
 
 def fly(A: Vector, z: Vector, t: float, t_end: float) -> tuple[float, Vector, bool]:
-    """Solve z' = A z by the matrix exponential from t until z[0] rises through zero, or to `t_end`.
-
-    Returns the time, the state and whether z[0] rose through zero.
-    """
+    """Solve z' = A z from t until z[0] rises through zero, or to `t_end`; return time, state and whether z[0] rose."""
     n = ceil(max(8, 5 * (t_end - t) * np.abs(np.linalg.eigvals(A)).max()))  # 5 steps per time constant
     h = (t_end - t) / n
     P = expm(A * h)
@@ -148,7 +141,7 @@ def fly(A: Vector, z: Vector, t: float, t_end: float) -> tuple[float, Vector, bo
 
 
 def _first_rise(A: Vector, z: Vector, z_next: Vector, h: float) -> float | None:
-    """Return the first s in (0, h] at which z[0] rises through zero; its extremum, where z[1] = 0, is also checked."""
+    """Return the first s in (0, h] at which z[0] rises through zero; None: it does not."""
 
     def state(s: float, i: int) -> float:
         return float((expm(A * s) @ z)[i])

@@ -42,16 +42,13 @@ def damping_factor(name: str, e: float, m: float, n: float) -> float:
     if m == n:
         return _equal_exponents(e)
     if (m, n) == (1, 0):
-        # the restitution falls from 1 at zeta = 0 and is 1/(4 zeta^2) for large zeta
+        # the restitution falls from 1 at zeta = 0 to 1/(4 zeta^2) at large zeta
         return 2 * exp(brentq(lambda x: log(_linear_restitution(exp(x)) / e), -40.0, 1.0 - log(e), xtol=1e-15))
     return _unequal_exponents(e, m, n)
 
 
 def _equal_exponents(e: float) -> float:
-    """Return the root d > 0 of ln((1+d)/(1-d e)) = d (1+e).
-
-    It is solved in the form phi(d) = e^2 phi(-d e), which has no root d = 0 and no cancellation.
-    """
+    """Return the root d > 0 of ln((1+d)/(1-d e)) = d (1+e), that is, phi(d) = e^2 phi(-d e) without the root d = 0."""
 
     def phi(z: float) -> float:  # (ln(1+z) - z)/z^2
         if abs(z) > 0.1:
@@ -67,7 +64,7 @@ def _equal_exponents(e: float) -> float:
 
 
 def _linear_restitution(zeta: float) -> float:
-    """Return the restitution of a contact by linear spring and damper that ends where x'' = 0, so it never pulls."""
+    """Return the restitution of linear spring and damper, whose contact ends at x'' = 0, where the force is 0."""
     critical = abs(zeta - 1) < 1e-9
     ratio = 1 - (zeta - 1) / 3 if critical else abs(emath.arccos(zeta) / emath.sqrt(1 - zeta**2))
     return exp(-2 * zeta * ratio)
@@ -75,7 +72,7 @@ def _linear_restitution(zeta: float) -> float:
 
 @cache
 def _unequal_exponents(e: float, m: float, n: float) -> float:
-    """Return the factor d with which an isolated contact, integrated, has the restitution e."""
+    """Return the factor d with which an isolated contact has the restitution e, by integration."""
     upper = 1.0
     while _isolated_restitution(upper, m, n) > e:
         upper *= 4
@@ -87,8 +84,8 @@ def _unequal_exponents(e: float, m: float, n: float) -> float:
 def _isolated_restitution(d: float, m: float, n: float) -> float:
     """Return the speed of separation, which is the restitution, of u'' = -max(0, u^m + d u^n u'), u(0) = 0, u'(0) = 1.
 
-    For n < m the force is clamped once and stays zero, as u^(m-n) + d u' falls while u returns at constant speed. For
-    n >= m it is never clamped.
+    For n < m the force is clamped once and stays zero, because u^(m-n) + d u' falls while u returns at constant speed.
+    For n >= m the force is never clamped.
     """
 
     def rates(_: float, y: list[float]) -> tuple[float, float]:
@@ -121,7 +118,7 @@ def robot_law(robot: Any) -> RobotLaw:
 
 
 class BistableForce:
-    """The bistable mechanism and its stops (paper, eq. 23-24; the law of the stops is ours).
+    """The bistable mechanism (paper, eq. 23-24) and its stops, linear springs and dampers that only push.
 
     Forces on the tool (N) are functions of the deflection u = x_f - x_t (m) and its rate. u is 0 at rest against the
     front stop.
@@ -176,7 +173,7 @@ class BistableForce:
 
 
 class StoppedSpring(BistableForce):
-    """A linear spring and damper whose travel ends at stops, like those of a mechanism."""
+    """A linear spring and damper whose travel ends at stops, with the stops of `BistableForce`."""
 
     rests = (0.0, 0.0)
 

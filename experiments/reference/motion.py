@@ -10,8 +10,8 @@ from experiments.reference.chain import UNITS, Chain, Scales, StiffError, System
 from experiments.reference.integration import Switch, Vector, advance, fly
 
 FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # tolerances (-, m) of flights without a closed form
-STIFF_RTOL = 1e-8  # smallest rtol of the implicit method: its order is low, and stiff motion changes slowly
-MOST_STALLED = 16  # phases of zero duration in a row; if there are more, a part goes on and off without end
+STIFF_RTOL = 1e-8  # smallest rtol of the implicit method, whose low order would need too many steps below it
+MOST_STALLED = 16  # largest number of phases of zero duration in a row
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Motion:
         return self.object_velocity >= sqrt(2 * max(energy, 0.0) / m_t)
 
     def advance(self, until: float) -> None:
-        """Advance to `until` (s), or to the first instant at which the contact force passes the threshold."""
+        """Advance to `until` (s), or to the first time at which the contact force passes the threshold."""
         unfelt = self.command.detection_time is None
         stalled = 0
         while self.t < until and unfelt == (self.command.detection_time is None):
@@ -136,7 +136,6 @@ class Motion:
         self._y = np.append(z / scales.state, [0.0, 0.0])
 
     def _touch(self) -> None:
-        """Begin a contact."""
         z, v_in = self.state, float(self.state[1])
         self.contacts, self.first_contact = self.contacts + 1, min(self.first_contact, self.t)
         self._onset, self._peak, self._stiff = (self.t, v_in), 0.0, False
@@ -144,7 +143,7 @@ class Motion:
         self._go_on(self.chain.contact_scales(self.t, v_in), z, touching=True, damping=self.chain.damping(self.t, v_in))
 
     def _advance_phase(self, until: float) -> None:
-        """Advance to `until` (s), or to the first instant at which the equations change."""
+        """Advance to `until` (s), or to the first time at which the equations change."""
         system = self._system
         t_stop = min(system.enter(self.t), until)
         if self.chain.linear and not self.touching:
@@ -165,7 +164,6 @@ class Motion:
         self.top_speed = max(self.top_speed, self.object_velocity)
 
     def _turn(self, name: str) -> None:
-        """Change the state and the equations at a switch."""
         if name == "touching":
             self._y[0] = 0.0
             if not self.touching:

@@ -1,11 +1,10 @@
-"""Whole episodes of the environment by the independent solver.
+"""Episodes of the environment by the independent solver, written from the specification in `impact_gym.envs.single`.
 
-Written from the specification in `impact_gym.envs.single`, to check the environment. From `impact_gym` it imports only
-data: the options and constants of the task, the scales of the observation, the frozen scenarios. The motion is that of
-`experiments.reference`; sensing, clock and settling are written here, independently and as simply as possible.
+This module imports from `impact_gym` only data: the options and constants of the task, the scales of the observation,
+the frozen scenarios. `experiments.reference` computes the motion. Sensors, clock and settling are written here.
 
-With OPENBLAS_NUM_THREADS=1, as in the workers of `agents.jobs`, an episode takes 10 to 60 ms. With more threads, linear
-algebra on matrices of 7 x 7 waits for other threads, and a linear chain takes up to 25 times as long.
+With OPENBLAS_NUM_THREADS=1 an episode takes 10 to 60 ms. With more threads, products of 7 x 7 matrices wait for other
+threads, and an episode with a linear chain takes up to 25 times as long.
 """
 
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -31,7 +30,7 @@ SERVED = (
 )  # fmt: skip
 RTOL = 1e-10  # tolerance in contacts
 FLOOR = 1e-12  # m/s, least v_in, as in the environment
-PATIENCE = 3000  # evaluations of an explicit method in a phase of a contact; a phase that needs more is stiff
+PATIENCE = 3000  # largest number of evaluations by an explicit method in a phase of a contact, see `Motion`
 ROUNDING = 1e-9  # s, rounding of the clock
 SETTLE_SLICE = 0.05  # s, between two checks whether a contact is still possible
 CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}  # of a scale
@@ -51,10 +50,8 @@ def play(controller: Any, scenario: Mapping[str, float], *, options: Mapping[str
     """Play one episode of a scenario: object_mass (kg), contact_stiffness (N/m^1.5), restitution, distance (m).
 
     The controller has `predict` as in stable-baselines3 and gets a batch of one. `options` are arguments of the
-    environment. `time_weight` (m/s per s) enters only the observation. The estimate of the distance has no error.
-
-    Raises:
-        ValueError: an option is not supported.
+    environment; ValueError: one is not supported. `time_weight` (m/s per s) has an effect only on the observation. The
+    estimate of the distance has no error.
     """
     return _together(controller, [_episode(task_of(options), scenario, time_weight, scenario["distance"])])[0]
 
@@ -62,12 +59,9 @@ def play(controller: Any, scenario: Mapping[str, float], *, options: Mapping[str
 def rescore(
     controller: Any, frozen: str, numbers: Sequence[int], options: Mapping[str, Any], time_weight: float
 ) -> dict[str, NDArray[Any]]:
-    """Play scenarios of a frozen set together, as `ScenarioBatch` does.
+    """Play the scenarios `numbers` of a frozen set in one batch, as `ScenarioBatch` does.
 
-    Row k of the batch that the controller gets is scenario numbers[k]. Returns an array for each field of `Outcome`.
-
-    Raises:
-        ValueError: an option is not supported.
+    Returns an array (numbers,) for each field of `Outcome`; ValueError: an option is not supported.
     """
     task, scenarios = task_of(options), evaluation_sets.load(frozen)
     episodes = []
@@ -164,7 +158,6 @@ def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate:
 
 
 def _at_rest(task: Task, scenario: Mapping[str, float]) -> Motion:
-    """Return the chain at the start of an episode."""
     law = {"restitution": scenario["restitution"], "dissipation": task.dissipation}
     law["reference_velocity"] = task.reference_velocity
     scene = Record(

@@ -1,5 +1,5 @@
-"""The report: which controller is better, by how much, with which confidence, and where it fails.
+"""The report, which compares controllers with intervals and shows where they fail.
 
-`matchups` names policies, baselines and scenarios; `jobs` plays them; `played` holds the results; `choice`, `answer`,
-`tables`, `ablation` and `holds` make sentences, tables and charts; `page` writes them.
+`matchups` has policies, baselines and scenarios; `jobs` plays them; `played` has the results; `choice`, `answer`,
+`tables`, `ablation` and `holds` make sentences, tables and charts; `page` writes the page.
 """

@@ -1,4 +1,4 @@
-"""`impact-gym report` writes reports/latest/index.html and prints where it is."""
+"""`impact-gym report`: write reports/latest/index.html and print its address."""
 
 import hashlib
 import json
@@ -29,7 +29,7 @@ from impact_gym.validation import number, whole
 
 RESULTS = "results.json"
 MARK = ".impact_gym"
-"""Lock file. It marks the folder of a report: another report may overwrite such a folder."""
+"""Lock file, which also marks the folder of a report: another report may overwrite this folder."""
 DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")
 """Packages whose change makes the page outdated."""
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "matplotlib", "polars", "jinja2")
@@ -96,8 +96,7 @@ class ReportOptions:
 def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return scenarios as JSON, and changes of the environment, from `ReportOptions.scenarios`.
 
-    Raises:
-        ValueError: there is no such set or file, or a key in the file is unknown, or a value is out of range.
+    ValueError: there is no such set or file, a key in the file is unknown, or a value is out of range.
     """
     path = Path(source)
     if path.suffix == ".json":
@@ -125,11 +124,7 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
 
 
 def matchups_of(options: ReportOptions) -> list[Matchup]:
-    """Return the matchups of the options.
-
-    Raises:
-        ValueError: a policy, a baseline or the scenarios are missing or invalid; nothing has been played yet.
-    """
+    """Return the matchups of the options; ValueError: policy, baseline or scenarios are missing or invalid."""
     if options.policy:
         scenarios, changes = scenarios_from(options.scenarios or "test", options.count)
         return of_policies(options.policy, options.baseline, scenarios, changes, options.time_weight)
@@ -149,8 +144,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
 def write(options: ReportOptions) -> Path:
     """Play the missing jobs, write the folder unless it is up to date, print the answers, return the page's path.
 
-    Raises:
-        ValueError: an option is invalid, or `out` is a file, below a file, or a folder with other content.
+    ValueError: an option is invalid, or `out` is a file, below a file, or a folder with other content.
     """
     there = next(path for path in (options.out, *options.out.absolute().parents) if path.exists())
     if not there.is_dir():
@@ -194,10 +188,7 @@ def results_of(folder: Path) -> dict[str, Any]:
 
 
 def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, begun: float) -> None:
-    """Write the files of the report. The last one is results.json, with the digest of the report's inputs.
-
-    Figures of an earlier report are deleted; files outside its folder `figures` stay.
-    """
+    """Write the files of the report, results.json last; delete only the folder `figures` of an earlier report."""
     from experiments.report import page
     from experiments.report.played import episodes
 
@@ -250,7 +241,6 @@ def _limits(matchups: Sequence[Matchup]) -> str:
 
 
 def _scenarios(scenarios: Mapping[str, Any]) -> str:
-    """Return the scenarios in words."""
     if "set" in scenarios:
         return f"the first {scenarios['count']:,} of the frozen set {scenarios['set']}"
     source = "from a file" if "table" in scenarios else f"drawn from {json.dumps(scenarios['ranges'])}"

@@ -1,9 +1,8 @@
 """Ablation: the gain from the arm's limits, known distances, the profile's shape, the estimate, and learning.
 
-Each step adds one thing to the step before, so the gains add up to the whole. In another order each gain could be
-larger or smaller. Even braking uses only the known range of distances; a profile also chooses its velocity over that
-range. The step of the arm's limits is the paper's rule with a constant speed and a deceleration that are tuned for each
-weight; on a spring the best deceleration is the full 20 m/s^2.
+Each step adds one ability to the step before, so the gains add up to the difference between the paper's rule and the
+policy. In another order each gain could be different. The step of the arm's limits is the paper's rule with a constant
+speed and a deceleration that are tuned for each weight.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,8 +21,8 @@ from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
-"""Words for a gain. Keys: whether the contestant before the step, and the step's own, are faster than the rule at all
-their time weights. V_p at the time of the rule would then be lower than the value compared."""
+"""Words for a gain, by whether the step before and the step itself are faster than the paper's rule at all weights.
+V_p at the rule's time would then be lower than the compared value."""
 
 
 class Link(NamedTuple):
@@ -58,7 +57,7 @@ class Step:
 
 
 def links(played: Played) -> list[Link]:
-    """Return the sequence up to the policy; what no baseline adds alone is merged into the next step."""
+    """Return the sequence up to the policy; an ability that no baseline adds alone is merged into the next step."""
     tuned = [baseline for baseline in played.matchup.baselines if "tuned" in baseline.controller]
     by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}  # the first wins
     task = Task(**played.matchup.environment)
@@ -106,10 +105,7 @@ def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy
 
 
 def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[Gain]:
-    """Return the gain of each step from its resampled values (1 + n,), m/s.
-
-    Unless `claimed` there are no gains: the contestants are compared at different times.
-    """
+    """Return the gain of each step from resampled values (1 + n,), m/s; if not `claimed`, only the values."""
     total = Comparison(values[policy], values[0])
     shared = claimed and total.less.low > 0.0
     steps = [Gain(estimate(values[0]), None, None)]

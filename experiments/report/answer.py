@@ -1,6 +1,6 @@
 """The answer of a set-up in numbers and sentences.
 
-The primary measure is V_p at the mean approach time of the paper's rule. It was fixed before the test set was played.
+The main measure, fixed before the test set was played, is V_p at the mean approach time of the paper's rule.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ FRONT = ("approach_time", "object_velocity")
 class Answer:
     """Gain of the policies of one set-up over the paper's rule."""
 
-    reduction: Estimate  # of V_p at the paper's mean approach time, as a fraction
+    reduction: Estimate  # reduction of V_p at the mean approach time of the paper's rule, as a fraction
     each: tuple[float, ...]  # reduction of each seed; empty if a seed's front does not reach the paper's time
     reached: bool  # whether the policy's front reaches that time; if not, `reduction` is at the front's nearest end
     later: float  # (time at that end - the paper's time) / the paper's time; below 0: less time
@@ -69,9 +69,9 @@ def answer(played: Played) -> Answer:
 
 
 def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
-    """Return the time weight at which the mean approach times (k,) would reach `time` (s).
+    """Return the time weight at which the mean approach times (k,) would reach `time` (s), nan outside 0.01 ... 100.
 
-    The time is extrapolated linearly in the logarithm of the weight. nan: the weight is not within 0.01 and 100.
+    The time is extrapolated linearly in the logarithm of the weight.
     """
     order = np.argsort(weights)[-2:] if times.min() > time else np.argsort(weights)[:2]
     (first, last), ends = np.log(np.asarray(weights)[order]), times[order]
@@ -89,7 +89,7 @@ def front(resamples: Resamples, runs: Sequence[Run]) -> Front:
 def reductions(played: Played) -> Floats:
     """Return the reduction of V_p by each seed at the paper's mean approach time, as a fraction (seeds,).
 
-    It is empty if the front of one seed does not reach that time: the seeds would be compared at different times.
+    The array is empty if the front of a seed does not reach this time.
     """
     ((time, velocity),) = played.paper.front
     times, velocities = np.moveaxis(np.array([run.front for run in played.seeds.values()]), 2, 0)

@@ -1,8 +1,7 @@
-"""Choose the controller to take at one time weight, on other scenarios than the report's.
+"""Recommend a controller for one time weight, on other scenarios than those of the report.
 
-If the costs of several controllers cannot be told apart, the simplest controller is taken: first the paper's rule and
-other baselines without tuned numbers, then the tuned baseline with fewer parameters, then a user's own object, then the
-learned policy.
+Among controllers whose costs do not differ clearly, the simplest is recommended. The order is: baselines without tuned
+numbers, tuned baselines by their number of parameters, objects of the user, the learned policy.
 """
 
 from collections.abc import Mapping
@@ -22,7 +21,7 @@ COUNT = 2000
 
 @dataclass(frozen=True)
 class Choice:
-    """The controller to take, and its cost."""
+    """The recommended controller, and its cost."""
 
     controller: str  # name of the contestant
     time_weight: float  # w, m/s per s
@@ -54,7 +53,7 @@ def simplest(costs: Mapping[str, Floats]) -> str:
 
 
 def choice(played: Played) -> Choice:
-    """Return the controller to take at the typical weight."""
+    """Return the recommended controller at the typical weight."""
     matchup, weight = played.matchup, played.matchup.typical
     contestants = sorted((*matchup.baselines, matchup.policy), key=simplicity)
     name = simplest({each.name: played.choosing[each.name].loss(weight) for each in contestants})

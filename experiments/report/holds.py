@@ -1,4 +1,4 @@
-"""Robustness: one thing is changed at a time; policy and baselines are not trained or tuned again."""
+"""Robustness: one argument is changed at a time; policy and baselines are neither trained nor tuned again."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -31,7 +31,7 @@ class Failing(NamedTuple):
 
     controller: str  # with its article
     worst: str  # the worst change, in one line
-    details: str  # all changes
+    details: str  # all these changes
 
 
 def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
@@ -54,10 +54,7 @@ def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
 
 
 def factor(argument: str, by_reading: bool = False) -> str:
-    """Return an argument of the environment in plain words.
-
-    `by_reading`: whether the force sensor raises the alarm; its noise then affects the alarm.
-    """
+    """Return an argument of the environment in plain words; `by_reading`: whether the force sensor raises the alarm."""
     words = WORDS.get(argument) or (QUANTITIES[argument].words if argument in QUANTITIES else argument)
     alarm = "which raises the alarm" if by_reading else "the alarm is a switch without noise"
     return f"{words} ({alarm})" if argument == "force_noise" else words
@@ -104,9 +101,9 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
 def where_it_fails(played: Played, name: str) -> Failing:
     """Return the changes under which a contestant is worse than paper's rule, rival or policy, or misses objects.
 
-    Only rule, rival and policy play under changes; for any other `name` the result is about the policy. The worst
-    change is the one with most misses, if these are too many. Else it is the one with the largest advantage of the
-    rule; if the rule has none, of the rival; and then of the policy.
+    Only rule, rival and policy play under changes; for any other `name` the result is about the policy. If misses are
+    too many, the worst change has the most misses. Else it has the largest advantage of the rule; if the rule has none
+    at any change, of the rival; and if the rival has none, of the policy.
     """
     rival, shown = played.matchup.rival, {each.name for each in played.matchup.rivals}
     controller = POLICY if name == played.matchup.chosen or name not in shown else name

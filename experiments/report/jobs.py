@@ -1,4 +1,4 @@
-"""The jobs of a report: functions whose arguments are plain data, and their results for each matchup."""
+"""The jobs of a report, functions with plain data as arguments, and their results for each matchup."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,19 +22,16 @@ from impact_gym.task import Task
 
 JSON = Mapping[str, Any]
 PLAYING = (*grid.PLAYED, __name__, grid.__name__)
-"""Modules that results depend on, besides the arguments of the jobs: set-ups, policies and tuned baselines."""
+"""Modules on which results depend. Set-ups, policies and tuned baselines are arguments of the jobs."""
 FEWER = 500  # scenarios for each change of the environment, and for deflections
-HALVINGS = 9  # of the range of weights, on a logarithmic scale, by a bisection: it finds a weight to 1 %
-CALIBRATION_SCENARIOS = 500  # largest number that is played to find a weight
+HALVINGS = 9  # number of bisections of the range of weights, on a logarithmic scale; finds a weight to 1 %
+CALIBRATION_SCENARIOS = 500  # largest number of scenarios on which a weight is found
 
 
 def play_matchups(
     matchups: Sequence[Matchup], folder: Path, depends: str, processes: int | None, cluster: str | None
 ) -> list[Played]:
-    """Play the jobs whose results are not in `folder`, and return the results of each matchup.
-
-    `depends` is a digest of the sources; kept results of another digest are not used.
-    """
+    """Play the jobs whose results are not in `folder` with the digest `depends`; return the results of each matchup."""
     played = [Played(matchup) for matchup in matchups]
     jobs = [(each, *job) for each in reversed(played) for job in jobs_of(each.matchup)]  # the last set-up takes longest
     calls = [{"where": where, "arguments": arguments} for _, where, _, arguments in jobs]
@@ -83,16 +80,15 @@ def jobs_of(matchup: Matchup) -> Iterator[tuple[str, Any, dict[str, Any]]]:
 
 
 def measured(where: str, arguments: JSON) -> Any:
-    """Return the result of a job, arrays or a frame: one function for all jobs of a report."""
+    """Return the result of a job, arrays or a frame."""
     measure: Callable[..., Any] = MEASURES.get(where, play)
     return measure(**arguments)
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return the results (1, scenarios) at the weight that gives the mean approach time of the paper's rule.
+    """Return the results (1, scenarios) at the weight with the mean approach time of the paper's rule, and `weight`.
 
-    The weight is found by bisection between the ends of `weights`, on `calibration_scenarios`; it is also returned, as
-    `weight` (1,).
+    The weight is found by bisection between the ends of `weights`, on `calibration_scenarios`.
     """
     choosing, task = calibration_scenarios(scenarios), Task(**environment)
 
@@ -111,11 +107,7 @@ def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: 
 
 
 def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
-    """Return the scenarios on which a weight is chosen.
-
-    In place of a frozen set, the validation set; in place of ranges, the same ranges with other seeds. A table of
-    scenarios is returned unchanged.
-    """
+    """Return the scenarios to find a weight: the validation set, the same ranges with other seeds, or the table."""
     count = min(CALIBRATION_SCENARIOS, scenarios["count"])
     if "set" in scenarios:
         return {"set": "validation", "count": count}
@@ -125,10 +117,7 @@ def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
 
 
 def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return the largest deflection of the coupling at a single weight, m: until the first touch, and in the episode.
-
-    Both results are arrays (1, scenarios).
-    """
+    """Return the largest deflections (1, scenarios) at a single weight, m: `before` the first touch, and `in_all`."""
     (weight,), task = weights, Task(**environment)
     batch = scenario_batch_of(scenarios, weight, task)
     travel = Travel(batch.count)

@@ -1,4 +1,4 @@
-"""Matchups: the policies of a set-up, one for each training seed, against baselines in the same scenarios."""
+"""Matchups: comparisons of a set-up's policies, one for each training seed, with baselines in the same scenarios."""
 
 import base64
 import hashlib
@@ -41,7 +41,7 @@ PLAIN = {
     "local-brake": "the local brake",
     "operator-alone": "the operator alone",
 }
-"""Plain names of baselines; the key is the class of a tuned baseline, and the name of any other."""
+"""Plain names of baselines, by the class of a tuned baseline or the name of another baseline."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Contestant:
 
     @property
     def plain(self) -> str:
-        """Plain name, or the name itself if it has no plain name."""
+        """Plain name; `name` if PLAIN has none."""
         return PLAIN.get(self.controller.get("tuned", {}).get("rule", self.name), self.name)
 
     @property
@@ -102,7 +102,7 @@ class Matchup:
 
     @property
     def rival(self) -> Contestant:
-        """The baseline to beat: the paper's rule if there is no other baseline."""
+        """The main baseline for comparison; the paper's rule if there is no other baseline."""
         return self.baselines[1] if len(self.baselines) > 1 else self.baselines[0]
 
     @property
@@ -157,11 +157,8 @@ def of_setup(
 def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight: float | None) -> Matchup:
     """Return a matchup with its policies, each at the weights of the evaluation for which it was trained.
 
-    A contestant holds the policy itself, so other machines need no file. `time_weight` (m/s per s) replaces the typical
-    weight of the evaluation, unless it is None.
-
-    Raises:
-        ValueError: the policies were not trained for this time weight.
+    `time_weight` (m/s per s) replaces the typical weight of the evaluation, unless it is None; ValueError: the policies
+    were not trained for this weight.
     """
     policy, evaluation = policies[matchup.chosen], matchup.evaluation
     trained = policy.environment.get("time_weight", evaluation.typical)
@@ -180,7 +177,7 @@ def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
-    """Return the clairvoyant bound of a set-up; None if no search was made for the first of these scenarios."""
+    """Return the clairvoyant bound of a set-up; None: there is none for the first of these scenarios."""
     its_own = setup.bound == setup.name
     parameters_at = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
     searched = min(map(len, parameters_at.values()), default=0)
@@ -194,7 +191,7 @@ def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED
 
 
 def quick_look_note(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Contestant]) -> str:
-    """Return a note that training or tuning was shorter than the set-up asks for; empty if it was not."""
+    """Return a note if training or tuning was shorter than in the set-up, else an empty text."""
     shortfalls = []
     steps, wanted = about["settings"]["steps"], setup.training.steps
     if steps < wanted:

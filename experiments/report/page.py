@@ -1,4 +1,4 @@
-"""The page: a tab for each set-up with the answer on one screen, details for the engineer and for the statistician."""
+"""The page: a tab for each set-up, with the answer on the first screen and two parts with details below."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class Tab:
     answer: answer.Answer
     choice: choice.Choice
     steps: Sequence[ablation.Step]
-    headline: str  # the controller to take, and the answer without intervals
+    headline: str  # the recommended controller, and the answer without intervals
     fails: holds.Failing
     chart: Picture
     summary: str  # the answer with its intervals, in a sentence or two

@@ -73,7 +73,7 @@ class Played:
 
     @property
     def rival(self) -> Run:
-        """The baseline to beat."""
+        """The main baseline for comparison."""
         return self.baselines[self.matchup.rival.name]
 
     @property
@@ -97,7 +97,7 @@ class Played:
 
 
 def episodes(all_played: Sequence[Played]) -> pl.DataFrame:
-    """Return all episodes of the seeds, the baselines and the bound, a row each."""
+    """Return a row for each episode of the seeds, the baselines and the bound."""
     frames = []
     for played in all_played:
         runs = {**played.seeds, **played.baselines, **({BOUND: played.bound} if played.bound else {})}

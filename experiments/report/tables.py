@@ -35,10 +35,9 @@ def answered(answer: Answer, played: Played) -> Table:
 
 
 def at_one_time(played: Played) -> Table:
-    """Return mean and 95th percentile of T, V_p and peak force of each contestant.
+    """Return mean and 95th percentile of T, V_p, peak force and, with friction, the time of rest of each contestant.
 
-    Each contestant plays at the weight whose mean approach time is nearest to the rule's. With friction the table also
-    has the time at which object and tool rest.
+    Each contestant plays at the weight whose mean approach time is nearest to that of the paper's rule.
     """
     goal, labels = played.paper.front[0][0], played.matchup.labels
     contestants = {labels[name]: run for name, run in played.baselines.items()} | {

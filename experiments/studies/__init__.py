@@ -1,7 +1,4 @@
-"""Studies of this project itself. `impact-gym study NAME` runs one of NAMES.
-
-Each study is a module or package with an object `STUDY`.
-"""
+"""Studies of this project. `impact-gym study NAME` runs the object `STUDY` of the module or package NAME."""
 
 import importlib
 

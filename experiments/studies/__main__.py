@@ -10,7 +10,7 @@ from impact_gym.validation import nearest
 
 
 def main() -> None:
-    """Run the study that the command line names."""
+    """Run the study whose name is the first argument."""
     name, *sys.argv[1:] = sys.argv[1:] or ["--help"]
     if name in ("--help", "-h"):
         print("usage: impact-gym study NAME ...\n")

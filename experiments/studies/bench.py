@@ -1,9 +1,9 @@
 """`impact-gym study bench`: steps per second of our environments and of Gymnasium's.
 
-The rates at several batch sizes show how large a batch should be. For each set-up three rates are measured.
-*environment*: Gymnasium's own benchmark, random actions. *environment with inference*: the shipped policy acts.
-*training*: all that `agents.train` does from the first rollout to the end, updates and validation included, as in
-`metrics.json`. Random actions play other episodes than a policy, so the first rate need not be the highest.
+For each set-up three rates are measured. *environment*: Gymnasium's own benchmark with random actions. *environment
+with inference*: the shipped policy acts. *training*: from the first rollout to the end of a training, with updates and
+validation, as in `metrics.json`. Episodes of random actions differ from those of a policy, so the first rate is not
+always the highest.
 """
 
 import io
@@ -49,10 +49,7 @@ def rate(call: Step, steps: int, seconds: float, clock: Callable[[], float] = ti
 
 
 def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
-    """Return a function that steps `env` once: with the action `act(what env returned last)`, or with a random one.
-
-    MIX steps have been made before, so that the episodes of the batch are in different phases.
-    """
+    """Return a function that steps `env` once, with the action `act(last return value of env)` or a random action."""
     actions = cycle([env.action_space.sample() for _ in range(32)])  # drawn before anything is timed
     last = env.reset()
 
@@ -66,7 +63,7 @@ def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
 
 
 def stepped(quick: bool) -> pl.DataFrame:
-    """Return step rates of our and Gymnasium's environments: the best of some rounds, each of which times all."""
+    """Return step rates of our and Gymnasium's environments, the highest of some rounds."""
     batched, rule = gym.make_vec(ID, num_envs=BATCH, rtol=RTOL), PaperTrapezoid()
     steps = [
         (f"{ID}, the paper's rule", BATCH, stepping(batched, lambda last: rule.predict(last[0])[0])),
@@ -111,7 +108,7 @@ def table(caption: str, frame: pl.DataFrame) -> Table:
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
-    """Show the measured tables."""
+    """Return the measured tables and the highest rate."""
     sections, answer = [], "Step rates, see below."
     if "environments" in frames:
         steps = frames["environments"]

@@ -1,11 +1,10 @@
-"""What the gain over the paper's rule comes from.
+"""Causes of the gain over the paper's rule.
 
 For each distribution of the object's distance, the paper's rule is compared with the best constant speed and with the
 best profile of speed over position. Constant speed and profile have the same limits of the arm and the same choice of
-reactions to the alarm. Only a profile may be faster where no object stands and slower where most objects would have
-been met already, so its gain over constant speed is the value of knowing where objects can be. In theory V_p is
-proportional to the speed, and the best speed is proportional to the square root of the share of objects that are still
-ahead. If the remaining distance is equally uncertain at every position, a constant speed is best.
+reactions to the alarm, so the gain of the profile over the constant speed is the value of known distances. In theory
+V_p is proportional to the speed, and the best speed to the square root of the fraction of objects that are still ahead.
+For a memoryless distribution a constant speed is best.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,7 +27,7 @@ from impact_gym.task.task import VELOCITY_RANGE
 
 
 class Steady(ReactingRule):
-    """Rule with one speed at every position until the alarm, and then the same choice of reactions as a profile."""
+    """Rule with one speed at every position until the alarm, and then the reactions of a profile."""
 
     PARAMETERS = (Parameter("speed", "m/s", 0.01, VELOCITY_RANGE[1], 0.6), ACCELERATION, *REACTION)
 
@@ -42,7 +41,7 @@ class Prior(NamedTuple):
 
     near: float  # m, from the tool
     far: float  # m, from the tool; if memoryless, the 95 % quantile
-    memoryless: bool = False  # exponential: at every position the remaining distance is equally uncertain
+    memoryless: bool = False  # whether the distribution is exponential
 
     @property
     def mean(self) -> float:
@@ -57,7 +56,7 @@ class Prior(NamedTuple):
         return f"{100 * self.near:.3g} to {100 * self.far:.3g} cm"
 
     def distances(self, seed: int, count: int) -> Floats:
-        """Return `count` distances (m) in random order: the median of each of `count` equally likely intervals."""
+        """Return `count` distances (m) in random order: the medians of `count` equally likely intervals."""
         share = (np.random.default_rng(seed).permutation(count) + 0.5) / count
         away = -np.log1p(-share) / np.log(20.0) if self.memoryless else share
         return self.near + (self.far - self.near) * away
@@ -87,7 +86,7 @@ def searches(quick: bool, _: Frames) -> Iterable[Cell]:
 def searched(
     prior: Sequence[Any], rule: str, weight: float, scenarios: int, generations: int, tested: int, population: int = 16
 ) -> pl.DataFrame:
-    """Search the best parameters of a rule on tuning scenarios; return the rule's results in the test scenarios."""
+    """Optimise the parameters of a rule on tuning scenarios; return the rule's results in test scenarios."""
     place, kind = Prior(*prior), RULES[rule]
     horizon = 1.2 if place.far < 0.5 else 6.0  # s, long enough for all rules
 
@@ -128,7 +127,7 @@ def by_prior(frame: pl.DataFrame) -> list[dict[str, Any]]:
 
 
 def priors_section(lines: Sequence[Mapping[str, Any]]) -> Section:
-    """Return the section on the value of knowing where objects stand."""
+    """Return the section on the value of known distances."""
     rows = [
         (
             line["prior"].words + (f" ({100 * line['missed']:.0f} % missed)" if line["missed"] > 0.01 else ""),

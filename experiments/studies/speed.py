@@ -20,10 +20,10 @@ from experiments.studies.solvers.approaches import Solution, named
 from experiments.studies.solvers.contenders import CAREFUL, JUDGES, OURS, PEER, power
 
 COMPARED = (1e-4, 1e-6, 1e-8, 1e-10)  # m/s in V_p, at which contenders are compared
-FINE = 1e-6  # m/s, the one of COMPARED that the answer quotes
+FINE = 1e-6  # m/s, the error in COMPARED for the study's answer
 RTOLS = tuple(float(f"1e-{k}") for k in range(3, 14))
 RIVALS = {CAREFUL: tuple(f"{CAREFUL} {method}" for method in contenders.METHODS), PEER: (PEER,)}
-"""Each rival with its contenders (SciPy: one for each method). A cell times a rival in turn with our solver."""
+"""Each rival with its contenders (SciPy: one for each method)."""
 LONGEST = 400.0  # s, limit of a cell, compilation included
 EDGES = (1e-16, 1e1)  # errors outside are drawn at the edge
 STYLES: dict[str, dict[str, Any]] = {
@@ -50,11 +50,7 @@ def cells_of_times(quick: bool, frames: Frames) -> Iterator[Cell]:
 
 
 def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row | None:
-    """Return the fastest row among settings that keep `error` (m/s in V_p).
-
-    A setting keeps it if V_p is within `error` there and at all finer settings. So an error that is small at one
-    setting by chance, because its sign changes there, does not count.
-    """
+    """Return the fastest row whose error of V_p is at most `error` (m/s), at its setting and at all finer settings."""
     keeps = (pl.col("velocity_error") <= error).fill_null(value=False).cast(pl.Int8).cum_min().over("contender") == 1
     kept = rows.filter(pl.col("contender").is_in(names)).sort("setting").filter(keeps).sort("microseconds")
     return kept.row(0, named=True) if kept.height else None
@@ -75,7 +71,7 @@ def ratios(times: pl.DataFrame, errors: Sequence[float] = COMPARED) -> pl.DataFr
 
 
 def answer(found: pl.DataFrame) -> str:
-    """Return in words where rivals are faster than impact_gym, and how the best rivals compare with it at FINE."""
+    """Return in words where rivals are faster than impact_gym, and the best rivals' times over ours at FINE."""
     known = found.filter(pl.col("ratio").is_not_null()).sort("ratio", maintain_order=True)
     faster = [
         f"{row['rival']} takes {row['ratio']:.2f} times as long as impact_gym on '{row['scene']}' at "

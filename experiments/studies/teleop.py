@@ -1,7 +1,8 @@
-"""Which assistance helps if the operator's commands arrive late? All are played at every coupling, delay and operator.
+"""Compares assistances for an operator whose commands arrive late, with several couplings, delays and operators.
 
-An operator steers towards an object over a channel with a delay. Their belief where the object is may be 5 cm off, and
-they stop one reaction time after they see the touch. An assistance at the arm senses the touch without delay.
+An operator steers towards an object over a channel with a delay. The place of the object that the operator assumes has
+an error of up to 5 cm. The operator stops one reaction time after the picture shows the touch. An assistance at the arm
+senses the touch without delay.
 """
 
 import base64
@@ -111,7 +112,7 @@ def words_of(row: Row) -> str:
 
 
 def duel(found: Sequence[Row]) -> str:
-    """Return in words in how many cells the policy costs clearly less or more than the brake, and the extreme cells."""
+    """Return in words in how many cells the policy costs clearly less or more than the brake, and the extremes."""
     ours, column = [row for row in found if row["contestant"] == POLICY], "brake_cost"
     less, more = (sum(sign * row[f"{column}_{end}"] > 0.0 for row in ours) for sign, end in ((1, "low"), (-1, "high")))
     share = 100.0 * sum(row[column] for row in ours) / sum(row["cost"] + row[column] for row in ours)
@@ -174,7 +175,7 @@ def answer(held_out: Sequence[Row]) -> str:
 
 
 def analyse(frames: Frames, _: bool) -> Findings:
-    """Compare the assistances with each other."""
+    """Compare the assistances."""
     found = table_of_cells(frames)
     held_out = [row for row in found if row["operator"] in HELD_OUT]
     trained = [row for row in found if row["operator"] not in HELD_OUT]

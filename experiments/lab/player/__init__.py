@@ -1,7 +1,6 @@
-"""Watch contestants side by side in the same scenario: films for a page that opens from disk.
+"""Slow-motion films of contestants side by side in the same scenario, for a page that opens from disk.
 
-`choose` selects scenarios, `films` plays them and thins their traces, `fragment` is the HTML of one set of films. A
-page needs `style` and `script` once, which all its films share.
+`choose` selects scenarios, `films` plays them and thins their traces, `fragment` returns the HTML of these films.
 """
 
 from pathlib import Path
@@ -21,7 +20,7 @@ SCRIPTS = ("svg.js", "chain.js", "loupe.js", "strips.js", "player.js")
 def fragment(films: dict[str, Any], name: str = "watch") -> str:
     """Return the HTML section of the result of `films`; `name` is its id, unique on the page.
 
-    The page needs `style` before the first section and `script` after the last. Nothing is loaded from elsewhere.
+    A page needs `style` once before its first section, and `script` once after its last section.
     """
     pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
     content = htmlsafe_json_dumps(films, separators=(",", ":"), allow_nan=False)
@@ -31,14 +30,11 @@ def fragment(films: dict[str, Any], name: str = "watch") -> str:
 
 
 def style() -> str:
-    """Return the CSS, with the colours of the palette as custom properties of the page."""
+    """Return the CSS, including the palette."""
     return f"{colours.css()}\n{(HERE / 'player.css').read_text()}"
 
 
 def script(*more: Path) -> str:
-    """Return the JavaScript, which defines globally only the element <slow-motion>.
-
-    Files in `more` can use its functions.
-    """
+    """Return the JavaScript with the files `more`; its only global name is the element <slow-motion>."""
     parts = "\n".join(part.read_text() for part in (*(HERE / name for name in SCRIPTS), *more))
     return f'(() => {{\n"use strict";\n{parts}\n}})();'

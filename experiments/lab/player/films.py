@@ -26,8 +26,7 @@ def thin(
 ) -> NDArray[np.int64]:
     """Return the rows to keep, in order: linear interpolation between them is within `coarse` times the allowed errors.
 
-    Rows are added by their error, the largest first, until all errors are allowed or MOST rows are kept. Begins and
-    ends of contacts are always kept.
+    At most MOST rows are kept, and always those at begins and ends of contacts.
     """
     depth = limits["depth"]
     penetration = columns["tool_position"] - columns["object_position"]
@@ -50,12 +49,9 @@ def thin(
 
 
 def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
-    """Return the numbers of the scenarios to show, by a phrase that says why; each scenario appears once.
+    """Return the numbers of the scenarios to show, each once, by a phrase with the reason.
 
-    If several scenarios fit a phrase equally well, the first is taken.
-
-    Raises:
-        ValueError: baseline and policy did not play the same scenarios.
+    ValueError: baseline and policy did not play the same scenarios.
     """
     ours, theirs = played_policy.scenario, played_baseline.scenario
     if any(not np.array_equal(ours[name], theirs[name]) for name in ours):
@@ -68,7 +64,7 @@ def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]
 
 
 def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, int]]:
-    """Yield the reason to show a scenario, and its number."""
+    """Yield reasons to show a scenario, and its number."""
     touched_by_both = ~(baseline.missed | policy.missed)
     touched = np.flatnonzero(touched_by_both) if touched_by_both.any() else np.arange(len(touched_by_both))
     ours, gain = policy.object_velocity, baseline.object_velocity - policy.object_velocity
@@ -142,9 +138,9 @@ class Run:
 
 
 def clock(runs: Sequence[Run], end: float, coarse: float = 1.0) -> list[list[float]]:
-    """Return [start (s), slow-motion factor] of each stretch of a film until `end` (s): the largest of all runs.
+    """Return [start (s), slow-motion factor] of each stretch of a film until `end` (s): the largest factor of all runs.
 
-    The factors are those of the environment's own films, read at each picture, or `coarse` times less often.
+    The factors are those of the environment's films, read at each picture, or at each `coarse`-th picture.
     """
     time, stretches = 0.0, list[list[float]]()
     while time < end:
@@ -160,14 +156,14 @@ def films(
     seed: int = TEST_SEED, frozen: EvaluationSet | None = None, environment: Mapping[str, Any] | None = None,
     time_weight: float = 2.0,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the content of `fragment`: per scenario the clock and the thinned traces of all contestants, as JSON.
+    """Return the argument of `fragment`: for each scenario the clock and the contestants' thinned traces, as JSON.
 
     Args:
-        contestants: by name, the baseline first.
-        numbers: scenario numbers by phrase, as `choose` returns.
-        played: results of `ScenarioBatch(...).play(...)` under the same names.
+        contestants: controllers by name, the baseline first.
+        numbers: scenario numbers by phrase, as `choose` returns them.
+        played: results of `ScenarioBatch.play` by the same names.
         seed: seed of scenario 0, if there is no `frozen` set.
-        frozen: the set from which the scenarios were taken, if they were not drawn.
+        frozen: the set that holds the scenarios; None: they were drawn.
         environment: arguments of the environment; a time weight in them is ignored.
         time_weight: m/s per s.
 
@@ -207,10 +203,7 @@ def play(
 
 
 def scene_of(runs: Mapping[str, Run], coarse: float = 1.0) -> dict[str, Any]:
-    """Return one scenario: its clock, the common scales of all panels, and the contestants' histories.
-
-    `coarse` above 1 allows larger errors of the histories, for a film that a reader waits for.
-    """
+    """Return one scenario: clock, common scales of all panels, and histories; `coarse` as in `thin`."""
     ends = [run.contacts[-1][1] + AFTER if run.contacts else run.history.now for run in runs.values()]
     end = round(max(ends), DECIMALS["time"])
     histories = {name: run.until(end) for name, run in runs.items()}

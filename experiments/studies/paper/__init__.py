@@ -1,4 +1,4 @@
-"""The study `paper`: computes the paper's figures by our model, and judges what the paper's text says of them.
+"""The study `paper`: computes the paper's figures with our model, and judges the paper's statements about them.
 
 Each section of the paper has a module. For each figure the module computes a table (figure_05) and the numbers that
 statements.toml names (_numbers_figure_05). A function _draw_figure_05 draws what statements.toml does not describe.

@@ -21,12 +21,12 @@ STIFFNESS = np.logspace(2, 8, 25)  # N/m^1.5
 RESTITUTIONS = np.round(np.arange(0.1, 1.001, 0.05), 2)
 MIDDLE_STIFFNESS, SMALL_RESTITUTION = 1e5, 0.1  # N/m^1.5, -: the value of one while the other varies
 NEVER = -1.0  # s, the value of `delay` in rows without a brake
-PERSON = 0.2  # s, simple reaction time of a person
+PERSON = 0.2  # s, reaction time of a person to one expected signal
 FROM_TOUCH = np.round(np.arange(0.002, 0.1001, 0.002), 3)  # s, from the touch to the start of braking
 MASSES = np.unique(np.append(np.geomspace(0.1, scenes.HEAVY_MASS, 41), OBJECT_MASS))  # kg
 SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # radius, as a multiple of that of the paper's object: k_c (N/m^1.5)
 CHANGES = np.linspace(0.9, 1.1, 9)  # factors of H and of the front stop
-ENOUGH = 40.0  # %, a reduction that counts as enough; 'about 50 %' to one digit would be 45 %
+ENOUGH = 40.0  # %, a reduction that counts as 'about 50 %'
 SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s
 CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s at constant speed in Fig. 23
 
@@ -79,7 +79,7 @@ def _numbers_beyond_delay(frame: pl.DataFrame) -> Numbers:
 
 
 def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
-    """Return how long after the touch (s) the contact force is above 1 N, and the coupling's has changed by 1 N."""
+    """Return when (s after the touch) the contact force first exceeds 1 N, and the coupling's force differs by 1 N."""
     outcome, trace = scenes.simulate_with_trace(approach, STEADY)
     time = trace.time - outcome.contacts[0].start
     change = np.abs(trace.coupling_force - np.interp(0.0, time, trace.coupling_force))
@@ -91,10 +91,7 @@ def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
 
 
 def beyond_detection() -> list[Row]:
-    """Simulate a grid of delays from touch to braking, and braking 16 ms after the touch is noticed.
-
-    A sensor on the tool notices it, or the robot itself. `Brake.delay` counts from when the contact force exceeds 1 N.
-    """
+    """Simulate a grid of delays from touch to braking, and braking 16 ms after tool or robot notices the touch."""
     rows: list[Row] = []
     for name, coupling in COUPLINGS.items():
         approach = scene(1e3, 0.1, coupling)
@@ -122,7 +119,7 @@ def _numbers_beyond_detection(frame: pl.DataFrame) -> Numbers:
 
 
 def beyond_objects() -> pl.DataFrame:
-    """Simulate the fixed tool, the mechanism, and all small CHANGES of the mechanism with which it holds the tool.
+    """Simulate the fixed tool, the mechanism, and all CHANGES of the mechanism with which it holds the tool.
 
     `as_it_is_less` and `changed_less` are the reductions from the V_p of the fixed tool (%).
     """
@@ -156,7 +153,6 @@ def _numbers_beyond_objects(frame: pl.DataFrame) -> Numbers:
 
 
 def _row(coupling: str, speed: float) -> Row:
-    """Simulate one approach at `speed` (m/s); return its row."""
     distance = speed**2 / (2.0 * MOTION.acceleration) + speed * CRUISE
     approach = scene(1e3, 0.1, COUPLINGS[coupling], distance=distance)
     outcome = ig.simulate(approach, replace(MOTION, speed=speed), duration=2.0)

@@ -1,4 +1,4 @@
-"""Tools for the figures: columns of a table, places where a count changes, runs with time histories, layouts."""
+"""Functions for the figures: columns of a table, changes of a count, runs with time histories, layouts."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise, product

@@ -1,9 +1,9 @@
 """Section 4, the tool on spring and damper.
 
 Fig. 16 and 18 show V_p against the stiffness of the coupling. If the number of contacts changes between two points of
-the grid, the change is enclosed by bisection, and both ends of the interval become points of the curve. A second curve
-shows approaches to an object so far ahead that the tool no longer swings at the touch. Fig. 17, 19 and 20 are runs at
-k_t = 150 N/m, zeta = 1.
+the grid, the change is enclosed by bisection, and the ends of the interval become points of the curve. A second curve
+is for an object so far ahead that the tool no longer swings at the touch. Fig. 17, 19 and 20 are runs at k_t = 150 N/m,
+zeta = 1.
 """
 
 from collections.abc import Mapping
@@ -35,7 +35,6 @@ INELASTIC = {"a": scene(1e5, RESTITUTION, SPRING), "b": scene(1e3, RESTITUTION, 
 def _point(
     k_t: float, k_c: float, restitution: float, zeta: float = 1.0, distance: float = DISTANCE, braked: bool = True
 ) -> Row:
-    """Simulate one approach; return its row."""
     approach = scene(k_c, restitution, ig.SpringDamper(k_t, zeta), distance=distance)
     outcome = ig.simulate(approach, MOTION if braked else STEADY, DURATION + distance / MOTION.speed)
     return {
@@ -88,7 +87,7 @@ def _rising_from(frame: pl.DataFrame) -> Array:
 
 
 def _places(holds: NDArray[np.bool_]) -> str:
-    """Return in words at how many values of k_t a condition holds, and the range of k_t in which it fails."""
+    """Return in words the number of values of k_t at which a condition holds, and the range of the other values."""
     broken = COUPLING_STIFFNESSES[~holds]
     where_not = f"; not at {broken.min():g} to {broken.max():g} N/m" if broken.size else ""
     return f"holds at {holds.sum()} of {holds.size} values of k_t{where_not}"
@@ -164,10 +163,9 @@ def _share_before_the_brake(run: Run) -> float:
 
 
 def _coupling(touching: ig.Trace) -> Numbers:
-    """Return what the coupling does during a contact, in numbers and words.
+    """Return numbers and words about the coupling during a contact.
 
-    `push`, `gain` and `slower` concern the time after the tool has become slower than the flange; at the touch the tool
-    is faster than the flange.
+    `push`, `gain` and `slower` are for the time after the tool has become slower than the flange.
     """
     behind = int(np.argmax(touching.tool_velocity < touching.flange_velocity))
     stretch = np.max(touching.tool_position - touching.flange_position)

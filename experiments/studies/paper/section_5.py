@@ -44,7 +44,7 @@ def figure_23() -> pl.DataFrame:
 
 
 def _slider(trace: ig.Trace) -> tuple[Array, float]:
-    """Return the slider's positions, measured from the alignment (m), and when it first passes the alignment (s)."""
+    """Return the slider's positions, measured from the alignment (m), and the time of its first passage (s)."""
     # at t = 0 the preload presses the slider slightly into its stop; the trace begins there
     start = MECHANISM.front_stop + float(MECHANISM.force(MECHANISM.front_stop)) / MECHANISM.stop_stiffness
     x = start + trace.tool_position - trace.flange_position

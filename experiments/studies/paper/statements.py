@@ -73,7 +73,7 @@ SAID = {
 
 
 def agreeing_digits(printed: str, ours: float) -> tuple[int, int]:
-    """Return to how many significant digits `ours` agrees with `printed`, and how many digits `printed` has."""
+    """Return the number of significant digits to which `ours` agrees with `printed`, and the digits of `printed`."""
     value = Decimal(printed)  # "5e1" is 50 with one significant digit
     count = len(value.as_tuple().digits)
     error = abs(Decimal(ours) - value)
@@ -87,11 +87,7 @@ def number(name: str, numbers: Numbers) -> Any:
 
 
 def holding(conditions: Iterable[str], numbers: Numbers) -> Verdict:
-    """Return AGREES if all conditions, such as "ratio >= 1.8" or "soft < middle", hold (for arrays, at every index).
-
-    Raises:
-        KeyError: a condition names an unknown number.
-    """
+    """Return AGREES if all conditions, such as "ratio >= 1.8" or "soft < middle", hold (for arrays, at every index)."""
     outcomes = []
     for name, sign, bound in map(str.split, conditions):
         limit = float(bound) if re.match(r"-?\d|inf$", bound) else number(bound, numbers)
@@ -112,15 +108,9 @@ def compared(said: Said, ours: float) -> tuple[Verdict, str, int]:
 
 
 def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) -> dict[str, Any]:
-    """Judge a statement about a figure, and return its row.
+    """Judge the statement `said` about a figure, and return its row; `others_agree`: whether those in `said.agree` do.
 
     For a trend `printed` and `digits` (the number of agreeing significant digits) are None.
-
-    Args:
-        figure: name of the figure.
-        said: the statement.
-        numbers: numbers that the conditions and format strings name.
-        others_agree: whether all statements in `said.agree` agree.
     """
     printed, unit, digits, rule, ours = None, "", None, said.rule, said.ours.format(**numbers)
     verdict = holding(said.holds, numbers) if others_agree else Verdict.DISAGREES
@@ -145,11 +135,9 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
 
 
 def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> pl.DataFrame:
-    """Judge all statements about the figures in `numbers`; return a row for each, as `judge` does.
+    """Judge the statements, by FIGURE.KEY, about the figures in `numbers`; return a row for each, as `judge` does.
 
-    Args:
-        numbers: numbers of each figure that was computed, by the figure's name.
-        statements: by FIGURE.KEY. A statement with `agree` is left out if a statement named there is not judged.
+    A statement with `agree` is left out if a statement named there is not judged.
     """
     found = dict[str, dict[str, Any]]()
     for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # statements with `agree` last

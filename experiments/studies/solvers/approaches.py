@@ -1,7 +1,6 @@
-"""The approaches of the studies `speed` and `stability`, six named ones and a random storm, and a solver's answer.
+"""The approaches of the studies `speed` and `stability`: six named ones, and the storm, random scenes.
 
-The storm covers the ranges in which the solver must work; their ends are extreme on purpose. Scene k of the storm
-depends on the number k alone.
+The storm covers the ranges in which the solver must work. Scene k of the storm depends on the number k alone.
 """
 
 import math
@@ -48,7 +47,7 @@ OTHERS = {
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
 ROUGH = 0.25  # probability of friction, of fixed damping, and of limited travel of a spring
 AT_AN_END = 0.05  # share of the draws from RANGES that are an end of the range
-AFTERMATH = 0.5  # s, duration of a run after the time by which the flange would reach the object
+AFTERMATH = 0.5  # s, duration of a run after the flange would reach the object
 
 
 @dataclass(frozen=True)
@@ -108,8 +107,8 @@ def approach_of(name: str) -> Approach:
 def named() -> tuple[Approach, ...]:
     """Return the six named approaches."""
     soft, spring = ig.SpringDamper(50.0), ig.SpringDamper(150.0)
-    # the paper's Fig. 23 a little below its threshold speed, above which the slider passes its alignment and stays
-    # behind it; the threshold is between 0.9772 and 0.9773 m/s, with the object placed as in the study `paper`
+    # Fig. 23 just below the speed, between 0.9772 and 0.9773 m/s, from which on the slider stays behind its alignment;
+    # the object is placed as in the study `paper`
     speed = 0.9772  # m/s
     at_threshold = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))
@@ -154,7 +153,7 @@ class _Draw:
         return [self.value(f"robot {name}") for name in ("mass", "stiffness", "damping")]
 
     def robot_table(self, distance: float) -> ig.RobotTable:
-        """Draw the shipped robot, or one that varies along the way to the object by up to a factor of two."""
+        """Draw the shipped robot, or one whose parameters vary by up to a factor of two along the way to the object."""
         if self.share(0, 1) < 0.25:
             return default_approach().robot_table()
         way = np.linspace(0.0, 1.0, 6)

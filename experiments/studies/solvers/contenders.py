@@ -1,8 +1,4 @@
-"""The contenders: all solvers that compute an approach, their answers and errors, and their times.
-
-Times are processor times of the single thread that each contender uses. Other work on the machine lengthens a long
-call, such as SciPy's, more than the best of many short calls.
-"""
+"""The contenders: all solvers that compute an approach, their answers, errors and processor times (one thread)."""
 
 import math
 import signal
@@ -26,7 +22,7 @@ MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wr
 TOO_WRONG = 1e-2  # m/s in V_p: an answer with a larger error is a failure
 TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, which gives the truth, and of Radau, which is compared with it
 LEAST, MOST_CALLS = 5e-3, 10_000  # least duration of a timing (s), so that the clock is exact enough; most calls in it
-SLOW = 0.2  # s: if a call takes longer, it is timed in the first round only
+SLOW = 0.2  # s; longer calls are timed only in the first round
 
 
 def power(value: float) -> str:
@@ -35,7 +31,7 @@ def power(value: float) -> str:
 
 
 def failure(solution: Solution, truth: Solution, allowed: float) -> str:
-    """Return why a solution is wrong, or '' if V_p is within `allowed` (m/s) and all events are counted right."""
+    """Return why a solution is wrong; "": V_p is within `allowed` (m/s) of the truth, and the counts are equal."""
     if not math.isfinite(solution.velocity):
         return NOT_FINITE
     if not abs(solution.velocity - truth.velocity) <= allowed:
@@ -45,7 +41,7 @@ def failure(solution: Solution, truth: Solution, allowed: float) -> str:
 
 
 def true_row(approach: str) -> list[Row]:
-    """Return the reference solution of a named approach (DOP853), and how far Radau's solution is from it."""
+    """Return the reference solution of a named approach (DOP853), and its difference from Radau's solution."""
     found = approach_of(approach)
     best, second = (
         Solution.of(reference.simulate(*found.run, rtol=rtol, method=method), found.duration)
@@ -64,7 +60,7 @@ def limited(seconds: float) -> Iterator[None]:
         raise TimeoutError
 
     before = signal.signal(signal.SIGPROF, late)
-    # repeated every 0.01 s, as an error that is raised in a destructor is lost
+    # repeated every 0.01 s, because an error that is raised in a destructor is lost
     signal.setitimer(signal.ITIMER_PROF, seconds, 0.01)
     try:
         yield
@@ -105,7 +101,7 @@ def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Ro
         calls = 1
         while seconds < LEAST and calls < MOST_CALLS:
             seconds, calls = seconds + solved(approach, name, setting)[1], calls + 1
-    except Exception as problem:  # any error: that a contender fails is a result here
+    except Exception as problem:  # a contender's failure is a result
         reason = f"{GAVE_UP}: {type(problem).__name__}: {problem}".replace("\n", " ")
         return {"microseconds": math.inf, "failure": reason}
     counts = {name: getattr(solution, name) for name in ("contacts", "passes", "steps")}
@@ -114,10 +110,7 @@ def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Ro
 
 
 def timed(approach: str, truth: Mapping[str, Any], settings: Sequence[tuple[str, float]], rounds: int) -> list[Row]:
-    """Return a row for each setting (contender, tolerance) on a named approach: the best of some rounds.
-
-    In each round all settings are timed in turn.
-    """
+    """Return a row for each setting (contender, tolerance) on a named approach: the shortest time of some rounds."""
     found, true = approach_of(approach), Solution(**truth)
     solved(found, OURS, 1e-8)  # a first call, which loads modules and tables, before anything is timed
     rows: dict[tuple[str, float], Row] = {}

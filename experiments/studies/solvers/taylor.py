@@ -3,9 +3,8 @@
 A contact is integrated in its own scales delta0 = (M v_in^2/k_c)^0.4, v_in and t0 = delta0/v_in. As in our solver, the
 penetration is replaced by its square root s, and the time by sigma with dt = t0 s dsigma. Hertz' law is a polynomial in
 s, so methods of high order keep their order from onset to separation. Flight is integrated in SI units, with the
-penetration itself. Whatever ends a smooth piece is a terminal event: onset and separation, a change of the flange's
-acceleration, the alarm, the peak of the force, the instant at which the force is clamped at zero, a stop that begins or
-ceases to push, the slider's alignment.
+penetration itself. The terminal events are onset and separation, a change of the flange's acceleration, the alarm, the
+peak of the force, the begin or end of the clamping at zero, the begin or end of a stop's push, the slider's alignment.
 """
 
 import math
@@ -21,8 +20,8 @@ from experiments.studies.solvers.approaches import Solution
 LAW = ("m_t", "m_p", "k_c", "d", "k_t", "c_t", "L0", "H", "x0", "front", "rear", "k_s", "c_s")
 PARAMETERS = (*LAW, "a", "cut", "alarm", "length", "speed", "pressed", "front_on", "rear_on")
 STATE = ("s", "w", "v", "tau", "y", "q")
-FOREVER = 1e6  # limit of a contact in its own units; an event ends it before
-BESIDE = 1e-20  # penetration at which a piece begins: an event at exactly zero might be missed
+FOREVER = 1e6  # time limit of a contact in its own units, which no contact reaches
+BESIDE = 1e-20  # penetration at which a piece begins, because an event at exactly zero might be missed
 ROUNDING = 1e-12  # m, rounding of the slider's position
 
 

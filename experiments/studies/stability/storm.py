@@ -5,10 +5,10 @@ force, the contact force is F = M (a - delta''), so the contact takes from the b
 
     integral of F d(delta) = (M v_in^2 - M v_out^2) / 2 + M integral of a d(delta)
 
-This must not be negative: a finished contact has returned less than it took, and an unfinished one still stores some.
+This must not be negative: a finished contact has returned less than it took, and an unfinished contact stores energy.
 The first term is known to rounding from a `ContactRecord`. The second is a sum over the points of a `Trace`. There M a
 follows from the velocities at two points and from friction, so that a may jump. The doubt of the sum is its change when
-every second point is left out. If the tool is fixed to a robot whose mass varies, M varies, too.
+every second point is left out. M varies if the tool is fixed to a robot whose mass varies.
 
 Friction decelerates the object by at most mu g: the contact's impulse may exceed the object's gain in momentum by the
 impulse of friction.
@@ -31,10 +31,10 @@ from experiments.studies.solvers.contenders import limited
 from impact_gym.physics.impact import GRAVITY
 
 NEVER = 1e6  # s, stands for the end of an unfinished contact
-AGAIN_OVER = 20.0  # ms: a longer run is repeated, so that what is loaded at first use does not count
+AGAIN_OVER = 20.0  # ms; a longer run is repeated, because a first run also loads modules and tables
 LONGEST_TRACE = 50_000  # steps; a longer trace would fill the memory
 FINER = 1e-10  # rtol of a second run of each scene with a trace
-STIFF = 20.0  # d, above which the independent solver tries an implicit method first
+STIFF = 20.0  # d above which the independent solver begins with the implicit method
 TRUE_RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
 CHECKS = ("momentum_error", "impulse_error", "energy_created", "energy_doubt", "pull")
 """The worst values of a run, each without unit; all zero if there was no contact.
@@ -54,7 +54,7 @@ def run(approach: Approach, rtol: float = 1e-8) -> tuple[ig.Outcome | None, str,
     begun, outcome, problem = thread_time(), None, ""
     try:
         outcome = ig.simulate(*approach.run, rtol)
-    except Exception as error:  # a failure is a result here
+    except Exception as error:  # a failure is a result
         problem = f"{type(error).__name__}: {error}".replace("\n", " ")
     return outcome, problem, 1e3 * (thread_time() - begun)
 
@@ -79,14 +79,14 @@ def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate
 
 
 def storm_row(number: int) -> list[Row]:
-    """Return the row of a scene, by its number."""
+    """Return the row of scene `number`."""
     return [row_of(storm(number))]
 
 
 def truth_row(number: int, patience: float) -> list[Row]:
-    """Return the independent solver's answer for a scene of the storm; each method has `patience` seconds.
+    """Return the independent solver's answer for scene `number`; each method has `patience` (s of processor time).
 
-    A stiff scene is tried by Radau first, any other by DOP853; if one fails, the other is tried.
+    The first method is Radau for a stiff scene, DOP853 for another; if it fails, the other method follows.
     """
     approach = storm(number)
     law = approach.scene.contact
