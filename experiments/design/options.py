@@ -36,8 +36,8 @@ class DesignOptions:
     setup: tyro.conf.Positional[str]
     """Name of a shipped set-up, or file of a set-up."""
     free: tuple[str, ...]
-    """NAME=LOW:HIGH for each number that the search may change, such as coupling.stiffness=10:300. NAME is tool_mass or
-    a number of the coupling."""
+    """NAME=LOW:HIGH for each number that the search may change, such as coupling.stiffness=10:300. NAME is tool_mass,
+    or coupling. and the name of a parameter of the coupling."""
     out: Path
     """Folder for all results. It also keeps finished searches. After an interruption, repeat the command to
     continue."""
