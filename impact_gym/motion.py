@@ -49,7 +49,7 @@ class Trapezoid(Parameters, path="motion"):
 
 @dataclass(frozen=True, slots=True)
 class Motion(Parameters, path="motion"):
-    """A motion from rest by points: the velocity is linear between the points, and the last velocity is held."""
+    """A motion from rest through given velocities at given times, linear between them; the last velocity is held."""
 
     times: Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e12)]  # rising from 0
     velocities: Annotated[tuple[float, ...], SI("m/s", at_least=-1e9, at_most=1e9)]  # one for each time; the first is 0

@@ -49,7 +49,7 @@ class Trace(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """Result of one approach; the velocities are those at the time `duration`, the end of the run."""
+    """Result of one approach; the velocities are those at the end of the run, at the time `duration`."""
 
     object_velocity: float  # m/s
     tool_velocity: float  # m/s

@@ -51,7 +51,7 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     ## Rewards
     `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`. In each step the first number is -T (s), the time that is
     charged. In the last step of an episode the second number is -V_p or -`missed_cost` (m/s), and with a `force_weight`
-    the third is -(largest contact force) (N). With an operator T runs until the task is done.
+    the third is -(largest contact force) (N). With an operator, time is charged until the task is done.
     The sum of an episode's rewards is at least `reference_point`, (reward_dim,): -horizon, -`missed_cost` and -inf.
 
     ## Version History

@@ -34,7 +34,7 @@ class Identified:
 
     estimate: Mapping[str, float]
     interval: Mapping[str, Interval]  # 95 % confidence if `warnings` is empty; an end 0 or inf: unlimited on that side
-    correlation: Array  # (k, k), correlations of the estimates (of their coordinates, see `model`), in the same order
+    correlation: Array  # (k, k), correlations of the coordinates (see `model`), in the order of `estimate`
     scene: Scene  # the given scene with the estimates
     indistinguishable: tuple[str, ...]  # sentences on what the log cannot determine
     warnings: tuple[str, ...]  # signs that the model does not fit the log; each one was also given as a UserWarning

@@ -128,7 +128,7 @@ def start_at(model: Model, point: Array, share: float) -> Point:
 
 
 def _align(model: Model, scene: Scene, log: Log, trace: Trace, share: float) -> tuple[float, float, dict[str, float]]:
-    """Shift a simulated motion along a log; return least misfit, the motion's start minus the log's (s), and biases."""
+    """Shift a simulated motion along a log; return least misfit, delay of the motion's start (s), and biases."""
     step, n = log.step, len(log.time)
     touch = trace.time[np.argmax(trace.contact_force > 0.0)] if np.any(trace.contact_force > 0.0) else np.inf
     last = min(trace.time[-1], touch + 2.0 * n * step)

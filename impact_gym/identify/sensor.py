@@ -97,7 +97,7 @@ class Sensor(Parameters):
         return value, slope
 
     def _lags(self) -> list[tuple[complex, complex]]:
-        """Return (weight, rate in 1/s) of first-order lags; load cell and filter: real part of their weighted sum."""
+        """Return first-order lags (weight, rate in 1/s); load cell and filter are the real part of their sum."""
         slow = 2.0 * np.pi * self.low_pass if self.low_pass else None
         if self.cell is None:
             return [(1.0, slow)] if slow else []

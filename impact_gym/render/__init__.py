@@ -45,7 +45,7 @@ class Renderer:
         self._ended = False
 
     def render(self, history: History) -> Frame | list[Frame] | None:
-        """Return what the environment's `render` must return for the episode so far, see Rendering there."""
+        """Return what `ImpactApproachEnv.render` returns for the episode so far."""
         if self._mode == "rgb_array":
             return self.draw(history, history.now, 1.0 / (self._rate * history.task.control_period)).pixels()
         newly_ended, self._ended = history.ended and not self._ended, history.ended
@@ -111,7 +111,7 @@ class Renderer:
 
 
 def _head(canvas: Canvas, history: History, state: State, factor: float) -> None:
-    """Write the object's velocity, or after the end the result, in large letters; and time, slow motion and alarm."""
+    """Write the object's velocity (after the end: the result), the time, the slow motion and the state of the alarm."""
     over = history.ended and state.time >= history.now
     canvas.text(verdict(history) if over else f"object {state.object_velocity:.2f} m/s", (14.0, 34.0), 58)
     pace = f"{round(factor, 1):g} x slower" if factor > 1.0 else f"{1.0 / factor:.2g} x faster"

@@ -21,7 +21,7 @@ LARGEST_FACTOR = 1024  # largest factor
 SMALLEST_FACTOR = 0.25  # smallest factor, faster than real time, for a long simulation after the episode's end
 FRAMES_PER_IMPACT = 16  # number of frames in the time of an elastic Hertz impact of the bodies
 FRAMES_PER_FOLD = 6  # number of frames while the time to the touch, or since the touch, changes by a factor e
-SETTLING_FRAMES = 45  # most frames for the simulation after the episode's end, without impacts
+SETTLING_FRAMES = 45  # most frames for the simulation after the episode's end, not counting impacts
 SLOWEST_IMPACT = 1e-3  # m/s, for slower impacts the factor is that of this speed
 
 
@@ -65,7 +65,7 @@ class History:
             ended: whether the episode has terminated, so that the trace contains the settling.
         """
         self.info, self.events, self.ended = info, events, ended
-        if ended and events.alarm > events.end:  # of a contact while settling: the controller never sees this alarm
+        if ended and events.alarm > events.end:  # an alarm after the last control step does not reach the controller
             self.events = events._replace(alarm=math.inf)
         self.task = task = task.at(info["record"])
         at_rest = {name: 0.0 for name in State._fields} | {"object_position": info["scenario"]["distance"]}

@@ -16,7 +16,7 @@ LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # least allowed values of a body, kg an
 LARGEST_GYRATION = 3.0
 """m, largest radius of gyration of a body, unless the arm's reach is larger; it detects inertia given in kg mm^2."""
 ROUNDING = 1e-6
-"""The largest moment of inertia may exceed the sum of the two others by this part, as files have about six digits."""
+"""The largest moment of inertia may exceed the sum of the two others by this fraction: files have about six digits."""
 
 
 class Body(NamedTuple):

@@ -132,7 +132,7 @@ def _only(of: Element | None, tag: str, name: str) -> Element | None:
 
 
 def _downwards(links: Collection[str], elements: Mapping[str, Element]) -> list[Joint]:
-    """Return the joints, sorted so that each one follows all joints above it."""
+    """Return the joints, sorted so that each joint comes after all joints above it."""
     above: dict[str, Joint] = {}  # for each link the joint on which it hangs
     for name, element in elements.items():
         ends = [_only(element, side, name) for side in ("parent", "child")]

@@ -170,7 +170,7 @@ class Task:
         return Task(**arguments)
 
     def _parts(self, name: str) -> dict[str, Any]:
-        """Return the numbers of the record in the argument `name`; if a mapping was given, the numbers as given."""
+        """Return the numbers of the object in the argument `name`; the numbers of a given mapping are not converted."""
         given = self._given.get(name)
         parts = asdict(getattr(self, name)) | (dict(given) if isinstance(given, Mapping) else {})
         return {part: value for part, value in parts.items() if part != "type" and value is not None}
