@@ -61,11 +61,14 @@ def rescore(
 ) -> dict[str, NDArray[Any]]:
     """Play the scenarios `numbers` of a frozen set in one batch, as `ScenarioBatch` does.
 
-    Returns an array (numbers,) for each field of `Outcome`; ValueError: an option is not supported.
+    Returns an array (numbers,) for each field of `Outcome`; ValueError: an option is not supported, or the
+    set does not have a scenario.
     """
     task, scenarios = task_of(options), evaluation_sets.load(frozen)
     episodes = []
     for k in numbers:
+        if not 0 <= k < scenarios.count:
+            raise ValueError(f"numbers must be scenarios of the set, 0 to {scenarios.count - 1}, got {k}")
         scenario = {name: float(scenarios.scenario[name][k]) for name in FIELDS}
         uniforms = first_uniforms(scenarios.seed + k, 1)[0]
         normal = sqrt(-2 * log1p(-uniforms[5])) * cos(2 * pi * uniforms[6])  # Box and Muller
@@ -81,7 +84,9 @@ def task_of(options: Mapping[str, Any]) -> Task:
     if other:
         raise ValueError(f"the reference does not support the options {other}; it supports {list(SERVED)}")
     task = Task(**options)
-    if isinstance(task.reaction_delay, tuple) or task.drawn:
+    if isinstance(task.reaction_delay, tuple):
+        raise ValueError(f"the reference supports a number as reaction_delay, not a range, got {task.reaction_delay}")
+    if task.drawn:
         raise ValueError(f"the reference supports fixed numbers, not ranges, got ranges of {list(task.drawn)}")
     return task
 
