@@ -60,7 +60,7 @@ def test_returned_arrays_are_never_written_again(kind):
 
 
 ROOT = Path(__file__).parents[2]
-ALGORITHMS = [("ppo", 256, 163_840), ("sac", 128, 4200), ("td3", 64, 4200), ("tqc", 128, 4200), ("crossq", 32, 4200)]
+ALGORITHMS = [("ppo", 256, 163_840), ("sac", 128, 4200), ("td3", 64, 4200), ("tqc", 64, 4200), ("crossq", 32, 4200)]
 
 
 @pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, reason="rl_zoo3 is not installed")
