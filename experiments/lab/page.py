@@ -36,21 +36,20 @@ MACROS: Mapping[type, str] = {
 """Macros of lab/parts.html.jinja, by the type of a section's part."""
 
 
-def write(folder: Path, template: str, macros: Mapping[type, str] | None = None, **content: Any) -> Path:
+def write(folder: Path, template: str, **content: Any) -> Path:
     """Write `folder`/index.html from a template below experiments/; return its path.
 
     The template can use the filter `typeset`, `image(name)` (the content of `folder`/NAME.svg as a URI) and
     `macro_name(part)` (the macro that shows a part of a section). In `content`, `runs` are records of
     `experiments.lab.results.recorded_run`.
     """
-    macro_names = {**MACROS, **(macros or {})}
 
     def image(figure: str) -> str:
         return "data:image/svg+xml;base64," + base64.b64encode((folder / f"{figure}.svg").read_bytes()).decode()
 
     pages = Environment(loader=FileSystemLoader(EXPERIMENTS), autoescape=True, undefined=StrictUndefined)
     pages.filters["typeset"] = typeset
-    pages.globals |= {"image": image, "macro_name": lambda part: macro_names[type(part)], "player": player}
+    pages.globals |= {"image": image, "macro_name": lambda part: MACROS[type(part)], "player": player}
     text = pages.get_template(template).render(**content)
     return write_file(folder / "index.html", text.encode(errors="replace"))
 

@@ -90,13 +90,13 @@ def table(result: Choice, played: Played) -> Table:
     for each in sorted((*matchup.baselines, matchup.policy), key=simplicity):
         means, above = runs[each.name].means(weight), result.above.get(each.name)
         cost = estimate(played.resamples.means(runs[each.name].loss(weight)))
-        beside = "the one to take" if above is None else f"{percent(above)} above"
-        numbers = f"{cost:.4f}", beside, f"{means['V']:.4f}", f"{means['T']:.4f}", str(means["missed"])
+        compared = "best choice" if above is None else f"{percent(above)} above"
+        numbers = f"{cost:.4f}", compared, f"{means['V']:.4f}", f"{means['T']:.4f}", str(means["missed"])
         rows.append((matchup.labels[each.name], *numbers))
-    head = ("controller", f"V_p + {weight:g} T (m/s)", "beside the one to take", "V_p (m/s)", "T (s)", "missed")
+    head = ("controller", f"V_p + {weight:g} T (m/s)", "against the best choice", "V_p (m/s)", "T (s)", "missed")
     drawn = played.choosing[result.controller]["missed"].shape[1]
     caption = (
-        f"The controller to take was chosen on {drawn:,} other scenarios: the simplest of those whose costs cannot be "
+        f"The best choice was made on {drawn:,} other scenarios: the simplest of those whose costs cannot be "
         f"told apart. The numbers are of these {played.count:,} scenarios, with the median seed's policy and 95 % "
         "intervals over scenarios"
     )

@@ -12,7 +12,7 @@ import pytest
 from episodes import ID, PAPERS_SPRING, Always, encode, play, scenes_of
 
 import impact_gym as ig
-from agents.baselines import PaperTrapezoid
+from agents.baselines import ConstantDeceleration, PaperTrapezoid
 from agents.evaluate.scenario_batch import ScenarioBatch
 from experiments.reference import task as slow
 from impact_gym.envs.single import ImpactApproachEnv
@@ -140,3 +140,14 @@ def test_trace_that_is_not_recorded_or_too_long_is_refused(options, message):
     play(env, Always(0.0, 20.0))
     with pytest.raises(RuntimeError, match=message):
         env.unwrapped.trace()
+
+
+def test_baseline_commands_the_same_motion_on_an_arm_of_other_ranges():
+    scenario = {"object_mass": 0.5, "contact_stiffness": 3e4, "restitution": 0.4, "distance": 0.3}
+    results = []
+    for options in ({}, {"velocity_range": (-1.0, 2.0), "acceleration_range": (0.5, 20.0)}):
+        rule = ConstantDeceleration([parameter.start for parameter in ConstantDeceleration.PARAMETERS])
+        env = gym.make(ID, **options)
+        info = play(env, rule.for_task(env.unwrapped.task), scenario=scenario).info
+        results.append([info["object_velocity"], info["approach_time"], info["peak_force"]])
+    assert results[0] == pytest.approx(results[1], rel=1e-4)  # actions and observations are of single precision

@@ -8,7 +8,7 @@ import pytest
 from episodes import scene
 from refusals import refused
 from scenes import log_uniform
-from steered import AWAY, GENTLE, ID, OWN, STOP, final, played, steered
+from steered import AWAY, GENTLE, ID, OWN, STOP, final, played, sent, steered
 from tasks import CHANNEL, STEERED_DRAWN
 
 import impact_gym as ig
@@ -17,6 +17,7 @@ from impact_gym.envs.batch import Batch
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.quantities import STEERED
 from impact_gym.task import Task
+from impact_gym.teleop.operators import SIMPLE_REACTION
 
 COUPLINGS = (ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable())
 
@@ -221,3 +222,13 @@ def test_observations_depend_on_the_object_only_through_the_belief_of_the_operat
     for _ in range(60):
         batch.step(np.array([OWN, OWN]), batch.ended)
         assert batch.observations[0].tolist() == pytest.approx(batch.observations[1].tolist(), abs=1e-6)
+
+
+def test_operator_stops_a_reaction_after_the_display_has_shown_the_touch():
+    options = {"uplink": {"delay": 0.05}, "downlink": {"delay": 0.12}, "scenario": {"distance": 0.3}}
+    batch = steered(ig.operators.Trapezoid(0.4), **options)
+    packets = sent(batch, OWN)[0]
+    stop, info = packets[packets["command"] == 0.0][0], batch.info()
+    assert stop["sent"] == pytest.approx(info["touch_time"][0] + 0.12 + SIMPLE_REACTION, abs=1e-12)
+    done = stop["sent"] + 0.05 + 0.3
+    assert info["done_time"][0] < done + 0.016 + 1e-9  # earlier if the tool was beside the object

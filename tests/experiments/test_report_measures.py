@@ -53,7 +53,7 @@ def test_choice_is_made_on_scenarios_of_its_own_and_judged_on_those_of_the_repor
     assert found.below_rule.value == pytest.approx(1.0 - losses["seed-0"].mean() / losses[PAPER].mean())
     assert found.above["profile"].value == pytest.approx(losses["profile"].mean() / losses["seed-0"].mean() - 1.0)
     assert f"learned policy. It costs V_p + 2 T = {losses['seed-0'].mean():.3f} m/s" in found.sentence
-    assert [row[2] == "the one to take" for row in choice.table(found, results).rows] == [False, False, False, True]
+    assert [row[2] == "best choice" for row in choice.table(found, results).rows] == [False, False, False, True]
     results.choosing["seed-0"] = results.choosing["profile"]  # no better where the choice is made
     assert choice.choice(results).controller == "profile"
     results.choosing = dict.fromkeys(results.choosing, results.paper)

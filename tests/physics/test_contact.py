@@ -206,3 +206,15 @@ def test_delivered_linear_is_the_velocity_at_which_the_force_of_an_oscillator_be
         root = mpmath.sqrt(1 - z * z)  # imaginary above critical damping
         e = mpmath.exp(-2 * z * mpmath.acos(z) / root).real if zeta != 1.0 else mpmath.exp(-2)
     assert dissipation.delivered_linear(2.0 * zeta) == pytest.approx(float(e), rel=1e-9)
+
+
+SHARES = {"hunt-crossley": 1, "lankarani-nikravesh": 1, "herbert-mcwhannell": 1, "hu-guo": 1, "exact": 1}
+SHARES |= {"gonthier": 4 / 3, "flores": 16 / 15}
+"""(2/3) d / (1 - e) for e near 1, by hand, from the formula for d in the source."""
+
+
+def test_law_near_e_1_has_the_loss_that_follows_from_its_formula():
+    assert SHARES.keys() - {"exact"} == dissipation.PUBLISHED.keys() == CLOSURES.keys()
+    for law, share in SHARES.items():  # where d is small, e_eff = 1 - 2/3 d
+        lost = 1.0 - ig.effective_restitution(law, 1.0 - 1e-7)
+        assert lost / 1e-7 == pytest.approx(share, rel=1e-6), law

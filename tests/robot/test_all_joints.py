@@ -161,3 +161,10 @@ def test_advise_compares_one_mass_with_all_joints_and_names_the_cheapest(tmp_pat
     assert advice.model.bound <= 0.05
     assert advice.model is not advice.tried[0]
     assert ig.advise(SCENE, PAPERS, 1e-9, duration=0.3, arm=(arm, approach)).model.name == "all joints"
+
+
+def test_advise_finds_that_two_slides_are_one_mass_on_a_spring(tmp_path):
+    advice = ig.advise(SCENE, PAPERS, 1e-5, duration=0.4, arm=sliding(tmp_path))
+    off = {model.name: model.bound for model in advice.tried}
+    assert advice.model.name.startswith("robot one mass")
+    assert max(error for name, error in off.items() if name.startswith("robot one mass")) < 1e-6 < off["robot rigid"]

@@ -1,4 +1,4 @@
-"""Events found on the integrator's polynomial: peak force, alarm, separation.
+"""Events found on the integrator's polynomial: peak force, alarm, clamp, separation.
 
 Each is compared with a closed form, to the tolerance that was asked for.
 """
@@ -51,6 +51,9 @@ class Elastic:
         return ig.simulate(elastic, motion, self.start + 2 * self.duration, rtol)
 
 
+LINEAR = {"dissipation": "exact", "stiffness_exponent": 1.0, "damping_exponent": 0.0}
+
+
 class Oscillator:
     """A linear contact, x'' + 2 zeta x' + x = 0 from x = 0, x' = 1, in its own units of time and force.
 
@@ -80,8 +83,12 @@ class Oscillator:
     def derivative(self, n, t):
         return (np.exp(-self.zeta * t) * np.sin(self.w * t + n * (0.5 * math.pi + self.phi)) / self.w).real
 
-    def force(self, t):
-        return -self.derivative(2, t)
+    def force(self, t, push=0.0):
+        """Contact force in the motion x'' + 2 zeta x' + x = push."""
+        return push - self.derivative(2, t) - push * self.derivative(1, t)
+
+    def growth(self, t, push):
+        return -self.derivative(3, t) - push * self.derivative(2, t)
 
     def rises_to(self, force):
         """Time (s) from the onset until the contact has this force (N)."""
@@ -89,11 +96,10 @@ class Oscillator:
             return 0.0 if force < self.peak else self.summit * self.second
         return brentq(lambda t: self.force(t) - force / self.newton, 0.0, self.summit, xtol=1e-15) * self.second
 
-    def run(self, threshold, rtol):
-        law = {"dissipation": "exact", "stiffness_exponent": 1.0, "damping_exponent": 0.0}
-        linear = scene(self.stiffness, self.restitution, m_p=self.mass, distance=0.2, **law)
+    def run(self, threshold, rtol, **options):
+        linear = scene(self.stiffness, self.restitution, m_p=self.mass, distance=0.2, **LINEAR)
         motion = ig.Trapezoid(self.speed, 10.0, ig.Brake(threshold, delay=1.0))
-        return ig.simulate(linear, motion, self.start + 2 * self.duration, rtol)
+        return ig.simulate(linear, motion, self.start + 2 * self.duration, rtol, **options)
 
 
 @EVERY_TOLERANCE
@@ -130,3 +136,31 @@ def test_alarm_comes_for_a_threshold_just_below_the_peak_and_not_just_above(rtol
         assert abs(below.detection_time - case.start - 0.5 * case.duration) < case.duration * margin**0.5
         # the two runs differ in the alarm alone, not in the motion
         assert below.peak_force == pytest.approx(above.peak_force, rel=2 * rtol)
+
+
+@EVERY_TOLERANCE
+@pytest.mark.parametrize("share", [0.0, 0.99])  # of the force at the onset
+def test_linear_contact_raises_the_alarm_at_once_and_has_the_force_of_the_oscillator_until_its_clamp(share, rtol):
+    for seed in range(100):
+        case = Oscillator(seed)
+        outcome = case.run(share * case.least, rtol, trace=True)
+        (contact,), trace = outcome.contacts, outcome.trace
+        assert outcome.detection_time == contact.start
+        time = (trace.time - contact.start) / case.second
+        touching = (time > 0.0) & (time < case.clamped)
+        expected = case.newton * case.force(time[touching])
+        assert trace.contact_force[touching] == pytest.approx(expected, abs=(rtol + 1e-9) * contact.peak_force)
+        assert np.all(trace.contact_force >= 0.0)
+
+
+@EVERY_TOLERANCE
+def test_peak_of_a_linear_contact_under_a_push_is_that_of_the_oscillator(rtol):
+    # with damping alone the force would fall from the onset; here the flange still accelerates, so the force rises
+    for seed in range(50):
+        case, random = Oscillator(seed, zeta=(0.5, 1.2)), np.random.default_rng([15, seed])
+        push = 2 * case.zeta - (1 - 10 ** random.uniform(-3, -0.3)) / (2 * case.zeta)  # the slope at the onset
+        speed, peak_at = 20.0 * case.second / push, brentq(case.growth, 0.0, 2.0, (push,), xtol=1e-15)
+        linear = scene(case.stiffness, case.restitution, m_p=case.mass, distance=speed**2 / (2 * 20.0), **LINEAR)
+        (contact,) = ig.simulate(linear, ig.Trapezoid(1e3, 20.0), (1 / push + 2) * case.second, rtol).contacts
+        newton = math.sqrt(case.mass * case.stiffness) * speed
+        assert contact.peak_force == pytest.approx(case.force(peak_at, push) * newton, rel=rtol)

@@ -63,7 +63,8 @@ def failures(rows: pl.DataFrame) -> pl.DataFrame:
 def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
     """Return the storm's rows that the independent solver solved; `apart`: the solutions do not agree."""
     true = {f"true_{name}": name for name in ("velocity", "contacts", "passes")}
-    known = truths.filter(FINISHED).select("scene", **true)
+    empty = pl.DataFrame(schema=dict.fromkeys(true.values(), pl.Float64))  # if no truth is known, columns are missing
+    known = pl.concat([truths.filter(FINISHED), empty], how="diagonal_relaxed").select("scene", **true)
     size = pl.max_horizontal(pl.col("true_velocity").abs(), 1e-6 * pl.col("speed"))  # V_p = 0: only rounding is left
     error = (pl.col("object_velocity") - pl.col("true_velocity")).abs() / size
     alike = (pl.col("velocity_error") <= AGREEMENT) & (pl.col("passes") == pl.col("true_passes"))
