@@ -64,8 +64,8 @@ def failed_trials(edits, folder, processes):
     for edit in edits:
         by_file.setdefault(edit.file, []).append(edit)
     tests = {file: list(TESTS[max(filter(file.startswith, TESTS), key=len)]) for file in by_file}
-    for each in {tuple(each) for each in tests.values()}:
-        cached(trial, [vars(Edit()) | {"tests": list(each)}], depends=digest(sources), title="unedited", **options)
+    unedited = [vars(Edit()) | {"tests": each} for each in map(list, dict.fromkeys(map(tuple, tests.values())))]
+    cached(trial, unedited, depends=digest(sources), title="unedited", **options)
     for file, of_file in by_file.items():
         calls = {json.dumps(vars(edit) | {"tests": tests[file]}, sort_keys=True): edit for edit in of_file}
         try:
