@@ -185,7 +185,8 @@ def blow(approach=None, **given):
 
 
 CALLS = {
-    "impact-gym report": report, "report of own scenarios": report, "set-up file": set_up_file, "policy file": policy_file, "no policy file": file_of("policy.npz", load_policy),
+    "impact-gym report": report, "report of own scenarios": report,
+    "set-up file": set_up_file, "policy file": policy_file, "no policy file": file_of("policy.npz", load_policy),
     "Ensemble": lambda sizes, chosen: Ensemble(
         [made_up_policy(seed + 1, sizes=each) for seed, each in enumerate(sizes)], chosen),
     "feasible.warnings": lambda **options: feasible.warnings(Task(**options)),

@@ -37,4 +37,3 @@ def test_scenarios_of_the_choice_come_from_the_same_ranges_and_other_seeds(given
 ])  # fmt: skip
 def test_bound_is_shown_only_for_the_scenarios_that_were_searched(scenarios, holds_there):
     assert (matchups.clairvoyant(load_setup("linear-blind"), scenarios) is not None) == holds_there
-
