@@ -17,7 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from own_set_up import TEXT
 from policies import made_up_policy
-from scenes import MOTION, scene
+from quick_log import FORCE, SCENE, TIME
+from recorder import MOTION, SCENE_FILE
 from tasks import EVERYTHING_DRAWN, STORM
 
 import impact_gym as ig
@@ -87,10 +88,7 @@ ARGUMENTS = EVERYTHING_DRAWN["mechanism"] | {
 ARGUMENTS = {name: list(value) if isinstance(value, tuple) else value for name, value in ARGUMENTS.items()}
 VECTOR = {"num_envs": 2, "threads": 1, "autoreset_mode": "SameStep", "max_episode_steps": 9, "tool_mass": 0.2,
           "per_slot": [{"tool_mass": 0.1}, {"coupling": {"type": "Rigid"}}]}  # fmt: skip
-SCENE = scene(coupling=ig.SpringDamper(150.0))
-TIMES = np.arange(0.30, 0.33, 1e-3)
-BLOW = ig.simulate(SCENE, MOTION, 0.4, trace=True).trace
-LOG = {"time": TIMES.tolist(), "force": np.interp(TIMES, BLOW.time, BLOW.contact_force).tolist()}
+LOG = {"time": TIME[::5].tolist(), "force": FORCE[::5].tolist()}
 SETUP = tomllib.loads(TEXT)
 SETUP["training"] |= {"time_weight": [0.5, 8.0], "nominal": 0.5, "teacher": "mine", "activation": "relu", "rtol": 1e-6}
 SETUP["training"]["imitation_steps"] = SETUP["training"]["steps"]
@@ -98,12 +96,8 @@ SETUP["baselines"] |= {"against": ["mine"], "tuned": {"mine": {"rule": "Ranged",
 SETUP["baselines"]["bound"] = "linear-blind"
 SETUP["evaluation"] |= {"nominal": {"robot": "rigid"}, "typical": 2.0}
 SETUP["evaluation"]["varied"] = {"tool_mass": {"times": [0.8, 1.1]}, "robot": ["rigid"], "scenario": ["hard"]}
-MEASURED = {
-    "environment": {"tool_mass": 0.1, "coupling": {"type": "SpringDamper", "stiffness": 150.0, "damping_ratio": 1.0},
-                    "scenario": RESET["options"]["scenario"]},
-    "motion": {"speed": 1.0, "acceleration": 8.0, "brake": {"threshold": 1.0, "delay": 0.016}},
-    "sensor": {"force": {"rate": 4000.0, "low_pass": 1e3, "bias": "estimated", "noise": 0.2}},
-}  # fmt: skip
+MEASURED = tomllib.loads(SCENE_FILE)
+MEASURED["sensor"]["force"] |= {"low_pass": 1e3, "bias": "estimated", "noise": 0.2}
 CONTENT, ARRAYS = Ensemble([made_up_policy(sizes=(3,))], 0).packed()
 OWN_SCENARIOS = {"ranges": {"object_mass": [0.1, 0.2]}, "seed": 3, "count": 5, "environment": {"tool_mass": 0.2}}
 

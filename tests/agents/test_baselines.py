@@ -141,36 +141,30 @@ def test_load_baseline_interpolates_over_the_logarithm_of_the_weight(tmp_path):
     assert isinstance(load_baseline("paper-trapezoid", 3.0, tmp_path), PaperTrapezoid)
 
 
-@pytest.mark.parametrize(("changes", "reason"), [
-    ({"weights": {}, "sha256": "as it was"}, "was altered"), ({"parameters": []}, "another table of parameters"),
-    ({"environment": {"range_noise": 0.02}}, "another environment"), (None, "damaged"),
-    ({"format": "impact_gym tuned baseline 0"}, "was tuned for another format"),
+TUNED = {"2": parameters_of(Ranged, 1)}
+FAST = {"2": {"parameters": TUNED["2"]["parameters"] | {"top speed": 9.0}}}
+AGAIN = "impact-gym tune linear-ranged"
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"weights": {}, "sha256": "as it was"}, ("was altered", AGAIN)), (None, ("damaged", AGAIN)),
+    ({"parameters": []}, ("another table of parameters", AGAIN)),
+    ({"environment": {"range_noise": 0.02}}, ("another environment", AGAIN)),
+    ({"format": "impact_gym tuned baseline 0"}, ("was tuned for another format", AGAIN)),
+    ({"weights": {}}, ("holds no weight",)), ({"weights": FAST}, ("at most 1.5 m/s, got 9",)),
 ], ids=str)  # fmt: skip
-def test_load_baseline_refuses_a_missing_or_changed_file_and_gives_a_remedy(tmp_path, changes, reason):
-    refused(lambda: load_baseline("ranged", 2.0, tmp_path), "was not tuned", "impact-gym tune linear-ranged")
-    path = write_tuned("ranged", {"2": parameters_of(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
-    if changes:
-        rewrite(path, changes)
-    else:
-        path.write_text(path.read_text()[:100])
-    for read in (lambda: load_baseline("ranged", 2.0, tmp_path), lambda: of_name(str(path))):
-        refused(read, reason, "impact-gym tune linear-ranged")
-
-
-def rewrite(path, changes):
-    """Change a tuned file, and its checksum too unless `changes` has one."""
-    content = {name: value for name, value in json.loads(path.read_text()).items() if name != "sha256"} | changes
+def test_missing_or_changed_tuned_file_is_refused_with_a_remedy(tmp_path, changes, words):
+    """A changed file has the checksum of its content unless `changes` has another one."""
+    refused(lambda: load_baseline("ranged", 2.0, tmp_path), "was not tuned", AGAIN)
+    path = write_tuned("ranged", TUNED, load_setup("linear-ranged"), tmp_path)
+    content = {name: value for name, value in json.loads(path.read_text()).items() if name != "sha256"} | (
+        changes or {}
+    )
     checksum = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-    path.write_text(json.dumps({"sha256": checksum} | content))
-
-
-def test_tuned_file_without_weights_or_beyond_limits_is_refused(tmp_path):
-    path = write_tuned("ranged", {"2": parameters_of(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
-    weights = json.loads(path.read_text())["weights"]
-    weights["2"]["parameters"]["top speed"] = 9.0
-    for changes, says in (({"weights": {}}, "holds no weight"), ({"weights": weights}, "at most 1.5 m/s, got 9")):
-        rewrite(path, changes)
-        refused(lambda: of_name(str(path)), says)
+    path.write_text(json.dumps({"sha256": checksum} | content) if changes else path.read_text()[:100])
+    refused(lambda: of_name(str(path)), *words)
+    if AGAIN in words:
+        refused(lambda: load_baseline("ranged", 2.0, tmp_path), *words)
 
 
 @pytest.mark.parametrize("name", shipped_baselines())
