@@ -12,7 +12,7 @@ from itertools import zip_longest
 import gymnasium as gym
 import numpy as np
 import tomli_w
-from episodes import ID, all_finite
+from episodes import ID, all_finite, begin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from own_set_up import TEXT
@@ -107,19 +107,12 @@ def step(env, actions):
     return list(env.step(actions)[:2])
 
 
-def reset_stable(tree):
-    envs = ImpactVecEnv(2, tool_mass=(0.1, 0.2))
-    envs.set_options(tree.get("options"))
-    return envs.reset()
-
-
 def read_log(source):
     log = logs_of.read(source, "log")
     logs_of.check(log, SCENE, MOTION, dict.fromkeys(log.columns, ig.Sensor()))
 
 
 def written(tree, folder, suffix):
-    """A new file with this content."""
     path = folder / f"{len(os.listdir(folder))}{suffix}"
     if suffix == ".toml":
         path.write_text(tomli_w.dumps(tree), encoding="utf-8-sig")
@@ -135,11 +128,7 @@ def written(tree, folder, suffix):
 
 
 def reset(env, tree):
-    return env.reset(seed=tree.get("seed"), options=tree.get("options"))[0]
-
-
-def predict(policy):
-    return load_policy(policy).predict(np.zeros(8))[0]
+    return begin(env, tree.get("seed"), tree.get("options"))
 
 
 POLICY, BATCH, DRAWN = made_up_policy(), gym.make_vec(ID, num_envs=2), {"tool_mass": (0.1, 0.2)}
@@ -152,13 +141,13 @@ BORDERS = {
     "actions": ({"action": [ACTION] * 2}, ANY, lambda tree, _: step(BATCH, tree.get("action"))),
     "reset": (RESET, ANY, lambda tree, _: reset(gym.make(ID, **DRAWN), tree)),
     "reset of a batch": (SLOTS, ANY, lambda tree, _: reset(gym.make_vec(ID, num_envs=2, **DRAWN), tree)),
-    "reset of stable-baselines3": (RESET, ANY, lambda tree, _: reset_stable(tree)),
+    "reset of stable-baselines3": (RESET, ANY, lambda tree, _: reset(ImpactVecEnv(2, **DRAWN), {**tree, "seed": 0})),
     "set-up": (SETUP, PLAIN, lambda tree, folder: load_setup(written(tree, folder, ".toml"))),
     "scene": (MEASURED, PLAIN, lambda tree, _: parse(tree, ("contact.stiffness",))),
     "log": (LOG, ANY, lambda tree, _: read_log(tree)),
     "log's file": (LOG, PLAIN, lambda tree, folder: read_log(written(tree, folder, ".csv"))),
     "scenarios": (OWN_SCENARIOS, PLAIN, lambda tree, folder: scenarios_from(str(written(tree, folder, ".json")), None)),
-    "policy": (CONTENT, PLAIN, lambda tree, folder: predict(written(tree, folder, ".npz"))),
+    "policy": (CONTENT, PLAIN, lambda tree, folder: load_policy(written(tree, folder, ".npz")).predict(np.zeros(8))[0]),
     "observation": (
         {"observation": [0.0] * 8}, ANY, lambda tree, _: POLICY.predict(tree.get("observation"))[0],
     ),
@@ -167,11 +156,9 @@ BORDERS = {
     "set's name": ({"evaluation set": "test"}, ANY, lambda tree, _: evaluation_sets.load(tree.get("evaluation set"))),
 }  # fmt: skip
 ALSO_NAMED = {
-    "policy": [".npz is no policy of this version"],
-    "log's file": ["line "],
+    "policy": [".npz is no policy of this version"], "log's file": ["line "], "reset": ["option"],
     "reset of a batch": ["option"],
-    "reset": ["option"],
-}
+}  # fmt: skip
 """Words that a refusal may contain instead of a key, such as the line of a table."""
 
 

@@ -21,8 +21,7 @@ from impact_gym.envs import IDS
 from impact_gym.task import Task
 from impact_gym.task.action import RESOLUTION
 
-COMPILER = shutil.which("cc") or shutil.which("gcc")
-pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")
 
 
 @pytest.mark.parametrize("name", [
