@@ -104,12 +104,6 @@ def test_unknown_key_of_a_part_is_refused_with_the_known_ones(part, kind):
     refused(lambda: Task(**{part: {"type": kind.__name__, "stifness": 1.0}}), part, "'stifness'", *known)
 
 
-def test_unknown_field_of_a_scenario_is_refused_with_the_known_ones():
-    fields = [row.id for row in SCENARIO]
-    refused(lambda: Task(scenario={"mass": 1.0}), "scenario", "'mass'", *fields)
-    refused(lambda: reset_options({"scenario": {"mass": 1.0}}, [Task()]), "scenario", "'mass'", *fields)
-
-
 @EVERY_ROW
 def test_limits_include_their_ends_and_allow_only_positive_masses_stiffnesses_and_distances(row):
     just_above = np.nextafter(row.limits.above, math.inf).item()
