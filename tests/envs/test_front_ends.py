@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import stable_baselines3.common.env_checker as sb3_checker
-from episodes import COMMANDED, ID, IDS, Given, action_table, assert_identical, begin, history
+from episodes import COMMANDED, ID, IDS, Given, action_table, assert_identical, begin, steps
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
@@ -153,17 +153,17 @@ def test_episode_is_repeated_from_its_record_and_by_a_task_with_its_numbers(rows
     (options,) = rows
     actions = action_table(seed, 200, 1, lean=(0.3, 0.6), task=options)[:, 0]
     env = gym.make(ID, **options)
-    first = history(env, Given(actions), seed)
+    first = [*steps(env, Given(actions), seed)]
     info = env.unwrapped.episode_info()
     for elsewhere in (env, gym.make(ID, **options | {"scenario": "hard"})):
-        assert_identical(history(elsewhere, Given(actions), record=info["record"])[1:], first[1:])
+        assert_identical([*steps(elsewhere, Given(actions), record=info["record"])][1:], first[1:])
     task = Task(**options).at(info["record"])
     assert task.drawn == {}
     fixed = options | {name: getattr(task, name) for name in {path.partition(".")[0] for path in Task(**options).drawn}}
     assert Task(**fixed) == task
     if not (options["privileged"] and Task(**options).drawn):  # a critic observes what is drawn
         alone, rest = gym.make(ID, **fixed), {name: info["record"][name] for name in RECORD_IDS}
-        again = history(alone, Given(actions), record=rest)
+        again = [*steps(alone, Given(actions), record=rest)]
         assert_identical([step[:4] for step in again[1:]], [step[:4] for step in first[1:]])
         assert_identical(alone.unwrapped.episode_info(), info | {"record": rest})
 
@@ -204,7 +204,7 @@ def test_environment_made_from_its_json_is_the_same(id, rows, mode):
     actions = action_table(3, 200, task=gym.spec(id).kwargs | options)
     env = gym.make(id, **options)
     again = gym.make(EnvSpec.from_json(env.spec.to_json()))
-    assert_identical(*(history(each, Given(actions[:, 0]), seed=3) for each in (env, again)))
+    assert_identical(*([*steps(each, Given(actions[:, 0]), seed=3)] for each in (env, again)))
     envs = gym.make_vec(id, num_envs=4, autoreset_mode=mode, **options)
     again = gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))
     assert again.num_envs == 4

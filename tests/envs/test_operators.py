@@ -6,7 +6,7 @@ from dataclasses import fields
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import scene
+from episodes import Given, scene, steps
 from scipy.signal import lsim
 from steered import AWAY, ID, OWN, STOP, played, sent, steered
 
@@ -205,10 +205,7 @@ def test_simulate_with_the_recorded_velocities_gives_the_object_the_same_velocit
     rng = np.random.default_rng(5)
     for seed in range(10):
         env = gym.make(ID, record_trace=True, rtol=1e-10).unwrapped
-        env.reset(seed=seed)
-        ended = False
-        while not ended:
-            *_, ended, _, info = env.step(rng.uniform(-0.2, 1.0, 3).astype(np.float32))
+        *_, (*_, info) = steps(env, Given(rng.uniform(-0.2, 1.0, (600, 3)).astype(np.float32)), seed)
         trace, record = env.trace(), info["record"]
         kept = np.flatnonzero(np.diff(trace.time, append=np.inf) > 1e-12)  # of equal times the last
         times, velocities = trace.time[kept], trace.command_velocity[kept]

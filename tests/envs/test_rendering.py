@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, ROBOT, action_table, assert_identical, begin, encode, task_of
+from episodes import ID, ROBOT, Given, action_table, assert_identical, begin, encode, steps, task_of
 from episodes import IDS as APPROACHES
 from gymnasium.utils.env_checker import check_env
 from steered import ARM, OWN
@@ -31,19 +31,17 @@ HARD_AND_HEAVY = {"object_mass": 1.3, "contact_stiffness": 2e5, "restitution": 0
 SHORT = {"scenario": HARD_AND_HEAVY | {"distance": 0.02}, "after_alarm": 0.03}
 
 
-def play(env, seed=1, scenario=None, stop=10**6, look=None):
-    """Play the paper's rule; return the results of `look` after the reset and each step, and those of each `step`.
+def play(env, seed=1, scenario=None, stop=None, look=None):
+    """Play the paper's rule; return the results of `look` after the reset and each step, and those of each step.
 
     The argument of `look` is whether the episode has ended; by default `look` calls `render`.
     """
     look = look or (lambda ended: env.render() if env.render_mode else None)
-    observation, _ = env.reset(seed=seed, options={"scenario": scenario or {}})
-    seen, results = [look(False)], []
-    while not (results and results[-1][2]) and len(results) < stop:
-        results.append(env.step(PaperTrapezoid().predict(observation)[0]))
-        observation = results[-1][0]
-        seen.append(look(results[-1][2]))
-    return seen, results
+    seen, results = [], []
+    for result in itertools.islice(steps(env, PaperTrapezoid(), seed, scenario=scenario or {}), stop):
+        results.append(result)
+        seen.append(look(len(result) == 5 and result[2]))
+    return seen, results[1:]
 
 
 def history_of(env, ended=True):
@@ -101,14 +99,10 @@ def test_tool_flange_and_object_are_drawn_at_their_positions(options):
 ], ids=["switch", "reading", "operator"])  # fmt: skip
 def test_lamp_is_red_while_the_controller_has_an_alarm_and_settling_begins_at_the_end(name, action, options):
     env, (x, y) = gym.make(name, render_mode="rgb_array", scenario=HARD_AND_HEAVY, **options), map(round, LAMP)
-    env.reset(seed=1)
-    alarms, ended = [], False
-    while not ended:
-        _, _, ended, _, _ = env.step(np.array(action, np.float32))
-        sensors = env.unwrapped.sensors()
-        events = env.unwrapped.episode_state()
-        assert events.end == (sensors["time"] if ended else np.inf)
-        if not ended:  # later pictures are of the settling
+    alarms = []
+    for _ in steps(env, Given(itertools.repeat(np.array(action, np.float32))), seed=1):
+        sensors, events = env.unwrapped.sensors(), env.unwrapped.episode_state()
+        if events.end == np.inf:  # later pictures are of the settling
             assert is_colour(env.render()[y, x], ALARM) == sensors["alarm"]
             alarms.append(sensors["alarm"])
     assert set(alarms) == {0.0, 1.0}
@@ -210,7 +204,7 @@ def test_every_mode_shows_each_instant_and_changes_no_result(mode, no_waiting):
     if mode == "rgb_array_list":
         for _ in range(8):  # not rendered: the next episode begins a new film
             env.step(encode(0.1, 1.0))
-        assert_identical(play(env, stop=3)[0], pictures[:4])
+        assert_identical(play(env, stop=4)[0], pictures[:4])
     env.close()
 
 

@@ -74,32 +74,25 @@ class Episode(NamedTuple):
     info: dict
 
 
-def history(env, controller, seed=None, **options):
-    """Play an episode of a single environment; return what reset, with these options, and each step returned."""
-    returned, state = [env.reset(seed=seed, options=options)], None
-    while True:
-        action, state = controller.predict(returned[-1][0], state=state)
-        returned.append(env.step(action))
-        if returned[-1][2] or returned[-1][3]:
-            return returned
+def steps(env, controller, seed=None, **options):
+    """Play an episode of a single environment; yield what reset, with these options, and each step returns."""
+    returned, state = env.reset(seed=seed, options=options), None
+    yield returned
+    while len(returned) == 2 or not (returned[2] or returned[3]):
+        action, state = controller.predict(returned[0], state=state)
+        returned = env.step(action)
+        yield returned
 
 
 def play(env, controller, seed=None, **options):
-    """Play an episode as `history` does, and return arrays; check that only the last step has a final info."""
-    (first, _), *steps = history(env, controller, seed, **options)
-    assert all(step[4].keys() <= {*COMMANDED} for step in steps[:-1])
-    rewards, info = np.array([step[1] for step in steps]), steps[-1][4]
-    assert_added_up(task_of(env), rewards, info)
-    return Episode(np.array([first, *(step[0] for step in steps)]), rewards, info)
+    """Play an episode as `steps` does, and return arrays.
 
-
-def task_of(env):
-    """The task of an environment of `gymnasium.make`."""
-    return Task(**{name: value for name, value in env.spec.kwargs.items() if name in ARGUMENTS})
-
-
-def assert_added_up(task, rewards, info):
-    """The return is minus the weighted time, V_p (or cost of a miss) and force; no reward but the last is positive."""
+    The return must be minus the weighted time, V_p (or cost of a miss) and force. Only the last step may have a
+    positive reward, and a final info.
+    """
+    (first, _), *played = steps(env, controller, seed, **options)
+    assert all(step[4].keys() <= {*COMMANDED} for step in played[:-1])
+    rewards, info, task = np.array([step[1] for step in played]), played[-1][4], task_of(env)
     terms, tolerance = info["reward_terms"], 1e-12 * max(1.0, abs(rewards.sum()))
     assert terms.keys() == {"time", "velocity", "force", "missed"}
     assert rewards.sum() == pytest.approx(sum(terms.values()), rel=0, abs=tolerance)
@@ -112,6 +105,12 @@ def assert_added_up(task, rewards, info):
         if not info["missed"]:
             expected = (-info["object_velocity"], -task.force_weight * info["peak_force"], 0.0)
         assert (terms["velocity"], terms["force"], terms["missed"]) == pytest.approx(expected, rel=1e-12)
+    return Episode(np.array([first, *(step[0] for step in played)]), rewards, info)
+
+
+def task_of(env):
+    """The task of an environment of `gymnasium.make`."""
+    return Task(**{name: value for name, value in env.spec.kwargs.items() if name in ARGUMENTS})
 
 
 def begin(env, seed=None, options=None):
