@@ -66,9 +66,8 @@ def test_force_below_the_friction_moves_nothing_and_one_above_does(coupling):
 
 
 def test_steady_push_has_the_force_of_friction_and_a_tool_catches_up_with_an_object_that_slows_down():
-    outcome = ig.simulate(
-        scene(1e4, 0.1, SPRING, m_p=0.5, friction=0.4), ig.Trapezoid(0.2, 8.0), duration=4.0, trace=True
-    )
+    pushed = scene(1e4, 0.1, SPRING, m_p=0.5, friction=0.4)
+    outcome = ig.simulate(pushed, ig.Trapezoid(0.2, 8.0), duration=4.0, trace=True)
     assert outcome.trace.contact_force[-1] == pytest.approx(0.4 * 0.5 * GRAVITY, rel=1e-6)
     assert outcome.object_velocity == pytest.approx(0.2, rel=1e-6)
     assert outcome.momentum_error < 1e-9
