@@ -57,15 +57,6 @@ ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
 ALIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
-def blocks(page):
-    """The language, title, code and first line of each block of a page."""
-    text = page.read_text()
-    assert text.count("```") == 2 * len(BLOCK.findall(text)), f"{page}: not all blocks are understood"
-    for block in BLOCK.finditer(text):
-        language, title, code = block.groups()
-        yield language, title, code, text[: block.start()].count("\n") + 2
-
-
 def run_shell(code, monkeypatch):
     """Run a shell block, except slow commands; return what it printed."""
     printed = ""
@@ -94,7 +85,10 @@ def test_examples_of_a_page_run_and_print_what_the_page_shows(page, tmp_path, mo
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     namespace, printed = {"__name__": "__main__"}, None
-    for language, title, code, line in blocks(page):
+    text = page.read_text()
+    assert text.count("```") == 2 * len(BLOCK.findall(text)), f"{page}: not all blocks are understood"
+    for block in BLOCK.finditer(text):
+        (language, title, code), line = block.groups(), text[: block.start()].count("\n") + 2
         where = f"{page.relative_to(ROOT)}, line {line}"
         assert max(map(len, code.splitlines())) <= 88, f"{where}: wider than a column"
         if title:

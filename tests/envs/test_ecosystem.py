@@ -75,39 +75,30 @@ def test_rl_zoo3_trains_with_the_settings_of_the_documentation_and_ppo_learns(al
     assert last.mean() - first.mean() > 4.0 * (first.var() / len(first) + last.var() / len(last)) ** 0.5
 
 
-WORKERS, ROUNDS = 8, 3
 IDS = ("ImpactApproach-v0", "ImpactApproachBistable-v0", "ImpactTeleop-v0")
 
 
-def of_batch(seed):
-    """The results of random steps in a batch; each seed has another environment."""
+def worked(seed):
+    """The results of random steps in a batch, and of a scene; each seed has another environment and coupling."""
     envs = gym.make_vec(IDS[seed % len(IDS)], num_envs=16, threads=1 + seed % 2)
     rng, kept = np.random.default_rng(seed), [envs.reset(seed=seed)[0]]
     for _ in range(40):
         kept += envs.step(rng.uniform(-0.2, 1.0, envs.action_space.shape))[:4]
     envs.close()
-    return kept
-
-
-def of_scene(seed):
-    """The results of a scene; each seed has another stiffness and coupling."""
     chain = scene(1e4 * (1 + seed), 0.4, [*COUPLINGS.values()][seed % 3])
     outcome = ig.simulate(chain, MOTION, duration=2.0, trace=True)
-    return [np.array([outcome.object_velocity, outcome.peak_force]), outcome.trace.time, outcome.trace.contact_force]
+    return [*kept, outcome.object_velocity, outcome.peak_force, *outcome.trace]
 
 
-@pytest.mark.parametrize("work", [of_batch, of_scene])
-def test_results_in_threads_are_those_of_one_thread(work):
-    seeds = list(range(WORKERS))
-    alone = list(map(work, seeds))
-    before = sys.getswitchinterval()
+def test_results_in_threads_are_those_of_one_thread():
+    alone, before = [*map(worked, range(8))], sys.getswitchinterval()
     sys.setswitchinterval(1e-5)
     try:
-        with ThreadPoolExecutor(WORKERS) as pool:
-            together = list(pool.map(work, seeds * ROUNDS))
+        with ThreadPoolExecutor(8) as pool:
+            together = list(pool.map(worked, [*range(8)] * 3))
     finally:
         sys.setswitchinterval(before)
-    assert_identical(together, alone * ROUNDS)
+    assert_identical(together, alone * 3)
 
 
 def test_batch_for_stable_baselines3_warns_once_if_torch_uses_more_than_half_of_the_cores():
