@@ -23,8 +23,7 @@ import pytest
 import tomli_w
 from episodes import ID, assert_identical, begin, encode
 from policies import made_up_policy
-from quick_log import FLAT, FORCE, NOISE, SCENE, TIME, put
-from recorder import MOTION, SCENE_FILE, write_log
+from recorder import FLAT, FORCE, MOTION, NOISE, SCENE, SCENE_FILE, TIME, put, write_log
 from training import tiny
 
 import impact_gym as ig

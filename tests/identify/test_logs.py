@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from quick_log import CLEAN, FLAT, FORCE, NOISE, SCENE, TIME, put
-from recorder import MOTION, log, scene, truths
+from recorder import CLEAN, FLAT, FORCE, MOTION, NOISE, SCENE, TIME, log, put, scene, truths
 
 import impact_gym as ig
 from impact_gym.identify.log import Log, check, read
