@@ -6,6 +6,7 @@ tests/task/test_quantities.py has the refusals that follow from the table of qua
 import gzip
 import io
 import os
+import re
 import tomllib
 import zipfile
 from copy import deepcopy
@@ -38,7 +39,7 @@ from impact_gym.identify.__main__ import main as identify_command
 from impact_gym.robot import all_joints, default_approach, from_urdf
 from impact_gym.robot.viper import angles_at, viper
 from impact_gym.sb3 import ImpactVecEnv
-from impact_gym.task import Task
+from impact_gym.task import Task, evaluation_sets
 
 TABLE = tomllib.loads(Path(__file__).with_name("refusals.toml").read_text())
 EXAMPLES = TABLE.pop("examples")
@@ -89,6 +90,13 @@ def file_of(name, read):
         read(name)
 
     return reading
+
+
+def altered_set(line, pattern, instead):
+    lines = (evaluation_sets.SHIPPED / "hard.csv").read_text().splitlines(keepends=True)
+    lines[line] = re.sub(pattern, instead, lines[line], count=1)
+    Path("mine.csv").write_text("".join(lines))
+    evaluation_sets.load("mine.csv")
 
 
 def set_up_file(text="", **tree):
@@ -185,6 +193,7 @@ CALLS = {
     "file of delays": file_of("delays.csv", lambda name: ig.Channel(trace=Path(name))),
     "log file": file_of("log.csv", lambda name: ig.identify(name, SCENE, MOTION, ("contact.stiffness",))),
     "impact-gym identify": identify_main, "URDF": urdf,
+    "altered evaluation set": altered_set,
     "file that is no URDF": file_of("arm.urdf", lambda name: from_urdf(name, "base", "tip", **arms.ELASTIC)),
     "DesignOptions": lambda **options: DesignOptions(out=Path(), **options).checked(), "from_urdf": arm,
     "along": lambda start, direction, length, **options: arm(**options).along(start, direction, length),
