@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import stable_baselines3.common.env_checker as sb3_checker
-from episodes import COMMANDED, ID, IDS, Given, action_table, assert_identical, begin, steps
+from episodes import COMMANDED, ID, IDS, TELEOP, Given, action_table, assert_identical, begin, steps
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
@@ -34,7 +34,7 @@ MODES = ["NextStep", "SameStep", "Disabled"]
 FRONT_ENDS = [*MODES, "stable-baselines3", "single"]
 HARD = {"scenario": "hard", "time_weight": (0.5, 8.0), "reaction_delay": 0.03}
 NOISY = {"range_noise": 0.01, "force_noise": 0.2, "force_bias": 0.1, "deflection_sensor": True, "privileged": True}
-TELEOP, UNSURE = "ImpactTeleop-v0", {"uplink": CHANNEL, "privileged": True, "force_noise": (0.1, 1.0)}
+UNSURE = {"uplink": CHANNEL, "privileged": True, "force_noise": (0.1, 1.0)}
 MORE = ("coupling", "range_noise", "range_bias", "range_sensor", "reference_velocity")
 
 

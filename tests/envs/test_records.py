@@ -5,7 +5,7 @@ from functools import partial
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, action_table, assert_identical, begin, random_actions
+from episodes import ID, Given, action_table, assert_identical, begin
 from episodes import play as play_with
 from refusals import refused
 from tasks import EVERYTHING_DRAWN, STEERED_DRAWN
@@ -22,7 +22,7 @@ OPTIONS = {"time_weight": (0.5, 8.0), "reaction_delay": (0.0, 0.04), **NOISE}
 
 
 def play(env, seed=None, **options):
-    return play_with(env, random_actions(0), seed, **options)
+    return play_with(env, Given(action_table(0, 200, 1)[:, 0]), seed, **options)
 
 
 @pytest.mark.parametrize("kind", ["scenario", "record"])

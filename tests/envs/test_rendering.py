@@ -9,10 +9,9 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, ROBOT, Given, action_table, assert_identical, begin, encode, steps, task_of
+from episodes import ARM, ID, OWN, ROBOT, TELEOP, Given, action_table, assert_identical, begin, encode, steps, task_of
 from episodes import IDS as APPROACHES
 from gymnasium.utils.env_checker import check_env
-from steered import ARM, OWN
 from tasks import EVERYTHING_DRAWN
 
 import impact_gym as ig
@@ -26,7 +25,6 @@ from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import Task
 
 pytest.importorskip("pygame")
-pytestmark = pytest.mark.usefixtures("no_display")
 HARD_AND_HEAVY = {"object_mass": 1.3, "contact_stiffness": 2e5, "restitution": 0.5, "distance": 0.2}
 SHORT = {"scenario": HARD_AND_HEAVY | {"distance": 0.02}, "after_alarm": 0.03}
 
@@ -56,6 +54,11 @@ def drawn(env, time):
 
 def is_colour(pixels, name):
     return np.abs(pixels.astype(int) - [*bytes.fromhex(name.removeprefix("#"))]).max(axis=-1) <= 12
+
+
+@pytest.fixture(autouse=True)
+def no_display(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
 
 
 @pytest.fixture
@@ -95,7 +98,7 @@ def test_tool_flange_and_object_are_drawn_at_their_positions(options):
 @pytest.mark.parametrize(("name", "action", "options"), [
     (ID, encode(0.8, 10.0), {"reaction_delay": 0.03}),
     (ID, encode(0.8, 10.0), {"alarm": "reading", "force_noise": 0.6, "after_alarm": 0.05}),  # with false alarms
-    ("ImpactTeleop-v0", OWN, ARM | {"operator": {"type": "Trapezoid"}, "after_alarm": 0.02}),
+    (TELEOP, OWN, ARM | {"operator": {"type": "Trapezoid"}, "after_alarm": 0.02}),
 ], ids=["switch", "reading", "operator"])  # fmt: skip
 def test_lamp_is_red_while_the_controller_has_an_alarm_and_settling_begins_at_the_end(name, action, options):
     env, (x, y) = gym.make(name, render_mode="rgb_array", scenario=HARD_AND_HEAVY, **options), map(round, LAMP)

@@ -6,9 +6,8 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, ROBOT, Always, Given, action_table, assert_identical, encode, play, random_actions, steps
+from episodes import ARM, ID, OWN, ROBOT, Always, Given, action_table, assert_identical, encode, play, steps
 from scipy import stats
-from steered import ARM, OWN
 from tasks import RANGE_SENSOR
 
 import impact_gym as ig
@@ -211,7 +210,9 @@ def test_past_readings_are_the_readings_of_earlier_observations(deflection):
     read, first, differ = [FORCE, 8] if deflection else [FORCE], 8 + deflection, 0
     assert env.observation_space.shape == (first + 3 * len(read),)
     for seed in range(10):
-        seen = play(env, random_actions(seed), seed).observations[:-1]  # the last step is a short one
+        seen = play(env, Given(action_table(seed, 200, 1)[:, 0]), seed).observations[
+            :-1
+        ]  # the last step is a short one
         for before in (1, 2, 3):
             for place, sensor in enumerate(read):
                 column = first + (before - 1) * len(read) + place

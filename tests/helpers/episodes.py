@@ -1,4 +1,4 @@
-"""Play episodes; what an observation holds; the scenes of `simulate` that episodes are."""
+"""Play episodes, alone, in batches and with an operator; the scenes of `simulate` that episodes are."""
 
 from typing import NamedTuple
 
@@ -6,9 +6,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
+from impact_gym.kernels import PACKET
 from stable_baselines3.common.vec_env import VecEnv
 
 import impact_gym as ig
+from impact_gym.envs.batch import Batch
 from impact_gym.task import ActionSpec, Task
 from impact_gym.task.task import ARGUMENTS
 
@@ -21,6 +23,10 @@ ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 PAPERS_SPRING = ig.SpringDamper(50.0, 1.0)
 encode = ActionSpec(Task()).encode
 """From velocity (m/s) and acceleration (m/s^2) to the action of `ID`."""
+TELEOP, ARM = "ImpactTeleop-v0", {"friction": 0.3, "horizon": 8.0, "velocity_range": (-0.3, 0.5)}
+OWN, STOP, GENTLE = [1.0, 1.0, -1.0], [-1.0, 1.0, -1.0], [1.0, 2.0 * (8.0 - 1.0) / 19.0 - 1.0, -1.0]
+AWAY = {"distance": 0.79}
+"""Of tasks with an operator: arguments, actions, and a scenario."""
 
 
 def action_table(seed, ticks=160, slots=SLOTS, lean=(0.3, 0.3), task=None):
@@ -60,10 +66,6 @@ class Given:
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         self.seen.append(observation)
         return next(self.left), state
-
-
-def random_actions(seed):
-    return Given(np.random.default_rng(seed).uniform(-1.0, 1.0, (1000, 2)).astype(np.float32))
 
 
 class Episode(NamedTuple):
@@ -134,3 +136,34 @@ def scene(scenario, coupling=PAPERS_SPRING, dissipation="hu-guo", friction=0.0):
 def scenes_of(played, coupling, **law):
     rows = zip(*(values.tolist() for values in played.scenario.values()), strict=True)
     return [scene(dict(zip(played.scenario, row, strict=True)), coupling, **law) for row in rows]
+
+
+def steered(operator, rows=1, **options):
+    return Batch(rows, Task(**ARM | {"operator": operator} | options), threads=1)
+
+
+def played(batch, action, seed=0, steps=10_000):
+    """Play every row to its end with one action; yields the batch after each step."""
+    batch.begin_seeded(seed, {})
+    while not batch.ended.all() and steps:
+        batch.step(np.broadcast_to(action, (batch.size, 3)), batch.ended)
+        steps -= 1
+        yield batch
+
+
+def final(batch, action, seed=0):
+    """Play every row to its end; return the columns of the info."""
+    *_, _ = played(batch, action, seed)
+    return batch.info()
+
+
+def sent(batch, action, steps=10_000):
+    """Play; return the packets of each row's operator in the order of sending: (rows, n), PACKET."""
+    seen = {}
+    for each in played(batch, action, steps=steps):
+        for row in range(batch.size):
+            last = int(each.links["packets"][row])
+            for number in range(max(last - 3, 0), last):
+                seen[row, number] = each.packets[row, number % each.packets.shape[1]].copy()
+    count = min(int(last) for last in batch.links["packets"])
+    return np.array([[seen[row, number] for number in range(count)] for row in range(batch.size)], PACKET)

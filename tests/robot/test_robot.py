@@ -1,7 +1,12 @@
-"""The robot's reduction, compared with laws and a chain without code of the package; the shipped table."""
+"""The robot's reduction, compared with laws and a chain without code of the package; the shipped table.
+
+One mass on a spring is compared with matrix exponentials. tests/solver/test_agreement.py compares every chain with a
+robot, or with a table, with the slow solver.
+"""
 
 import dataclasses
 import json
+import math
 import re
 import subprocess
 import sys
@@ -9,8 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import MOTION, scene
+from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
+import impact_gym as ig
 from impact_gym.robot import IMPACT, approach, default_approach, joint_angles, viper
 from impact_gym.robot.arm import MAX_CONDITION
 from impact_gym.robot.viper import angles_at, write_default_approach
@@ -185,3 +193,47 @@ viper()
 """
     done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, check=False)
     assert "pip install 'impact-gym[robot]'" in done.stderr.splitlines()[-1]
+
+
+ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
+
+
+def simulated(*chain, duration=1.0, **target):
+    return ig.simulate(scene(1e5, 1.0, *chain, **target), MOTION, duration, 1e-10, trace=True)
+
+
+def test_robot_and_fixed_tool_are_one_mass_on_the_robots_spring():
+    spring_damper = ig.SpringDamper(ROBOT.stiffness, ROBOT.damping / 2 / math.sqrt(ROBOT.stiffness * 5.35))
+    same, robot = simulated(spring_damper, m_t=5.35), simulated(ig.Rigid(), ROBOT)
+    assert robot.object_velocity == pytest.approx(same.object_velocity, rel=1e-12)
+    assert robot.trace.tool_position == pytest.approx(same.trace.tool_position, abs=1e-12)
+    assert robot.flange_velocity == robot.tool_velocity
+    assert (robot.trace.flange_position == robot.trace.tool_position).all()
+    assert robot.trace.command_position == pytest.approx(same.trace.flange_position, abs=1e-12)
+
+
+@pytest.mark.parametrize("coupling", [ig.SpringDamper(150.0), ig.SpringDamper(5000.0, 0.1)], ids=str)
+def test_flight_of_flange_and_tool_is_the_matrix_exponential(coupling):
+    trace = simulated(coupling, ROBOT, distance=1e3, duration=0.5).trace  # the object is not reached
+    (m_r, k_r, c_r), m_t, k_t = dataclasses.astuple(ROBOT), 0.125, coupling.stiffness
+    c_t = 2 * coupling.damping_ratio * math.sqrt(k_t * m_t)
+    # offsets of flange and tool from the imposed motion, their rates, and the imposed acceleration
+    rates = np.zeros((5, 5))
+    rates[0, 2] = rates[1, 3] = 1.0
+    rates[2] = np.array([-k_r - k_t, k_t, -c_r - c_t, c_t, -m_r]) / m_r
+    rates[3] = np.array([k_t, -k_t, c_t, -c_t, -m_t]) / m_t
+    for time in (0.06, 0.125, 0.3, 0.5):
+        at = np.argmin(np.abs(trace.time - time))
+        t = trace.time[at]
+        state = expm(rates * min(t, 0.125)) @ np.array([0, 0, 0, 0, 8.0])
+        state = expm(rates * max(t - 0.125, 0.0)) @ (state * [1, 1, 1, 1, 0])
+        offsets = [trace.flange_position[at], trace.tool_position[at]] - trace.command_position[at]
+        assert offsets == pytest.approx(state[:2], abs=1e-11)
+        speeds = [trace.flange_velocity[at], trace.tool_velocity[at]] - trace.command_velocity[at]
+        assert speeds == pytest.approx(state[2:4], abs=1e-9)
+
+
+def test_parameters_fixed_at_the_impact_change_v_p_as_the_documentation_says():
+    robots = SHIPPED.at(IMPACT), SHIPPED.robot_table()
+    fixed, along = (ig.simulate(scene(1e5, 1.0, None, robot), MOTION, 1.5).object_velocity for robot in robots)
+    assert (round(fixed, 3), round(along, 3)) == (1.943, 1.956)
