@@ -38,7 +38,6 @@ BLOCK = re.compile(r"^```(\w*)(?: title=\"(.+?)\")?\n(.*?)^```$", re.DOTALL | re
 EXAMPLES = ROOT / "docs" / "examples"
 LISTED = {file.read_text() for file in EXAMPLES.glob("*.py")}
 """Listings, which have tests of their own below."""
-FILES = ("toml", "json", "c", "python")
 SLOW = {module for name, module in MODULES.items() if name not in ("check", "policies")}
 SLOW.add("experiments.loop")
 """Modules that run for minutes, which have tests of their own."""
@@ -92,7 +91,7 @@ def test_examples_of_a_page_run_and_print_what_the_page_shows(page, tmp_path, mo
         where = f"{page.relative_to(ROOT)}, line {line}"
         assert max(map(len, code.splitlines())) <= 88, f"{where}: wider than a column"
         if title:
-            assert language in FILES, where
+            assert language in ("toml", "json", "c", "python"), where
             (tmp_path / title).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / title).write_text(code)
             if language == "python":
@@ -114,11 +113,11 @@ def test_examples_of_a_page_run_and_print_what_the_page_shows(page, tmp_path, mo
             assert language == "diff", f"{where}: no test of {language!r}"
 
 
-CARDS = {path.stem: [*policies.card(path.stem)] for path in SHIPPED.glob("*.npz")}
 PRINTED = {
     *(command for page in PAGES for earlier, command in re.findall(
         r"(8fc14f9 \W*(?:with\s+)?)?`(impact-gym [a-z][^`]*)`", page.read_text()) if not earlier),
-    *(command for card in CARDS.values() for command in re.findall(r"made by: (impact-gym [^(]*)", "\n".join(card))),
+    *(command for path in SHIPPED.glob("*.npz") for command in re.findall(
+        r"made by: (impact-gym [^(]*)", "\n".join(policies.card(path.stem)))),
 }  # fmt: skip
 """Commands in texts and on cards, except those of an earlier commit."""
 

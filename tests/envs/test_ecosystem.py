@@ -22,8 +22,6 @@ from tasks import EVERYTHING_DRAWN
 import impact_gym as ig
 from impact_gym.sb3 import ImpactVecEnv
 
-EVERYTHING = EVERYTHING_DRAWN["spring"] | {"privileged": True}
-
 
 def step_through(env, rows):
     """Step through one or several episodes; return everything that the environment returned."""
@@ -38,7 +36,8 @@ def step_through(env, rows):
 @pytest.mark.parametrize("kind", ["single", "NextStep", "SameStep", "stable"])
 def test_returned_arrays_are_never_written_again(kind):
     make = {"single": partial(gym.make, ID, record_trace=True), "stable": partial(ImpactVecEnv, SLOTS)}
-    env = make.get(kind, partial(gym.make_vec, ID, SLOTS, autoreset_mode=kind))(**EVERYTHING)
+    options = EVERYTHING_DRAWN["spring"] | {"privileged": True}
+    env = make.get(kind, partial(gym.make_vec, ID, SLOTS, autoreset_mode=kind))(**options)
     returned = [begin(env, seed=1), *step_through(env, action_table(9)[:60])]
     snapshot = copy.deepcopy(returned)
     step_through(env, action_table(10)[:60])

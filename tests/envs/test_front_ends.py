@@ -19,7 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
 from stable_baselines3.common.vec_env import DummyVecEnv
-from tasks import CHANNEL, FIXED, OBSERVED, OWN, STORM, WITH_OPERATOR, rows_of_tasks
+from tasks import CHANNEL, FIXED, OBSERVED, OWN, STORM, rows_of_tasks
 
 import impact_gym as ig
 from impact_gym.envs.batch import ROWS_PER_THREAD
@@ -35,7 +35,9 @@ FRONT_ENDS = [*MODES, "stable-baselines3", "single"]
 HARD = {"scenario": "hard", "time_weight": (0.5, 8.0), "reaction_delay": 0.03}
 NOISY = {"range_noise": 0.01, "force_noise": 0.2, "force_bias": 0.1, "deflection_sensor": True, "privileged": True}
 UNSURE = {"uplink": CHANNEL, "privileged": True, "force_noise": (0.1, 1.0)}
-MORE = ("coupling", "range_noise", "range_bias", "range_sensor", "reference_velocity")
+MORE = (
+    "coupling", "range_noise", "range_bias", "range_sensor", "reference_velocity", "operator", "uplink", "downlink",
+)  # fmt: skip
 
 
 class InfoAtTheTimeLimit(gym.Wrapper):
@@ -116,7 +118,7 @@ def twin_of(envs, twin, fresh, actions):
 
 
 def test_every_argument_of_a_task_is_in_the_strategy():
-    assert {*ARGUMENTS} == {*OWN, *OBSERVED, *WITH_OPERATOR, *MORE}
+    assert {*ARGUMENTS} == {*OWN, *OBSERVED, *MORE}
 
 
 @pytest.mark.parametrize("front", FRONT_ENDS)
@@ -262,16 +264,15 @@ def test_slot_that_was_never_reset_or_has_ended_without_autoreset_must_be_reset_
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec, ImpactVecEnv])
 def test_set_scenario_applies_from_the_next_episode_on(make):
     env = ImpactVecEnv(2, scenario={"distance": 0.2}) if make is ImpactVecEnv else make(ID, scenario={"distance": 0.2})
-    other = {"distance": 0.3, "object_mass": (1.0, 1.1)}
+    bare, other = getattr(env.unwrapped, "envs", env.unwrapped), {"distance": 0.3, "object_mass": (1.0, 1.1)}
     for expected in (0.2, 0.3, 0.3):
         begin(env, seed=0)
-        if make is ImpactVecEnv:
-            env.env_method("set_scenario", other)
-            info = env.envs.batch.info(0)
-            assert (env.get_attr("render_mode"), env.env_is_wrapped(gym.Wrapper)) == ([None] * 2, [False] * 2)
-            refused(lambda: env.env_method("set_scenario", "hard", indices=[0]), "set_scenario", "indices", "[0]")
-        else:
-            env.unwrapped.set_scenario(other)
-            info = env.unwrapped.episode_info() if make is gym.make else env.unwrapped.batch.info(0)
-        mass, distance = info["scenario"]["object_mass"], info["scenario"]["distance"]
-        assert (distance, 1.0 <= mass <= 1.1) == (expected, expected == 0.3)
+        env.unwrapped.set_scenario(other)
+        scenario = (bare.episode_info() if make is gym.make else bare.batch.info(0))["scenario"]
+        assert (scenario["distance"], 1.0 <= scenario["object_mass"] <= 1.1) == (expected, expected == 0.3)
+    if make is ImpactVecEnv:
+        env.env_method("set_scenario", {"distance": 0.4})
+        env.reset()
+        assert bare.batch.info(0)["scenario"]["distance"] == 0.4
+        assert (env.get_attr("render_mode"), env.env_is_wrapped(gym.Wrapper)) == ([None] * 2, [False] * 2)
+        refused(lambda: env.env_method("set_scenario", "hard", indices=[0]), "set_scenario", "indices", "[0]")

@@ -210,9 +210,8 @@ def test_past_readings_are_the_readings_of_earlier_observations(deflection):
     read, first, differ = [FORCE, 8] if deflection else [FORCE], 8 + deflection, 0
     assert env.observation_space.shape == (first + 3 * len(read),)
     for seed in range(10):
-        seen = play(env, Given(action_table(seed, 200, 1)[:, 0]), seed).observations[
-            :-1
-        ]  # the last step is a short one
+        actions = action_table(seed, 200, 1)[:, 0]
+        seen = play(env, Given(actions), seed).observations[:-1]  # the last step is a short one
         for before in (1, 2, 3):
             for place, sensor in enumerate(read):
                 column = first + (before - 1) * len(read) + place

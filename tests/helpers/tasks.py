@@ -107,7 +107,6 @@ OWN = {
     "max_episode_steps": st.sampled_from([None, 41, 13]),
 }
 """Arguments that may differ between the rows of a batch."""
-WITH_OPERATOR = ("operator", "uplink", "downlink")
 OBSERVED = (
     "observe_range_noise", "deflection_sensor", "privileged", "past_readings", "velocity_range", "horizon",
     "after_alarm",

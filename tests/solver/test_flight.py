@@ -183,8 +183,7 @@ def test_undamped_tool_reaches_just_as_far_as_its_energy_allows(margin):
 
 
 def rigid_touch(rate, acceleration, gap, horizon):
-    record = chain(deflection=0.0, deflection_rate=0.0, gap=gap)
-    record["penetration_rate"] = rate
+    record = chain(flange_velocity=rate, deflection=0.0, deflection_rate=0.0, gap=gap, object_velocity=0.0)
     return kernels().first_touch(law_of(ig.Rigid()), record, acceleration, horizon)
 
 

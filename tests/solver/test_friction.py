@@ -11,12 +11,9 @@ import impact_gym as ig
 from impact_gym.physics.impact import GRAVITY, sliding_distance
 
 SPRING = ig.SpringDamper(150.0)
-COUPLINGS = pytest.mark.parametrize(
-    "coupling", [ig.Rigid(), SPRING, ig.SpringDamper(150.0, 0.1), ig.Bistable()], ids=str
-)
 
 
-@COUPLINGS
+@pytest.mark.parametrize("coupling", [ig.Rigid(), SPRING, ig.SpringDamper(150.0, 0.1), ig.Bistable()], ids=str)
 @pytest.mark.parametrize("friction", [0.05, 0.3])
 def test_object_slides_as_far_as_its_last_speed_and_friction_say_and_rests(coupling, friction):
     outcome = ig.simulate(scene(1e5, 0.5, coupling, m_p=0.4, friction=friction), MOTION, duration=4.0, trace=True)

@@ -30,7 +30,6 @@ SCENES = [SPRUNG, dataclasses.replace(SPRUNG, coupling=ig.Bistable())]
 RECORDS = [{**nested.parts(scene), "motion": ig.Trapezoid(1.0, 8.0, BRAKE)} for scene in SCENES]
 NUMBERS = {path: records for records in RECORDS for path in nested.flatten(records)}
 """The records by each dotted path of a number in them."""
-EVERY_PATH = pytest.mark.parametrize("path", NUMBERS)
 
 ALL_DRAWN = EVERYTHING_DRAWN | STEERED_DRAWN
 EVERY_SET_UP = pytest.mark.parametrize("arguments", ALL_DRAWN.values(), ids=list(ALL_DRAWN))
@@ -115,7 +114,7 @@ def test_paths_are_those_of_the_table():
     assert {*NUMBERS, "robot.position"} == {path for path in BY_PATH if not path.startswith(of_others)}
 
 
-@EVERY_PATH
+@pytest.mark.parametrize("path", NUMBERS)
 def test_path_reads_and_changes_one_number_that_can_be_swept_and_in_a_scene_identified(path):
     records, before = NUMBERS[path], nested.flatten(NUMBERS[path])
     value = 0.98 * before[path] or 0.01
