@@ -1,7 +1,4 @@
-"""What the controller sees and what it must not see; sensors with errors; alarms raised by readings; detectors.
-
-`test_environment.py` compares all observations with those of the independent solver, for any actions.
-"""
+"""What the controller sees and what it must not see; sensors with errors; alarms raised by readings; detectors."""
 
 import gymnasium as gym
 import numpy as np

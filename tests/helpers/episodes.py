@@ -87,11 +87,7 @@ def steps(env, controller, seed=None, **options):
 
 
 def play(env, controller, seed=None, **options):
-    """Play an episode as `steps` does, and return arrays.
-
-    The return must be minus the weighted time, V_p (or cost of a miss) and force. Only the last step may have a
-    positive reward, and a final info.
-    """
+    """Play an episode as `steps` does; return arrays. Its reward is minus weighted time, V_p or miss, and force."""
     (first, _), *played = steps(env, controller, seed, **options)
     assert all(step[4].keys() <= {*COMMANDED} for step in played[:-1])
     rewards, info, task = np.array([step[1] for step in played]), played[-1][4], task_of(env)

@@ -1,7 +1,4 @@
-"""Closed forms: Hertz's stiffness and the materials, the instantaneous impact (eq. 1-4, 22), the peak force.
-
-Of the bistable mechanism: its spring against calculus, its slider against conservation laws.
-"""
+"""Closed forms: Hertz's stiffness, the instantaneous impact (eq. 1-4, 22), the peak force; the bistable mechanism."""
 
 import math
 import re

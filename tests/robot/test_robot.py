@@ -1,8 +1,4 @@
-"""The robot's reduction, compared with laws and a chain without code of the package; the shipped table.
-
-One mass on a spring is compared with matrix exponentials. tests/solver/test_agreement.py compares every chain with a
-robot, or with a table, with the slow solver.
-"""
+"""The robot's reduction, by laws and a chain without code of the package; a compliant robot, by matrix exponentials."""
 
 import dataclasses
 import json

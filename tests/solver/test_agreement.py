@@ -1,9 +1,8 @@
 """Random and hard approaches, by our solver and by two solvers that share no code with it.
 
 One is experiments/reference, with SciPy's integrators, at rtol 1e-11. The other is heyoka's Taylor series of order 20
-and more, see experiments/studies/solvers/taylor.py. At the end are laws of the first one: conservation of energy, the
-floor of its damping, and its search for events. Tests of our solver also compare it with golden tables, closed forms
-and the paper's numbers.
+and more, see experiments/studies/solvers/taylor.py. At the end: energy, the floor of the damping and the search for
+events of the first one, which tests of our solver also compare with golden tables and closed forms.
 """
 
 from dataclasses import replace
