@@ -22,8 +22,7 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     the operator's clock, one packet is sent over each channel. Each packet has its own delay, and the receiver uses the
     newest packet that has arrived. Two packets are sent at once, without waiting for the next tick: the operator's
     stop, and the arm's report of the first touch. An operator knows of the touch when the first packet arrives that was
-    sent at the touch or later. The operator stops `reaction` seconds after this, and from then on commands 0.
-    A
+    sent at the touch or later. The operator stops `reaction` seconds after this, and from then on commands 0. A
     `Tracker` also reads the position of the flange from the packets. For a `Person`, your code passes the velocity to
     `command(velocity)` of the unwrapped environment, and each tick sends the last velocity. A call before a step sets
     the velocity that is sent at the tick during this step or at its end. A `Replay` of the velocities sent at the ticks
