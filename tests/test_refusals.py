@@ -4,6 +4,7 @@ tests/task/test_quantities.py has the refusals that follow from the table of qua
 """
 
 import io
+import json
 import os
 import tomllib
 import zipfile
@@ -33,6 +34,9 @@ from agents.policies import Ensemble, Policy
 from agents.policies.policy import FORMAT
 from agents.setups import feasible
 from experiments.design.options import DesignOptions
+from experiments.play import __main__ as playing
+from experiments.play.assistance import playable
+from experiments.report import __main__ as reports
 from impact_gym.envs.batch import Batch
 from impact_gym.identify.__main__ import main as identify_command
 from impact_gym.robot import all_joints, default_approach, from_urdf
@@ -94,6 +98,18 @@ def file_of(name, read):
 def set_up_file(text="", **tree):
     Path("bad.toml").write_text(text or tomli_w.dumps(tree))
     load_setup("bad.toml")
+
+
+def report(own=None, out="out", **options):
+    """A refused report writes nothing; `own` is the content of a file of scenarios."""
+    Path("crooked.py").write_text("class Rule:\n    def predict(self, seen, **more):\n        return seen[0], None\n")
+    if own is not None:
+        Path("own.json").write_text(own if isinstance(own, str) else json.dumps(own))
+        options["scenarios"] = "own.json"
+    try:
+        reports.write(reports.ReportOptions(**{"policy": ("linear-blind",), "out": Path(out), **options}))
+    finally:
+        assert not Path("out").exists()
 
 
 def policy_file(content, arrays):
@@ -169,6 +185,7 @@ def blow(approach=None, **given):
 
 
 CALLS = {
+    "impact-gym report": report, "report of own scenarios": report,
     "set-up file": set_up_file, "policy file": policy_file, "no policy file": file_of("policy.npz", load_policy),
     "Ensemble": lambda sizes, chosen: Ensemble(
         [made_up_policy(seed + 1, sizes=each) for seed, each in enumerate(sizes)], chosen),
@@ -191,6 +208,8 @@ CALLS = {
     "file of delays": file_of("delays.csv", lambda name: ig.Channel(trace=Path(name))),
     "log file": file_of("log.csv", lambda name: ig.identify(name, SCENE, MOTION, ("contact.stiffness",))),
     "impact-gym identify": identify_main, "URDF": urdf,
+    "impact-gym play": lambda setup="teleop-rigid", **options: playing.work(playing.Play(setup, open=False, **options)),
+    "played set-up": lambda **tree: [set_up_file(**tree), playable("bad.toml")],
     "DesignOptions": lambda **options: DesignOptions(out=Path(), **options).checked(), "from_urdf": arm,
     "along": lambda start, direction, length, **options: arm(**options).along(start, direction, length),
     "along of the Viper": lambda **change: six().along(
@@ -265,10 +284,11 @@ def calls(package, name, changes):
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch, request):
-    """The working directory, to which tests write; tests of an arm's own equations need MuJoCo."""
+    """The working directory, to which tests write, also modules; tests of an arm's own equations need MuJoCo."""
     if request.node.callspec.params["package"] == "robot":
         pytest.importorskip("mujoco", reason="the extra robot is not installed")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
     return tmp_path
 
 
