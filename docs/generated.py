@@ -124,7 +124,7 @@ def sets() -> str:
 def laws() -> str:
     """Return the table of the laws of dissipation."""
     rows = [[f'`"{name}"`', f"${law.formula}$", law.source] for name, law in PUBLISHED.items()]
-    fixed = "the same at `reference_velocity`; elsewhere it grows with the velocity: slow contacts are more elastic"
+    fixed = '$d$ of `"exact"`, times the approach velocity, divided by `reference_velocity`'
     rows += [['`"exact"`', "the solution of the equation above", ""], ['`"fixed"`', fixed, ""]]
     return table("`dissipation`|$d$|Source", rows)
 

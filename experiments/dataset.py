@@ -99,7 +99,7 @@ def players(name: str, setup: Setup) -> Players:
     elif ":" in name:
         spec = {"object": name}
     elif tuned in setup.tuned or tuned in shipped_baselines():
-        spec = {"tuned": read_tuned(tuned, setup.folder / "tuned", setup if tuned in setup.tuned else None)}
+        spec = {"tuned": read_tuned(tuned, setup=setup)}
     else:
         names = ", ".join(dict.fromkeys((*PLAYERS, *setup.tuned, *FIXED)))
         raise ValueError(f"who must be one of {names}, another tuned baseline or module:object, got {name!r:.80}")

@@ -18,7 +18,7 @@ from agents.evaluate.play import environment_and_scenarios, pairs
 from agents.evaluate.scenario_batch import TEST_SEED
 from agents.policies import Policy, load_ensemble, load_policy
 from agents.provenance import digest_of
-from agents.setups import TUNED, Setup, load_setup, same_environment, shipped, shipped_baselines
+from agents.setups import TUNED, Setup, load_setup, shipped, shipped_baselines
 from agents.setups.evaluation import Evaluation
 from impact_gym.task import ActionSpec, ObservationSpec, Task
 from impact_gym.validation import identifier, nearest, number
@@ -224,7 +224,7 @@ def of_policies(
         if name in matchups:
             raise ValueError(f"two policies have the name {name!r}: give them files or folders of different names")
         note = f"your policy {name}"
-        if setup and not same_environment(Task(**arguments), loaded.task):
+        if setup and not setup.describes(Task(**arguments)):
             note += f"; its baselines were tuned for {setup.name}, not for this environment"
         rivals = baselines(names or (setup.against if setup else ()), environment)
         bound = clairvoyant(setup, of_environment) if setup and not changes else None

@@ -111,7 +111,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     SET_UP_TABLE
 
-    The numbers of this second table come from separate random streams, seeded by the last of the eleven numbers. So
+    The numbers of this second table come from a separate random stream, seeded by the last of the eleven numbers. So
     drawing one of them does not change any other draw.
 
     `reset(options=...)` applies to one episode:
