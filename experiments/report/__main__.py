@@ -28,7 +28,7 @@ from impact_gym.task import Task, evaluation_sets
 from impact_gym.validation import number, whole
 
 RESULTS = "results.json"
-MARK = ".impact_gym"  # lock file; a report overwrites a folder with files only if it has this file
+MARK = ".impact_gym"  # lock file; a report may be written to an empty folder, or to a folder with this file
 DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")  # a change of these outdates the page
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "matplotlib", "polars", "jinja2")
 
@@ -92,10 +92,7 @@ class ReportOptions:
 
 
 def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the scenarios (JSON), and the changed arguments of the environment, from `ReportOptions.scenarios`.
-
-    ValueError: there is no such set or file, a key in the file is unknown, or a value is out of range.
-    """
+    """Return scenarios, and changes of the environment, from `ReportOptions.scenarios`; ValueError: it is invalid."""
     path = Path(source)
     if path.suffix == ".json":
         content = parsed(path, "scenarios, JSON", json.loads)
@@ -140,10 +137,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
 
 
 def write(options: ReportOptions) -> Path:
-    """Write the report unless it is up to date, print its answers, and return the path of its page.
-
-    ValueError: an option is invalid, or `out` is a file, below a file, or a folder with other content.
-    """
+    """Write the report unless it is up to date, print answers, return its path; ValueError: an option is invalid."""
     there = next(path for path in (options.out, *options.out.absolute().parents) if path.exists())
     if not there.is_dir():
         raise ValueError(f"out must be a folder, but {there} is a file")
