@@ -64,15 +64,15 @@ class Outcome(NamedTuple):
     trace: Trace | None
     snap_through: tuple[float, ...]  # s, times at which the slider of a `Bistable` coupling passes its alignment
     peak_object_velocity: float  # m/s, largest velocity of the object; without friction that is its final velocity
-    slide: float | None  # m, from the object's start to where it rests, if no contact follows; None without friction
-    rest_time: float | None  # s, when the object rests and the tool stays below 1 mm/s; inf: never; None: no friction
+    slide: float | None  # m, from the object's start to where it stops if no contact follows; None without friction
+    rest_time: float | None  # s, start of the final rest: object at 0, tool below 1 mm/s; inf: none; None: no friction
 
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
     """Results of a sweep: arrays in the shape to which the varied values were broadcast; for the fields see `Outcome`.
 
-    If a run cannot finish, its numbers are nan and its status says why. The other runs are not affected.
+    If a run cannot finish, its floats are nan and its status says why.
     """
 
     object_velocity: Array  # m/s
@@ -94,7 +94,7 @@ class Outcomes:
 
 @dataclass(frozen=True)
 class Model:
-    """A model that `advise` tried, its errors, and how much computing time it saves compared with the full model."""
+    """A model that `advise` tried, with its errors and the computing time that it saves."""
 
     name: str
     simplify: Callable[[Scene], Scene]
@@ -103,7 +103,7 @@ class Model:
 
     @property
     def bound(self) -> float:
-        """Largest of the errors in all scenes."""
+        """Largest error in any scene."""
         return float(self.errors.max())
 
 

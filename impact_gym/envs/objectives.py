@@ -76,5 +76,4 @@ class MOImpactApproachVectorEnv(ImpactApproachVectorEnv):
         self.reward_space, self.reward_dim, self.reference_point = described(self.batch.tasks)
 
     def _rewards(self) -> tuple[Rewards, dict[str, Any]]:
-        """Return the vector rewards of the last step, and an info with the scalar rewards."""
         return vector_rewards(self.batch), {"original_reward": self.batch.rewards.copy()}

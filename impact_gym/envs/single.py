@@ -112,8 +112,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     SET_UP_TABLE
 
-    The numbers of this second table come from separate random streams, seeded by the last of the eleven numbers. So
-    drawing a number of this table does not change the other drawn numbers.
+    The numbers of this second table come from a separate random stream, seeded by the last of the eleven numbers. Each
+    number has a fixed place in this stream. So drawing one number does not change the other drawn numbers.
 
     `reset(options=...)` applies to one episode:
 
