@@ -60,7 +60,7 @@ class Task:
     velocity_range: Range = argument(VELOCITY_RANGE, "")
     acceleration_range: Range = argument(
         ACCELERATION_RANGE,
-        "range of the second number of an action; after the episode the flange brakes at the largest",
+        "range of the second number of an action; after the episode the flange brakes at its upper end",
     )
     alarm: str = argument("force", 'or "reading": source of the alarm, see Observation Space')
     alarm_threshold: Any = argument(1.0, "")
@@ -255,8 +255,8 @@ class Task:
     def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
         """Return the task as a record (1,), TASK; the fields of DRAW for each drawn number; the task's tables (n,).
 
-        `first_draw` and `table_at` are the indices at which they begin among the draws and the tables' numbers of all
-        tasks.
+        Among those of all tasks, the draws begin at index `first_draw`, and the numbers of the tables at index
+        `table_at`.
         """
         held, no_table = mount_to_kernel(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)
