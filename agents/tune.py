@@ -228,18 +228,16 @@ def search_bounds(options: Tune, scenarios: int = BOUND_SCENARIOS, generations: 
     setups = [setup for setup in map(load_setup, options.setups) if setup.bound == setup.name]
     missing = list[tuple[Setup, float]]()
 
-    def known(setup: Setup) -> dict[float, Floats]:
-        folder = options.folder(setup)
-        return bound.read_bound(setup, folder, generations) if bound.path_of(setup, folder).is_file() else {}
-
     def write(place: int, parameters: Floats) -> None:
         setup, weight = missing[place]
-        with locked(options.folder(setup) / LOCK):
-            bound.write_bound(setup, known(setup) | {weight: parameters}, options.folder(setup), generations)
+        folder = options.folder(setup)
+        with locked(folder / LOCK):
+            known = bound.read_bound(setup, folder, generations)
+            bound.write_bound(setup, known | {weight: parameters}, folder, generations)
 
     for setup in setups:
-        weights = {*(options.weights or setup.evaluation.weights)} - {*known(setup)}
-        missing += [(setup, weight) for weight in sorted(weights)]
+        known = bound.read_bound(setup, options.folder(setup), generations)
+        missing += [(setup, weight) for weight in sorted({*(options.weights or setup.evaluation.weights)} - {*known})]
     budget = {"scenarios": scenarios, "generations": generations}
     arguments = [{"environment": setup.environment, "time_weight": weight, **budget} for setup, weight in missing]
     options.search_all(search_bound, arguments, "bound", write)

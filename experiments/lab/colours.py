@@ -1,4 +1,4 @@
-"""The palette as CSS custom properties of a page, and drawings that are light or dark like their page."""
+"""The palette as CSS custom properties, and SVG drawings that use the light or the dark palette of their page."""
 
 import re
 
@@ -8,9 +8,9 @@ SERIES = "rule", "policy", "profile", "person", "object", "tool", "flange", "for
 
 
 def css() -> str:
-    """Return the palette as custom properties `--NAME`, light or dark by the reader's system or a button.
+    """Return CSS with the palette as custom properties `--NAME`; the reader's system or a button selects light or dark.
 
-    SVG elements of the page whose attributes are colours of the light palette become light or dark, too.
+    The CSS also changes SVG elements of the page whose attributes are colours of the light palette.
     """
     block = ":root:not([data-theme=light])"
     dark = f"@media screen and (prefers-color-scheme: dark) {{ {_block(block, 1)} }}"

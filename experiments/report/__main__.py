@@ -28,10 +28,8 @@ from impact_gym.task import Task, evaluation_sets
 from impact_gym.validation import number, whole
 
 RESULTS = "results.json"
-MARK = ".impact_gym"
-"""Lock file, which also marks the folder of a report: another report may overwrite this folder."""
-DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")
-"""Packages whose change makes the page outdated."""
+MARK = ".impact_gym"  # lock file; a report overwrites a folder with files only if it has this file
+DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")  # a change of these outdates the page
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "matplotlib", "polars", "jinja2")
 
 
@@ -94,7 +92,7 @@ class ReportOptions:
 
 
 def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return scenarios as JSON, and changes of the environment, from `ReportOptions.scenarios`.
+    """Return the scenarios (JSON), and the changed arguments of the environment, from `ReportOptions.scenarios`.
 
     ValueError: there is no such set or file, a key in the file is unknown, or a value is out of range.
     """
@@ -130,7 +128,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
         return of_policies(options.policy, options.baseline, scenarios, changes, options.time_weight)
     setups = list(map(load_setup, options.setups or README))
     if len({setup.name for setup in setups}) < len(setups):
-        raise ValueError(f"two set-ups would have the same name: {', '.join(options.setups)}")
+        raise ValueError(f"two set-ups have the same name: {', '.join(options.setups)}")
     matchups = []
     for setup in setups:
         count = options.count or (setup.evaluation.scenarios if options.scenarios is None else None)
@@ -142,7 +140,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
 
 
 def write(options: ReportOptions) -> Path:
-    """Play the missing jobs, write the folder unless it is up to date, print the answers, return the page's path.
+    """Write the report unless it is up to date, print its answers, and return the path of its page.
 
     ValueError: an option is invalid, or `out` is a file, below a file, or a folder with other content.
     """
@@ -155,7 +153,7 @@ def write(options: ReportOptions) -> Path:
 
 
 def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
-    """Play and write the report of these matchups, as `write` does, and return the path of the page."""
+    """Do what `write` does, for these matchups; `options` has the folder."""
     begun = time.perf_counter()
     own = {each.controller["object"].partition(":")[0]
            for matchup in matchups for each in matchup.baselines if "object" in each.controller}  # fmt: skip
@@ -163,7 +161,7 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
     made_from = hashlib.sha256(repr(inputs).encode()).hexdigest()
     page = options.out / "index.html"
     if options.force or not page.is_file() or results_of(options.out).get("made from") != made_from:
-        from experiments.report.jobs import PLAYING, play_matchups  # takes seconds to import
+        from experiments.report.jobs import PLAYING, play_matchups  # the import takes seconds
 
         playing = f"{compiled_from()} {digest_of(*PLAYING)}"
         kept = options.out.with_name(f".{options.out.name}.episodes")
@@ -181,14 +179,14 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
 
 
 def results_of(folder: Path) -> dict[str, Any]:
-    """Return results.json of a folder; empty if it is missing or damaged."""
+    """Return the content of a folder's results.json; empty if the file is missing or damaged."""
     with suppress(OSError, ValueError):
         return dict(json.loads((folder / RESULTS).read_text()))
     return {}
 
 
 def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, begun: float) -> None:
-    """Write the files of the report, results.json last; delete only the folder `figures` of an earlier report."""
+    """Write the files of the report over those of an earlier report; write results.json last."""
     from experiments.report import page
     from experiments.report.played import episodes
 
@@ -231,7 +229,6 @@ def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, 
 
 
 def _limits(matchups: Sequence[Matchup]) -> str:
-    """Return a sentence with the largest acceleration and velocity of each arm."""
     names = defaultdict(list)
     for matchup in matchups:
         task = Task(**matchup.environment)
