@@ -138,7 +138,7 @@ class Task:
 
     @classmethod
     def of(cls, field: str, given: Any, *others: str) -> "Task":
-        """Return the task with the arguments `given`; messages call them `field`, and list `others` as allowed, too."""
+        """Return the task with the arguments `given`; messages call the mapping `field`, and list `others`, too."""
         one_of(field, given, Mapping)
         if unknown := [name for name in given if name not in ARGUMENTS]:
             allowed = ", ".join([*others, *ARGUMENTS])
@@ -295,4 +295,3 @@ class Task:
 
 
 ARGUMENTS = {item.name: item for item in fields(Task) if item.init}
-"""The fields of `Task` that are arguments of the environment, by name."""
