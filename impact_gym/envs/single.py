@@ -36,7 +36,7 @@ def steps_per_second(task: Task) -> int:
 
 
 class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """A teleoperated tool approaches an object that it cannot see.
+    """A teleoperated tool approaches an object at an unknown distance.
 
     ## Description
     A robot's flange follows a commanded motion, and carries a tool of 0.125 kg. Ahead of the tool is an object. The

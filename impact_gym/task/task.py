@@ -60,7 +60,7 @@ class Task:
     velocity_range: Range = argument(VELOCITY_RANGE, "")
     acceleration_range: Range = argument(
         ACCELERATION_RANGE,
-        "range of the second number of an action; after the episode the flange brakes at the upper end",
+        "range of the second number of an action; after the episode the flange brakes at the range's upper end",
     )
     alarm: str = argument("force", 'or "reading": source of the alarm, see Observation Space')
     alarm_threshold: Any = argument(1.0, "")
@@ -138,7 +138,7 @@ class Task:
 
     @classmethod
     def of(cls, field: str, given: Any, *others: str) -> "Task":
-        """Return the task with the arguments `given`; messages call them `field`, and list `others` as allowed, too."""
+        """Return the task with the arguments `given`; messages call the mapping `field`, and list `others`, too."""
         one_of(field, given, Mapping)
         if unknown := [name for name in given if name not in ARGUMENTS]:
             allowed = ", ".join([*others, *ARGUMENTS])
@@ -255,8 +255,8 @@ class Task:
     def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
         """Return the task as a record (1,), TASK; the fields of DRAW for each drawn number; the task's tables (n,).
 
-        `first_draw` and `table_at` are the indices at which they begin among the draws and the tables' numbers of all
-        tasks.
+        Among those of all tasks, the draws begin at index `first_draw`, and the numbers of the tables at index
+        `table_at`.
         """
         held, no_table = mount_to_kernel(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)
@@ -295,4 +295,3 @@ class Task:
 
 
 ARGUMENTS = {item.name: item for item in fields(Task) if item.init}
-"""The fields of `Task` that are arguments of the environment, by name."""
