@@ -21,7 +21,7 @@ class Command(NamedTuple):
 
 COMMANDS: Mapping[str, Mapping[str, Command]] = {
     "for your own arm and tool": {
-        "check": Command("agents.check", ("train",), "check a set-up (a TOML file) and print what it means"),
+        "check": Command("agents.check", ("train",), "check a set-up (a TOML file) and describe it"),
         "tune": Command("agents.tune", ("train",), "tune the baselines of a set-up"),
         "train": Command("agents.train", ("train",), "train one policy or several policies for a set-up"),
         "controller": Command(

@@ -32,13 +32,15 @@ class ControllerOptions:
     """Folder for all results. If the folder contains an unfinished run for this set-up, the command continues
     this run."""
     quick: bool = False
-    """Take a first look in a few minutes. The command then tries fewer parameters in the tuning, trains three policies
-    for a million steps each, and compares the controllers in 200 scenarios. For the full run, use another folder."""
+    """Make a first controller in a few minutes. The command then tries fewer parameters in the tuning, trains three
+    policies for a million steps each, and compares the controllers in 200 scenarios. For the full run, use another
+    folder."""
     processes: int = 2
-    """Number of tunings or trainings at the same time on this machine. Each uses one core."""
+    """Number of tunings or trainings at the same time on this machine, each on one core."""
     time_weight: float | None = None
-    """Cost of a second of approach, in m/s of the object's final velocity. The controller with the lowest total cost is
-    exported. Default: `evaluation.typical` of the set-up, which is 2 unless the file of the set-up changes it."""
+    """Cost of a second until the touch, in m/s of the object's final velocity. The command exports the controller with
+    the lowest mean cost. Without this option, the value is `evaluation.typical` of the set-up (2, if the file does not
+    contain another value)."""
     all: bool = False
     """Export all controllers, not only the best one."""
     cluster: str | None = None

@@ -65,8 +65,8 @@ class DatasetOptions:
     seed: Annotated[int, arg(metavar="N")] = SEED
     """Seed of the first episode. Each later episode has the next seed."""
     operator: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: make a dataset)")] = None
-    """With a folder of tries: file for an operator that replays a random one of these tries in each episode. The file
-    is TOML for the table [environment] of a set-up."""
+    """With a folder of tries: file for an operator, who replays one randomly chosen try in each episode. The file is
+    TOML for the table [environment] of a set-up."""
     include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
     """Also use tries that impact-gym play marked as interrupted or late."""
     namespace: Annotated[str, arg(metavar="NAME")] = "impact"
@@ -78,7 +78,7 @@ class DatasetOptions:
     link: Annotated[str, arg(metavar="URL", help_behavior_hint="(default: version and commit)")] = ""
     """Public address of the code that made the dataset."""
     check: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
-    """Replay the episodes of a dataset, and check that observations, rewards and ends are the same bit by bit."""
+    """Play the episodes of a dataset again, and check that observations, rewards and ends are exactly the same."""
 
     def __post_init__(self) -> None:
         whole("episodes", self.episodes, at_least=1)

@@ -101,14 +101,14 @@ class SearchBudget:
     """Size of a search."""
 
     tolerance: float = 0.05
-    """Largest relative error with which each number of a design is built. The search and the test draw these errors for
-    each scenario. Without errors, the search would find mechanisms that barely hold their tool."""
+    """Largest relative error of each number of a design when it is built. The search and the test draw these errors for
+    each scenario. Without errors, the search would find mechanisms that hardly hold their tool."""
     scenarios: int = 500
-    """Number of scenarios that each candidate (a design with a controller) plays."""
+    """Number of scenarios in which the search tries each candidate (a design with a controller)."""
     budget: int = 7200
-    """Number of candidates that each search tries."""
+    """Number of candidates in each search."""
     population: int = 18
-    """Number of candidates in a generation of the search. They play at the same time."""
+    """Number of candidates that the search tries at the same time."""
 
     def __post_init__(self) -> None:
         number("tolerance", self.tolerance, "-", at_least=0.0, at_most=0.5)

@@ -77,22 +77,24 @@ class Study:
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """Run a study: measure the cells of its tables that have no result yet, and write a page.
+    """Run a study, and write a page with its tables.
 
-    A cell is one combination of settings, and gives one or more rows of a table.
+    A cell is one combination of settings, and gives one or more rows of a table. The command measures only the cells
+    that have no result yet.
     """
 
     out: Path | None = None
-    """Folder for the tables, the figures and the page. Default: reports/NAME, with --quick reports/NAME-quick."""
+    """Folder for the tables, the figures and the page. Without this option, the folder is reports/NAME, and with
+    --quick it is reports/NAME-quick."""
     quick: bool = False
-    """Take a first look within minutes, with few cells and short searches."""
+    """Measure only a few cells, with short searches. This takes minutes."""
     force: bool = False
     """Measure all cells again, not only the cells whose results are missing or outdated."""
     only: tuple[str, ...] = ()
-    """Names of the tables to measure. The command also measures tables that these tables or the page need."""
+    """Names of the tables to measure. The command also measures the tables that these tables or the page need."""
     processes: int | None = None
-    """Number of cells that are measured at the same time on this machine. Default: one cell for each core. 0: the cells
-    are measured in this process."""
+    """Number of cells that the command measures at the same time on this machine. Without this option, the command
+    measures one cell on each core. With 0, all cells are measured in this process."""
     cluster: str | None = None
     """Measure on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster."""
 
