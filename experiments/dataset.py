@@ -198,7 +198,7 @@ class Given:
 
 
 def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
-    """Make a dataset's environment; ValueError: the metadata name an environment or code of others, or a file."""
+    """Make a dataset's environment; ValueError: it is not of this package, or its metadata name other code or a file."""
     spec = json.loads(about["env_spec"])
     if spec["id"] not in IDS:
         raise ValueError(f"its id must be one of {', '.join(IDS)}, got {shown(spec['id'])}")

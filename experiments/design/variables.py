@@ -50,7 +50,7 @@ class SearchVariable(NamedTuple):
 def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]:
     """Return a variable for each text `NAME=LOW:HIGH`; the search starts at the set-up's value.
 
-    ValueError: there is no text, or a text has another form, a NAME that is unknown or repeated, or a LOW above HIGH.
+    ValueError: there is no text, a text has another form, a NAME is unknown or repeated, or LOW is not below HIGH.
     """
     if not texts:
         raise ValueError("--free must name a number of the design, such as coupling.stiffness=10:300")

@@ -29,7 +29,7 @@ from impact_gym.validation import number, whole
 
 RESULTS = "results.json"
 MARK = ".impact_gym"  # lock file; a report may be written to an empty folder, or to a folder with this file
-DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")  # a change of these outdates the page
+DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")  # if one changes, the page is outdated
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "matplotlib", "polars", "jinja2")
 
 
@@ -160,7 +160,7 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
         playing = f"{compiled_from()} {digest_of(*PLAYING)}"
         kept = options.out.with_name(f".{options.out.name}.episodes")
         current = kept / hashlib.sha256(playing.encode()).hexdigest()[:16]
-        for folder in kept.glob("*"):  # results of other versions of the sources
+        for folder in kept.glob("*"):  # delete results of other versions of the sources
             if options.force or folder != current:
                 shutil.rmtree(folder, ignore_errors=True)
         depends = f"{playing} {digest_of(*own)}"

@@ -35,7 +35,7 @@ class Link(NamedTuple):
 
 @dataclass(frozen=True)
 class Gain:
-    """V_p or cost of a contestant, and the gain."""
+    """V_p or cost of a contestant, and the gain over the contestant before."""
 
     value: Estimate  # m/s
     less: Estimate | None  # m/s, the gain; None for the first contestant, or if no gain can be claimed

@@ -104,7 +104,7 @@ def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: 
 
 
 def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
-    """Return the scenarios in which `play_as_late` finds the weight; except for a table, these are other scenarios."""
+    """Return the scenarios in which `play_as_late` finds a weight: not `scenarios`, unless these are a table."""
     count = min(CALIBRATION_SCENARIOS, scenarios["count"])
     if "set" in scenarios:
         return {"set": "validation", "count": count}

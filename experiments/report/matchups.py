@@ -129,7 +129,7 @@ def of_setup(
     `time_weight` (m/s per s) replaces the typical weight. ValueError: no policy or baseline, or none for the weight.
     """
     folder = setup.folder if folder is None else folder
-    if time_weight is not None:  # also the weight at which the paper's rule plays
+    if time_weight is not None:  # at the typical weight the paper's rule plays, too
         setup = replace(setup, evaluation=replace(setup.evaluation, typical=time_weight))
     path = folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():

@@ -23,7 +23,6 @@ COMPARED = (1e-4, 1e-6, 1e-8, 1e-10)  # m/s, errors of V_p at which contenders a
 FINE = 1e-6  # m/s, the error of COMPARED that the answer names
 RTOLS = tuple(float(f"1e-{k}") for k in range(3, 14))
 RIVALS = {CAREFUL: tuple(f"{CAREFUL} {method}" for method in contenders.METHODS), PEER: (PEER,)}
-"""Contenders of each rival of our solver: for SciPy one for each method, for heyoka one."""
 LONGEST = 400.0  # s, time limit of a cell, with compilation
 EDGES = (1e-16, 1e1)  # m/s; errors outside these limits are drawn at the limit
 STYLES: dict[str, dict[str, Any]] = {

@@ -147,7 +147,7 @@ class _Draw:
         return [self.value(f"robot {name}") for name in ("mass", "stiffness", "damping")]
 
     def robot_table(self, distance: float) -> ig.RobotTable:
-        """Return the shipped robot, or one whose parameters change by up to a factor of two before the object."""
+        """Return the shipped robot, or one with parameters that change by up to a factor of two along its path."""
         if self.share(0, 1) < 0.25:
             return default_approach().robot_table()
         way = np.linspace(0.0, 1.0, 6)
