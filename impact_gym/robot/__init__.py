@@ -71,7 +71,7 @@ def from_urdf(
     rng = np.random.default_rng(whole("seed", seed, at_least=0))
     remarks = list[str]()
     arm = parsed(
-        Path(path), "URDF", lambda xml: Arm(*urdf.read(xml, base, tip, inertia == "balanced", remarks)), decode=bytes
+        Path(path), "URDF", lambda xml: Arm(*urdf.read(xml, base, tip, remarks), inertia == "balanced"), decode=bytes
     )
     for remark in remarks:
         warnings.warn(remark, UserWarning, stacklevel=2)
