@@ -1,6 +1,6 @@
 """Find the best fit from several starting points, and the interval of each free number by its profile likelihood.
 
-`Fit.of` takes the best of the local minima found. `intervals` moves one number at a time away from its best value and
+The best fit is the best of the local minima found. `intervals` moves one number at a time away from its best value and
 fits all other numbers again. The misfit of a fit is the sum of (residual / noise)^2 over all samples.
 """
 
@@ -40,15 +40,6 @@ class Fit:
     valley: Array  # covariance with a prior of MAX_STEP on each free number, so that undetermined numbers stay near x
     others: Sequence[Point]
     improvement: float = MIN_IMPROVEMENT
-
-    @classmethod
-    def of(cls, model: Model) -> "Fit":
-        """Return the best fit from several starting points; unknown noise is estimated from the residuals.
-
-        Raises:
-            ValueError: no starting point leads to a blow, or a free number does not change the residuals.
-        """
-        return cls.polished(model, as_good(model, _minima(model, 0)))
 
     def again(self) -> "Fit":
         """Fit STARTS more starting points; return the best fit, or this fit if no new minimum is good enough."""
@@ -95,7 +86,7 @@ def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
         ValueError: no starting point leads to a blow, a free number does not change the residuals, or a log has more
             blows than the fit.
     """
-    fit = Fit.of(model)
+    fit = Fit.polished(model, as_good(model, _minima(model, 0)))
     if searched_again := bool(_extra_blows(fit) or _is_vague(fit)):
         fit = fit.again()
     if refusal := _extra_blows(fit):

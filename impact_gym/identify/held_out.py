@@ -113,7 +113,7 @@ def hold_out(
 
 def _predicted(log: Log, motion: Trapezoid, fit: Identified) -> Log:
     """Return a log with the readings that a fit predicts at the times of `log`."""
-    model = Model.of([log], fit.scene, [motion], fit.fit.model.sensors, ())
+    model = Model([log], fit.scene, [motion], fit.fit.model.sensors, ())
     x = descend(model, start_at(model, np.empty(0), 0.5).x).x
     samples = model.predicted(x)[0] + model.biases(x)
     return Log(log.name, log.time, {name: samples[slot] for (_, name), slot in model.slots.items()})
