@@ -160,9 +160,7 @@ def _layout(lines: Sequence[str]) -> _Layout:
                 most = sum(shares)
     if best is None:
         written = next((line for line in reversed(lines) if line.strip()), "")
-        raise ValueError(
-            f"no line has two numbers; the last line read is {shown(written)}" if written else "it is empty"
-        )
+        raise ValueError(f"no line has two numbers, the last line is {shown(written)}" if written else "it is empty")
     return best
 
 

@@ -108,11 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def parse(
     content: Mapping[str, Any], free: Sequence[str], count: int = 1
 ) -> tuple[Scene, list[Trapezoid], dict[str, Sensor]]:
-    """Return the scene, the motion of each of `count` logs, and the sensors, from the tables of the scene's file.
-
-    Raises:
-        ValueError: a table is missing or has unknown keys, or a value is a range where a number is needed.
-    """
+    """Return the scene, the motion of each of `count` logs, and the sensors, from the tables of the scene's file."""
     for name in ("environment", "motion"):
         if not isinstance(content.get(name), Mapping):
             raise ValueError(f"the scene's file must have a table [{name}], got {shown(content.get(name))}")

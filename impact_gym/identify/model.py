@@ -77,11 +77,7 @@ class Coordinate:
 
 
 def free_coordinates(scene: Scene, free: Iterable[str]) -> tuple[Coordinate, ...]:
-    """Return the coordinates of the numbers whose names are in `free`.
-
-    Raises:
-        ValueError: a name is unknown or given twice, or a number is 0.
-    """
+    """Return the coordinates of the numbers whose names are in `free`."""
     if isinstance(free, str):
         raise WrongTypeError(f"free must be a sequence of names, got the text {free!r}")
     known, names = list(flatten(parts(scene))), list(free)

@@ -79,9 +79,7 @@ def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
     elif balanced:
         moments = np.full(3, spread.sum() * 2.0 / 3.0)
     else:
-        raise ValueError(
-            f'{found}: each must be at most the sum of the others; inertia="balanced" sets all three to their mean'
-        )
+        raise ValueError(f'{found}: each must be at most the sum of the others; inertia="balanced" takes their mean')
     if (gyration := np.sqrt(most / mass)) > max(LARGEST_GYRATION, reach):
         raise ValueError(f"{found}, a radius of gyration of {gyration:.3g} m with {mass:g} kg: is it in kg m^2?")
     turn = _quaternion(axes * np.sign(np.linalg.det(axes)))
