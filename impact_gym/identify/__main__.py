@@ -23,13 +23,16 @@ from impact_gym.task import Task
 from impact_gym.task.nested import record_from
 from impact_gym.validation import numbers, one_of, shown
 
-DESCRIPTION = "Fit numbers such as a stiffness to measured blows, and write their 95 % intervals as ranges of a set-up."
+DESCRIPTION = (
+    "Fit numbers, such as a stiffness, to measured blows. "
+    "The command writes a set-up in which the 95 % intervals of these numbers are ranges."
+)
 
 FILE = """
 the log of a blow: a CSV file with the column time (s) and one or more of these columns: force (N), flange_velocity,
 tool_velocity, object_velocity (m/s), tool_acceleration, object_acceleration (m/s^2 or g). If a column has another unit,
-the header gives this unit, as in "t [ms]", or the line below the header gives it. The command prints how it read each
-file. If you give several logs, the fitted numbers are the same for all logs, but the start of the motion is fitted for
+write the unit in the header, as in "t [ms]", or in the line below the header. The command prints how it read each file.
+If you give several logs, the fitted numbers are the same for all logs, but the start of the motion is fitted for
 each log.
 
 the scene, my.toml: a set-up (see agents/setups) with two more tables, [motion] and [sensor]. Give a guess for each
@@ -59,8 +62,8 @@ number has no limit on one side, the number keeps its value, and a comment says 
 
 --hold-out checks the fit on blows to which it was not fitted. The command fits the numbers to every second log and
 predicts the other logs. Then it swaps the two halves of the logs. For each blow it prints the errors of V_p (the
-object's final velocity), peak force, impulse and duration. It also prints how much blows with the same motion differ
-from each other. With --out setup.toml, the measured and predicted values are also written to setup.held-out.csv.
+object's final velocity), peak force, impulse and duration. It also prints how much the measured blows with the same
+motion differ. With --out setup.toml, the measured and predicted values are also written to setup.held-out.csv.
 """
 
 PLACES = {row.path: ("scenario", row.id) for row in SCENARIO} | {row.path: (row.id,) for row in SET_UP if row.path}
