@@ -115,7 +115,7 @@ def report(own=None, out="out", **options):
 def policy_file(content, arrays):
     packed, weights = Ensemble([made_up_policy(sizes=())], 0).packed()
     weights |= {name: np.array(values, np.float32) for name, values in arrays.items()}
-    archive.save("policy.npz", FORMAT, changed(packed, content), weights)
+    Path("policy.npz").write_bytes(archive.archive_of(FORMAT, changed(packed, content), weights))
     load_policy("policy.npz")
 
 
@@ -239,7 +239,7 @@ THINGS = {
     "an array of more rows than there can be": saved(lambda file: zipfile.ZipFile(file, "w").writestr(
         "header.npy", b"\x93NUMPY\x01\0\x58\0" + b"%-88s" % repr(
             {"descr": "<f8", "fortran_order": False, "shape": (2**70, 0)}).encode())),
-    "an archive of version 9": saved(lambda file: archive.save(file, "impact_gym policies 9", {}, {})),
+    "an archive of version 9": archive.archive_of("impact_gym policies 9", {}, {}),
     "time": TIME, "force": FORCE, "noise": NOISE, "log with a gap": samples(np.r_[0:50, 71:161]),
     "time with a step back": put(TIME, 30, TIME[20]), "time in ms": 1e3 * TIME, "time with nan": put(TIME, 7, np.nan),
     "force in mN": 1e6 * FORCE / FORCE.max(), "force in kN": FORCE / 1e3, "force with nan": put(FORCE, 7, np.nan),

@@ -1,1 +1,1 @@
-"""Shared parts of all experiments: folders of results, tables, pages, charts, statistics, the slow-motion player."""
+"""Shared by the studies and the report: results, tables, pages, charts, statistics, the slow-motion player."""
