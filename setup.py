@@ -1,7 +1,7 @@
 """Build script: compiles the solver, and moves the packages `agents` and `experiments` into `impact_gym` in a wheel.
 
-Other projects also install packages with these two names. A wheel therefore has `impact_gym.agents` and
-`impact_gym.experiments`, and its sources import these names. impact_gym/beside.py makes them importable in a checkout.
+Other projects also install packages with these two names. impact_gym/beside.py makes `impact_gym.agents` and
+`impact_gym.experiments` importable in a checkout, too.
 """
 
 import re

@@ -102,7 +102,7 @@ def teleop() -> str:
 
 
 def ids() -> str:
-    """Return the table of registered ids."""
+    """Return the table of the ids of environments."""
     rows = []
     for name, arguments in IDS.items():
         space: Any = gym.make(name).observation_space
@@ -194,7 +194,7 @@ def mechanism(axes: Any) -> None:
 
 
 def convergence(axes: Any) -> None:
-    """Draw the error of a contact's restitution over the number of evaluations, for two forms of its equations."""
+    """Draw the error of a contact's restitution over the number of evaluations, for two forms of the equations."""
     from scipy.integrate import solve_ivp
 
     damping = 1.5

@@ -47,7 +47,7 @@ def summary(frame: pl.DataFrame) -> list[dict[str, Any]]:
 
 
 def in_words(design: str) -> str:
-    """Return the numbers of a design (JSON) with their units."""
+    """Return a design (JSON) as text: names, values and units of its numbers."""
     units = {name: QUANTITIES[name].unit.removeprefix("-") for name in json.loads(design)}
     return ", ".join(f"{name} {value:.4g} {units[name]}".strip() for name, value in json.loads(design).items())
 

@@ -19,7 +19,7 @@ from impact_gym.files import parsed, write_file
 from impact_gym.task import Task
 from impact_gym.validation import distinct, identifier, number, whole
 
-PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # lines of the chart; each coupling in `others` has another
+PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # lines of the chart, in addition to `DesignOptions.others`
 SPRING = "paper's spring"
 LIMITED = (FRONT, CHOSEN)
 
@@ -35,11 +35,11 @@ class DesignOptions:
     setup: tyro.conf.Positional[str]
     """Name of a shipped set-up, or file of a set-up."""
     free: tuple[str, ...]
-    """NAME=LOW:HIGH for each number that the search may change, such as coupling.stiffness=10:300. NAME is tool_mass,
-    or coupling. and the name of a parameter of the coupling."""
+    """Numbers that the search may change, each as NAME=LOW:HIGH, such as coupling.stiffness=10:300. NAME is tool_mass,
+    or "coupling." followed by a parameter of the coupling."""
     out: Path
-    """Folder for all results. It also keeps finished searches. After an interruption, repeat the command to
-    continue."""
+    """Folder for all results, also of finished searches. If you repeat the command after an interruption, it
+    continues."""
     pad: str = ""
     """Pad on the tool: memory-foam, neoprene or norbornene. Empty: no pad. The mass of the pad is part of the tool's
     mass."""
@@ -48,13 +48,13 @@ class DesignOptions:
     limits: Annotated[Limits, tyro.conf.arg(name="")] = field(default_factory=Limits)
     search: Annotated[SearchBudget, tyro.conf.arg(name="")] = field(default_factory=SearchBudget)
     against: tuple[str, ...] = ("bistable-blind", "bistable-paper")
-    """Set-ups whose couplings are compared with the design. The command also searches a controller for each of these
-    couplings."""
+    """Set-ups whose couplings are compared with the design. The command also searches a controller for each coupling of
+    these set-ups."""
     seeds: int = 2
     """Number of searches for each approach time, each with another seed. The command takes the design that is best on
     the validation set."""
     processes: int = 2
-    """Number of searches at the same time, each on one core. 0: the searches run one after the other in this
+    """Number of searches at the same time, each on one core. With 0, the searches run one after the other in this
     process."""
 
     def checked(self) -> "DesignOptions":

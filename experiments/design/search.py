@@ -1,7 +1,4 @@
-"""One search over design and controller together, for the lowest V_p with a limited mean approach time.
-
-A search over designs alone would contain a search for the best controller of each design.
-"""
+"""One search over design and controller together, for the lowest V_p with a limited mean approach time."""
 
 import json
 import math
@@ -25,8 +22,7 @@ from impact_gym.validation import number, whole
 
 RTOL = 1e-5  # rtol of the simulation in a search: the error of V_p is below 1e-6 m/s
 PENALTY = 2.0  # m/s, cost of exceeding a limit by 100 %; it is larger than any gain in V_p by exceeding the limit
-MARGIN = 1.2
-"""Factor on the tolerance in a search, so that mechanisms that hold the tool in the search also hold it elsewhere."""
+MARGIN = 1.2  # factor on the tolerance in a search, which has fewer scenarios than the test set
 CONTACT = ("contact_stiffness", "restitution")
 WITHIN = 0.95  # share of the episodes in which the peak force must be within its limit
 UNITS = {"deflection": "m", "stroke": "m", "peak_force": "N", "touched_once": "-"}
@@ -105,14 +101,14 @@ class SearchBudget:
     """Size of a search."""
 
     tolerance: float = 0.05
-    """Largest relative error with which each number of a design is built. The search and the test draw these errors for
-    each scenario. Without errors, the search would find mechanisms that barely hold their tool."""
+    """Largest relative error of each number of a design when it is built. The search and the test draw these errors for
+    each scenario. Without errors, the search would find mechanisms that hardly hold their tool."""
     scenarios: int = 500
-    """Number of scenarios that each candidate (a design with a controller) plays."""
+    """Number of scenarios in which the search tries each candidate (a design with a controller)."""
     budget: int = 7200
-    """Number of candidates that each search tries."""
+    """Number of candidates in each search."""
     population: int = 18
-    """Number of candidates in a generation of the search. They play at the same time."""
+    """Number of candidates that the search tries at the same time."""
 
     def __post_init__(self) -> None:
         number("tolerance", self.tolerance, "-", at_least=0.0, at_most=0.5)
@@ -129,8 +125,7 @@ def objective(
 ) -> Losses:
     """Return a function that returns the losses (population, 1), m/s, of candidates (population, 1, k).
 
-    A candidate is an array with the design's variables, then the rule's parameters. The arguments are as in `search`.
-    All candidates play the same tuning scenarios.
+    A candidate has the design's variables, then the rule's parameters. All candidates play the same tuning scenarios.
     """
     population, scenarios = budget.population, budget.scenarios
     task = candidate.task.changed({"rtol": RTOL})
@@ -183,10 +178,10 @@ def search(
 
 
 def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any]) -> pl.DataFrame:
-    """Play a candidate on the frozen set `name`; return a row for each scenario, with its numbers and the results.
+    """Play a candidate on the frozen set `name`; return a row for each scenario, with numbers and results.
 
     `candidate` has the fields of `Candidate`, `limits` those of `Limits`. In each scenario, each number of the design
-    has a relative error of at most `tolerance`. The column `excess`, over all scenarios, has one value.
+    has a relative error of at most `tolerance`. `Limits.excess` over all scenarios is in each row.
     """
     player = Candidate(**candidate)
     task = player.task.changed(as_built(player.design, tolerance))

@@ -103,7 +103,7 @@ def quantile_groups(values: Floats, count: int) -> list[tuple[NDArray[np.bool_],
 
 @dataclass(frozen=True)
 class Comparison:
-    """A measure of two contestants (1 + n,), in the sample and in the same n resamples."""
+    """A measure of two contestants (1 + n,), in the sample and in n resamples; both have the same resamples."""
 
     ours: Floats
     theirs: Floats
@@ -116,7 +116,7 @@ class Comparison:
 
     @classmethod
     def of_fronts(cls, ours: Front, theirs: Front) -> Self:
-        """Compare V_p (m/s) of the front `ours` with that of `theirs`, a front with one weight, at its time."""
+        """Compare V_p (m/s) of the front `ours` with the one point of the front `theirs`, at the time of this point."""
         (time,), (velocity,) = theirs[0].T, theirs[1].T
         return cls(along(*ours, time), velocity)
 

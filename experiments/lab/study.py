@@ -23,10 +23,9 @@ Row = Mapping[str, Any]
 Rows = Sequence[Row] | pl.DataFrame
 Frames = Mapping[str, pl.DataFrame]
 LARGE = 50_000  # rows; a larger table is written as Parquet
-SOLVER = tuple(
+SOLVER = tuple(  # modules on which the result of `simulate` depends, in addition to the compiled solver
     f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "to_kernel", "outcome", "simulation")
 )
-"""Modules on which the result of `impact_gym.simulate` depends, in addition to the compiled solver."""
 
 
 class Cell(NamedTuple):
@@ -46,7 +45,7 @@ class Measurement:
     depends: tuple[str, ...] = SOLVER  # modules that rows depend on, in addition to the module of `measure`
     failed: Callable[[Row], Row] | None = None  # from labels to the row of a failed cell; None: it is an error
     seconds: float | None = None  # s, time limit of a cell
-    processes: int | None = None  # most processes; 1: cells are timed one after the other; 0: in this process
+    processes: int | None = None  # limit; 1: cells are timed one after the other; 0: in this process
 
     @property
     def digest(self) -> str:
@@ -78,22 +77,24 @@ class Study:
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """Run a study: measure the cells of its tables that have no result yet, and write a page.
+    """Run a study, and write a page with its tables.
 
-    A cell is one combination of settings, and gives one or more rows of a table.
+    A cell is one combination of settings, and gives one or more rows of a table. The command measures only the cells
+    that have no result yet.
     """
 
     out: Path | None = None
-    """Folder for the tables, the figures and the page. Default: reports/NAME, with --quick reports/NAME-quick."""
+    """Folder for the tables, the figures and the page. Without this option, the folder is reports/NAME, and with
+    --quick it is reports/NAME-quick."""
     quick: bool = False
-    """Take a first look within minutes, with few cells and short searches."""
+    """Measure only a few cells, with short searches. This takes minutes."""
     force: bool = False
     """Measure all cells again, not only the cells whose results are missing or outdated."""
     only: tuple[str, ...] = ()
-    """Names of the tables to measure. The command also measures tables that these tables or the page need."""
+    """Names of the tables to measure. The command also measures the tables that these tables or the page need."""
     processes: int | None = None
-    """Number of cells that are measured at the same time on this machine. Default: one cell for each core. 0: the cells
-    are measured in this process."""
+    """Number of cells that the command measures at the same time on this machine. Without this option, the command
+    measures one cell on each core. With 0, all cells are measured in this process."""
     cluster: str | None = None
     """Measure on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster."""
 
@@ -133,7 +134,7 @@ class Run:
         return frame_of(zip((cell.labels for cell in cells), results, strict=True))
 
     def measure(self) -> None:
-        """Measure the tables `only`; if there are none, measure all tables."""
+        """Measure the tables in `only`, or all tables if `only` is empty."""
         names = [measurement.name for measurement in self.study.measurements]
         if unknown := set(self.options.only) - {*names}:
             raise ValueError(f"only: no table {min(unknown)!r} in the study {self.study.name}: {', '.join(names)}")

@@ -28,13 +28,11 @@ def damping_factor(name: str, e: float, m: float, n: float) -> float:
     """Return the factor d of the contact force u^m + d u^n u', for the restitution e and the law `name`.
 
     Penetration u and force are in the scales of the contact, see `experiments.reference`. With "exact" the restitution
-    of an isolated contact is exactly e.
-
-    ValueError: no law has this name.
+    of an isolated contact is exactly e. ValueError: no law has this name.
     """
     if name in CLOSURES:
         return CLOSURES[name](e)
-    if name not in ("exact", "fixed"):  # "fixed": "exact" at its reference velocity
+    if name not in ("exact", "fixed"):  # "fixed" is "exact" at the reference velocity
         raise ValueError(f"reference: dissipation must be one of {[*CLOSURES, 'exact', 'fixed']}, got {name!r}")
     if e == 1:
         return 0.0

@@ -46,7 +46,7 @@ class Motion:
         self.t = 0.0  # s
         self.peak_force = 0.0  # N
         self.unread_force = 0.0  # N, largest force since the last reading of the sensor
-        self.records: list[ContactRecord] = []  # of finished contacts
+        self.records: list[ContactRecord] = []  # finished contacts
         self.past_impulse = self.coupling_impulse = (
             0.0  # N s, in past contacts: impulse on the object; impulse of the coupling on the tool
         )
@@ -85,10 +85,7 @@ class Motion:
         return float((self.past_impulse + scales.force * scales.time * self._y[6]) / self.chain.m_p)
 
     def over(self) -> bool:
-        """Return whether no contact can follow.
-
-        After the commanded motion, the energy of the chain only falls. It limits the velocity of the tool.
-        """
+        """Return whether no contact can follow, because the chain has too little energy and the command is at rest."""
         x_r, v_r, a, cut = self.command.at(self.t)
         if self.touching or v_r or a or cut < inf:  # a contact, or the command moves now or later
             return False

@@ -28,7 +28,7 @@ from impact_gym.task import Task, evaluation_sets
 from impact_gym.validation import number, whole
 
 RESULTS = "results.json"
-MARK = ".impact_gym"  # lock file; a report overwrites a folder with files only if it has this file
+MARK = ".impact_gym"  # lock file; a report may be written to an empty folder, or to a folder with this file
 DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")  # a change of these outdates the page
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "matplotlib", "polars", "jinja2")
 
@@ -42,38 +42,38 @@ class ReportOptions:
     """
 
     setups: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Names of shipped set-ups, or files of set-ups. The page compares the policy of each set-up with
-    its baselines, controllers that are not learned."""
+    """Names of shipped set-ups, or files of set-ups. The page compares the policy of each set-up with the set-up's
+    baselines, which are controllers that are not learned."""
 
     folder: Path | None = None
-    """Folder with the subfolders `policies` and `tuned`. Default: the folder to which `impact-gym train --seeds` and
-    `impact-gym tune` write these subfolders for the set-up."""
+    """Folder with the subfolders `policies` and `tuned`. Without this option, the command uses the folder into which
+    `impact-gym train --seeds` and `impact-gym tune` write these subfolders."""
     policy: tuple[str, ...] = ()
-    """Policies to compare, if you name no set-ups: files of policies, folders of trainings, or names of shipped
-    policies. The page compares each policy with the paper's rule and with the baselines."""
+    """Policies to compare: files of policies, folders of trainings, or names of shipped policies. With this option,
+    name no set-ups. The page compares each policy with the paper's rule and with the baselines."""
     baseline: tuple[str, ...] = ()
     """With --policy: baselines to compare in addition to the paper's rule. Give the name of a tuned baseline, or
     module:object. The object must have the method `predict`, or be a function or class that returns such an object.
-    Default: the baselines of the policy's set-up."""
+    Without this option, the baselines are those of the policy's set-up."""
     scenarios: str | None = None
-    """Scenarios to use instead of those of the set-ups. Give the name or the CSV file of a frozen set of scenarios, or
-    a JSON file {"ranges": {...}, "seed": s, "count": n, "environment": {...}}. The JSON file may leave out any key. Its
-    key "environment" holds arguments of gym.make, for example your tool and coupling."""
+    """Scenarios that replace the scenarios of the set-ups. Give the name or the CSV file of a frozen set of scenarios,
+    or a JSON file {"ranges": {...}, "seed": s, "count": n, "environment": {...}}. The JSON file may leave out any key.
+    "environment" holds arguments of gym.make, for example your tool and coupling."""
     count: int | None = None
-    """Number of scenarios. Default: the number in the set-up. With --scenarios or --policy, the default is all
-    scenarios of the frozen set, or "count" in the JSON file."""
+    """Number of scenarios. Without this option, the number comes from the set-up. If --scenarios or --policy is given,
+    the number comes from the frozen set, or from "count" in the JSON file."""
     time_weight: float | None = None
-    """Cost of a second of approach, in m/s of the object's final velocity. The page recommends the controller with the
-    lowest total cost. Default: `evaluation.typical` of the set-up, which is 2 unless the file of the
-    set-up changes it."""
+    """Cost of a second until the touch, in m/s of the object's final velocity. The page recommends the controller with
+    the lowest mean cost. Without this option, the value is `evaluation.typical` of the set-up (2, if the file does not
+    contain another value)."""
     out: Path = REPORTS / "latest"
-    """Folder for the page. A hidden folder next to this folder keeps the results of all episodes. After an
-    interruption, repeat the command to continue."""
+    """Folder for the page. A hidden folder beside this folder keeps the results of all episodes. If you repeat the
+    command after an interruption, it continues."""
     force: bool = False
     """Play all episodes and write the page again, even if the page is up to date."""
     processes: int | None = None
-    """Number of processes on this machine that play episodes at the same time. Default: one process for each core. 0:
-    all episodes are played in the process of the command."""
+    """Number of processes on this machine that play episodes. Without this option, there is one process for each core.
+    With 0, all episodes are played in the process of the command."""
     cluster: str | None = None
     """Play on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster. The module
     of each module:object must be installed on the nodes of the cluster."""
@@ -92,10 +92,7 @@ class ReportOptions:
 
 
 def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the scenarios (JSON), and the changed arguments of the environment, from `ReportOptions.scenarios`.
-
-    ValueError: there is no such set or file, a key in the file is unknown, or a value is out of range.
-    """
+    """Return scenarios, and changes of the environment, from `ReportOptions.scenarios`; ValueError: it is invalid."""
     path = Path(source)
     if path.suffix == ".json":
         content = parsed(path, "scenarios, JSON", json.loads)
@@ -140,10 +137,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
 
 
 def write(options: ReportOptions) -> Path:
-    """Write the report unless it is up to date, print its answers, and return the path of its page.
-
-    ValueError: an option is invalid, or `out` is a file, below a file, or a folder with other content.
-    """
+    """Write the report unless it is up to date, print answers, return its path; ValueError: an option is invalid."""
     there = next(path for path in (options.out, *options.out.absolute().parents) if path.exists())
     if not there.is_dir():
         raise ValueError(f"out must be a folder, but {there} is a file")

@@ -51,7 +51,7 @@ class Step:
     scenarios: int
     later: float  # s, time of `velocity` minus the mean approach time of the paper's rule
     limit: str  # words from LIMITS
-    velocity: Gain  # V_p at the mean approach time of the paper's rule, or at the end of the front nearest to this time
+    velocity: Gain  # V_p at the mean approach time of the paper's rule, or at the nearest end of the front
     weight: float  # typical time weight w, m/s per s
     loss: Gain  # V_p + w T + cost of misses
 
@@ -139,10 +139,7 @@ def _cells(gain: Gain, limit: str = "") -> list[str]:
 
 
 def sentence(steps: Sequence[Step]) -> str:
-    """Return a sentence with the shares of all steps; "" if a step has no share.
-
-    They are shares of the reduction of V_p, or of V_p + w T if a step needs more time than the paper's rule.
-    """
+    """Return a sentence with the steps' shares in the reduction of V_p (or of V_p + w T, if a step is late), or ""."""
     first, *gained = (step for step in steps if step.contestant != BOUND)
     if any(step.later > 0.0 for step in gained):
         before, after = first.loss.value.value, gained[-1].loss.value.value

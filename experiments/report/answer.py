@@ -94,7 +94,7 @@ def reductions(played: Played) -> Floats:
 
 
 def at_least(answer: Answer) -> str:
-    """Return in words the least reduction of V_p in 95 % of all trainings; "-" for a single seed."""
+    """Return in words the reduction of V_p that 95 % of all trainings exceed; "-" for a single seed."""
     return f"{100 * tolerated(np.array(answer.each)):.1f} %" if len(answer.each) > 1 else "-"
 
 
@@ -116,7 +116,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
     if answer.beyond == "faster":
         text += "; at every weight the object leaves faster than with the paper's rule."
     else:
-        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # V_p is below the rule's at every weight
+        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # if V_p is lower at every weight
         bound = f"{limit} " if answer.beyond == "slower" else ""
         text += f"; at the paper's V_p the approach takes {bound}{_compared(answer.sooner, 'less', 'more')} time."
     if answer.rival_reduction:

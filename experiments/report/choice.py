@@ -85,7 +85,7 @@ def choice(played: Played) -> Choice:
 
 
 def table(result: Choice, played: Played) -> Table:
-    """Return cost, V_p, T and misses of each contestant at the typical weight, the simplest first."""
+    """Return the table of cost, V_p, T and misses of each contestant at the typical weight, the simplest first."""
     matchup, weight = played.matchup, result.time_weight
     runs, rows = {**played.baselines, matchup.chosen: played.policy}, []
     for each in sorted((*matchup.baselines, matchup.policy), key=simplicity):

@@ -1,7 +1,4 @@
-"""Comparison of assistances for an operator whose commands arrive late, with several couplings, delays and operators.
-
-An assistance is a controller at the arm that corrects the commands, and senses the touch without delay.
-"""
+"""Comparison of assistances, controllers at the arm that correct the commands of an operator, which arrive late."""
 
 import base64
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,12 +25,11 @@ BELIEF = {"place_error": [-0.05, 0.05], "creep": [0.05, 0.15]}
 
 
 REACH, SEEN = "reach", "training's recordings"
-HELD_OUT: Mapping[str, Mapping[str, Any]] = {
+HELD_OUT: Mapping[str, Mapping[str, Any]] = {  # operators with which no policy was trained
     "tracker": {"type": "Tracker", **BELIEF},
     "hand": {"type": "SecondOrderLag", **BELIEF},
     "steady": {"type": "Trapezoid", "speed": [0.1, 0.4]},
 }
-"""Operators with which no policy was trained."""
 OPERATORS = (REACH, SEEN, *HELD_OUT)
 ALONE, RULE, BRAKE, POLICY = "operator alone", "paper's rule", "local brake", "policy"
 ASSISTANCE = (ALONE, RULE, BRAKE, POLICY)
@@ -155,7 +151,7 @@ def form(name: str, digits: int) -> str:
 
 
 def in_cm(row: Row) -> dict[str, Any]:
-    """Return a row with its slides in cm, and its cell in words."""
+    """Return a row with slides in cm, and with the name of the cell."""
     return {name: 100.0 * value if "slide" in name else value for name, value in row.items()} | {"cell": words_of(row)}
 
 

@@ -60,13 +60,13 @@ class Task:
     velocity_range: Range = argument(VELOCITY_RANGE, "")
     acceleration_range: Range = argument(
         ACCELERATION_RANGE,
-        "range of the second number of an action; after the episode the flange brakes at its upper end",
+        "range of the second number of an action; after the episode the flange brakes at the range's upper end",
     )
     alarm: str = argument("force", 'or "reading": source of the alarm, see Observation Space')
     alarm_threshold: Any = argument(1.0, "")
     dissipation: str = argument("hu-guo", 'or "exact" or "fixed": how damping follows from restitution, see `Contact`')
-    reference_velocity: float | None = argument(None, 'at which "fixed" gives the restitution, 1 if None')
-    friction: Any = argument(None, "under the object; None: no friction, the object never stops")
+    reference_velocity: float | None = argument(None, 'm/s, velocity at which "fixed" gives the restitution; None: 1')
+    friction: Any = argument(None, "coefficient of friction under the object; None: no friction")
     range_noise: Any = argument(None, "standard deviation of a distance estimate; None: no estimate")
     range_bias: Any = argument(0.0, "added to every distance estimate")
     observe_range_noise: bool = argument(False, "observe `range_noise`, which may differ from episode to episode")

@@ -26,10 +26,7 @@ def where(frame: pl.DataFrame, **values: float | str) -> dict[str, NDArray[Any]]
 
 
 def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parameter: str, *counts: str) -> list[Row]:
-    """Return `row(value)` for rising `values` of a parameter, and two rows, WIDTH apart, for each change of a count.
-
-    Between two values, each of `counts` may change at most once. Bisection finds the change.
-    """
+    """Return `row(value)` for rising `values`, and two rows, WIDTH apart, where one of `counts` changes."""
     rows = [row(value) for value in values]
     enclosing: list[Row] = []
     for count, (low, high) in product(counts, pairwise(rows)):
@@ -51,8 +48,7 @@ def changes(rows: dict[str, NDArray[Any]], parameter: str, count: str) -> list[t
 def histories(cases: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION) -> pl.DataFrame:
     """Simulate scenes for `duration` (s); return one table of their traces, with a column `case`.
 
-    The column `contact` is the number of the current contact, from 1, and 0 in flight. The column `impulse` has the
-    impulse of the coupling during all contacts (N s; eq. 21).
+    `contact`: number of the current contact, 0 in flight. `impulse`: coupling's impulse in all contacts (N s; eq. 21).
     """
     parts = []
     for case, scene in cases.items():

@@ -16,8 +16,8 @@ from experiments.studies.solvers.taylor import Run
 
 OURS, CAREFUL, PEER = "impact_gym", "SciPy", "heyoka"  # "SciPy": `experiments.reference` with METHODS of SciPy
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
+# modules on which the rows of contenders depend, in addition to SOLVER
 JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studies.solvers")
-"""Modules on which the rows of contenders depend, in addition to SOLVER."""
 MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
 TOO_WRONG = 1e-2  # m/s, error of V_p above which a contender has failed
 TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, which computes the truth, and of Radau, which checks it

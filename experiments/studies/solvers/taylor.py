@@ -70,7 +70,7 @@ def integrator(kind: str, touching: bool, tolerance: float) -> tuple[Any, dict[i
     rising, falling, both = (getattr(hy.event_direction, name) for name in ("positive", "negative", "any"))
     events = [("touching", falling if touching else rising, s)]
     if touching:
-        slope = 1.5 * w * clamped + d * s * w_dot  # of F, without s^2
+        slope = 1.5 * w * clamped + d * s * w_dot  # slope of F divided by s^2
         events += [("peak", falling, slope), ("pressed", both, clamped)]
         events += [("alarm", rising, alarm * F - 1.0), ("cut", rising, tau - cut)]
     if kind == "Bistable":

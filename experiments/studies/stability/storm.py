@@ -59,7 +59,7 @@ def run(approach: Approach, rtol: float = 1e-8) -> tuple[ig.Outcome | None, str,
 
 
 def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate) -> Row:
-    """Return the row of a scene; `simulate` computes its trace."""
+    """Return the row of a scene; `simulate` computes the trace."""
     outcome, problem, milliseconds = run(approach)
     if milliseconds >= AGAIN_OVER:
         milliseconds = min(milliseconds, run(approach)[2])
@@ -83,10 +83,7 @@ def storm_row(number: int) -> list[Row]:
 
 
 def truth_row(number: int, patience: float) -> list[Row]:
-    """Return the independent solver's solution of scene `number`, by DOP853, or by Radau if DOP853 fails.
-
-    For a stiff scene Radau comes first. The limit of the processor time of each method is `patience` (s).
-    """
+    """Return the independent solver's solution of scene `number`; each method may take `patience` (s)."""
     approach = storm(number)
     law = approach.scene.contact
     d = damping_factor(law.dissipation, law.restitution, law.stiffness_exponent, law.damping_exponent)
@@ -121,7 +118,7 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
     for contact in outcome.contacts:
         after, striking = contact.object_velocity, before + contact.approach_velocity
         until = NEVER if contact.end is None else contact.end
-        rubbed = slowing * (until - since)  # m/s, at most
+        rubbed = slowing * (until - since)  # m/s, largest change of V_p by friction
         lost = contact.impulse - m_p * (after - before)
         impulse_error = max(-lost, lost - m_p * rubbed, 0.0) / max(contact.impulse, 1e-300)
         budgets.append((abs(contact.momentum_error), impulse_error))
@@ -137,7 +134,7 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
 
 
 def _worst(*values: float) -> float:
-    """Return the largest value; nan counts as infinite."""
+    """Return the largest value, or infinity if a value is nan."""
     return math.inf if any(map(math.isnan, values)) else max(values)
 
 
