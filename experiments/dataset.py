@@ -198,7 +198,7 @@ class Given:
 
 
 def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
-    """Make a dataset's environment; ValueError: it is not of this package, or its metadata name other code or a file."""
+    """Make a dataset's environment; ValueError: it is not of this package, or metadata name other code or files."""
     spec = json.loads(about["env_spec"])
     if spec["id"] not in IDS:
         raise ValueError(f"its id must be one of {', '.join(IDS)}, got {shown(spec['id'])}")

@@ -27,7 +27,7 @@ RTOL = 1e-12  # at this rtol `simulate` and the environment agree to 1e-9
 
 
 def playable(name: str) -> Setup:
-    """Return the set-up `name`; ValueError: no such set-up, no operator in it, or a control period other than PERIOD."""
+    """Return the set-up `name`; ValueError: no such set-up, no operator in it, or its control period is not PERIOD."""
     setup = load_setup(name)
     if "operator" not in setup.environment:
         operator, others = '{ type = "Reach", place_error = 0.0, creep = 0.1 }', map(load_setup, shipped())
@@ -73,7 +73,7 @@ def usual(setup: Setup) -> dict[str, float]:
 
 
 def about(setup: Setup) -> dict[str, Any]:
-    """Return what the page shows of a set-up: settings, coupling, ranges of distance (m) and speed (m/s), horizon (s)."""
+    """Return data of a set-up for the page: settings, coupling, ranges of distance (m) and speed (m/s), horizon (s)."""
     task = Task(**environment_of(setup), operator=PERSON)
     return {"usual": usual(setup), "chain": chain_of(task), "distance": task.scenario.distance,
             "horizon": task.horizon, "speeds": task.velocity_range}  # fmt: skip
