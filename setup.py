@@ -39,7 +39,7 @@ class Build(build_py):
     """Copies modules into a wheel; in their sources, the packages BELOW get their new names."""
 
     def build_module(self, module: str, module_file: str, package: Any) -> Any:
-        """Copy a module; a module of BELOW gets new names, unless the installation is editable."""
+        """Copy a module; in a module of BELOW, rename imports and strings, unless the installation is editable."""
         out, copied = super().build_module(module, module_file, package)
         if not self.editable_mode and any(f".{name}." in f"{package}." for name in BELOW):
             text = Path(out).read_text()

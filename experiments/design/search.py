@@ -22,7 +22,7 @@ from impact_gym.validation import number, whole
 
 RTOL = 1e-5  # rtol of the simulation in a search: the error of V_p is below 1e-6 m/s
 PENALTY = 2.0  # m/s, cost of exceeding a limit by 100 %; it is larger than any gain in V_p by exceeding the limit
-MARGIN = 1.2  # factor on the tolerance in a search, which has fewer scenarios than the test set
+MARGIN = 1.2  # factor on the tolerance in a search, because of rare scenarios that a search does not contain
 CONTACT = ("contact_stiffness", "restitution")
 WITHIN = 0.95  # share of the episodes in which the peak force must be within its limit
 UNITS = {"deflection": "m", "stroke": "m", "peak_force": "N", "touched_once": "-"}
@@ -159,7 +159,7 @@ def search(
 
     `candidate`, `limits` and `budget` have the fields of `Candidate`, `Limits` and `SearchBudget`, each of `variables`
     those of `SearchVariable`. The candidate's environment has a range for each variable; its `parameters` are the start
-    of the search. Without variables, only the controller is searched. The largest mean time is `approach_time` (s).
+    of the search. Without variables, only the controller is searched. `approach_time` (s) limits the mean.
     """
     begin, free, much = Candidate(**candidate), [SearchVariable(*each) for each in variables], SearchBudget(**budget)
     of_rule = zip(RULES[begin.rule].PARAMETERS, begin.parameters, strict=True)

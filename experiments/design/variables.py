@@ -84,7 +84,7 @@ def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[fl
 
 
 def searched_environment(setup: Setup, variables: Sequence[SearchVariable], deflection: float | None) -> dict[str, Any]:
-    """Return the set-up's environment with the range of each variable, as if the number were drawn in each episode.
+    """Return the set-up's environment with the range of each variable, as if each number were drawn in each episode.
 
     ValueError: the coupling is invalid at an end of a range, or all designs deflect by more than `deflection` (m).
     """

@@ -43,7 +43,7 @@ class Measurement:
     cells: Callable[[bool, Frames], Iterable[Cell]]  # arguments: whether the run is quick, and the earlier tables
     measure: Callable[..., Rows]  # function at the top of a module, so that other processes can import it
     depends: tuple[str, ...] = SOLVER  # modules that rows depend on, in addition to the module of `measure`
-    failed: Callable[[Row], Row] | None = None  # row of a failed cell, from its labels; None: it is an error
+    failed: Callable[[Row], Row] | None = None  # row of a failed cell, from its labels; None: raise an error
     seconds: float | None = None  # s, time limit of a cell
     processes: int | None = None  # limit; 1: cells are timed one after the other; 0: in this process
 

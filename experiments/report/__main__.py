@@ -92,7 +92,7 @@ class ReportOptions:
 
 
 def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return scenarios, and changes of the environment, from `ReportOptions.scenarios`; ValueError: it is invalid."""
+    """Return scenarios, and changes of the environment, from `source`, see `ReportOptions`; ValueError: invalid."""
     path = Path(source)
     if path.suffix == ".json":
         content = parsed(path, "scenarios, JSON", json.loads)
@@ -147,7 +147,7 @@ def write(options: ReportOptions) -> Path:
 
 
 def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
-    """Do what `write` does, for these matchups; `options` has the folder."""
+    """Write the report of `matchups` as `write` does; `options` has the folder."""
     begun = time.perf_counter()
     own = {each.controller["object"].partition(":")[0]
            for matchup in matchups for each in matchup.baselines if "object" in each.controller}  # fmt: skip

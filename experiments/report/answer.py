@@ -23,7 +23,7 @@ class Answer:
 
     reduction: Estimate  # 1 - V_p of all seeds / V_p of the rule, at the paper's time
     each: tuple[float, ...]  # `reduction` for each seed; empty if the front of a seed does not reach the paper's time
-    reached: bool  # whether the policy's front reaches the paper's time; if not, `reduction` is at its nearest end
+    reached: bool  # whether the policy's front reaches the paper's time; if not, `reduction` is at the nearest end
     later: float  # (time at the nearest end of the policy's front - the paper's time) / the paper's time
     needed: float  # m/s per s, time weight at which the extrapolated front would reach the paper's time; nan: none
     sooner: Estimate  # 1 - the policy's mean approach time / the paper's time, at the rule's mean V_p
@@ -116,7 +116,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
     if answer.beyond == "faster":
         text += "; at every weight the object leaves faster than with the paper's rule."
     else:
-        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # if V_p is lower at every weight
+        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # if V_p is below the rule's at every weight
         bound = f"{limit} " if answer.beyond == "slower" else ""
         text += f"; at the paper's V_p the approach takes {bound}{_compared(answer.sooner, 'less', 'more')} time."
     if answer.rival_reduction:
