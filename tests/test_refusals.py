@@ -5,6 +5,7 @@ tests/task/test_quantities.py has the refusals that follow from the table of qua
 
 import gzip
 import io
+import json
 import os
 import re
 import tomllib
@@ -34,6 +35,9 @@ from agents.policies import Ensemble, Policy
 from agents.policies.policy import FORMAT
 from agents.setups import feasible
 from experiments.design.options import DesignOptions
+from experiments.play import __main__ as playing
+from experiments.play.assistance import playable
+from experiments.report import __main__ as reports
 from impact_gym.envs.batch import Batch
 from impact_gym.identify.__main__ import main as identify_command
 from impact_gym.robot import all_joints, default_approach, from_urdf
@@ -104,10 +108,22 @@ def set_up_file(text="", **tree):
     load_setup("bad.toml")
 
 
+def report(own=None, out="out", **options):
+    """A refused report writes nothing; `own` is the content of a file of scenarios."""
+    Path("crooked.py").write_text("class Rule:\n    def predict(self, seen, **more):\n        return seen[0], None\n")
+    if own is not None:
+        Path("own.json").write_text(own if isinstance(own, str) else json.dumps(own))
+        options["scenarios"] = "own.json"
+    try:
+        reports.write(reports.ReportOptions(**{"policy": ("linear-blind",), "out": Path(out), **options}))
+    finally:
+        assert not Path("out").exists()
+
+
 def policy_file(content, arrays):
     packed, weights = Ensemble([made_up_policy(sizes=())], 0).packed()
     weights |= {name: np.array(values, np.float32) for name, values in arrays.items()}
-    archive.save("policy.npz", FORMAT, changed(packed, content), weights)
+    Path("policy.npz").write_bytes(archive.archive_of(FORMAT, changed(packed, content), weights))
     load_policy("policy.npz")
 
 
@@ -171,6 +187,7 @@ def blow(approach=None, **given):
 
 
 CALLS = {
+    "impact-gym report": report, "report of own scenarios": report,
     "set-up file": set_up_file, "policy file": policy_file, "no policy file": file_of("policy.npz", load_policy),
     "Ensemble": lambda sizes, chosen: Ensemble(
         [made_up_policy(seed + 1, sizes=each) for seed, each in enumerate(sizes)], chosen),
@@ -195,6 +212,8 @@ CALLS = {
     "impact-gym identify": identify_main, "URDF": urdf,
     "altered evaluation set": altered_set,
     "file that is no URDF": file_of("arm.urdf", lambda name: from_urdf(name, "base", "tip", **arms.ELASTIC)),
+    "impact-gym play": lambda setup="teleop-rigid", **options: playing.work(playing.Play(setup, open=False, **options)),
+    "played set-up": lambda **tree: [set_up_file(**tree), playable("bad.toml")],
     "DesignOptions": lambda **options: DesignOptions(out=Path(), **options).checked(), "from_urdf": arm,
     "along": lambda start, direction, length, **options: arm(**options).along(start, direction, length),
     "along of the Viper": lambda **change: six().along(
@@ -225,7 +244,7 @@ THINGS = {
     "an array of more rows than there can be": saved(lambda file: zipfile.ZipFile(file, "w").writestr(
         "header.npy", b"\x93NUMPY\x01\0\x58\0" + b"%-88s" % repr(
             {"descr": "<f8", "fortran_order": False, "shape": (2**70, 0)}).encode())),
-    "an archive of version 9": saved(lambda file: archive.save(file, "impact_gym policies 9", {}, {})),
+    "an archive of version 9": archive.archive_of("impact_gym policies 9", {}, {}),
     "time": TIME, "force": FORCE, "noise": NOISE, "log with a gap": samples(np.r_[0:50, 71:161]),
     "time with a step back": put(TIME, 30, TIME[20]), "time in ms": 1e3 * TIME, "time with nan": put(TIME, 7, np.nan),
     "force in mN": 1e6 * FORCE / FORCE.max(), "force in kN": FORCE / 1e3, "force with nan": put(FORCE, 7, np.nan),
@@ -270,10 +289,11 @@ def calls(package, name, changes):
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch, request):
-    """The working directory, to which tests write; tests of an arm's own equations need MuJoCo."""
+    """The working directory, to which tests write, also modules; tests of an arm's own equations need MuJoCo."""
     if request.node.callspec.params["package"] == "robot":
         pytest.importorskip("mujoco", reason="the extra robot is not installed")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
     return tmp_path
 
 

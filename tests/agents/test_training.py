@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import torch
 from policies import observations
-from training import model_of, tiny
+from stable_baselines3.common.logger import Logger
+from training import tiny
 
 from agents import load_setup
 from agents.baselines import PaperTrapezoid
@@ -19,9 +20,19 @@ from agents.setups import shipped
 from agents.train.__main__ import TrainOptions, read_options
 from agents.train.imitation import Teacher
 from agents.train.networks import FastTanh, standardisation
-from agents.train.ppo import Run, make_environments, policy_from
+from agents.train.ppo import Run, make_environments, make_model, policy_from
 from agents.train.scaling import ScaledRewards
 from impact_gym.sb3 import ImpactVecEnv
+
+
+def model_of(run):
+    """Return a model that can learn, and its environments."""
+    torch.set_num_threads(run.training.threads)
+    environments = make_environments(run)
+    environments.seed(3)
+    model = make_model(run, environments)
+    model.set_logger(Logger(None, []))
+    return model, environments
 
 
 @pytest.mark.parametrize("name", shipped())

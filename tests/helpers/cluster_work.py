@@ -14,18 +14,12 @@ from impact_gym.files import whole_file
 
 def _called(log, number):
     with Path(log).open("a") as file:
-        file.write(f"{number} {os.getpid()}\n")
-
-
-def begun(log):
-    """Return number and process of the started calls, in their order."""
-    lines = Path(log).read_text().splitlines() if Path(log).exists() else []
-    return [tuple(map(int, line.split())) for line in lines]
+        file.write(f"{number}\n")
 
 
 def calls(log):
-    """Return the numbers of the started calls."""
-    return [number for number, _ in begun(log)]
+    """Return the numbers of the started calls, in their order."""
+    return [*map(int, Path(log).read_text().split())] if Path(log).exists() else []
 
 
 def kept(folder):
@@ -63,11 +57,6 @@ def kills_itself(log, number):
     """Kill the process, as the kernel does when memory runs out."""
     _called(log, number)
     os.kill(os.getpid(), signal.SIGKILL)
-
-
-def no_data():
-    """Return an object that cannot be pickled."""
-    return lambda: None
 
 
 def finds_no_room(path):

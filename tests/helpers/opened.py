@@ -1,4 +1,4 @@
-"""`opened_kernels.pyx`, the kernels with entries for tests; compiled if a source of the kernels has changed."""
+"""Compile kernels for tests: a mutant's, or `opened_kernels.pyx`, which has further entries."""
 
 import fcntl
 import importlib.util
@@ -12,30 +12,36 @@ from pathlib import Path
 
 SOURCE = Path(__file__).with_name("opened_kernels.pyx")
 BUILT = Path(__file__).parents[2] / "build" / "opened_kernels"
-FLAGS = "-O0 -w -fPIC -fno-math-errno -fno-trapping-math -ffp-contract=off -DCOMPILED_FROM='\"tests\"'"
-"""Without optimisation the compiler takes a tenth of the time; each operation rounds as with the flags of setup.py."""
+FLAGS = "-w", "-fPIC", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off"  # round as those of setup.py
+
+
+def compiled(source, package, library, optimise, digest):
+    """Compile a Cython source; without optimisation the compiler takes a tenth of the time."""
+    written, headers = library.with_suffix(".c"), (f"-I{folder}" for folder in (sysconfig.get_path("include"), package))
+    link = *shlex.split(sysconfig.get_config_var("LDSHARED")), *FLAGS, optimise, f'-DCOMPILED_FROM="{digest}"', *headers
+    for command in ([sys.executable, "-m", "cython", "-o", written, source], [*link, written, "-o", library]):
+        made = subprocess.run(command, capture_output=True, text=True, check=False)
+        if made.returncode:
+            raise ValueError(f"{source} does not compile: {made.stderr.strip()[-300:]}")
 
 
 @cache
 def kernels():
-    """The compiled module; the first process takes 4 s."""
+    """The module of `opened_kernels.pyx`, compiled if a source has changed; the first process takes 4 s."""
     package = SOURCE.parents[2] / "impact_gym"
     sources = (SOURCE, *sorted((*package.glob("*.pyx"), *package.rglob("*.pxi"), *package.rglob("*.h"))))
     content = b"".join(file.read_bytes() for file in sources)
     version = sha256(content).hexdigest()[:16] + sysconfig.get_config_var("EXT_SUFFIX")
-    library, written = BUILT / version, BUILT / f"{version}.c"
+    library, part = BUILT / version, BUILT / f"part-{version}"
     BUILT.mkdir(parents=True, exist_ok=True)
     with (BUILT / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not library.exists():
             for stale in BUILT.glob("*.so"):
                 stale.unlink()
-            headers = shlex.join(f"-I{folder}" for folder in (sysconfig.get_path("include"), package))
-            link = f"{sysconfig.get_config_var('LDSHARED')} {FLAGS} {headers}"
-            subprocess.run([sys.executable, "-m", "cython", "-o", written, SOURCE], check=True)
-            subprocess.run([*shlex.split(link), written, "-o", written.with_suffix(".so")], check=True)
-            written.with_suffix(".so").rename(library)
-            written.unlink()
+            compiled(SOURCE, package, part, "-O0", "tests")
+            part.rename(library)
+            part.with_suffix(".c").unlink()
     spec = importlib.util.spec_from_file_location("opened_kernels", library)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

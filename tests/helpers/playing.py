@@ -72,7 +72,7 @@ class Served:
         return int(number)
 
     def end(self, how=signal.SIGINT):
-        """End the server; return its exit code and its further output."""
+        """End the server; return its exit code and what it and its clock print until both have ended."""
         self.process.send_signal(how)
         out, _ = self.process.communicate(timeout=30)
         return self.process.returncode, out

@@ -5,14 +5,12 @@ import json
 from dataclasses import replace
 
 import pytest
-import torch
 from episodes import assert_identical
-from stable_baselines3.common.logger import Logger
 
 from agents import load_policy, load_setup
 from agents.policies.networks import to_arrays
 from agents.setups import Training
-from agents.train.ppo import Run, make_environments, make_model, train
+from agents.train.ppo import Run, train
 
 TINY = Training(
     steps=4096, envs=16, rollout=16, batch=64, width=16, simulation_threads=1,
@@ -25,29 +23,15 @@ def tiny(setup="linear-blind", seed=0, **changes):
     return Run(load_setup(setup), replace(TINY, **changes), seed)
 
 
-def model_of(run):
-    """Return a model that can learn, and its environments."""
-    torch.set_num_threads(run.training.threads)
-    environments = make_environments(run)
-    environments.seed(3)
-    model = make_model(run, environments)
-    model.set_logger(Logger(None, []))
-    return model, environments
+def interrupted(run, out, after=0):
+    """Train until the first validation that follows a checkpoint and some steps, and return the folder."""
 
+    def interrupt(steps, _):
+        if steps >= after and (out / "checkpoint.npz").is_file():
+            raise KeyboardInterrupt
 
-class Killed(BaseException):
-    """Stands for the end of the process."""
-
-
-def interrupted(run, out):
-    """Train until the first validation after a checkpoint, and return the folder."""
-
-    def kill(*_):
-        if (out / "checkpoint.npz").is_file():
-            raise Killed
-
-    with pytest.raises(Killed):
-        train(run, out, kill)
+    with pytest.raises(KeyboardInterrupt):
+        train(run, out, interrupt)
     assert not (out / "metrics.json").exists()
     return out
 

@@ -91,7 +91,7 @@ def test_accelerations_of_a_log_are_the_slopes_of_the_velocities(friction):
     struck = replace(SCENE, object=replace(SCENE.object, friction=friction))
     blow = ig.simulate(struck, MOTION, 0.5, trace=True).trace
     log = Log("", TIME, dict.fromkeys(names, FORCE))
-    model = Model.of([log], SCENE, [MOTION], dict.fromkeys(names, ig.Sensor()), ())
+    model = Model([log], SCENE, [MOTION], dict.fromkeys(names, ig.Sensor()), ())
     inside = np.flatnonzero(blow.contact_force > 0.05 * blow.contact_force.max())[2:-2]
     inside = inside[np.diff(blow.time[inside], prepend=0.0) > 1e-9]
     for name in names:
@@ -104,7 +104,7 @@ def test_accelerations_of_a_log_are_the_slopes_of_the_velocities(friction):
 def test_log_that_would_begin_after_the_blow_is_impossible_and_not_simulated():
     coordinates = free_coordinates(SCENE, ("object.mass",))
     log = read({"time": TIME, "force": FORCE}, "blow")
-    model = Model.of([log], SCENE, [MOTION], {"force": ig.Sensor()}, coordinates)
+    model = Model([log], SCENE, [MOTION], {"force": ig.Sensor()}, coordinates)
     latest, mass = TIME[-1] - model.latest(SCENE, 0), coordinates[0].start(SCENE)
     for start, impossible in ((latest - 0.01, True), (latest + 0.01, False)):
         assert (np.abs(model.predicted(np.array([mass, start]))[0]) == IMPOSSIBLE * np.ptp(FORCE)).all() == impossible

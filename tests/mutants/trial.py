@@ -2,7 +2,7 @@
 
 import os
 import re
-import shlex
+import runpy
 import shutil
 import signal
 import subprocess
@@ -13,11 +13,12 @@ from contextlib import suppress
 from pathlib import Path
 from time import monotonic
 
+from tests.helpers.opened import compiled
+
 ROOT = Path(__file__).parents[2]
 LEFT_OUT = (".*", "runs", "reports", "site", "build", "*.egg-info", "mutants")
 SURVIVED = "survived"
 LIMIT = 300.0  # s; an edit may make a loop endless
-FLAGS = "-O1 -w -fPIC -fno-math-errno -fno-trapping-math -ffp-contract=off"  # those of setup.py, less optimised
 
 
 class SurvivedError(Exception):
@@ -42,7 +43,10 @@ def trial(file, line, before, after, tests):
             lines[line - 1 : line - 1 + before.count("\n") + 1] = after.split("\n")
             (copy / file).write_text("\n".join(lines), "utf-8")
             if not file.endswith(".py"):
-                compiled(copy)
+                sources = runpy.run_path(str(copy / "impact_gym" / "sources.py"))
+                sources["write"]()
+                library = copy / "impact_gym" / f"kernels{sysconfig.get_config_var('EXT_SUFFIX')}"
+                compiled(library.with_name("kernels.pyx"), library.parent, library, "-O1", sources["digest"]())
         environment = os.environ | {"PYTHONPATH": str(copy), "TMPDIR": folder}
         flags = ("-m", "", "-x", "-q", "--tb=line", "--hypothesis-seed=0", "-p", "no:cacheprovider")
         process = subprocess.Popen(
@@ -62,24 +66,3 @@ def trial(file, line, before, after, tests):
     if not file and process.returncode:
         raise ValueError(f"without any edit {', '.join(tests)} fail: {failed or output[-2000:]}")
     return {"killer": (failed or [output.strip()[-200:]])[0], "seconds": monotonic() - start}
-
-
-def compiled(copy):
-    """Compile the kernels of the copy, hardly optimised: a third of the time."""
-    package = copy / "impact_gym"
-    for library in package.glob("kernels*.so"):
-        library.unlink()
-    digest = subprocess.run(
-        [sys.executable, "-c", "import runpy; sources = runpy.run_path('impact_gym/sources.py'); sources['write'](); "
-         "print(sources['digest']())"],
-        cwd=copy, capture_output=True, text=True, check=True,
-    ).stdout.strip()  # fmt: skip
-    link = f"{sysconfig.get_config_var('LDSHARED')} {FLAGS} -I{shlex.quote(sysconfig.get_path('include'))}"
-    library = package / f"kernels{sysconfig.get_config_var('EXT_SUFFIX')}"
-    for command in (
-        [sys.executable, "-m", "cython", "-3", package / "kernels.pyx"],
-        [*shlex.split(link), f'-DCOMPILED_FROM="{digest}"', package / "kernels.c", "-o", library],
-    ):
-        made = subprocess.run(command, cwd=copy, capture_output=True, text=True, check=False)
-        if made.returncode:
-            raise ValueError(f"it does not compile: {made.stderr.strip()[-300:]}")

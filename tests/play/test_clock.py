@@ -11,19 +11,14 @@ from experiments.play.assistance import PERIOD
 from experiments.play.clock import HOLD, SILENT, Clock, Stick
 
 
-@pytest.fixture(scope="module")
-def setup(tmp_path_factory):
-    return str(near_setup(tmp_path_factory.mktemp("near") / "own"))
-
-
 class Hand:
     """A clock in this process, whose time passes only while it sleeps, and its messages about the last try.
 
     `steer(hand, frame)` is called with each frame; `overslept(step)` is the time by which it sleeps too long, s.
     """
 
-    def __init__(self, folder, setup):
-        self.folder, self.setup, self.time = folder, setup, 100.0
+    def __init__(self, folder):
+        self.folder, self.setup, self.time = folder / "tries", str(near_setup(folder)), 100.0
         self.clock = Clock(self, lambda: self.time, self.sleep)
 
     def sleep(self, seconds):
@@ -49,12 +44,8 @@ class Hand:
 
 
 @pytest.fixture
-def hand(tmp_path, setup):
-    return Hand(tmp_path / "tries", setup)
-
-
-def rest(hand, frame):
-    """Do nothing."""
+def hand(tmp_path):
+    return Hand(tmp_path)
 
 
 def push(hand, frame, velocity=0.3):
