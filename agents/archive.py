@@ -6,50 +6,43 @@ import json
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
-from impact_gym.files import reason, whole_file
+from impact_gym.files import reason
 from impact_gym.validation import shown
 
 Arrays = Mapping[str, NDArray[Any]]
 
 
-def write_archive(path: Path, kind: str, content: Mapping[str, Any], arrays: Arrays) -> None:
-    """Write JSON `content` and `arrays` to `path` atomically; `kind` names the format and its version."""
-    with whole_file(path) as file:
-        save(file, kind, content, arrays)
-
-
-def save(file: IO[bytes], kind: str, content: Mapping[str, Any], arrays: Arrays) -> None:
-    """Write an archive to an open file."""
+def archive_of(kind: str, content: Mapping[str, Any], arrays: Arrays) -> bytes:
+    """Return an archive of JSON `content` and `arrays`; `kind` names the format and its version."""
     header = {"format": kind, "content": dict(content), "sha256": _checksum(kind, content, arrays)}
-    np.savez(file, allow_pickle=False, header=np.array(json.dumps(header)), **arrays)
+    np.savez(file := io.BytesIO(), allow_pickle=False, header=np.array(json.dumps(header)), **arrays)
+    return file.getvalue()
 
 
 def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Return content and arrays of an archive; ValueError: the file is damaged, or its format is not `kind`."""
     try:
-        with path.open("rb") as file:
-            return load(file, kind)
+        return unpacked(path.read_bytes(), kind)
     except Exception as error:  # a damaged file may raise any error
         pickled = "it holds pickled objects, which are never loaded" if "pickle" in str(error) else reason(error)
         raise ValueError(f"{path} is no {kind} file, or is damaged: {pickled}") from error
 
 
-def load(file: IO[bytes], kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of an archive in an open file; any exception: it is damaged or no `kind`."""
-    size = file.seek(0, io.SEEK_END)
-    with NpzFile(file, allow_pickle=False) as archive:
+def unpacked(packed: bytes, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Return content and arrays of an archive; any exception: it is damaged or no `kind`."""
+    with NpzFile(io.BytesIO(packed), allow_pickle=False) as archive:
         parts = archive.zip.infolist()  # type: ignore[union-attr]  # None after closing
-        if (unpacked := sum(part.file_size for part in parts)) > size:
-            raise ValueError(f"it would unpack from {size:,} to {unpacked:,} bytes")
+        if (size := sum(part.file_size for part in parts)) > len(packed):
+            raise ValueError(f"it would unpack from {len(packed):,} to {size:,} bytes")
         # a small compressed part could unpack to any size
-        if packed := [part.filename for part in parts if part.compress_type != zipfile.ZIP_STORED]:
-            raise ValueError(f"{shown(packed[0])} is compressed; an archive is not")
+        if compressed := [part.filename for part in parts if part.compress_type != zipfile.ZIP_STORED]:
+            raise ValueError(f"{shown(compressed[0])} is compressed; an archive is not")
         header = json.loads(str(archive["header"]))
         if header["format"] != kind:
             raise ValueError(f"its format is {header['format']!r}, this version reads {kind!r}")

@@ -1,4 +1,4 @@
-"""Make `impact_gym.agents` and `impact_gym.experiments` importable in a checkout, where both lie beside it."""
+"""Make the checkout's packages `agents` and `experiments` importable as parts of `impact_gym`."""
 
 import sys
 from importlib import import_module
@@ -8,11 +8,11 @@ from types import ModuleType
 
 
 class Beside:
-    """Finder and loader that imports, for instance, `impact_gym.agents` as the checkout's module `agents`."""
+    """A finder and loader that imports, for instance, `impact_gym.agents` as the checkout's module `agents`."""
 
     @staticmethod
     def find_spec(name: str, _path: object = None, _target: object = None) -> ModuleSpec | None:
-        """Return a spec if `name` is a module in `impact_gym.agents` or `impact_gym.experiments`, else None."""
+        """Return a spec for `impact_gym.agents`, `impact_gym.experiments` and the modules inside them, else None."""
         beside = name.startswith("impact_gym.") and name.split(".")[1] in ("agents", "experiments")
         return ModuleSpec(name, Beside) if beside else None  # type: ignore[arg-type]
 
@@ -25,7 +25,7 @@ class Beside:
 
     @staticmethod
     def exec_module(module: ModuleType) -> None:
-        """Give the module its own spec back; the module's code was already run by `create_module`."""
+        """Restore the spec that the module has under its own name; `create_module` has already run its code."""
         module.__spec__ = module.__spec__.loader_state  # type: ignore[union-attr]
 
 

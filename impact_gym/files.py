@@ -1,4 +1,4 @@
-"""Read users' files safely, write files atomically with a clear error if the disk is full, and lock folders."""
+"""Read users' files, write files atomically, and lock folders."""
 
 import csv
 import errno
@@ -18,11 +18,11 @@ Content = TypeVar("Content")
 def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -> Path:
     """Return the path of the file that `name` means.
 
-    `name` is the name of a file in the folder `shipped`, a path, or a folder that contains one of the files `inside`.
+    `name` is the path of a file or of a folder with one of the files `inside`, or a name in `shipped` without suffix.
 
     Raises:
         TypeError: `name` is neither a string nor a path.
-        ValueError: there is no such file; the message suggests the most similar shipped name.
+        ValueError: there is no such file; the message names a similar shipped file, or all shipped files.
     """
     one_of(kind, name, str, os.PathLike)
     for path in (shipped / f"{name}{suffix}", Path(name), *(Path(name) / file for file in inside)):
@@ -41,7 +41,7 @@ def parsed(
 ) -> Content:
     """Read a file and return `parse(text)`. Devices and pipes are refused, because reading them might never end.
 
-    Without `decode` the file is read as UTF-8; line ends become line feeds, and a byte order mark is dropped.
+    The text is `decode(bytes)` or, without `decode`, the bytes as UTF-8, with line feeds and no byte order mark.
 
     Raises:
         ValueError: the file does not exist, is not a regular file, is larger than `LARGEST`, is not text, or `parse`
@@ -77,10 +77,10 @@ class DiskFullError(OSError):
 
 @contextmanager
 def writing(what: str) -> Iterator[None]:
-    """Replace the OSError of a full disk or quota by a DiskFullError whose message says `what` was being written."""
+    """Replace the OSError of a full disk or quota by a DiskFullError, which says that `what` was being written."""
     try:
         yield
-    except DiskFullError:  # a `writing` inside this one has already named its file
+    except DiskFullError:  # an inner `writing` has already named its file
         raise
     except OSError as error:
         if error.errno not in NO_ROOM:
@@ -95,11 +95,11 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
     If `path` is a link, the file that it points to is replaced.
 
     Raises:
-        OSError: `path` is a folder, a device or a pipe, and stays unchanged.
+        OSError: `path` is a folder, a device, a pipe or a ring of links, and stays unchanged.
         DiskFullError: the disk is full; `path` stays unchanged.
     """
     name, path = path, Path(os.path.realpath(path))
-    if path.is_symlink() or (path.exists() and not path.is_file()):  # still a link after realpath: links form a ring
+    if path.is_symlink() or (path.exists() and not path.is_file()):  # a link after realpath is one of a ring
         what = "a folder, a device, a pipe or a ring of links"
         raise OSError(f"{name} must be a file or not exist yet, but it is {what}: nothing is written")
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")

@@ -1,8 +1,7 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, initializedcheck=False, cdivision=True, cpow=True
 """The compiled program: all code that runs inside a step, in one module, so that the compiler can inline every function.
 
-The functions that Python calls do not check the arrays passed to them: callers must pass contiguous arrays of the NumPy
-data types defined below.
+The functions that Python calls do not check their arrays, which must be contiguous and of the data types defined below.
 """
 
 from cpython.buffer cimport PyBUF_SIMPLE, PyBuffer_Release, PyObject_GetBuffer
@@ -75,7 +74,7 @@ cdef Task blank_task
 
 
 def layout(blank):
-    """Return the NumPy data type of a C structure; `blank` maps its fields to values, and each number has eight bytes."""
+    """Return the NumPy data type of a C structure whose numbers all have eight bytes; `blank` maps its fields to values."""
     kinds = {dict: layout, float: lambda _: np.float64, int: lambda _: np.int64}
     kinds[list] = lambda values: np.dtype((kinds[type(values[0])](values[0]), len(values)))
     return np.dtype([(name, kinds[type(value)](value)) for name, value in blank.items()])
@@ -101,7 +100,7 @@ cdef void *memory_of(object array) except? NULL:
 
 
 cdef Recorder recorder_of(tuple arrays):
-    """Return a recorder that writes into the arrays `contacts` (CONTACT), `trace` (TRACE) and `snaps` (s), see `approach_rows`."""
+    """Return a recorder for the argument `recorder` of `approach_rows`."""
     contacts, trace, snaps, interval = arrays
     return Recorder(
         <ContactRow *> memory_of(contacts), <TraceRow *> memory_of(trace), <double *> memory_of(snaps),
@@ -116,11 +115,10 @@ def approach_rows(
 
     Args:
         tables: numbers of all robots' tables (k,); `mount.table` of a plan is the index at which its robot's table begins.
-        tolerance: local error allowed in a step, relative to the step's natural units.
+        tolerance: local error allowed in a step, in the natural units of the contact or the flight.
         max_steps: integration steps after which a row stops with the status STEP_LIMIT.
-        recorder: three arrays that receive contacts (CONTACT), trace points (TRACE) and times at which a slider passes
-            its alignment (s), all from the last row; an empty array records nothing. Fourth: the time between two trace
-            points in flight, s.
+        recorder: arrays for contacts (CONTACT), trace points (TRACE) and times at which a slider passes its alignment
+            (s) in the last row, of which an empty one records nothing; and the time between trace points in flight, s.
     """
     cdef Run run
     cdef Work work
@@ -141,7 +139,7 @@ def approach_rows(
 
 
 def laws_of(mounts):
-    """Return the equations of motion (n, LAW) of each of `mounts` (n, MOUNT)."""
+    """Return the simplest chains (n, LAW) that are equivalent to `mounts` (n, MOUNT)."""
     cdef int64_t i
     laws = np.empty(len(mounts), LAW)
     cdef const Mount *mount = <const Mount *> memory_of(mounts)
@@ -189,7 +187,7 @@ cdef class Rows:
         self, tasks, draws, laws, tables, chains, episodes, readings, ranges, links, packets, observations, rewards,
         entries, tuple recorder, max_steps, action_size,
     ):
-        """Set the arrays. Each has `size` rows; `tasks` and `laws` may instead have one row for all environments.
+        """Keep the addresses of the arrays.
 
         Args:
             tasks: (size,) or (1,), TASK.
@@ -198,13 +196,11 @@ cdef class Rows:
             tables: see `approach_rows`.
             chains, episodes, rewards: (size,), CHAIN, EPISODE and float64.
             readings: (size, slots), READING.
-            ranges: (size, slots), RANGE_READING; without a range sensor it has no rows.
-            links, packets: (size,) LINK and (size, slots) PACKET; without an operator they have no rows.
+            ranges: (size, slots), RANGE_READING; no rows without a range sensor.
+            links, packets: (size,) LINK and (size, slots) PACKET; no rows without an operator.
             observations: (size, length), float32.
-            entries: numbers of an observation (length,), ENTRY.
+            entries: (length,), ENTRY, one for each number of an observation.
             recorder: see `approach_rows`; its trace is (size, points).
-            max_steps: largest number of integration steps of an episode.
-            action_size: number of numbers in an action.
         """
         self.arrays = (
             tasks, draws, laws, tables, chains, episodes, readings, ranges, links, packets, observations, rewards, entries,
@@ -225,7 +221,6 @@ cdef class Rows:
         self.recorder, self.max_steps = recorder_of(recorder), max_steps
 
     cdef inline Row row(self, int64_t i) noexcept nogil:
-        """Return the pointers to everything that belongs to environment `i`."""
         return Row(
             &self.tasks[i * self.each_task], &self.chains[i], &self.episodes[i], &self.readings[i * self.slots],
             self.slots, self.entries, self.length, &self.observations[i * self.length],
@@ -234,10 +229,7 @@ cdef class Rows:
         )
 
     def begin(self, rows, uniforms, fixed):
-        """Begin an episode in each of `rows` (k, int64), drawing its numbers from `uniforms` (k, UNIFORMS).
-
-        A number in `fixed` (k,), RECORD, replaces the drawn number, unless it is nan.
-        """
+        """Begin an episode in each of `rows` (k, int64); what is nan in `fixed` (k,), RECORD, is drawn from `uniforms` (k, UNIFORMS)."""
         cdef const int64_t *places = <const int64_t *> memory_of(rows)
         cdef const double *uniform = <const double *> memory_of(uniforms)
         cdef const Record *given = <const Record *> memory_of(fixed)

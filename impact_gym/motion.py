@@ -1,9 +1,4 @@
-"""Motions that can be imposed on the flange; each consists of pieces of constant acceleration.
-
-A motion is a sequence of commands. A command has a velocity to hold, and the acceleration with which the flange reaches
-this velocity. A `Trapezoid` has one command at t = 0 and, with a brake, a second command when the contact alarm reaches
-the controller.
-"""
+"""Motions that can be imposed on the flange; each consists of pieces of constant acceleration."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -17,9 +12,9 @@ from impact_gym.validation import one_of, rising
 
 @dataclass(frozen=True, slots=True)
 class Brake(Parameters, path="motion.brake"):
-    """Brake to a stop; braking begins `delay` after the contact force first exceeds `threshold`.
+    """A brake to a stop, which begins `delay` after the contact force first exceeds `threshold`.
 
-    The paper's delay is 16 ms. The paper does not print the deceleration; docs/provenance.md infers 8 m/s^2.
+    The delay of 16 ms is from the paper. The paper prints no deceleration; docs/provenance.md infers 8 m/s^2.
     """
 
     threshold: float = 1.0  # N
@@ -41,7 +36,7 @@ class Trapezoid(Parameters, path="motion"):
 
     @property
     def deceleration(self) -> float:
-        """Deceleration of the brake, m/s^2; without a brake the acceleration."""
+        """Deceleration of the brake, m/s^2; if there is no brake or its deceleration is None, the acceleration."""
         if self.brake is None or self.brake.deceleration is None:
             return self.acceleration
         return self.brake.deceleration
@@ -49,7 +44,7 @@ class Trapezoid(Parameters, path="motion"):
 
 @dataclass(frozen=True, slots=True)
 class Motion(Parameters, path="motion"):
-    """A motion from rest through given velocities at given times, linear between them; the last velocity is held."""
+    """A motion from rest; its velocity is linear in time between the given values, and constant after the last one."""
 
     times: Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e12)]  # rising from 0
     velocities: Annotated[tuple[float, ...], SI("m/s", at_least=-1e9, at_most=1e9)]  # one for each time; the first is 0

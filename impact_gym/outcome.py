@@ -19,7 +19,7 @@ class ContactRecord(NamedTuple):
     start: float  # s
     end: float | None  # s; None if tool and object still touch at the end of the run
     approach_velocity: float  # m/s, penetration rate at the start: v_in of the paper's eq. 7
-    separation_velocity: float  # m/s, at which the surfaces part; for an unfinished contact the value at `duration`
+    separation_velocity: float  # m/s, speed at which the surfaces part; if `end` is None, at the end of the run
     peak_force: float  # N
     impulse: float  # N s, on the object
     object_velocity: float  # m/s, at the end of the contact
@@ -44,7 +44,7 @@ class Trace(NamedTuple):
 
     @classmethod
     def of(cls, points: NDArray[Any]) -> "Trace":
-        """Return the trace of recorded points (n,), of the data type TRACE, as copies."""
+        """Return a trace with copies of recorded points (n,), TRACE."""
         return cls(*(points[name].copy() for name in cls._fields))
 
 
@@ -64,15 +64,15 @@ class Outcome(NamedTuple):
     trace: Trace | None
     snap_through: tuple[float, ...]  # s, times at which the slider of a `Bistable` coupling passes its alignment
     peak_object_velocity: float  # m/s, largest velocity of the object; without friction that is its final velocity
-    slide: float | None  # m, from the object's start to where it rests, if no contact follows; None without friction
-    rest_time: float | None  # s, when the object rests and the tool stays below 1 mm/s; inf: never; None: no friction
+    slide: float | None  # m, from the object's start to where it stops if no contact follows; None without friction
+    rest_time: float | None  # s, since when object and tool (below 1 mm/s) rest; inf: never; None: no friction
 
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
     """Results of a sweep: arrays in the shape to which the varied values were broadcast; for the fields see `Outcome`.
 
-    If a run cannot finish, its numbers are nan and its status says why. The other runs are not affected.
+    If a run cannot finish, its floats are nan and its status says why.
     """
 
     object_velocity: Array  # m/s
@@ -94,7 +94,7 @@ class Outcomes:
 
 @dataclass(frozen=True)
 class Model:
-    """A model that `advise` tried, its errors, and how much computing time it saves compared with the full model."""
+    """A model that `advise` tried, with its errors and the computing time that it saves."""
 
     name: str
     simplify: Callable[[Scene], Scene]
@@ -103,7 +103,7 @@ class Model:
 
     @property
     def bound(self) -> float:
-        """Largest of the errors in all scenes."""
+        """Largest error in any scene."""
         return float(self.errors.max())
 
 

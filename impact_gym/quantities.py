@@ -1,9 +1,7 @@
-"""The table of all numbers of a scene and of the task. A row has a number's id, words, unit, limits, draw and scale.
+"""The table of all numbers of a scene and of the task: the id, words, unit, limits, draw and scale of each number.
 
-The rows determine which input is refused, what an episode draws, and which numbers can be swept, identified or
-designed. From them also come the dotted paths of a scene, the records of the compiled program
-(`impact_gym.task.numbers`), the observation, the tables of the documentation, and the keys in the file of a set-up.
-Users find the table as `impact_gym.task.QUANTITIES`.
+The checks of input, the draws, the dotted paths of a scene, the records of the compiled program, the observation, the
+keys in the file of a set-up, and tables of the documentation come from this table.
 """
 
 import math
@@ -27,11 +25,11 @@ class Limits(NamedTuple):
 
 
 class Draw(NamedTuple):
-    """How an episode draws a number: uniformly from a range, log-uniformly if the range begins above 0, or normally.
+    """How an episode draws a number: uniformly, log-uniformly (`by_ratio`, if the range begins above 0) or normally.
 
     The draw uses a uniform number in [0, 1). Its index is `place` among the numbers that an episode takes from the
-    environment's generator; a normal draw also uses the next number. With `own_stream` it is the first number of the
-    random stream `place`, seeded by the noise seed. Places never change, so that a new draw changes no other draw.
+    environment's generator; a normal draw also uses the next number. With `own_stream`, its index is -1 - `place` in
+    the random stream of the noise seed. Places never change, so that a new draw changes no other draw.
     """
 
     place: int
@@ -62,15 +60,15 @@ class Quantity:
     unit: str  # "-": no unit
     limits: Limits = Limits()
     draw: Draw | None = None
-    observed: str = ""  # "always", or the argument that adds it to the observation; "": only a critic gets it, if drawn
+    observed: str = ""  # "always", or the argument that adds it to the observation; "": only for a critic, if drawn
     scale: Scale = NEVER_OBSERVED
     path: str = ""  # dotted path in a `Scene` with its motion, if it differs from the id
     from_flange: bool = False  # True: the observed value is relative to the flange
-    shaped_by: tuple[str, ...] = ()  # arguments of the environment that change its observation
+    shaped_by: tuple[str, ...] = ()  # arguments of the environment that change the observed value
 
     def check(self, value: Any, name: str = "") -> float:
         """Return `value` as a float, checked by `validation.number`; messages call it `name`."""
-        above, at_least, at_most = self.limits  # `_asdict` would be too slow, as every approach is checked
+        above, at_least, at_most = self.limits  # faster than `_asdict`
         return number(name or self.id, value, self.unit, above=above, at_least=at_least, at_most=at_most)
 
     def interval(self, value: Any, name: str = "") -> Range:
@@ -91,7 +89,7 @@ class Quantity:
 def set_up(
     name: str, words: str, unit: str, limits: Limits, place: int, scale: Scale, path: str = "", observed: str = ""
 ) -> Quantity:
-    """Return the row of a set-up's number, drawn from its own stream, log-uniformly if the scale is logarithmic."""
+    """Return the row of a set-up's number, drawn by the noise seed, log-uniformly if the scale is logarithmic."""
     return Quantity(name, words, unit, limits, Draw(place, scale.curve == "log", False, True), observed, scale, path)
 
 
@@ -100,7 +98,7 @@ def log(low: float, high: float) -> Scale:
     return Scale(low, high, curve="log")
 
 
-# The limits are wide, but far from the limits of floats: a run near them is correct, or its status says why not
+# The limits are far inside the range of floats: a run near them is correct, or its status says why it is not
 MASS, STIFFNESS = Limits(at_least=1e-12, at_most=1e12), Limits(at_least=1e-9, at_most=1e18)
 HERTZ, STOP = Limits(at_least=1e-12, at_most=1e20), Limits(at_least=1e-9, at_most=1e16)
 AWAY, POSITIVE = Limits(at_least=1e-24, at_most=1e9), Limits(above=0.0, at_most=1e3)
@@ -142,10 +140,9 @@ SENSORS = (
     Quantity("time", "time", "s", observed="always", scale=Scale(0.0, 1.25 * HORIZON, ends="horizon")),
     Quantity("alarm", "alarm", "-", observed="always", scale=SHARE, shaped_by=ALARMED),
     Quantity("time_since_alarm", "time since the alarm", "s", observed="always", scale=SINCE_ALARM, shaped_by=ALARMED),
-    Quantity("force", "contact force as sensed a delay ago", "N", observed="always", scale=FORCE, shaped_by=SENSED),
+    Quantity("force", "contact force one reaction delay ago", "N", observed="always", scale=FORCE, shaped_by=SENSED),
     Quantity("force_peak", "largest sensed force so far", "N", observed="always", scale=FORCE, shaped_by=SENSED),
 )  # fmt: skip
-"""Numbers that the controller always observes."""
 
 SCENARIO = (
     Quantity("object_mass", "object mass", "kg", MASS, Draw(0, by_ratio=True), "privileged",
@@ -215,7 +212,7 @@ SET_UP = (
 )  # fmt: skip
 """Numbers of the set-up: arguments of the environment that may be ranges, from which each episode then draws."""
 
-DEFLECTION = Quantity("deflection", "tool minus flange from rest, as sensed a delay ago", "m", scale=Scale(-0.05, 0.05),
+DEFLECTION = Quantity("deflection", "displacement of the tool one reaction delay ago", "m", scale=Scale(-0.05, 0.05),
                       observed="deflection_sensor", shaped_by=("reaction_delay",))  # fmt: skip
 PAST = tuple(
     replace(row, id=f"{row.id}_{before}", words=f"{row.words}, {before} before", observed="past_readings")
@@ -226,18 +223,18 @@ SPEEDS = Scale(-0.5, 1.5, ends="velocity_range")
 AGE, SPREAD, LAST_READ = (Scale(0.0, high, 0.0) for high in (1.0, 0.2, 0.5))
 COMMANDS = (
     Quantity("command", "newest command of the operator that has arrived", "m/s", observed="operator", scale=SPEEDS),
-    Quantity("command_age", "time since it was sent", "s", observed="operator", scale=AGE),
+    Quantity("command_age", "time since this command was sent", "s", observed="operator", scale=AGE),
     Quantity("command_age_mean", "mean age of commands as they arrived", "s", observed="operator", scale=AGE),
-    Quantity("command_age_spread", "standard deviation of that age", "s", observed="operator", scale=SPREAD),
-    Quantity("executed", "velocity that the flange was last sent to", "m/s", observed="operator", scale=SPEEDS),
+    Quantity("command_age_spread", "standard deviation of the age of commands", "s", observed="operator", scale=SPREAD),
+    Quantity("executed", "last velocity commanded to the flange", "m/s", observed="operator", scale=SPEEDS),
 )  # fmt: skip
 """Numbers that the controller observes about the operator's commands."""
 MORE_SENSORS = (
     DEFLECTION,
     *PAST,
     *COMMANDS,
-    Quantity("range", "gap from tool to object as last read", "m", observed="range_sensor", scale=LAST_READ),
-    Quantity("range_age", "time since that reading was taken", "s", observed="range_sensor", scale=LAST_READ),
+    Quantity("range", "newest reading of the gap from tool to object", "m", observed="range_sensor", scale=LAST_READ),
+    Quantity("range_age", "age of this reading", "s", observed="range_sensor", scale=LAST_READ),
     Quantity("time_since_touch", "time since a switch would have raised the alarm", "s", observed="privileged",
              scale=SINCE_ALARM),
 )  # fmt: skip
@@ -250,7 +247,6 @@ RESULTS = (
     Quantity("contact_count", "number of contacts", "-"),
     Quantity("missed", "whether the object was not touched", "-"),
 )
-"""Results of an episode."""
 
 STEERED = (
     Quantity("done_time", "time until the object rests and the operator or the tool is done", "s"),

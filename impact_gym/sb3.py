@@ -1,4 +1,4 @@
-"""The batch for stable-baselines3; needs the extra `train`."""
+"""The environments for stable-baselines3; importing this module needs the extra `train`."""
 
 from impact_gym.envs.sb3 import ImpactVecEnv
 

@@ -23,10 +23,7 @@ from impact_gym.validation import choice, number, one_of
 Dissipation = Literal[
     "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores", "fixed"
 ]
-"""Laws that give the damping for a nominal restitution.
-
-`physics.dissipation.effective_restitution` returns the restitution that a contact really has under each law.
-"""
+"""Laws of the damping for a nominal restitution; `effective_restitution` gives the restitution that results."""
 LAWS = get_args(Dissipation)
 
 
@@ -57,15 +54,15 @@ class Object(Parameters, path="object"):
 
 @dataclass(frozen=True, slots=True)
 class Contact(Parameters, path="contact"):
-    """Contact of a plane tool with an object, F = k_c delta^m + chi delta^n delta_dot, never negative (paper, eq. 5).
+    """Contact of a plane tool with an object: F = max(k_c delta^m + chi delta^n delta_dot, 0) in N (paper, eq. 5).
 
-    m = n = 3/2, the default, is a sphere with hysteresis damping; m = 1, n = 0 is a linear spring and damper.
-    `dissipation` names the law that gives chi for a nominal restitution. With "exact" a contact has the nominal
-    restitution. With "hu-guo", the paper's eq. 7, it has a little less (0.4877 for 0.5, 0.0741 for 0.1; see
-    docs/provenance.md). The other laws are in `physics.dissipation` with their sources. With all these laws chi depends
-    on the approach velocity v_in, chi = d k_c delta0^(m - n) / v_in, so that the restitution is the same at every
-    velocity. With "fixed" chi is constant: a contact that begins at `reference_velocity` has the nominal restitution, a
-    faster contact a lower one and a slower contact a higher one, as in measurements.
+    delta is the penetration in m, k_c the stiffness, chi the hysteresis damping. m = n = 3/2, the default, are the
+    exponents of a sphere; m = 1 and n = 0 give a linear spring and damper. `dissipation` names the law that gives chi
+    for a nominal restitution. With "exact" a contact has the nominal restitution. With "hu-guo", the paper's eq. 7, its
+    restitution is a little lower (0.4877 for 0.5, 0.0741 for 0.1; see docs/provenance.md). The other laws are in
+    `physics.dissipation` with their sources. With all these laws chi depends on the approach velocity in such a way
+    that the restitution does not. With "fixed" chi is constant: a contact that begins at `reference_velocity` has the
+    nominal restitution. As in measurements, a faster contact has a lower one, and a slower contact a higher one.
     """
 
     checked_by_itself: ClassVar = ("stiffness",)  # checked below, because its unit depends on the exponent
@@ -102,13 +99,13 @@ class Rigid:
 
 @dataclass(frozen=True, slots=True)
 class SpringDamper(Parameters, path="coupling"):
-    """A coupling by a linear spring and damper (paper, eq. 17-18), with the damping c_t = 2 zeta sqrt(k_t m_t).
+    """A linear spring and damper (paper, eq. 17-18) of the damping 2 zeta sqrt(k_t m_t), with the tool mass m_t.
 
-    A `stroke` adds a stop at either side, with the stiffness and damping of the default stops of `Bistable`.
+    A `stroke` adds a stop on each side, with the stiffness and damping ratio of the default stops of `Bistable`.
     """
 
-    stiffness: float  # N/m
-    damping_ratio: float = 1.0  # -
+    stiffness: float  # N/m, k_t
+    damping_ratio: float = 1.0  # -, zeta
     stroke: float | None = None  # m, from the tool's rest position to the stop at either side; None: no stops
 
 
@@ -117,10 +114,10 @@ class Bistable(Parameters, path="coupling"):
     """A coupling by a bistable mechanism with two stops (paper, eq. 23-24, Fig. 21-22).
 
     The tool is fixed to the slider. Positions of the slider are measured from the alignment, where the spring is
-    vertical. Each stop is a linear spring and damper that never pulls, with the damping c_s = 2 zeta_s sqrt(k_s m_t).
-    At zeta_s = 1 its restitution is exp(-2) = 0.135; the paper assumes completely inelastic stops. The paper does not
-    print positions, stiffness and damping of the stops; we inferred or chose them (see docs/provenance.md). At t = 0
-    the spring presses the slider against the front stop; the slider leaves it if the flange accelerates too fast.
+    vertical. A stop is a linear spring and damper that never pulls; its damping is 2 zeta_s sqrt(k_s m_t), with the
+    tool mass m_t. At zeta_s = 1 the restitution of a stop is exp(-2) = 0.135; the paper assumes completely inelastic
+    stops. The paper prints no positions, stiffness and damping of the stops (see docs/provenance.md). At t = 0 the
+    spring presses the slider against the front stop. If the flange accelerates too fast, the slider leaves this stop.
     """
 
     stiffness: float = 50.0  # N/m, k
@@ -258,6 +255,6 @@ def warn_of_stroke(coupling: Coupling, tool_mass: float, acceleration: float) ->
         if rest > coupling.stroke:
             warnings.warn(
                 f"SpringDamper.stroke is {coupling.stroke:g} m, but under {acceleration:g} m/s^2 the tool's place of "
-                f"rest is {rest:.3g} m away: a stop holds the tool whenever the arm accelerates",
+                f"rest is {rest:.3g} m away: the tool then lies against a stop",
                 stacklevel=4,
             )

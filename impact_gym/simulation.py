@@ -1,4 +1,4 @@
-"""Approaches from rest: `simulate` runs one, `sweep` runs many on all cores, `advise` compares simpler models."""
+"""Approaches from rest: `simulate` runs one, `sweep` runs many on all cores, `advise` compares simplified models."""
 
 import math
 from collections import namedtuple
@@ -44,9 +44,9 @@ def simulate(
         motion: imposed motion of the robot.
         duration: length of the run, s.
         rtol: relative error allowed in the results of contacts. Between contacts the motion is exact where it has a
-            closed form; otherwise (bistable coupling, stops, robot with a coupling) it is integrated to `rtol`, too.
-        trace: whether to return time histories as well: one point per ms between contacts, more during contacts, at
-            most 1e5 points between contacts. It changes no other result.
+            closed form; otherwise (bistable coupling, stops, robot with coupling or table) it is integrated to `rtol`.
+        trace: whether to return time histories, which change no other result: one point per ms between contacts (at
+            most 1e5 of these), more during contacts.
 
     Raises:
         TypeError, ValueError: an argument has a wrong type or is out of range.
@@ -66,7 +66,7 @@ def simulate(
         approach_rows(plans, table, chains, 0, 1, LOCAL_SHARE * rtol, MAX_STEPS, recorder)
         end = _End._make(chains.item())
         if end.logged <= len(contacts) and end.traced <= len(points) and end.snaps <= len(snaps):
-            break  # otherwise repeat the run with larger arrays; it is deterministic
+            break  # otherwise repeat the run, which is deterministic, with larger arrays
         contacts, points, snaps = np.empty(end.logged, CONTACT), np.empty(end.traced, TRACE), np.empty(end.snaps)
     if end.status < 0:
         raise RuntimeError(f"the run stopped at t = {end.time:.6g} s: {STATUS_MESSAGES[end.status]}")
@@ -90,8 +90,7 @@ def simulate(
 
 
 _namedtuple: Any = namedtuple  # Any: mypy accepts only literal fields
-_End = _namedtuple("_End", CHAIN.names)
-"""The record CHAIN at the end of a run, as a named tuple of Python numbers, read in one call."""
+_End = _namedtuple("_End", CHAIN.names)  # a record CHAIN as Python numbers, which are read in one call
 
 
 def sweep(
@@ -106,7 +105,7 @@ def sweep(
         scene: the common scene, which also determines the types of coupling and robot.
         motion: the common motion.
         varied: values by dotted path, such as "object.mass", "coupling.height" or "motion.brake.delay". The arrays of
-            values are broadcast against each other. Any number of scene and motion can be varied, except those of a
+            values are broadcast against each other. All numbers of scene and motion can be varied, except those of a
             `RobotTable`.
         duration: length of the runs, s; broadcast with the values of `varied`.
         rtol: see `simulate`.
@@ -153,7 +152,6 @@ def sweep(
 _FIELDS_OF_CHAIN = {f"{body}_velocity": f"final_{body}_velocity" for body in ("object", "tool", "flange")}
 _FIELDS_OF_CHAIN |= {"contact_count": "contacts", "snap_count": "snaps", "detection_time": "detection"}
 _OUTCOMES = {field: _FIELDS_OF_CHAIN.get(field, field) for field in Outcomes.__dataclass_fields__}
-"""For each field of `Outcomes`, the field of the record CHAIN from which it is read."""
 
 
 def _approaches(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Iterator[tuple[Any, Array]]:
@@ -173,25 +171,25 @@ def _approaches(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]
         yield plan, table
 
 
-ROUNDS = 3  # `advise` times each model so often and takes the shortest time
+ROUNDS = 3  # `advise` runs each model this many times, and takes the shortest time
 
 
 def advise(
     scenes: Scene | Sequence[Scene], motion: Trapezoid, tolerance: float = 1e-3, quantity: Advised = "object_velocity",
     duration: float = 1.5, arm: tuple[Arm, Approach] | None = None,
 ) -> Advice:  # fmt: skip
-    """Compare simpler models of `scenes` with the full model; recommend the fastest within `tolerance` in all scenes.
+    """Compare simplified models of `scenes` with the full model; recommend the fastest of sufficient accuracy.
 
     Args:
         scenes: a scene, or a sample of the scenes that are to be simulated; the advice holds for this sample.
         motion: imposed motion of the robot.
-        tolerance: relative error allowed in `quantity`.
+        tolerance: relative error allowed in `quantity`, in every scene.
         quantity: the result that is compared: final velocity of the object, largest contact force, or impulse of all
             contacts.
         duration: length of a run, s.
         arm: an arm and its line of approach, `(arm, arm.along(...))`, for scenes without a robot. The full model is
             then the simulation of all joints, `impact_gym.robot.all_joints`. In the simpler models the robot is rigid,
-            or one mass of one of three kinds, which varies along the line or has its value at the object's place.
+            or a table from `Approach.robot_table` (one for each kind of mass), or this table's robot at the object.
 
     Raises:
         TypeError, ValueError: an argument has a wrong type or is out of range.
@@ -242,7 +240,7 @@ def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scen
 
 
 def _simplified(robot: Any, frozen: bool, fixed: bool, scene: Scene) -> Scene:
-    """Return the scene with `robot`, with constant parameters if `frozen`, and without its spring if `fixed`."""
+    """Return the scene with `robot`, constant if `frozen`; if `fixed`, with a rigid coupling in place of a spring."""
     own = scene.robot if robot == "its own" else robot
     robot = own.at(scene.object.distance) if frozen and isinstance(own, RobotTable) else own
     coupling = Rigid() if fixed and isinstance(scene.coupling, SpringDamper) else scene.coupling
@@ -254,7 +252,7 @@ def _timed(
     arm: tuple[Arm, Approach] | None = None,
 ) -> tuple[Array, float]:  # fmt: skip
     """Return the quantity for each scene, and the computing time for all scenes, s; with `arm`, simulate all joints."""
-    from impact_gym.robot.all_joints import simulate as simulate_arm  # imported here because that takes 40 ms
+    from impact_gym.robot.all_joints import simulate as simulate_arm  # here, because this import takes 40 ms
 
     times: list[float] = []
     for _ in range(1 if arm else ROUNDS):

@@ -30,7 +30,6 @@ ROBOT_NUMBERS: tuple[str, ...] = kernels.MOUNT["robot"].names or ()
 
 
 def _codes(record: np.dtype[Any]) -> str:
-    """Return the format of a record in the notation of `struct`."""
     fields = [record[name] for name in record.names or ()]
     return "".join(_codes(field) if field.names else "dq"[field.kind == "i"] for field in fields)
 
@@ -51,7 +50,7 @@ LOCAL_SHARE = 0.2
 """Local error allowed in a step, relative to the `rtol` of the run."""
 
 STATUS_MESSAGES = {
-    kernels.UNSETTLED: "not settled: further contacts were possible at the time limit, V_p is the value then",
+    kernels.UNSETTLED: "not settled: further contacts were possible at the time limit, V_p is the value at that time",
     kernels.STEP_LIMIT: "more integration steps than allowed: the motion has too many swings or contacts",
     kernels.NOT_FINITE: "the state overflowed: the scene's scales differ by more than floating point can hold",
 }
@@ -61,7 +60,7 @@ STATUS_MESSAGES = {
 def approach_to_kernel(
     scene: Scene, motion: Trapezoid | Motion, duration: float, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Return an approach as the fields of APPROACH, and its tables, which begin at `table_at` among all tables."""
+    """Return the fields of APPROACH, and the tables, whose index among the numbers of all tables is `table_at`."""
     held, table = mount_to_kernel(scene.tool.mass, scene.coupling, scene.robot, table_at)
     target = scene.object
     profile: tuple[float, ...]
@@ -77,13 +76,13 @@ def approach_to_kernel(
 
 
 def to_bytes(plan: tuple[Any, ...]) -> bytes:
-    """Return a plan as the bytes of one APPROACH, ten times faster than as an array."""
+    """Return the fields of an APPROACH as bytes; this is ten times faster than with a NumPy array."""
     (coupling_kind, robot_kind, tool_mass, coupling, robot, *table), contact, *rest = plan
     return _APPROACH.pack(coupling_kind, robot_kind, tool_mass, *coupling, *robot, *table, *contact, *rest)
 
 
 def contact_to_kernel(contact: Contact) -> tuple[Any, ...]:
-    """Return a contact as its fields in the compiled program."""
+    """Return the fields of a contact in the compiled program."""
     m, n = contact.stiffness_exponent, contact.damping_exponent
     damping = damping_factor(contact.dissipation, contact.restitution, m, n)
     return tuple(kernels.contact_of(contact.stiffness, damping, m, n, contact.reference_velocity or 0.0).values())
@@ -97,10 +96,7 @@ _NO_MECHANISM = _NO_COUPLING[2:]
 def mount_to_kernel(
     tool_mass: float, coupling: Coupling, robot: Robot | RobotTable | None = None, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Return tool, coupling and robot as the fields of MOUNT, and the robot's table.
-
-    The table begins at index `table_at` among the numbers of all tables.
-    """
+    """Return the fields of MOUNT, and the robot's table, whose index among the numbers of all tables is `table_at`."""
     kind, numbers = kernels.DIRECT, _NO_COUPLING
     if isinstance(coupling, SpringDamper):
         kind, numbers = kernels.SPRING_DAMPER, (coupling.stiffness, coupling.damping_ratio, *_NO_MECHANISM)
@@ -115,6 +111,6 @@ def mount_to_kernel(
         return (kind, kernels.LUMPED, tool_mass, numbers, of_robot, 0, 0, 0.0), NO_TABLE
     splines = robot.splines
     mass, stiffness, _ = splines(splines.x).T
-    rows = splines.c[::-1].transpose(1, 2, 0)  # (n, 3, 4): mass, stiffness, damping, the constant first
+    rows = splines.c[::-1].transpose(1, 2, 0)  # (n, 3, 4): mass, stiffness, damping; powers 0 to 3
     held = kind, kernels.TABLE_OF_POSITION, tool_mass, numbers, _NO_ROBOT, table_at, len(rows), max(stiffness / mass)
     return held, np.concatenate([splines.x, rows.ravel()])

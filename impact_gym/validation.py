@@ -66,7 +66,7 @@ def number(
         result = float(value)
     except OverflowError:  # an int too large for a float
         result = math.inf
-    except (TypeError, ValueError):  # an array of several numbers, say
+    except (TypeError, ValueError):  # such as an array of several numbers
         raise wrong from None
     if math.isfinite(result) and above < result <= at_most and result >= at_least:
         return result
@@ -149,7 +149,7 @@ def array(
     """
     try:
         result = np.asarray(values)
-    except (TypeError, ValueError):  # rows of different lengths, say
+    except (TypeError, ValueError):  # such as rows of different lengths
         raise WrongTypeError(f"{field} must hold {what} in one shape, got {shown(values)}") from None
     if result.dtype.kind not in kinds:
         raise WrongTypeError(f"{field} must hold {what}, got dtype {result.dtype}: {shown(values)}")

@@ -10,11 +10,6 @@ def mine(tmp_path):
     return path
 
 
-@pytest.fixture
-def no_display(monkeypatch):
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-
-
 @pytest.fixture(scope="module")
 def browser():
     with chromium() as program:

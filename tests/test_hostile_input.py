@@ -123,7 +123,7 @@ def written(tree, folder, suffix):
             columns = [value if isinstance(value, list) else [value] for value in tree.values()]
             csv.writer(file).writerows([tree, *zip_longest(*columns)])
     else:
-        archive.write_archive(path, FORMAT, tree, ARRAYS)
+        path.write_bytes(archive.archive_of(FORMAT, tree, ARRAYS))
     return path
 
 

@@ -121,5 +121,5 @@ def test_load_policy_refuses_weights_of_another_type_or_not_finite(part, tmp_pat
     weights = arrays[f"0/{part}"]
     nans = np.where(weights == weights.flat[-1], np.float32(np.nan), weights)
     for other, said in ((weights.astype(float), "float32"), (weights.astype(bool), "float32"), (nans, "finite")):
-        archive.write_archive(tmp_path / "it.npz", FORMAT, content, {**arrays, f"0/{part}": other})
+        (tmp_path / "it.npz").write_bytes(archive.archive_of(FORMAT, content, {**arrays, f"0/{part}": other}))
         refused(partial(load_policy, tmp_path / "it.npz"), part.partition(".")[0], said)

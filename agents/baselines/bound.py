@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from agents.archive import read_archive, write_archive
+from agents.archive import archive_of, read_archive
 from agents.baselines.profile import Clairvoyant
 from agents.baselines.rule import Floats
 from agents.setups import TUNED, Setup
+from impact_gym.files import write_file
 from impact_gym.task import Task
 
 GENERATIONS = 150  # generations of the search in each scenario
@@ -34,27 +35,24 @@ def write_bound(
 ) -> Path:
     """Write the best parameters (scenarios, k) for each time weight, atomically, and return the path."""
     arrays = {f"{weight:g}": by_weight[weight] for weight in sorted(by_weight)}
-    write_archive(path_of(setup, folder), FORMAT, _search_of(setup, generations), arrays)
-    return path_of(setup, folder)
+    return write_file(path_of(setup, folder), archive_of(FORMAT, _search_of(setup, generations), arrays))
 
 
 def read_bound(setup: Setup, folder: Path = TUNED, generations: int = GENERATIONS) -> dict[float, Floats]:
-    """Return a set-up's bound: for each time weight (m/s per s) the best parameters (scenarios, k)."""
-    path, remedy = path_of(setup, folder), f"impact-gym tune {setup.called} --bound"
-    try:
-        content, arrays = read_archive(path, FORMAT)
-    except ValueError as error:
-        raise ValueError(f"the bound of {setup.name} was not searched: {error}; {remedy}") from error
+    """Return the best parameters (scenarios, k) for each time weight (m/s per s); empty if there is no file."""
+    path = path_of(setup, folder)
+    if not path.is_file():
+        return {}
+    content, arrays = read_archive(path, FORMAT)
     environment = content.get("environment", {})
     wanted = {**_search_of(setup, generations), "environment": environment}
     if content != wanted or not setup.describes(Task(**environment)):
+        remedy = f"impact-gym tune {setup.called} --bound"
         raise ValueError(f"{path} was searched for another environment or for other parameters: {remedy}")
     return {float(weight): parameters for weight, parameters in arrays.items()}
 
 
 def bound_of(setup: Setup, folder: Path = TUNED) -> dict[float, Floats]:
     """Return the best parameters (scenarios, k) at each time weight of the evaluation; empty if a weight is missing."""
-    if not path_of(setup, folder).is_file():
-        return {}
     by_weight, weights = read_bound(setup, folder), setup.evaluation.weights
     return {weight: by_weight[weight] for weight in weights} if by_weight.keys() >= set(weights) else {}

@@ -34,34 +34,28 @@ def minimise(
     import cma  # not needed to play a rule
 
     low, high, start = np.array([(each.low, each.high, each.start) for each in parameters]).T
-    best, lowest, generation = np.tile(start, (problems, 1)), np.full(problems, np.inf), 0
-    searches = [
-        cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, _options(population, seed, problem))
-        for problem in range(problems)
-    ]
+    searches: list[Any] = []
+    for problem in range(problems):
+        rng = np.random.default_rng((seed, problem))
+        options = {
+            "bounds": [0.0, 1.0],
+            "popsize": population,
+            "randn": lambda *shape, rng=rng: rng.standard_normal(shape),
+            "seed": np.nan,  # so the package does not seed NumPy's global generator
+            "tolfun": 1e-5,  # m/s
+            "verbose": -9,
+        }
+        searches.append(cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, options))
+
+    def within_limits(shares: Any) -> Floats:
+        return np.clip(low + np.clip(shares, 0.0, 1.0) * (high - low), low, high)  # the product may round beyond them
+
+    generation = 0
     while generation < generations and not all(search.stop() for search in searches):
         generation += 1
         shares = [search.ask() for search in searches]
-        candidates = low + np.clip(np.moveaxis(np.array(shares), 0, 1), 0.0, 1.0) * (high - low)
-        candidates = np.clip(candidates, low, high)  # the line above may round beyond the limits
-        values = losses(candidates)
+        values = losses(within_limits(np.moveaxis(np.array(shares), 0, 1)))
         for search, share, value in zip(searches, shares, values.T, strict=True):
             search.tell(share, value.tolist())
-        winner = values.argmin(axis=0)
-        for problem in np.flatnonzero(values.min(axis=0) < lowest).tolist():
-            lowest[problem] = values[winner[problem], problem]
-            best[problem] = candidates[winner[problem], problem]
-    return Minimum(best, lowest, generation)
-
-
-def _options(population: int, seed: int, problem: int) -> dict[str, Any]:
-    """Return the options of a search that draws from a random generator of its own, not from NumPy's global one."""
-    rng = np.random.default_rng((seed, problem))
-    return {
-        "bounds": [0.0, 1.0],
-        "popsize": population,
-        "randn": lambda *shape: rng.standard_normal(shape),
-        "seed": np.nan,  # so the package does not seed the global generator
-        "tolfun": 1e-5,  # m/s
-        "verbose": -9,
-    }
+    best = [(search.best.x, search.best.f) for search in searches]
+    return Minimum(within_limits([x for x, _ in best]), np.array([f for _, f in best]), generation)

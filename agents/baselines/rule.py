@@ -4,7 +4,7 @@ A rule has one set of parameters, or one set for each row of a batch; so one bat
 """
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -67,6 +67,8 @@ class Rule:
     """Arguments of the environment that add the observations which the rule needs."""
     KNOWS: ClassVar[tuple[str, ...]] = ()
     """Arguments of the environment that the rule computes with. A tuned rule uses those for which it was tuned."""
+    weights: Sequence[float] = ()
+    """Time weights (m/s per s), ascending, for which the rows of `parameters` (weights, k) were tuned; see `at`."""
 
     def __init__(self, parameters: ArrayLike) -> None:
         """Make a controller from `parameters` (k,), or (rows, k) for a batch, in the order and units of PARAMETERS.
@@ -95,10 +97,18 @@ class Rule:
         Rule.__init__(rule, parameters)
         return rule
 
-    def for_environment(self, arguments: Mapping[str, Any]) -> Self:
-        """Return the same rule for an environment of `gym.make` with these arguments, such as `env.spec.kwargs`."""
-        apart = ("render_mode", "record_trace")  # these do not change the task
-        return self.for_task(Task(**{name: value for name, value in arguments.items() if name not in apart}))
+    def at(self, time_weight: ArrayLike) -> Self:
+        """Return the rule for a time weight (m/s per s), or for the time weight of each row of a batch.
+
+        Between two of `weights`, the parameters are interpolated over the logarithm of the weight; beyond all of them,
+        those of the nearest weight are used. A rule without `weights` is returned unchanged.
+        """
+        twin = copy.copy(self)
+        if self.weights:
+            logarithms = np.log(time_weight), np.log(self.weights)
+            twin.parameters = np.stack([np.interp(*logarithms, column) for column in self.parameters.T], axis=-1)
+            twin.weights = ()
+        return twin
 
     def for_task(self, task: Task) -> Self:
         """Return the same rule for a task; ValueError: the task's observation lacks a number that the rule needs."""

@@ -2,16 +2,13 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 from agents import setups
-from agents.baselines.rule import Floats, Rule
+from agents.baselines.rule import Rule
 from agents.policies import Controller
 from agents.setups import TUNED, Setup, owner, shipped_baselines
 from impact_gym.files import parsed, write_file
@@ -23,11 +20,8 @@ RULES: dict[str, type[Rule]] = {name: resolve_name(f"agents.baselines:{name}") f
 FIXED: dict[str, Any] = {name: resolve_name(f"agents.baselines:{kind}") for name, kind in setups.FIXED.items()}
 
 
-def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> Controller:
-    """Return a baseline for `time_weight` (m/s per s).
-
-    The file of a tuned baseline holds parameters for several weights. Between two of these weights, the parameters are
-    interpolated over the logarithm of the weight; beyond all of them, those of the nearest weight are used.
+def load_baseline(name: str, time_weight: float = 2.0, folder: Path | None = None) -> Controller:
+    """Return a baseline for `time_weight` (m/s per s); for a tuned baseline see `Rule.at`.
 
     Raises:
         ValueError: there is no such baseline; or its file is missing or altered, or was made for other parameters or
@@ -36,39 +30,31 @@ def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> 
     number("time_weight", time_weight, "m/s per s", above=0)
     if name in FIXED:
         return FIXED[name]()
-    return tuned_rule(read_tuned(name, folder), time_weight)
+    return tuned_rule(read_tuned(name, folder)).at(time_weight)
 
 
-def tuned_rule(content: Mapping[str, Any], time_weight: float) -> Rule:
-    """Return the rule of a tuned file at a weight (m/s per s), with parameters interpolated as in `load_baseline`."""
-    weights, rule = tuned_table(content)
-    rule.parameters = interpolated(weights, rule.parameters, time_weight)
-    return rule
-
-
-def tuned_table(content: Mapping[str, Any]) -> tuple[list[float], Rule]:
-    """Return the weights (m/s per s) of a tuned file, ascending, and the rule with parameters (weights, k)."""
+def tuned_rule(content: Mapping[str, Any]) -> Rule:
+    """Return the rule of a tuned file, with its parameters for all time weights."""
     if not content["weights"]:
         raise ValueError(f"baseline {content['baseline']!r} holds no weight: tune it")
     tuned = {float(weight): found["parameters"] for weight, found in content["weights"].items()}
     # an entry in "weights" may list the parameters in another order
     weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]
     table = [[tuned[weight][name] for name in names] for weight in weights]
-    return weights, RULES[content["rule"]].of(table).for_task(Task(**content["environment"]))
+    rule = RULES[content["rule"]].of(table).for_task(Task(**content["environment"]))
+    rule.weights = weights
+    return rule
 
 
-def interpolated(weights: Sequence[float], table: Floats, time_weight: ArrayLike) -> Floats:
-    """Return the parameters (..., k) for the time weights (...), from the rows of `table` (weights, k)."""
-    at, logarithms = np.log(time_weight), np.log(weights)
-    return np.stack([np.interp(at, logarithms, column) for column in table.T], axis=-1)
-
-
-def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> dict[str, Any]:
+def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None) -> dict[str, Any]:
     """Return the content of a tuned baseline's file; its entry "weights" has the result for each time weight.
 
-    The file must fit `setup`; default: the shipped set-up that tunes this baseline, if there is one.
+    The file must fit `setup`, or if `setup` does not tune this baseline, the shipped set-up that tunes it. Default
+    folder: that of the set-up's results, or of the shipped baselines.
     """
-    path, setup = folder / f"{name}.json", setup or owner(name)
+    its_own = setup is not None and name in setup.tuned
+    setup = setup if its_own else owner(name)
+    path = (folder or (setup.folder / "tuned" if setup else TUNED)) / f"{name}.json"
     if setup is None and not path.is_file():
         raise ValueError(nearest("baseline", name, [*FIXED, *shipped_baselines()]))
     remedy = f"impact-gym tune {setup.called if setup else 'SETUP'}"

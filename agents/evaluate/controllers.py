@@ -1,14 +1,13 @@
 """Make controllers from plain data, which a job can send to another machine.
 
 The data is a mapping with one key. `{"policy": text}`: a policy's file in base 64. `{"baseline": name}`: a shipped
-baseline. `{"tuned": content}`: the content of a tuned baseline's file. `{"rule": [name, parameters]}`: a rule of
-`agents.baselines`. `{"clairvoyant": {weight: parameters}}`: a `Clairvoyant` for the scenarios of a set-up. `{"object":
-"module:name"}`: an object with `predict`, or a function or class that returns one.
+baseline. `{"tuned": content}`: the content of a tuned baseline's file. `{"clairvoyant": {weight: parameters}}`: a
+`Clairvoyant` for the scenarios of a set-up. `{"object": "module:name"}`: an object with `predict`, or a function or
+class that returns one.
 """
 
 import base64
 import importlib
-import io
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import archive, baselines
+from agents.archive import unpacked
 from agents.baselines import Clairvoyant
 from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule
@@ -47,8 +46,7 @@ def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None
 
 @lru_cache(maxsize=64)
 def _policy(content: str) -> Policy:
-    file = io.BytesIO(base64.b64decode(content))
-    return Ensemble.unpacked(*archive.load(file, FORMAT))[None]
+    return Ensemble.unpacked(*unpacked(base64.b64decode(content), FORMAT))[None]
 
 
 def _object(name: str) -> Controller:
@@ -68,8 +66,7 @@ def _object(name: str) -> Controller:
 KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
     "policy": lambda content, _: _policy(content),
     "baseline": load_baseline,
-    "tuned": tuned_rule,
-    "rule": lambda described, _: getattr(baselines, described[0]).of(described[1]),
+    "tuned": lambda content, weight: tuned_rule(content).at(weight),
     "clairvoyant": lambda by_weight, weight: Clairvoyant(by_weight[f"{weight:g}"]),
     "object": lambda name, _: _object(name),
 }

@@ -1,9 +1,8 @@
 """Controllers to export, and their contract: what a user must know, in the same words in every exported file."""
 
-import copy
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
 from functools import cached_property
 from importlib.metadata import version
@@ -14,11 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agents.baselines import Rule
-from agents.baselines.tuned import FIXED, interpolated, load_baseline, read_tuned, tuned_table
+from agents.baselines.tuned import FIXED, load_baseline, read_tuned, tuned_rule
 from agents.policies import Policy, load_policy
 from agents.policies.networks import to_arrays
 from agents.provenance import todays
-from agents.setups import TUNED, Setup, load_setup, owner, shipped, shipped_baselines
+from agents.setups import Setup, load_setup, owner, shipped, shipped_baselines
 from agents.setups.setup import UNSAID
 from impact_gym.task import QUANTITIES, ActionSpec, ObservationSpec
 from impact_gym.teleop.link import FADE
@@ -52,18 +51,15 @@ OPERATOR = (
 class Subject:
     """A controller to export: a policy, or a rule with its parameters for one time weight or several."""
 
-    def __init__(
-        self, controller: Policy | Rule, weights: Sequence[float] = (2.0,), validation: Any = None, command: str = ""
-    ) -> None:
-        """Describe a policy; or a rule for its environment, with parameters (k,) or (weights, k).
+    def __init__(self, controller: Policy | Rule, validation: Any = None, command: str = "") -> None:
+        """Describe a controller for its environment.
 
-        `weights` are the time weights (m/s per s), ascending, for which a rule was tuned. `validation` (JSON) are its
-        scores, `command` is the command that made it; default: those in the policy's file.
+        `validation` (JSON) are its scores, `command` is the command that made it; default: those in the policy's file.
         """
         if not isinstance(controller, Policy | Rule):
             raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
-        self.controller, self.weights = controller, [*weights]
-        self.task = controller.task
+        self.controller, self.task = controller, controller.task
+        self.weights = [*controller.weights] if isinstance(controller, Rule) and controller.weights else [2.0]
         self.spec, self.actions = ObservationSpec(self.task), ActionSpec(self.task).entries
         self.policy = controller if isinstance(controller, Policy) else None
         provenance = self.policy.provenance if self.policy else {}
@@ -75,10 +71,7 @@ class Subject:
 
     def at(self, time_weight: ArrayLike) -> Policy | Rule:
         """Return the controller for a time weight (m/s per s), or for the time weight of each row of a batch."""
-        twin = copy.copy(self.controller)
-        if isinstance(twin, Rule) and len(self.weights) > 1:
-            twin.parameters = interpolated(self.weights, twin.parameters, time_weight)
-        return twin
+        return self.controller.at(time_weight) if isinstance(self.controller, Rule) else self.controller
 
     @cached_property
     def contract(self) -> dict[str, str]:
@@ -130,27 +123,24 @@ def _plain(value: Any) -> str:
     return text.replace("*/", "*\\u002f").replace("/*", "/\\u002a").replace("??", "?\\u003f")
 
 
-def of_baseline(name: str, setup: Setup | None = None, folder: Path = TUNED) -> Subject:
-    """Return a baseline: one without parameters for the environment of `setup`, or a tuned one from `folder`."""
+def of_baseline(name: str, setup: Setup | None = None, folder: Path | None = None) -> Subject:
+    """Return a baseline: one without parameters for the environment of `setup`, or a tuned one, see `read_tuned`."""
     if name in FIXED:
         rule: Any = load_baseline(name)
         return Subject(rule.for_task(setup.task) if setup else rule)
-    content = read_tuned(name, folder, setup if setup and name in setup.tuned else None)
-    weights, rule = tuned_table(content)
+    content = read_tuned(name, folder, setup)
     validation = {weight: found.get("validation") for weight, found in content["weights"].items()}
     made_for = setup if setup and name in setup.tuned else owner(name)
     command = f"impact-gym tune {made_for.called} --names {name}" if made_for else "impact-gym tune"
-    return Subject(rule, weights, validation, command)
+    return Subject(tuned_rule(content), validation, command)
 
 
 def of_name(name: str, setup: Setup | None = None) -> Subject:
     """Return the controller with this name: a baseline, the file of a tuned one, or a policy as for `load_policy`."""
-    if name in FIXED or name in shipped_baselines():
-        return of_baseline(name, setup if name in FIXED else None)
+    if name in (*FIXED, *shipped_baselines(), *(setup.tuned if setup else ())):
+        return of_baseline(name, setup)
     if name.endswith(".json"):
         return of_baseline(Path(name).stem, setup, Path(name).parent)
-    if setup and name in setup.tuned:
-        return of_baseline(name, setup, setup.folder / "tuned")
     if name.endswith(".toml"):
         raise ValueError(f"{name} is a set-up: add --all, or name a controller")
     if not Path(name).exists() and name not in shipped():

@@ -4,7 +4,6 @@ A policy file is an archive of arrays and JSON. It holds the weights of a small 
 scales of observation and action, and the provenance. Reading one runs no code.
 """
 
-import io
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,9 +13,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import archive
+from agents.archive import archive_of, read_archive
 from agents.policies.networks import Network, from_arrays, to_arrays
-from impact_gym.files import named_file, reason
+from impact_gym.files import named_file, reason, write_file
 from impact_gym.task import ActionSpec, ObservationSpec, Task
 from impact_gym.teleop.channels import without_files
 from impact_gym.validation import array, shown, whole
@@ -96,13 +95,11 @@ class Policy:
 
     def save(self, path: Path | str) -> Path:
         """Write the policy to `path` atomically."""
-        return Ensemble([self], self.seed).save(path)
+        return write_file(Path(path), self.to_bytes())
 
     def to_bytes(self) -> bytes:
         """Return the content of the file that `save` writes."""
-        file = io.BytesIO()
-        archive.save(file, FORMAT, *Ensemble([self], self.seed).packed())
-        return file.getvalue()
+        return archive_of(FORMAT, *Ensemble([self], self.seed).packed())
 
 
 @dataclass(frozen=True)
@@ -129,8 +126,7 @@ class Ensemble:
 
     def save(self, path: Path | str) -> Path:
         """Write all policies to `path` atomically."""
-        archive.write_archive(Path(path), FORMAT, *self.packed())
-        return Path(path)
+        return write_file(Path(path), archive_of(FORMAT, *self.packed()))
 
     def packed(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return content and arrays of the archive."""
@@ -180,7 +176,7 @@ def load_ensemble(name: str | Path) -> Ensemble:
             the file is no policy, or is damaged, or was made for other scales than the environment's.
     """
     path = named_file("policy", name, SHIPPED, ".npz", "best.npz")
-    content, arrays = archive.read_archive(path, FORMAT)
+    content, arrays = read_archive(path, FORMAT)
     try:
         return Ensemble.unpacked(content, arrays)
     except (ArithmeticError, LookupError, TypeError, AttributeError, ValueError) as error:

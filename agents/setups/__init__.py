@@ -6,22 +6,10 @@ names the rules to tune, and the baselines with which policies are compared. `[e
 scenarios, and the arguments that are varied to test robustness. The set-ups in this folder are loaded by name.
 """
 
-from agents.setups.setup import (
-    FIXED,
-    README,
-    RULES,
-    TUNED,
-    Setup,
-    Tuned,
-    load_setup,
-    owner,
-    same_environment,
-    shipped,
-    shipped_baselines,
-)  # fmt: skip
+from agents.setups.setup import FIXED, README, RULES, TUNED, Setup, load_setup, owner, shipped, shipped_baselines
 from agents.setups.training import Training
 
 __all__ = [
-    "FIXED", "README", "RULES", "TUNED", "Setup", "Training", "Tuned", "load_setup", "owner", "same_environment",
-    "shipped", "shipped_baselines",
+    "FIXED", "README", "RULES", "TUNED", "Setup", "Training", "load_setup", "owner", "shipped",
+    "shipped_baselines",
 ]  # fmt: skip

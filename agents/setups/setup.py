@@ -103,12 +103,7 @@ class Setup:
 
     def describes(self, task: Task) -> bool:
         """Whether a task equals this set-up's, except for arguments that training and evaluation choose."""
-        return same_environment(self.task, task)
-
-
-def same_environment(here: Task, there: Task) -> bool:
-    """Whether two tasks are the same environment, except for arguments that training and evaluation choose."""
-    return not {*here.differs_in(there)} & {*SET_UP_ARGUMENTS}
+        return not {*self.task.differs_in(task)} & {*SET_UP_ARGUMENTS}
 
 
 def shipped() -> tuple[str, ...]:

@@ -49,7 +49,6 @@ class TrainingCallback(BaseCallback):
         )
         self.bar: Any = None  # see `agents.command_line.progress`
         self.writer: Any = None  # of TensorBoard
-        self._begun = time.perf_counter()
         self.kept: dict[str, Any] = {  # state that a checkpoint keeps
             "sums": dict.fromkeys(OBJECTIVES, 0.0),
             "episodes": 0,
@@ -60,6 +59,9 @@ class TrainingCallback(BaseCallback):
             "collapsed": 0,  # validations in a row so far with nearly all objects missed
             "seconds": 0.0,
         }
+
+    def _on_training_start(self) -> None:
+        self._begun = time.perf_counter() - self.kept["seconds"]
 
     def _on_step(self) -> bool:
         for row in np.flatnonzero(self.locals["dones"]).tolist():
@@ -73,26 +75,20 @@ class TrainingCallback(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         training = self._training
-        self._check_weights()
+        self._refuse_collapse()
         if self._due("validation", training.validate_every):
             self.validate()
         if self._due("row", max(training.round, training.whole_steps // ROWS)):
             self._write_row()
         if self._due("checkpoint", training.checkpoint_every):
-            self._count_time()
+            self.kept["seconds"] = time.perf_counter() - self._begun
             checkpoint.write(self._folder / "checkpoint.npz", self.model, self._environments, self.kept, training)
 
     def _on_training_end(self) -> None:
-        self._check_weights()
+        self._refuse_collapse()
         self.validate().save(self._folder / "final.npz")
         self._write_row()
-        self._count_time()
-
-    def _count_time(self) -> None:
-        """Add the seconds since the last call to `kept`."""
-        now = time.perf_counter()
-        self.kept["seconds"] += now - self._begun
-        self._begun = now
+        self.kept["seconds"] = time.perf_counter() - self._begun
 
     def _due(self, what: str, every: int) -> bool:
         if self.num_timesteps // every == self.kept["last"][what] // every:
@@ -119,19 +115,18 @@ class TrainingCallback(BaseCallback):
         missed = float(np.mean(result["missed"]))
         again = missed >= NEARLY_ALL and steps > BEGINNING * self._training.whole_steps
         self.kept["collapsed"] = self.kept["collapsed"] + 1 if again else 0
-        if self.kept["collapsed"] >= COLLAPSED:
-            reason = f"{missed:.1%} of the objects missed, and nearly all of them in {COLLAPSED} validations in a row"
-            raise self._collapse(reason)
+        self._refuse_collapse(missed)
         return policy
 
-    def _check_weights(self) -> None:
+    def _refuse_collapse(self, missed: float = 0.0) -> None:
+        """Raise CollapsedError with a remedy if the training collapsed; `missed` is a fraction of the objects."""
+        reason = f"{missed:.1%} of the objects missed, and nearly all of them in {COLLAPSED} validations in a row"
         if not torch.nn.utils.parameters_to_vector(self.model.policy.parameters()).isfinite().all():
-            raise self._collapse("the weights are no longer finite")
-
-    def _collapse(self, reason: str) -> CollapsedError:
-        """Return the error, with the reason, the step and a remedy."""
+            reason = "the weights are no longer finite"
+        elif self.kept["collapsed"] < COLLAPSED:
+            return
         training = self._training
-        return CollapsedError(
+        raise CollapsedError(
             f"the training collapsed after {self.num_timesteps:,} of {training.whole_steps:,} steps: {reason}. Try a"
             f" learning_rate below {training.learning_rate:g} or log_std below {training.log_std:g}, and see with"
             f" `impact-gym check {self._setup.called}` whether the objects can be reached at all"

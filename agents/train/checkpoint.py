@@ -18,13 +18,15 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from agents.archive import read_archive, write_archive
+from agents.archive import archive_of, read_archive
 from agents.setups import Training
 from agents.train.scaling import ScaledRewards
+from impact_gym.files import write_file
 
 FORMAT = "impact_gym checkpoint 3"
 # stable-baselines3 2.9 has no public names for these; a test checks that a resumed training has the same result
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
+UNWRITTEN = ("name_to_value", "name_to_count", "name_to_excluded")  # of the log
 
 
 def write(
@@ -40,11 +42,12 @@ def write(
         "torch": torch.get_rng_state(),
         "numpy": np.random.get_state(legacy=False),  # noqa: NPY002 - stable-baselines3 draws from it
         "python": random.getstate(),
-        "log": _unwritten(model),
+        "log": [getattr(model.logger, name) for name in UNWRITTEN],
         "callback_state": callback_state,
         "settings": asdict(training),
     }
-    write_archive(path, FORMAT, json.loads(json.dumps(state, default=partial(_pack, arrays))), arrays)
+    content = json.loads(json.dumps(state, default=partial(_pack, arrays)))
+    write_file(path, archive_of(FORMAT, content, arrays))
 
 
 def restore(path: Path, model: Any, environment: ScaledRewards, training: Training) -> dict[str, Any]:
@@ -67,14 +70,10 @@ def restore(path: Path, model: Any, environment: ScaledRewards, training: Traini
         differs = ", ".join(f"{name} is {before[name]!r} in the checkpoint, got {now[name]!r}" for name in changed)
         reason = differs or " ".join(str(error).split())  # torch's messages have several lines
         raise ValueError(f"{path} is a checkpoint of another training: {reason}") from error
-    for values, kept in zip(_unwritten(model), state["log"], strict=True):
-        values.clear()
-        values.update(kept)
+    for name, kept in zip(UNWRITTEN, state["log"], strict=True):
+        getattr(model.logger, name).clear()
+        getattr(model.logger, name).update(kept)
     return state["callback_state"]
-
-
-def _unwritten(model: Any) -> tuple[dict[str, Any], ...]:
-    return model.logger.name_to_value, model.logger.name_to_count, model.logger.name_to_excluded
 
 
 def _pack(arrays: dict[str, NDArray[Any]], value: Any) -> dict[str, str]:

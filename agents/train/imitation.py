@@ -27,9 +27,8 @@ class Teacher:
         """Make a teacher from a baseline without parameters, or from a tuned baseline, of the set-up or shipped."""
         rules, means, self.checksum = [FIXED[name]()] if name in FIXED else [], [(0.0, 0.0)], name
         if not rules:
-            its_own = name in setup.tuned
-            content = read_tuned(name, setup.folder / "tuned", setup) if its_own else read_tuned(name)
-            rules = [tuned_rule(content, float(weight)) for weight in content["weights"]]
+            content = read_tuned(name, setup=setup)
+            rules = [tuned_rule(content).at(float(weight)) for weight in content["weights"]]
             scores = [tuned["validation"] for tuned in content["weights"].values()]
             means = [(score["object_velocity"], score["approach_time"]) for score in scores]
             self.checksum = content["sha256"]

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, MlpExtractor
 
-from agents.policies.networks import Affine, Network
 from impact_gym.task import ObservationSpec, Task
 
 CENTRE_AND_SPREAD = {
@@ -116,21 +115,3 @@ class _NumpyTanh(torch.autograd.Function):
 
 
 ACTIVATIONS: dict[str, type[torch.nn.Module]] = {"tanh": FastTanh, "relu": torch.nn.ReLU}
-
-
-def acting_network(policy: ActorCriticPolicy, task: Task, activation: str) -> Network:
-    """Return a copy of a policy's actor on NumPy; its input is an observation of `task`, not standardised."""
-    linear = [layer for layer in policy.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)]
-    layers = [_affine(f"hidden_{place}", layer) for place, layer in enumerate(linear)]
-    centre, spread = standardisation([task])
-    weight = layers[0].weight / spread
-    bias = layers[0].bias - weight @ centre
-    layers[0] = Affine(layers[0].name, weight.astype(np.float32), bias.astype(np.float32))
-    mean, spread_of_noise = _affine("mean", policy.action_net), policy.log_std.detach().numpy().copy()
-    log_std = Affine("log_std", np.zeros_like(mean.weight), spread_of_noise)
-    return Network(tuple(layers), mean, log_std, activation)
-
-
-def _affine(name: str, layer: torch.nn.Module) -> Affine:
-    weight, bias = (parameter.detach().numpy().copy() for parameter in layer.parameters())
-    return Affine(name, weight, bias)

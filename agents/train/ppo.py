@@ -14,6 +14,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
@@ -22,6 +23,7 @@ from torch.utils.tensorboard.writer import SummaryWriter
 from agents.baselines import PaperTrapezoid
 from agents.command_line import command_of, progress
 from agents.policies import Policy, load_policy
+from agents.policies.networks import Affine, Network
 from agents.provenance import circumstances, revision
 from agents.setups import Setup, Training, load_setup
 from agents.setups.feasible import warnings
@@ -30,7 +32,7 @@ from agents.setups.training import SLOTS
 from agents.train import checkpoint
 from agents.train.callback import OnValidation, TrainingCallback
 from agents.train.imitation import PPOWithImitation, Teacher
-from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
+from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, standardisation
 from agents.train.scaling import ScaledRewards
 from impact_gym.files import locked, write_file, writing
 from impact_gym.sb3 import ImpactVecEnv
@@ -132,9 +134,17 @@ def make_model(run: Run, environments: ScaledRewards) -> PPO:
 
 
 def policy_from(model: PPO, run: Run, provenance: Mapping[str, Any]) -> Policy:
-    """Return a copy of a model's actor as a policy on NumPy."""
-    network = acting_network(model.policy, run.task, run.training.activation)
-    return Policy(network, run.task, provenance)
+    """Return a copy of a model's actor as a policy on NumPy; its input is the observation, not standardised."""
+    actor = *model.policy.mlp_extractor.policy_net, model.policy.action_net
+    linear = [layer for layer in actor if isinstance(layer, torch.nn.Linear)]
+    arrays = [[parameter.detach().numpy().copy() for parameter in layer.parameters()] for layer in linear]
+    centre, spread = standardisation([run.task])
+    weight = arrays[0][0] / spread
+    arrays[0] = [weight.astype(np.float32), (arrays[0][1] - weight @ centre).astype(np.float32)]
+    hidden = [Affine(f"hidden_{place}", *layer) for place, layer in enumerate(arrays[:-1])]
+    mean, log_std = Affine("mean", *arrays[-1]), model.policy.log_std.detach().numpy().copy()
+    noise = Affine("log_std", np.zeros_like(mean.weight), log_std)
+    return Policy(Network(tuple(hidden), mean, noise, run.training.activation), run.task, provenance)
 
 
 def train(run: Run, out: Path | None = None, on_validation: OnValidation | None = None) -> Path:

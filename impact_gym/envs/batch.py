@@ -32,8 +32,8 @@ _STATE = (
     "traces",
 )  # fmt: skip
 TRACE_INTERVAL = 1e-3  # s, between two points of a trace while tool and object do not touch
-INTERVENTION = 1e-3  # m/s; if the assistance changes a command by more, `is_intervention` is set
-_SPARE = 4  # readings to store in addition to those in transit: some are taken before the oldest one is delivered
+INTERVENTION = 1e-3  # m/s; if the assistance changes a command by more than this, `is_intervention` is set
+_SPARE = 4  # readings stored in addition to those in transit: a step takes new ones before it delivers the oldest
 
 
 class Bodies(NamedTuple):
@@ -43,7 +43,7 @@ class Bodies(NamedTuple):
     flange: NDArray[np.float64]  # m
     tool: NDArray[np.float64]  # m
     object: NDArray[np.float64]  # m
-    deflection: NDArray[np.float64]  # m, of the tool against its flange
+    deflection: NDArray[np.float64]  # m, of the tool relative to its flange
     deflection_rate: NDArray[np.float64]  # m/s
     touched: NDArray[np.bool_]
 
@@ -208,7 +208,7 @@ class Batch:
             own = getattr(self, name)
             array(f"{name} of a state", state.get(name), own.shape, own.dtype.kind, f"{own.dtype}")
         if state.get("sha256") != self._digest(state):
-            about = "must match its arrays, generators and tasks: the state was altered, or is of another batch"
+            about = "must match its arrays, generators and tasks: the state was altered, or belongs to another batch"
             raise ValueError(f"sha256 of a state {about}")
         for name in _STATE:
             getattr(self, name)[:] = state[name]
@@ -289,7 +289,7 @@ class Batch:
         return Bodies(chains["time"].copy(), flange, tool, place, deflection, rate, chains["contacts"] > 0)
 
     def history(self, row: int) -> "History":
-        """Return the episode of `row` so far, from its trace, as the object that `impact_gym.render` draws."""
+        """Return the episode of `row` so far as the object that `impact_gym.render` draws."""
         from impact_gym.render.film import History
 
         task, ended = self.tasks[row % len(self.tasks)], bool(self.episodes["terminated"][row])

@@ -38,14 +38,10 @@ LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "tak
 
 
 class Infos:
-    """Makes the infos for the rows of a batch."""
+    """The layouts of the infos of a batch, and functions that fill them with the values of rows."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
-        """Find where EPISODE holds each entry; `tasks` has one task for all rows, or one for each row.
-
-        `columns` returns every number of the set-up that any of the tasks draws. `infos` returns, for each row, the
-        numbers that the task of this row draws.
-        """
+        """Find where EPISODE holds each entry; `tasks` has one task for all rows, or one for each row."""
         drawn = [name for name in QUANTITIES if any(name in task.drawn for task in tasks)]
         numbers = _NUMBERS | {f"record.{name}": f"drawn.{name}" for name in drawn}
         if any(task.friction for task in tasks):
@@ -62,14 +58,14 @@ class Infos:
             self._layouts.append(grouped(own))
 
     def infos(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
-        """Return a list with the info of each of `rows`."""
+        """Return a list with the info of each of `rows`, with the numbers that the row's task draws."""
         numbers, others = self._values(episodes, chains, rows)
         values = zip(*numbers.tolist(), *(column.tolist() for column in others), strict=True)
         layouts = [self._layouts[row % len(self._layouts)] for row in rows.tolist()]
         return [filled(layout, of_row) for layout, of_row in zip(layouts, values, strict=True)]
 
     def columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> dict[str, Any]:
-        """Return the infos of `rows` as arrays (size,), with 0 or None in all other rows."""
+        """Return the infos of `rows` as arrays (size,), with all numbers that a task draws; 0 or None in other rows."""
         size, (numbers, others) = len(episodes), self._values(episodes, chains, rows)
         columns = np.zeros((len(numbers), size))
         columns[:, rows] = numbers

@@ -96,7 +96,7 @@ class ImpactVecEnv(VecEnv):
         """Do nothing, because a batch holds no resources that must be released."""
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return a list that repeats the same attribute of the batch for each of `indices`."""
+        """Return the batch's attribute, once for each of `indices`."""
         return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:

@@ -11,8 +11,8 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     The environment is `ImpactApproach` with an *operator*: a model, a recording or a person. The operator commands the
     velocity of the flange over one channel, and sees the arm over another channel. The agent controls an *assistance*
     at the arm, between the operator's commands and the flange. The assistance can slow down the approach, and after a
-    touch it can stop and withdraw the tool. The assistance does not know where the object is. It acts without delay,
-    but the operator's commands arrive late. The task is done when the object rests again after the touch.
+    touch it can stop and withdraw the tool. The assistance acts without delay, and does not know where the object is.
+    The task is done when the object rests again after the touch.
 
     ## Operators and Channels
     `operator` is an object of a class in `ig.operators`, or a dict with the name of the class as "type": `Replay`,
@@ -20,18 +20,16 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     sources. A model of an operator assumes that the object is `place_error` farther away than it is. `uplink` (for
     commands) and `downlink` (for the operator's view) are `Channel` objects. Once per control period, at the ticks of
     the operator's clock, one packet is sent over each channel. Each packet has its own delay, and the receiver uses the
-    newest packet that has arrived. Two packets are sent at once, without waiting for the next tick: the operator's
-    stop, and the arm's report of the first touch. An operator knows of the touch when the first packet arrives that was
-    sent at the touch or later. The operator stops `reaction` seconds after this, and from then on commands 0.
-    A
-    `Tracker` also reads the position of the flange from the packets. For a `Person`, your code passes the velocity to
-    `command(velocity)` of the unwrapped environment, and each tick sends the last velocity. A call before a step sets
-    the velocity that is sent at the tick during this step or at its end. A `Replay` of the velocities sent at the ticks
-    repeats the episode bit for bit.
+    newest packet that has arrived. Two packets do not wait for the next tick: the operator's stop, and the arm's report
+    of the first touch. An operator knows of the touch when the first packet arrives that was sent at the touch or
+    later. The operator stops `reaction` seconds later, and from then on commands 0. A `Tracker` also reads the position
+    of the flange from the packets. For a `Person`, your code passes velocities to `command(velocity)` of the unwrapped
+    environment. The tick of a step sends the velocity that was passed last before this step. A `Replay` of the sent
+    velocities repeats the episode bit for bit.
 
     ## Action Space
     `Box(-1, 1, (3,), float32)`. Values outside the box are clipped. Let u be the operator's command. The flange goes to
-    the velocity v = g u - r, clipped to `velocity_range`. If u changes during a step, v changes at once.
+    the velocity v = g u - r, clipped to `velocity_range`. If u changes during a step, v changes too.
 
     | Num | Action                      | at -1 | at +1 | Unit  |
     |-----|-----------------------------|-------|-------|-------|
@@ -39,18 +37,17 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     | 1   | acceleration to use for it  | 1     | 20    | m/s^2 |
     | 2   | withdrawal r                | 0     | 0.3   | m/s   |
 
-    Three rules hold for every action. Without an alarm r is set to 0, so 0 <= v/u <= 1. After an alarm r is used for
-    0.15 s (`after_alarm`), and then reduced from step to step, to 0 within 0.1 s. If u is 0, or if no newer command has
-    arrived for the `timeout` of the uplink, the flange stops at the largest deceleration, 20 m/s^2. If an action is not
-    finite, `step` raises an error, and nothing moves.
+    Without an alarm r is set to 0, so 0 <= v/u <= 1. After an alarm r is used for 0.15 s (`after_alarm`), and then
+    reduced to 0 within 0.1 s. If u is 0, or if no newer command has arrived for the `timeout` of the uplink, the flange
+    stops at the largest deceleration, 20 m/s^2. If an action is not finite, `step` raises an error, and nothing moves.
 
     ## Observation Space
-    The observation of `ImpactApproach`, and five more numbers about the operator's commands: the rows with 'only with
-    `operator`' in the last column. The observation does not contain the place where the operator assumes the object.
+    The observation contains the numbers of `ImpactApproach`, and five numbers about the operator's commands (the rows
+    with 'only with `operator`'), but not the place where the operator assumes the object.
 
     OBSERVATION_TABLE
 
-    A step lasts 16 ms. As in `ImpactApproach`, it ends early when the contact alarm reaches the controller.
+    A step lasts 16 ms, or less if the contact alarm reaches the controller earlier.
 
     ## Reward
     Each step gives `-time_weight` times its duration. If the object was touched, the last step of the episode adds
@@ -58,23 +55,23 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     (`missed_cost`).
 
     ## Starting State
-    As in `ImpactApproach`, but the object is 0.2 to 0.8 m ahead, and its coefficient of friction on the ground is 0.1
-    to 0.5. If an operator or a channel is given as a dict, its numbers may be pairs (low, high), from which each
-    episode draws.
+    The object is 0.2 to 0.8 m ahead, and its coefficient of friction on the ground is 0.1 to 0.5. All else is as in
+    `ImpactApproach`. In a dict of an operator or a channel, a number may be a pair (low, high), from which each episode
+    draws a value.
 
     ## Episode End
     An episode terminates in four cases. (1) The object has been touched and rests, and the operator's command has been
     0 for 0.3 s. (2) The object has been touched and rests, the commanded velocity of the flange is at most 0.01 m/s,
     and the tool is within 5 mm of the object. (3) The operator has commanded a motion, and then commands 0 for 0.3 s
-    without a touch. (4) The episode has lasted 8 s (`horizon`). Then the flange brakes, and the simulation continues
-    until the object cannot be touched again and the tool rests.
+    without a touch. (4) The episode has lasted 8 s (`horizon`). If the object was touched, the flange brakes after the
+    last step, and the simulation continues until the object cannot be touched again and the tool rests.
 
     The `info` of each step has `command` (m/s, the newest command that has arrived) and `command_age` (s), both at the
     end of the step. Three other entries describe the last command that the flange executed in the step: `teleop_action`
-    is u, or 0 if the command was too old. `intervene_action` is v. These two are arrays (1,) in m/s. `is_intervention`
-    says whether u and v differ by more than 1 mm/s. In the library HIL-SERL, only steps with an intervention have an
-    `intervene_action`. Here every step has one. In a batch these entries are valid for the environments that played in
-    the step. With SAME_STEP, the entries of a finished episode are in `final_info`. The final info has
+    is u, or 0 if the command was too old. `intervene_action` is v. Both are arrays (1,) in m/s. `is_intervention` is
+    true if u and v differ by more than 1 mm/s. Every step has an `intervene_action`; in the library HIL-SERL, only
+    steps with an intervention have one. In a batch, these entries are valid for the environments that played in the
+    step. With the autoreset mode SAME_STEP, `final_info` has the entries of a finished episode. The final info has
     `object_velocity` (m/s), `slide` (m), `touch_time`, `done_time` (s; the horizon if the task was not done), `late`
     (s, mean time from a touch until the operator's stop reaches the arm), `peak_force` (N), `contact_count`, `taken`
     (the fraction of the operator's commanded motion that the assistance withheld before the touch), `missed`, `record`,

@@ -27,7 +27,7 @@ Flags = NDArray[np.bool_]
 class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     """`num_envs` environments, as `ImpactApproachEnv` specifies them; a reset with seed s gives slot i the seed s + i.
 
-    Arguments besides those of `ImpactApproachEnv`:
+    Arguments in addition to those of `ImpactApproachEnv`:
 
     - `autoreset_mode`: with NEXT_STEP, the default, the step after the last step of an episode ignores its action,
       starts the next episode and has the reward 0. With SAME_STEP the next episode starts in the last step itself; the
@@ -211,7 +211,7 @@ def of_rows(columns: Mapping[str, NDArray[Any]], rows: Flags) -> dict[str, Any]:
 
 
 def masked(info: dict[str, Any], mask: Flags) -> dict[str, Any]:
-    """Return `info` with a second key `_key` for each key, which has the mask of the slots, as Gymnasium requires."""
+    """Return `info` and, for each key, a key `_key` with the mask of the slots, as Gymnasium requires."""
     result: dict[str, Any] = {}
     for name, value in info.items():
         result[name] = masked(value, mask) if isinstance(value, dict) else value

@@ -1,27 +1,25 @@
 """The contact force (paper, eq. 5), in natural units of the contact and in a variable in which it is smooth.
 
-With M the reduced mass and v the approach velocity, a contact has the natural units
+With the reduced mass M, the approach velocity v, the stiffness k_c and its exponent m, a contact has the natural units
 
     delta0 = (M v^2 / k_c)^(1 / (m + 1))      t0 = delta0 / v      F0 = k_c delta0^m = M v / t0
 
-In these units the penetration is u = delta / delta0, its rate w = delta_dot / v, and the force f = u^m + d u^n w; where
-f would be negative, a pull, the force is 0. With m = n = 3/2 the half-integer power makes u(t) non-smooth at the
-beginning and at the end of the contact. With the unknown z = sqrt(u) and the independent variable s, where dt = z ds,
-the same motion is
+In these units the penetration is u = delta / delta0, its rate w = delta_dot / v, and the force f = u^m + d u^n w with
+the damping factor d; where f would be negative, a pull, the force is 0. With m = n = 3/2 the half-integer power makes
+u(t) non-smooth at the beginning and at the end of the contact. With the unknown z = sqrt(u) and the independent
+variable s, where dt = z ds, the same motion is
 
     dz/ds = w / 2      dw/ds = z (push - f)      f = z^3 (1 + d w)
 
-Here `push` is the relative acceleration without contact force. These equations are polynomials in z and w, and z passes
-through zero at onset and separation with a finite slope. So an integrator keeps its full order over the whole contact,
-and onset and separation are simple roots of z. For other exponents the variables are the same, and the equations are
-polynomials if 2 m and 2 n are whole numbers.
+Here `push` is the relative acceleration without contact force. The right sides are polynomials in z and w. So an
+integrator keeps its full order over the whole contact, and onset and separation are simple zeros of z. For other
+exponents the variables are the same, and the right sides are polynomials if 2 m and 2 n are whole numbers.
 """
 
 cdef enum:
     ROOT, RATE, TIME, IMPULSE  # components that the scaled state of every chain has: z, w, t, impulse on the object
 
-cdef double APPROACH_VELOCITY_FLOOR = 1e-6
-# m/s. The hysteresis damping chi grows without bound as 1 / v_in (paper, eq. 7); slower contacts use chi at this v_in.
+cdef double APPROACH_VELOCITY_FLOOR = 1e-6  # m/s; slower contacts use chi at this v_in, because chi grows as 1 / v_in (paper, eq. 7)
 
 
 cdef struct Contact:
@@ -32,7 +30,7 @@ cdef struct Contact:
     int64_t twice_m, twice_n  # 2 m and 2 n if they are whole numbers, else -1
     double nominal  # -, damping factor at the reference velocity
     double reference  # m/s, reference velocity if chi is constant; 0: the damping factor is constant
-    double held  # 0 while the surfaces part faster than they recover, so that there is no contact force; else 1
+    double held  # 0 while there is no force, because the surfaces part faster than they recover; else 1
 
 
 cdef struct Units:
@@ -53,7 +51,6 @@ cpdef Contact contact_of(double stiffness, double damping, double m, double n, d
 
 
 cdef inline bint is_hertz(const Contact *law) noexcept nogil:
-    """Return whether m = n = 3/2, the exponents of a Hertz contact."""
     return law.twice_m == 3 and law.twice_n == 3
 
 
@@ -71,7 +68,6 @@ cdef inline double root_power(double z, double exponent, int64_t twice) noexcept
 
 
 cdef Units natural_units(const Contact *law, double reduced_mass, double approach_velocity) noexcept nogil:
-    """Return the natural units of a contact that begins at `approach_velocity` (m/s)."""
     cdef Units units
     units.velocity = max(approach_velocity, APPROACH_VELOCITY_FLOOR)
     units.length = pow(reduced_mass * units.velocity * units.velocity / law.stiffness, 1.0 / (law.m + 1.0))
@@ -81,10 +77,7 @@ cdef Units natural_units(const Contact *law, double reduced_mass, double approac
 
 
 cdef inline double damping_at(const Contact *law, double approach_velocity) noexcept nogil:
-    """Return the damping factor chi delta0^(n - m) v_in / k_c of a contact that begins at `approach_velocity` (m/s).
-
-    If chi is constant, the factor is proportional to v_in delta0^(n - m), where delta0 grows as v_in^(2 / (m + 1)).
-    """
+    """Return the damping factor d; for a constant chi, d is proportional to v_in delta0^(n - m), and delta0 to v_in^(2 / (m + 1))."""
     if law.reference == 0.0:
         return law.nominal
     return law.nominal * pow(approach_velocity / law.reference, 1.0 - 2.0 * (law.m - law.n) / (law.m + 1.0))
@@ -98,7 +91,7 @@ cdef inline double contact_force(const Contact *law, double z, double w) noexcep
 
 
 cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept nogil:
-    """Return z f, the derivative of the impulse with respect to s; most operations do not wait for w."""
+    """Return z f, the derivative of the impulse by s, with few operations after w is known."""
     cdef double fourth
     if is_hertz(law):
         fourth = (z * z) * (z * z)
@@ -107,7 +100,6 @@ cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept
 
 
 cdef inline (double, double) contact_gradient(const Contact *law, double z, double w) noexcept nogil:
-    """Return df/dz and df/dw."""
     cdef double u_m, u_n
     if is_hertz(law):
         return 3.0 * z * z * (law.held + law.damping * w), law.damping * z * z * z

@@ -1,9 +1,9 @@
-"""The damping factor d = (chi / k_c) v_in of a contact, and the restitution e_eff that it actually produces.
+"""The damping factor d of a contact, and the restitution e that it actually produces.
 
 The restitution of an isolated contact with m = n depends on d alone, not on exponent, masses, stiffness and velocity.
 Multiply u'' = -u^n (1 + d u') by u' / (1 + d u') and integrate from onset to separation:
 
-    d - ln(1 + d) = -z - ln(1 - z),      z = d e_eff                                   (closed form: Lambert's W)
+    d - ln(1 + d) = -z - ln(1 - z),      z = d e                                       (closed form: Lambert's W)
 """
 
 cdef double SERIES_BELOW = 0.3
@@ -49,8 +49,8 @@ cpdef double exact_damping(double restitution) noexcept nogil:
 cpdef double delivered(double damping) noexcept nogil:
     """Return the restitution e of an isolated contact with m = n and this damping factor d; relative error a few 1e-15.
 
-    With Newton's method and S = `shortfall`: for small d it solves e^2 (1 + d e S(-d e)) = 1 - d S(d) for e. Otherwise
-    it solves q - z = d - ln(1 + d) for q = -ln(1 - z), which is accurate even if z = d e is close to 1.
+    Newton's method is used. For small d it solves e^2 (1 + d e S(-d e)) = 1 - d S(d) for e, with S = `shortfall`. For
+    other d it solves q - z = d - ln(1 + d) for q = -ln(1 - z), with z = d e, which is accurate even if z is close to 1.
     """
     cdef double d = damping, e, excess, gain, residual, step, rest, q
     if d < SERIES_BELOW:

@@ -1,8 +1,10 @@
-"""The damping factor d = (chi / k_c) v_in for a nominal restitution, and the restitution e_eff that it produces.
+"""Damping factors of contacts for a nominal restitution, and the restitution that a contact really has.
 
-An isolated contact with m = n satisfies d - ln(1 + d) = -z - ln(1 - z) with z = d e_eff, as derived in `damping.pxi`.
-Published laws are approximate solutions of this equation for d. Skrinjar, Slavic, Boltezar, Int. J. Mech. Sci. 145
-(2018) 171-187 (the paper's reference 11) collect the laws below and more.
+A contact has the damping factor d = (chi / k_c) v_in, with hysteresis damping chi, stiffness k_c and approach velocity
+v_in. With equal exponents m = n an isolated contact satisfies d - ln(1 + d) = -z - ln(1 - z), with z = d e_eff and its
+restitution e_eff, as derived in `damping.pxi`. Published laws are approximate solutions of this equation for d.
+Skrinjar, Slavic, Boltezar, Int. J. Mech. Sci. 145 (2018) 171-187 (the paper's reference 11) collect the laws below and
+more.
 """
 
 import math
@@ -55,7 +57,7 @@ def damping_factor(
     """Return the damping factor d that `law` gives for a nominal `restitution`.
 
     The published laws do not depend on the exponents. With "exact" a contact has the nominal restitution, whatever the
-    exponents; with "fixed" it has the nominal restitution at the law's reference velocity.
+    exponents; with "fixed" only if it begins at its reference velocity.
     """
     m, n = stiffness_exponent, damping_exponent
     if law not in ("exact", "fixed"):
@@ -66,7 +68,7 @@ def damping_factor(
         return 0.0
 
     def excess(log_damping: float) -> float:
-        d = math.exp(log_damping)  # of an isolated contact u'' = -max(u^m + d u^n u', 0)
+        d = math.exp(log_damping)  # damping factor of an isolated contact, u'' = -max(u^m + d u^n u', 0)
         result = delivered_linear(d) if (m, n) == (1.0, 0.0) else separation_velocity(d, m, n)
         return math.log(result / restitution)
 

@@ -1,9 +1,9 @@
 """Contact stiffness of two bodies from their materials, and a small table of materials of pads and surfaces.
 
-Published values scatter, so the table has ranges. Each source says whether we read it. Restitution depends on the
-materials and shapes of the two bodies, and on their velocity. So the table gives a restitution only if it was measured
-with two bodies of the same material, or with one body of the material and a far stiffer body. For other pairs measure a
-blow, and use `impact_gym.identify`.
+Published values scatter, so the table has ranges. Each source states whether we read it ourselves. Restitution depends
+on the materials, shapes and velocities of both bodies. So the table gives a restitution only if it was measured with
+two bodies of the same material, or with one body of the material and a far stiffer body. For other pairs, identify the
+restitution from a measured impact (`impact_gym.identify`).
 """
 
 import math
@@ -18,9 +18,9 @@ def hertz(
 ) -> float:  # fmt: skip
     """Return the contact stiffness k_c of a sphere and a plane, N/m^1.5: F = k_c delta^1.5, k_c = 4/3 E* sqrt(R).
 
-    1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2 (H. Hertz, J. reine angew. Math. 92 (1882) 156-171; K. L. Johnson,
-    Contact Mechanics, eq. 4.23). This holds for small strains of bodies that are thick compared with the contact. A
-    thin pad on a hard tool is stiffer.
+    R is the radius, delta the penetration, and 1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2, with Young's moduli E and
+    Poisson's ratios nu of both bodies (H. Hertz, J. reine angew. Math. 92 (1882) 156-171; K. L. Johnson, Contact
+    Mechanics, eq. 4.23). This holds for small strains of bodies thicker than the contact. A thin pad is stiffer.
 
     Args:
         radius: radius of the sphere, m; for two spheres 1 / (1/R_1 + 1/R_2).
@@ -78,7 +78,7 @@ FOAM = (
 
 
 def rubber(shore: float, source: str = GENT, restitution: Range | None = None) -> Material:
-    """Return rubber of hardness `shore` (Shore A); the range of Young's modulus is Gent's value divided and times 1.2.
+    """Return rubber of hardness `shore` (Shore A); Young's modulus is from Gent's value / 1.2 to Gent's value * 1.2.
 
     Gent's relation treats the blunt cone of the durometer as a flat punch: E = (1 - nu^2) F / (2 R delta), where F is
     the spring force of the durometer, delta the indentation, and R the mean radius of the cone.

@@ -13,7 +13,7 @@ Velocities = NDArray[np.float64] | np.float64
 
 
 def rigid_tool(tool_velocity: ArrayLike, object_velocity: ArrayLike, restitution: ArrayLike) -> Velocities:
-    """Return the object's final velocity, m/s, after an impact by a tool that keeps its velocity (eq. 1, V_t = v_t).
+    """Return the object's final velocity, m/s, after an impact by a tool that keeps its velocity (paper, eq. 1).
 
     Raises:
         ValueError: a velocity (m/s) is not finite or a restitution is outside [0, 1].
@@ -45,7 +45,7 @@ def free_tool(
 
 
 def sliding_distance(object_velocity: ArrayLike, friction: ArrayLike) -> Velocities:
-    """Return how far the object slides until Coulomb friction stops it, m: V_p^2 / (2 mu g); inf without friction.
+    """Return how far the object slides until friction stops it, m: velocity^2 / (2 friction g); inf without friction.
 
     Raises:
         ValueError: a velocity (m/s) is not finite or a coefficient of friction is negative.

@@ -2,8 +2,8 @@
 
 The spring of a mechanism hangs on a pivot at height H above the path of the slider. x is the position of the slider,
 measured from the alignment, where the spring is vertical, shortest, and pushes neither way. The stretch of the coupling
-is x - `rest`, where `rest` is the position of the slider at rest. A stop is a linear spring and damper that never pulls.
-If the coupling is a linear spring and damper, `rest` is 0.
+is x - `rest`, where `rest` is the position of the slider at rest. A stop is a linear spring and damper that never
+pulls. If the coupling is a linear spring and damper, `rest` is 0.
 """
 
 cdef enum:
@@ -38,7 +38,6 @@ cdef inline double spring_slope(const Mechanism *law, double x) noexcept nogil:
 
 
 cpdef inline double bistable_energy(double stiffness, double free_length, double height, double x) noexcept nogil:
-    """Return the elastic energy of the spring, J."""
     cdef double squeeze = free_length - sqrt(height * height + x * x)
     return 0.5 * stiffness * squeeze * squeeze
 
@@ -56,24 +55,18 @@ cdef inline double mechanism_pull(const Mechanism *law, int pressed, double stre
 
 
 cdef inline double stop_place(const Mechanism *law, int stop) noexcept nogil:
-    """Return the position of a stop, m."""
     return law.front_stop if stop == FRONT else law.rear_stop
 
 
 cdef inline (double, double, double) stop_switch(
     const Mechanism *law, int stop, int pressed, double stretch, double rate, double acceleration
 ) noexcept nogil:
-    """Return the value (N) of an event: `stop` begins to push, or, if `stop` is `pressed`, would begin to pull.
-
-    The value becomes positive at the event. A stop begins to push when the slider reaches it. It can cease to push
-    before the slider has left it, and then push again. The two other results are a smooth quantity (N) that equals the
-    value near its maximum, and the time derivative of this quantity.
-    """
+    """Return the value (N) of the event `stop`, a smooth quantity (N) that equals it near its maximum, and this quantity's derivative."""
     cdef double k = law.stop_stiffness, c = law.stop_damping
     cdef double push = stop * k * (law.rest + stretch - stop_place(law, stop)), moving = stop * rate
-    if pressed == stop:
+    if pressed == stop:  # the event: the stop would pull, perhaps before the slider has left it
         return -(push + c * moving), -(push + c * moving), -(k * moving + c * stop * acceleration)
-    if pressed != FREE:
+    if pressed != FREE:  # the other stop pushes
         return -1.0, -1.0, 0.0
     return push + min(c * moving, 0.0), push, k * moving
 
@@ -86,47 +79,35 @@ cdef inline double stiffness_bound(const Mechanism *law) noexcept nogil:
 
 
 cdef inline double spring_energy(const Mechanism *law, double x) noexcept nogil:
-    """Return the elastic energy of the spring, J."""
     if law.linear:
         return 0.5 * law.stiffness * x * x
     return bistable_energy(law.stiffness, law.free_length, law.height, x)
 
 
 cdef inline double mechanism_energy(const Mechanism *law, double stretch) noexcept nogil:
-    """Return the energy stored in spring and stops, J."""
     cdef double x = law.rest + stretch
     cdef double depth = max(max(x - law.front_stop, law.rear_stop - x), 0.0)
     return spring_energy(law, x) + 0.5 * law.stop_stiffness * depth * depth
 
 
 cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noexcept nogil:
-    """Return a lower bound on the energy on one side of the alignment, and the energy barrier between the sides, J.
-
-    The energy on a side is lowest where the slider rests on the stop. At the front stop it is the energy at `rest`. At the
-    rear stop the spring pushes with less than F = k (L0 - H), so the energy there is lower than at `rear_stop` by at
-    most F^2 / (2 k_s).
-    """
+    """Return a lower bound on the energy on one side of the alignment, and the energy barrier between the sides, J."""
     cdef double barrier = spring_energy(law, 0.0), F = law.stiffness * (law.free_length - law.height)
     if law.linear:
         return 0.0, INFINITY
     if side > 0:
         return mechanism_energy(law, 0.0), barrier
+    # in the rear stop the spring pushes with less than F, so the energy falls by at most F^2 / (2 k_s) (stiffness k_s of the stop)
     return max(spring_energy(law, law.rear_stop) - 0.5 * F * F / law.stop_stiffness, 0.0), barrier
 
 
 cdef inline double mechanism_reach(const Mechanism *law, double stretch, double kinetic) noexcept nogil:
-    """Return a bound on the stretch (m) that the slider can reach with its present energy and `kinetic` (J).
-
-    With less energy than the barrier, a slider behind the alignment stays behind it. Otherwise the front stop, which
-    stores no more than the available energy, ends the slider's motion. The energy at `rest` cannot become kinetic. In
-    front of `rest` the energy grows at least as fast as the energy of a spring with the stiffness of the stop minus the
-    largest stiffness of the mechanism.
-    """
+    """Return a bound on the stretch (m) that the slider can reach with its present energy and `kinetic` (J)."""
     cdef double energy = kinetic + mechanism_energy(law, stretch), free = energy - mechanism_energy(law, 0.0)
-    cdef double reach = law.front_stop - law.rest + sqrt(2.0 * energy / law.stop_stiffness)
-    cdef double stiffness = law.stop_stiffness - stiffness_bound(law)
+    cdef double reach = law.front_stop - law.rest + sqrt(2.0 * energy / law.stop_stiffness)  # all energy in the front stop
+    cdef double stiffness = law.stop_stiffness - stiffness_bound(law)  # in front of `rest` the energy grows at least with this
     if law.linear:
         return min(reach, sqrt(2.0 * energy / law.stiffness))
-    if law.rest + stretch < 0.0 and energy < spring_energy(law, 0.0):
+    if law.rest + stretch < 0.0 and energy < spring_energy(law, 0.0):  # behind the alignment, below the barrier
         return -law.rest
     return min(reach, sqrt(2.0 * max(free, 0.0) / stiffness)) if stiffness > 0.0 else reach

@@ -1,6 +1,7 @@
 """The motion, in closed form, of a tool on one linear spring and damper.
 
-y = x_t - x_r is the deflection of the tool. While tool and object do not touch, under a flange acceleration a,
+y = x_t - x_r is the deflection of the tool, omega the angular frequency and zeta the damping ratio. While tool and
+object do not touch, under a flange acceleration a,
 
     y'' + 2 zeta omega y' + omega^2 y = -a        (paper, eq. 17 with F = 0)
 
@@ -9,15 +10,11 @@ so z = y + a / omega^2 is a free damped oscillation, whose value at any time has
 
 
 cpdef (double, double) decay_basis(double frequency, double damping_ratio, double time) noexcept nogil:
-    """Return exp(-zeta omega t) cos(omega_d t) and exp(-zeta omega t) sin(omega_d t) / omega_d, for any damping ratio.
-
-    omega_d = omega sqrt(1 - zeta^2). Above critical damping omega_d is imaginary, and cosine and sine become hyperbolic.
-    Near critical damping, cosine and sine are computed as series in (omega_d t)^2, which avoids cancellation.
-    """
+    """Return exp(-zeta omega t) times cos(omega_d t) and times sin(omega_d t) / omega_d, with omega_d = omega sqrt(1 - zeta^2)."""
     cdef double alpha = damping_ratio * frequency
     cdef double square = (damping_ratio - 1.0) * (damping_ratio + 1.0) * frequency * frequency  # -omega_d^2
     cdef double q = square * time * time, envelope, damped, split, slow, lost
-    if fabs(q) < 1e-3:
+    if fabs(q) < 1e-3:  # near critical damping: series in omega_d t, without cancellation
         envelope = exp(-alpha * time)
         return (
             envelope * (1.0 + q / 2.0 * (1.0 + q / 12.0 * (1.0 + q / 30.0))),
@@ -27,7 +24,7 @@ cpdef (double, double) decay_basis(double frequency, double damping_ratio, doubl
         envelope = exp(-alpha * time)
         damped = sqrt(-square)
         return envelope * cos(damped * time), envelope * sin(damped * time) / damped
-    split = sqrt(square)
+    split = sqrt(square)  # omega_d is imaginary: hyperbolic functions
     slow = exp(-frequency * frequency / (alpha + split) * time)
     lost = -expm1(-2.0 * split * time)
     return slow * (1.0 - 0.5 * lost), slow * lost / (2.0 * split)

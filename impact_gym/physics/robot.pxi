@@ -23,20 +23,16 @@ cdef struct RobotSlopes:  # more derivatives by the imposed position
 
 
 cdef inline int robot_place(const RobotTable *table, double position, double direction) noexcept nogil:
-    """Return the index of the interval at `position` (m); -1 before the first break, n after the last one.
-
-    A break that equals `position` up to rounding counts as passed by a motion in `direction`.
-    """
+    """Return the index of the interval at `position` (m); -1 before the first break, n after the last one."""
     cdef int place = -1
     cdef double near = 1e-9 * (table.breaks[table.intervals] - table.breaks[0])
-    position += copysign(near, direction)
+    position += copysign(near, direction)  # a break that equals `position` up to rounding counts as passed
     while place < table.intervals and table.breaks[place + 1] < position:
         place += 1
     return place
 
 
 cdef inline (double, double) robot_bounds(const RobotTable *table, int place) noexcept nogil:
-    """Return the imposed positions (m) at the two ends of interval `place`."""
     return (
         table.breaks[place] if place >= 0 else -INFINITY,
         table.breaks[place + 1] if place < table.intervals else INFINITY,
@@ -44,7 +40,7 @@ cdef inline (double, double) robot_bounds(const RobotTable *table, int place) no
 
 
 cdef inline double table_offset(const RobotTable *table, int place, double position, int *interval) noexcept nogil:
-    """Return x - breaks[i], m, the argument of the polynomials, and write i; x is the nearest position in the table."""
+    """Return x - breaks[i], m, the argument of the polynomials, where x is the nearest position in the table; write i to `interval`."""
     cdef int i = min(max(place, 0), <int> table.intervals - 1)
     interval[0] = i
     if place == i:
@@ -68,7 +64,6 @@ cdef inline RobotNow robot_within(const RobotTable *table, int place, double pos
 
 
 cdef RobotSlopes robot_slopes(const RobotTable *table, int place, double position) noexcept nogil:
-    """Return the derivatives named in `RobotSlopes` at an imposed `position` (m)."""
     cdef RobotSlopes slopes = RobotSlopes(0.0, 0.0, 0.0)
     cdef int i
     cdef double u = table_offset(table, place, position, &i)
@@ -83,5 +78,4 @@ cdef RobotSlopes robot_slopes(const RobotTable *table, int place, double positio
 
 
 cdef inline RobotNow robot_at(const RobotTable *table, double position) noexcept nogil:
-    """Return the robot's parameters at an imposed `position` (m)."""
     return robot_within(table, robot_place(table, position, 1.0), position)

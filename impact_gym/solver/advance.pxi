@@ -1,12 +1,11 @@
 """The outer loop: a command ramps the flange's velocity and holds it; meanwhile flights and contacts alternate."""
 
-cdef double GRAZE = 1e-12  # m/s, smallest approach velocity; with exactly 0 the scaled equations would stay at their initial state
+cdef double GRAZE = 1e-12  # m/s, smallest approach velocity; with 0 the scaled equations would stay at their initial state
 cdef double LOST = 1e11  # largest ratio deflection / distance to the object; above it rounding exceeds 1e-5 of the distance
 cdef double SHORT = 1e-6  # m, added to the distance in the ratio that LOST limits
 
 
 cdef void reset_memory(Memory *memory, double step) noexcept nogil:
-    """Reset the step control for a new contact or flight; its first trial step is `step`."""
     memset(memory, 0, sizeof(Memory))
     memory.step, memory.method, memory.patience = step, EXPLICIT, UNCHECKED
 
@@ -16,7 +15,6 @@ cdef double REST_STEP = 1e-3  # s, time between two checks whether the tool is a
 
 
 cdef void reset_chain(Chain *chain, const Law *law, double distance, double friction) noexcept nogil:
-    """Put `chain` at rest at t = 0 with the object `distance` (m) ahead."""
     memset(chain, 0, sizeof(Chain))
     chain.penetration = -distance
     chain.object_state = STUCK if friction > 0.0 else SLIDING
@@ -28,12 +26,11 @@ cdef void reset_chain(Chain *chain, const Law *law, double distance, double fric
 
 
 cdef void begin_contact(const Run *run, Chain *chain) noexcept nogil:
-    """Begin a contact at the present state of `chain`: store its approach velocity, and set its impulses to 0."""
     cdef double mass = run.object_mass
     chain.touching = chain.holding = 1
     chain.penetration = 0.0
     chain.penetration_rate = max(chain.penetration_rate, GRAZE)
-    if run.law.kind != RIGID:  # with RIGID the motion of the tool is imposed
+    if run.law.kind != RIGID:  # with RIGID the object alone is accelerated by the contact force
         mass = parallel(moving_mass(run, chain.flange_position), mass)
     chain.units = natural_units(&run.contact, mass, chain.penetration_rate)
     chain.start = chain.time
@@ -51,7 +48,6 @@ cdef void begin_contact(const Run *run, Chain *chain) noexcept nogil:
 
 
 cdef double sensed_force(const Run *run, const Chain *chain) noexcept nogil:
-    """Return the present contact force, N."""
     cdef Contact contact = run.contact
     cdef double root
     if not chain.touching or not chain.holding:
@@ -69,11 +65,7 @@ cdef double take_peak(const Run *run, Chain *chain) noexcept nogil:
 
 
 cdef int command(Run *run, Chain *chain, double target, double acceleration, double until) noexcept nogil:
-    """Ramp the flange to the velocity `target` (m/s) at `acceleration` (m/s^2), and hold `target` until time `until` (s).
-
-    Return ARRIVED at `until`. Return earlier with DETECTED when the contact force first exceeds the threshold, or with
-    TOUCHED at the first touch if `run.tell_touch` is set.
-    """
+    """Ramp the flange to `target` (m/s) at `acceleration` (m/s^2), and hold it until `until` (s); stop early if DETECTED or TOUCHED."""
     cdef double change, ramp, end
     cdef bint ramp_ends
     cdef int status
@@ -91,7 +83,6 @@ cdef int command(Run *run, Chain *chain, double target, double acceleration, dou
 
 
 cdef int advance(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
-    """Advance through flights and contacts under one constant acceleration of the flange."""
     cdef double end
     cdef int status = ARRIVED
     while chain.time < until:
@@ -152,12 +143,7 @@ cdef int fly_on(Run *run, Chain *chain, double acceleration, double until) noexc
 
 
 cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
-    """Return a bound on the future displacement of the tool, m, if the tool counts as at rest, else inf.
-
-    The tool counts as at rest when the imposed motion has stopped, and tool and flange stay slower than REST_SPEED. An
-    oscillation about an equilibrium is never faster than hypot(v, a / omega), with its present speed v and acceleration
-    a, for any omega below its own angular frequency.
-    """
+    """Return a bound on the future displacement of the tool, m, if the tool counts as at rest, else inf."""
     cdef const Law *law = run.law
     cdef RobotTable table
     cdef RobotNow robot
@@ -185,22 +171,19 @@ cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef inline double slow_swing(double velocity, double acceleration, double frequency) noexcept nogil:
-    """Return twice the amplitude (m) of an oscillation of this angular frequency; inf if its speed exceeds REST_SPEED."""
+    """Return a bound on the displacement (m) in an oscillation of at least this angular frequency; inf if REST_SPEED can be exceeded."""
     cdef double fastest = hypot(velocity, acceleration / frequency)
     return 2.0 * fastest / frequency if fastest <= REST_SPEED else INFINITY
 
 
 cdef void note_tool_rest(const Run *run, Chain *chain) noexcept nogil:
-    """With friction, store in `chain` the time since which the tool has counted as at rest."""
+    """With friction, store the time since which the tool has counted as at rest."""
     if run.ground > 0.0:
         chain.tool_rest_time = min(chain.tool_rest_time, chain.time) if reach_at_rest(run, chain) < INFINITY else INFINITY
 
 
 cdef void record_rest(const Run *run, Chain *chain, double distance) noexcept nogil:
-    """With friction, store how far the object slides from its start at `distance` (m), and when tool and object rest.
-
-    An object in motion is assumed to slide until it stops, without another contact.
-    """
+    """With friction, store how far the object slides from `distance` (m), and when tool and object are at rest, if no contact follows."""
     cdef double speed = max(object_velocity(chain), 0.0)
     if run.ground == 0.0:
         return
@@ -221,13 +204,13 @@ cdef struct Approach:  # scene and motion of one run
     double threshold  # N, inf without a brake
     double delay  # s
     double deceleration  # m/s^2
-    int64_t motion, points  # of a `Motion`: index of its times in the tables, where its velocities follow; number of its times
+    int64_t motion, points  # of a `Motion`: index of its times in the tables, which its velocities follow; number of its times
     double duration  # s
     double frame  # m/s, common velocity of flange, tool and object at t = 0
 
 
 cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
-    """Run `chain` from rest: with a trapezoid, which a brake may end, or with a `Motion`; record also an unfinished contact."""
+    """Run an approach: a trapezoid, which a brake may end, or a `Motion`; record an unfinished contact, too."""
     cdef const double *times = run.tables + plan.motion
     cdef const double *velocities = times + plan.points
     cdef double speed = plan.speed, acceleration = plan.acceleration, brake_at = INFINITY

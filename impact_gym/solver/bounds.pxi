@@ -2,7 +2,6 @@
 
 
 cdef inline double coupling_energy(const Law *law, double stretch) noexcept nogil:
-    """Return the energy of the coupling, J."""
     if law.stops:
         return mechanism_energy(&law.mechanism, stretch)
     return 0.5 * law.stiffness * stretch * stretch
@@ -39,7 +38,6 @@ cdef double highest_frequency(const Run *run, double position) noexcept nogil:
 
 
 cdef Units flight_units(const Run *run, const Chain *chain, double acceleration) noexcept nogil:
-    """Return natural units of a flight, from the highest frequency of the chain and the largest present velocity."""
     cdef Units units
     units.time = 1.0 / highest_frequency(run, chain.flange_position)
     units.velocity = max(fabs(chain.penetration_rate - chain.deflection_rate), fabs(chain.flange_velocity))
@@ -55,12 +53,7 @@ cdef enum:
 
 
 cdef double longest_blind_step(const Piece *now, const double *x, double longest, double shortest) noexcept nogil:
-    """Return a step of a flight, from `shortest` to `longest` (scaled), in which tool and object cannot touch.
-
-    If no longer step is safe, return `shortest`. The energy E of the motion relative to the imposed motion bounds the
-    tool's velocity relative to the imposed motion. The acceleration a of the imposed motion adds at most
-    |a| sqrt(2 E m) per second to E, so that sqrt(E) grows by at most |a| sqrt(m / 2) t in the time t.
-    """
+    """Return a step (scaled) of a flight, at most `longest`, in which tool and object cannot touch; `shortest` if none is found."""
     cdef const Law *law = now.law
     cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
     cdef double touching = law.tool_mass, mass = law.tool_mass, energy, floor = 0.0, barrier = INFINITY
@@ -77,11 +70,12 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
     else:
         touching = mass
         energy = 0.5 * (mass * at.y_dot * at.y_dot + at.robot.stiffness * at.y * at.y)
+    # the energy E relative to the imposed motion grows by at most |a| sqrt(2 E mass) per s, so sqrt(E) by |a| sqrt(mass / 2) times time
     while h > shortest:
         span = h * now.units.time
         gained = fabs(now.acceleration) * sqrt(0.5 * mass) * span
         fed = sqrt(TABLE * max(energy - floor, 0.0)) + gained
-        if floor + fed * fed >= barrier:  # then the slider can reach the other side, where its energy can be lower
+        if floor + fed * fed >= barrier:  # then the slider can reach the other side, where the spring's energy can be lower
             fed = sqrt(TABLE * energy) + gained
         if span * (closing + (fabs(now.acceleration) + ground) * span + fed * sqrt(2.0 / touching)) < gap:
             return h

@@ -12,7 +12,7 @@ cdef void begin_piece(
     if not chain.holding:
         now.contact.held = now.contact.damping = 0.0
     now.tolerance = run.tolerance
-    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # such a piece is a contact: flights of RIGID and SPRING chains have formulas
+    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # only a contact: flights of RIGID and SPRING chains have formulas
     now.threshold = run.threshold / now.units.force
     now.horizon = (until - chain.time) / now.units.time
     now.push = acceleration * now.units.time / now.units.velocity
@@ -38,7 +38,6 @@ cdef void begin_piece(
 
 
 cdef void begin_integrated(const Run *run, const Chain *chain, Piece *now) noexcept nogil:
-    """Set those constants of a piece that only an INTEGRATED chain has."""
     cdef double direction = chain.flange_velocity if chain.flange_velocity != 0.0 else now.acceleration
     now.robot = robot_table(run)
     if now.robot.intervals:
@@ -52,7 +51,6 @@ cdef void begin_integrated(const Run *run, const Chain *chain, Piece *now) noexc
 
 
 cdef void load(const Piece *now, const Chain *chain, double *x) noexcept nogil:
-    """Write `chain` into the scaled state `x`."""
     memset(x, 0, sizeof(double) * WIDTH)
     if now.flying:
         x[ROOT] = min(chain.penetration, 0.0) / now.units.length
@@ -85,7 +83,6 @@ cdef void store(const Piece *now, const Chain *base, const double *x, Chain *cha
 
 
 cdef void rates(const Piece *now, const double *x, double *out) noexcept nogil:
-    """Write the derivative of the scaled state with respect to s (in flight to time) at `x` into `out`."""
     cdef RigidRates of_rigid
     cdef SpringRates of_spring
     cdef IntegratedRates of_all
@@ -101,7 +98,6 @@ cdef void rates(const Piece *now, const double *x, double *out) noexcept nogil:
 
 
 cdef void jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
-    """Write the Jacobian d(rates)/d(state) at the scaled state `x` into `J`."""
     memset(J, 0, sizeof(double) * WIDTH * WIDTH)
     if now.law.kind == RIGID:
         rigid_jacobian(now, x, J)
@@ -112,7 +108,6 @@ cdef void jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept
 
 
 cdef inline double explicit_step(const Piece *now, Work *work, double h) noexcept nogil:
-    """Try a step of `h` by the explicit pair; return estimated error / allowed error."""
     if now.law.kind == SPRING:
         return spring_step(now, work, h)
     if now.law.kind == RIGID:
@@ -147,7 +142,6 @@ cdef inline double ground_now(const Run *run, const Chain *chain) noexcept nogil
 
 
 cdef inline void drift(const Run *run, Chain *chain, double acceleration, double time) noexcept nogil:
-    """Move a RIGID or SPRING chain through `time` (s) of flight, by its exact formulas."""
     if run.law.kind == RIGID:
         rigid_drift(chain, acceleration, ground_now(run, chain), time)
     else:
@@ -179,10 +173,7 @@ cdef double smooth_until(const Run *run, const Chain *chain, double acceleration
 
 
 cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
-    """Return whether tool and object can never touch again while the imposed motion stays at rest.
-
-    The energy of the chain bounds how far the tool can move. An object that moves backwards can always be touched.
-    """
+    """Return whether no touch is possible while the imposed motion stays at rest; False if the object moves backwards."""
     cdef double reach
     if run.law.kind == RIGID:
         return chain.penetration_rate <= 0.0
@@ -196,7 +187,7 @@ cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef void round_off(const Law *law, Chain *chain, double target) noexcept nogil:
-    """At the end of a ramp set the imposed velocity to exactly `target` (m/s); tool and object keep their velocities."""
+    """Set the imposed velocity to exactly `target` (m/s) at the end of a ramp; tool and object keep their velocities."""
     cdef double shift = target - chain.flange_velocity
     if law.kind == RIGID:
         chain.penetration_rate += shift
@@ -210,7 +201,6 @@ cdef void round_off(const Law *law, Chain *chain, double target) noexcept nogil:
 
 
 cdef double coupling_impulse(const Law *law, const Chain *chain) noexcept nogil:
-    """Return the impulse of the coupling on the tool over the present contact, N s (paper, eq. 21)."""
     cdef double w = law.frequency, stretched = chain.deflection - chain.start_deflection
     if law.kind == RIGID:
         return law.tool_mass * (chain.flange_velocity - chain.start_tool_velocity) + chain.impulse
@@ -220,7 +210,6 @@ cdef double coupling_impulse(const Law *law, const Chain *chain) noexcept nogil:
 
 
 cdef double coupling_force(const Run *run, const Chain *chain, double acceleration, double push) noexcept nogil:
-    """Return the force of the coupling on the tool, N, under a contact force `push` (N)."""
     cdef const Law *law = run.law
     if law.kind == RIGID:
         return law.tool_mass * acceleration + push
@@ -230,7 +219,7 @@ cdef double coupling_force(const Run *run, const Chain *chain, double accelerati
 
 
 cdef Accelerations motion_now(const Run *run, const Chain *chain, double acceleration, double push) noexcept nogil:
-    """Return the accelerations of an INTEGRATED chain under a contact force `push` (N), in SI units."""
+    """Return the motion of an INTEGRATED chain under a contact force `push` (N), in SI units."""
     cdef Piece now
     cdef Swing at
     now.law, now.acceleration, now.units = run.law, acceleration, Units(1.0, 1.0, 1.0, 1.0)
@@ -242,6 +231,6 @@ cdef Accelerations motion_now(const Run *run, const Chain *chain, double acceler
 
 
 cdef double tool_momentum(const Run *run, const Chain *chain) noexcept nogil:
-    """Return the momentum gained by the moving mass in the contact, N s, without momentum of robot mass that joined it."""
+    """Return the momentum (N s) that the moving mass has gained in the contact, without that of robot mass that joined it."""
     cdef double before = moving_mass(run, chain.start_flange_position) * chain.start_tool_velocity
     return moving_mass(run, chain.flange_position) * tool_velocity(chain) - before - chain.joined

@@ -1,4 +1,4 @@
-"""Find events within a smooth piece. An event has a row: a value, negative until the event occurs, and its slope.
+"""Find events within a smooth piece. An event has a row: a value, which is negative until the event occurs, and its slope.
 
 The rows at the two ends of a step show which events have occurred at its end, and which may have occurred and ended
 within the step. The first event is located on the integrator's polynomial; then a step is taken that ends there.
@@ -6,31 +6,28 @@ within the step. The first event is located on the integrator's polynomial; then
 
 cdef enum:
     CLOCK  # the end of the piece is reached
-    SEPARATION  # the root z passes zero; beyond it dt = z ds runs backwards
+    SEPARATION  # z passes zero; with z < 0 time runs backwards, because dt = z ds
     CLAMP  # the contact force would become a pull, or becomes a push again
-    FORCE  # the force exceeds the threshold; the largest force is recorded
+    FORCE  # the force exceeds the threshold; the row also gives the largest force
     SLIP  # the force exceeds the friction of an object that sticks
     REST  # a sliding object comes to rest
-    TOP  # largest speed of a sliding object; it is recorded, but does not end the step
-    FRONT_STOP  # the front stop begins or ceases to push; REAR_STOP: the rear stop does
-    REAR_STOP
+    TOP  # a sliding object has its largest speed; this does not end the step
+    FRONT_STOP, REAR_STOP  # the front stop, the rear stop begins or ceases to push
     ALIGNMENT  # the slider of a mechanism passes its alignment
     TOUCH  # tool and object touch: a flight ends
     ROWS
     NOTHING = -1
     SHORTER = -2  # an event cannot be located in this step: try a shorter step
 
-cdef double SHORTEST_STEP = 1e-10
-# A step that starts on an event and ends beyond it is shortened down to this length; then the event is set at its start.
+cdef double SHORTEST_STEP = 1e-10  # a step that starts on an event and ends beyond it is shortened down to this length
 
 
 cdef struct Events:
     double[ROWS] value
-    double[ROWS] height, slope  # a smooth quantity equal to the value near its maximum, and its d/ds, in flight d/dt
+    double[ROWS] height, slope  # a smooth quantity that equals the value near its maximum; its derivative by s, in flight by time
 
 
 cdef void evaluate_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
-    """Compute the rows of this piece at the scaled state `x`."""
     cdef double z = x[ROOT], w = x[RATE]
     if now.law.stops:
         evaluate_slider_events(now, x, rate, events)
@@ -54,7 +51,7 @@ cdef void evaluate_events(const Piece *now, const double *x, const double *rate,
 
 
 cdef void evaluate_object_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
-    """Compute the rows of an object with friction; the rows of the force must be computed before."""
+    """Compute the rows of an object with friction, after those of the force."""
     cdef double speed = -x[RATE], gain = now.push * rate[TIME] - rate[RATE]
     events.value[SLIP] = events.height[SLIP] = events.height[FORCE] - now.friction
     events.slope[SLIP] = events.slope[FORCE]
@@ -69,7 +66,6 @@ cdef void evaluate_object_events(const Piece *now, const double *x, const double
 
 
 cdef inline bint acts(const Piece *now, int row) noexcept nogil:
-    """Return whether the event `row` can occur in this piece."""
     if SLIP <= row <= TOP:
         return now.rough and (row == SLIP) == (now.object_state == STUCK)
     if row == ALIGNMENT:
@@ -78,7 +74,6 @@ cdef inline bint acts(const Piece *now, int row) noexcept nogil:
 
 
 cdef void evaluate_slider_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
-    """Compute the rows of a coupling with stops."""
     cdef const Mechanism *law = &now.law.mechanism
     cdef double pace = rate[TIME], per_s = pace * now.units.time
     cdef double stretch = (x[DEFLECTION] - x[OFFSET]) * now.units.length
@@ -101,8 +96,8 @@ cdef void evaluate_slider_events(const Piece *now, const double *x, const double
 
 cdef struct Finding:
     int event  # the first event in the step, NOTHING, or SHORTER
-    double share  # place of the event, 0 to 1, as a fraction of the step; for SHORTER the factor by which to shorten the step
-    double within  # fraction of the step after which the event has occurred for certain
+    double share  # place of the event in the step, 0 to 1; for SHORTER the factor by which to shorten the step
+    double within  # a place in the step, 0 to 1, by which the event has occurred
     double peak, top  # scaled largest force, and scaled largest speed of an object with friction, inside the step
     double peak_at, top_at  # distances from the start of the step to the peak and to the top
 
@@ -148,9 +143,9 @@ cdef Finding search(
 
 
 cdef bint rises_at_onset(const Piece *now, Work *work, double h) noexcept nogil:
-    """Return whether the force grows at the onset of a contact with n = 0, where df/ds is always zero."""
+    """Return whether the force grows at the onset of a contact with n = 0, where df/ds is always 0 because dt/ds is."""
     cdef Events soon
-    probe_exactly(now, work, h, 1e-3)  # to 1e-3 of s, which is 1e-6 of the step's duration
+    probe_exactly(now, work, h, 1e-3)  # 1e-3 of the step in s is 1e-6 of its duration
     evaluate_events(now, work.probe, work.probe_rate, &soon)
     return soon.slope[FORCE] > 0.0
 
@@ -163,10 +158,7 @@ cdef bint starts_on(int row, double h, const Events *start, double reached) noex
 
 
 cdef int before_landing(const Piece *now, const Events *end, int landed, bint undetected) noexcept nogil:
-    """Return another event that occurred in a step that ends on event `landed`, or NOTHING.
-
-    Beyond a separation time runs backwards. So an event shortly before the separation can be hidden at the step's end.
-    """
+    """Return another event that occurred in a step that ends on event `landed`, or NOTHING."""
     cdef int row
     for row in range(FRONT_STOP if now.flying else CLOCK, ROWS if now.flying else TOUCH):
         if not acts(now, row):
@@ -177,7 +169,7 @@ cdef int before_landing(const Piece *now, const Events *end, int landed, bint un
 
 
 cdef double extremum(double start, double start_slope, double end, double end_slope) noexcept nogil:
-    """Return where in (0, 1) a cubic, rising at 0 and falling at 1, has its maximum; given are values and slopes there."""
+    """Return the maximum's place in (0, 1) of a cubic that rises at 0 and falls at 1, from its values and slopes at 0 and 1."""
     cdef double a = 3.0 * (end - start) - 2.0 * start_slope - end_slope, b = start_slope + end_slope - 2.0 * (end - start)
     cdef double root = sqrt(max(a * a - 3.0 * b * start_slope, 0.0))
     cdef double place = -start_slope / (a - root)
@@ -195,7 +187,7 @@ cdef double on_cubic(double t, double start, double start_slope, double end, dou
 cdef bint comes_back(int row, double h, const Events *start, const Events *end) noexcept nogil:
     """Return whether the value of a row first rises and then falls within a step, and may exceed zero in between."""
     cdef double v0 = start.height[row], v1 = end.height[row], s0 = h * start.slope[row], s1 = h * end.slope[row], top
-    if row == TOP and s1 < 0.0 < start.slope[SLIP]:  # at a slip the speed begins to grow, but its slope is a rounding error
+    if row == TOP and s1 < 0.0 < start.slope[SLIP]:  # at a slip the speed begins to grow, but the sign of its slope is a rounding error
         return True
     if not s0 > 0.0 > s1:
         return False
@@ -208,17 +200,12 @@ cdef bint comes_back(int row, double h, const Events *start, const Events *end) 
 cdef double climb(
     const Piece *now, Work *work, double h, int row, const Events *start, const Events *end, Events *summit
 ) noexcept nogil:
-    """Find the fraction of the step at which a row that rises and falls is largest, and all rows there.
-
-    The slope's zero is found by a secant method inside a bracket (Illinois). It is first found on the polynomial, to a
-    millionth of the step, which is accurate enough for the height. Then exact steps are taken to the maximum; nearly
-    always the first of them confirms it.
-    """
+    """Find the fraction of the step at which a row that rises and falls is largest; write all rows there into `summit`."""
     cdef double low = 0.0, high = 1.0, low_slope = start.slope[row], high_slope = end.slope[row], before, gain
     cdef double share = extremum(start.height[row], h * low_slope, end.height[row], h * high_slope)
     cdef int side = 0
-    cdef bint exactly = work.method != EXPLICIT
-    for _ in range(60):
+    cdef bint exactly = work.method != EXPLICIT  # else first on the polynomial, to a millionth of the step, then by exact steps
+    for _ in range(60):  # secant method inside a bracket (Illinois), for the slope's zero
         if exactly:
             probe_exactly(now, work, h, share)
         else:
@@ -246,7 +233,7 @@ cdef double climb(
 
 
 cdef double cubic_zero(double start, double start_slope, double end, double end_slope) noexcept nogil:
-    """Estimate the zero in (0, 1) of the cubic with these values and slopes at 0 and 1; the values differ in sign."""
+    """Estimate the zero in (0, 1) of a cubic from its values, of different sign, and slopes at 0 and 1."""
     cdef double f, tangent, a = 3.0 * (end - start) - 2.0 * start_slope - end_slope
     cdef double b = start_slope + end_slope - 2.0 * (end - start), t = start / (start - end)
     for _ in range(4):
@@ -261,10 +248,7 @@ cdef double cubic_zero(double start, double start_slope, double end, double end_
 cdef double crossing_share(
     const Piece *now, Work *work, double h, int row, const Events *start, const Events *end, double high
 ) noexcept nogil:
-    """Find the zero of a row that is negative at the start of a step and positive at `high`, to 1e-9 of the step.
-
-    It uses Newton's method on the polynomial through the step, or bisection when Newton's method leaves the bracket.
-    """
+    """Find the zero, to 1e-9 of the step, of a row that is negative at the step's start and positive at `high` (Newton or bisection)."""
     cdef double low = 0.0, share = 0.5 * high, value, move
     cdef Events events
     if start.value[row] >= 0.0:  # by rounding
@@ -291,15 +275,11 @@ cdef double crossing_share(
 
 
 cdef double clock_share(const Piece *now, const Work *work, double h) noexcept nogil:
-    """Estimate the fraction of the step at which the piece ends.
-
-    It uses the polynomial of order 7 through t, z, w and dw/ds at the step's two ends. The error is mostly below 1e-9;
-    `land` corrects it.
-    """
+    """Estimate the fraction of the step at which the piece ends, from t, z, w and dw/ds at both ends of the step; `land` corrects it."""
     cdef double v0 = h * work.x[ROOT], a0 = 0.25 * h * h * work.x[RATE], j0 = h * h * h / 12.0 * work.rate[RATE]
     cdef double v1 = h * work.trial[ROOT], a1 = 0.25 * h * h * work.trial[RATE], j1 = h * h * h / 12.0 * work.trial_rate[RATE]
     cdef double way = work.trial[TIME] - work.x[TIME], left = now.horizon - work.x[TIME]
-    # errors, at the step's end, of the cubic Taylor polynomial at its start: of the value and of three derivatives
+    # polynomial of order 7: errors, at the step's end, of value and three derivatives of the cubic Taylor polynomial at its start
     cdef double p = way - v0 - a0 - j0, q = v1 - v0 - 2.0 * a0 - 3.0 * j0
     cdef double r = a1 - a0 - 3.0 * j0, t = j1 - j0
     cdef double c4 = 35.0 * p - 15.0 * q + 5.0 * r - t, c5 = -84.0 * p + 39.0 * q - 14.0 * r + 3.0 * t
@@ -318,10 +298,7 @@ cdef double clock_share(const Piece *now, const Work *work, double h) noexcept n
 
 
 cdef double bend_share(const Work *work, double h) noexcept nogil:
-    """Return at which fraction of a step of flight the gap may close although it opens at the step's two ends; 1: nowhere.
-
-    A step that ends there shows whether it closes. Within a step the gap has at most one inflection, see `LARGEST_STEP`.
-    """
+    """Return the fraction of a step of flight at which the gap may close although it opens at both ends of the step; 1: nowhere."""
     cdef double w0 = work.x[RATE], w1 = work.trial[RATE], bend0 = h * work.rate[RATE], bend1 = h * work.trial_rate[RATE]
     cdef double share
     if w0 > 0.0 or w1 > 0.0 or not bend0 > 0.0 > bend1 or w0 + bend0 <= 0.0:
@@ -331,11 +308,7 @@ cdef double bend_share(const Work *work, double h) noexcept nogil:
 
 
 cdef double land(const Piece *now, Work *work, const Finding *found, double tried, double *error) noexcept nogil:
-    """Take a step that ends on an event found in a step of length `tried`; return its length, and write its `error`.
-
-    The length is found by Newton's method. Each iteration takes a full step of the integrator, so the result is a zero
-    of the computed motion, not of a polynomial. The last ten-millionth of the step is extrapolated linearly.
-    """
+    """Take a step that ends on an event found in a step of length `tried`; return its length, and write its `error`."""
     cdef double h = found.share * tried, low = 0.0, high = found.within * tried, off
     cdef int row = found.event
     cdef Events events
@@ -345,12 +318,12 @@ cdef double land(const Piece *now, Work *work, const Finding *found, double trie
         memcpy(work.trial, work.x, sizeof(work.x))
         memcpy(work.trial_rate, work.rate, sizeof(work.x))
         return 0.0
-    for _ in range(60):
+    for _ in range(60):  # Newton's method on full steps, so that the event is on the computed motion, not on a polynomial
         error[0] = attempt(now, work, h)
         evaluate_events(now, work.trial, work.trial_rate, &events)
         off = -events.value[row] / events.slope[row]
         if fabs(off) <= 1e-7 * h:
-            for i in range(now.width):
+            for i in range(now.width):  # extrapolated linearly
                 work.trial[i] += off * work.trial_rate[i]
             return h + off
         if events.value[row] > 0.0:

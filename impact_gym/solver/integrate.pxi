@@ -2,17 +2,12 @@
 
 cdef double FIRST_STEP = 0.3  # first trial step of a contact, in its variable s
 cdef double FIRST_FLIGHT = 0.1  # first trial step of a flight, multiplied by the chain's highest angular frequency
-cdef double LARGEST_STEP = 1.0
-# Largest step of a flight, scaled in the same way. In such a step the third derivative of the gap rarely changes sign
-# twice, as the search for a touch assumes. If a touch is impossible, a step may be longer (`longest_blind_step`).
-cdef double OVERSHOOT = 1e3
-# In a contact with friction a step is at most this many times the time left in the piece. When the tool rests against
-# the object or pushes it steadily, every step is accepted. Without this bound a step could become so long that the end
-# of the piece cannot be located in it.
+cdef double LARGEST_STEP = 1.0  # largest step of a flight, scaled in the same way, unless a touch is impossible (`longest_blind_step`)
+cdef double OVERSHOOT = 1e3  # largest step of a contact with friction / time left, so that the piece's end can be located in the step
 
 cdef enum:
     TRACE_POINTS = 8  # trace points in a step of a contact
-    EVENTS_IN_TURN = 20  # most events on which a step is tried to end, one after another
+    EVENTS_IN_TURN = 20  # number of events on which, one after another, a step is made to end
 
 
 cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bint flying) noexcept nogil:
@@ -30,7 +25,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     load(&now, chain, work.x)
     rates(&now, work.x, work.rate)
     evaluate_events(&now, work.x, work.rate, start)
-    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:  # the gap soon stops opening: step to that time
+    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:  # step to the time when the gap stops opening
         h = min(h, -work.x[RATE] / work.rate[RATE])
     if not flying:
         peak = start.height[FORCE]  # the force of a linear contact begins above 0
@@ -77,7 +72,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
 
 
 cdef void add_ground_impulse(const Piece *now, const Run *run, Chain *chain, const double *x) noexcept nogil:
-    """Add the impulse of the ground in a piece: that of the contact force if the object sticks, else mu m_p g times time."""
+    """Add the impulse of the ground in a piece: equal to the contact force's if the object sticks, else mu m_p g times time."""
     if now.object_state == STUCK:
         chain.ground_impulse += x[IMPULSE] * now.units.force * now.units.time
     else:
@@ -85,7 +80,6 @@ cdef void add_ground_impulse(const Piece *now, const Run *run, Chain *chain, con
 
 
 cdef void come_to_rest(Chain *chain) noexcept nogil:
-    """Set the object to STUCK, at rest on the ground."""
     chain.object_state, chain.object_rest_time = STUCK, chain.time
     chain.penetration_rate = tool_velocity(chain)
 
@@ -93,7 +87,7 @@ cdef void come_to_rest(Chain *chain) noexcept nogil:
 cdef bint good_step(
     const Piece *now, Work *work, const Events *start, Events *end, bint undetected, double *h, double *taken, Finding *found
 ) noexcept nogil:
-    """Try a step of `h`, or to the first event in it; return whether it is accepted, and set `h` to the next trial step."""
+    """Try a step of `h`, or to the first event in it; return whether the step is accepted, and set `h` to the next trial step."""
     cdef double error, factor, tried, left = INFINITY, most = INFINITY
     if now.flying:
         left = now.horizon - work.x[TIME]
@@ -130,10 +124,7 @@ cdef bint good_step(
 cdef double land_on_first(
     const Piece *now, Work *work, double tried, const Events *start, Events *end, bint undetected, Finding *found, double *error
 ) noexcept nogil:
-    """Take a step that ends on the event found, or on an earlier event found on the way; return its length.
-
-    `found.event` becomes SHORTER if a shorter step must be tried first.
-    """
+    """Take a step that ends on the first event, and return its length; set `found.event` to SHORTER if a shorter step must be tried."""
     cdef int other
     cdef double taken = tried
     for _ in range(EVENTS_IN_TURN):
@@ -147,12 +138,11 @@ cdef double land_on_first(
             return taken
         found.event, found.within = other, 1.0
         found.share = crossing_share(now, work, taken, other, start, end, 1.0)
-    found.event, found.share = SHORTER, 0.5  # two events each seem to be the first: they are closer than the error
+    found.event, found.share = SHORTER, 0.5  # the order of two events is undecided: they are closer than the error
     return taken
 
 
 cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogil:
-    """Apply the effect of the event to `chain`; return the status."""
     if event == NOTHING:
         return STEP_LIMIT
     if event == CLOCK:
@@ -181,11 +171,11 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
 
 
 cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noexcept nogil:
-    """Record trace points along the accepted step; each is computed by a step of its own, as the polynomial is less exact."""
+    """Record trace points along the accepted step, each by a step of its own, which is more exact than the polynomial."""
     cdef Chain ghost = chain[0]
     cdef Events events
     cdef int64_t point, points = TRACE_POINTS
-    if run.work.method == SERIES:  # steps by a series are longer than others
+    if run.work.method == SERIES:  # such a step is longer than other steps
         points = 3 * TRACE_POINTS // 2
     if now.flying:
         points = <int64_t> ceil(taken * now.units.time / run.recorder.interval)

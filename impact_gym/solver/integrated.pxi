@@ -1,9 +1,9 @@
 """Equations of motion of an INTEGRATED chain, whose flights have no formula.
 
 Such a chain has a compliant robot with a coupling, a coupling with stops, or both; or tool and robot are one mass whose
-parameters vary along a table. Its flights are integrated like contacts. Forces are computed in SI units, then scaled.
-After the components that all chains have, the state has: the impulse of the coupling on the tool; the momentum of robot
-mass that has joined the moving part; the offset of the flange from the imposed motion; the rate of this offset.
+parameters vary along a table. Forces are computed in SI units, then scaled. After the components that all chains have,
+the state has: the impulse of the coupling on the tool; the momentum of robot mass that has joined the moving part; the
+offset of the flange from the imposed motion; the rate of this offset.
 """
 
 
@@ -17,7 +17,7 @@ cdef struct Swing:  # the chain relative to the imposed motion, SI units
     RobotNow robot
 
 
-cdef struct Accelerations:  # scaled accelerations, and forces
+cdef struct Accelerations:  # accelerations are scaled, forces are not
     double tool, flange  # relative to the imposed motion
     double gap  # acceleration of the tool relative to the object
     double pull  # N, of the coupling on the tool
@@ -25,7 +25,6 @@ cdef struct Accelerations:  # scaled accelerations, and forces
 
 
 cdef inline Swing swing(const Piece *now, double t, double y, double v, double q, double r) noexcept nogil:
-    """Return the chain's motion in SI units from components of its scaled state."""
     cdef Swing at
     cdef double elapsed = t * now.units.time
     at.x_r = now.position + elapsed * (now.velocity + 0.5 * now.acceleration * elapsed)
@@ -47,7 +46,7 @@ cdef inline double coupling_pull(const Piece *now, double stretch, double stretc
 
 
 cdef inline Accelerations motion(const Piece *now, const Swing *at, double push) noexcept nogil:
-    """Return the accelerations under a contact force `push` (N; paper, eq. 8, 16 and 17)."""
+    """Return accelerations and forces (paper, eq. 8, 16 and 17) under the contact force `push` (N; `now.push` is an acceleration)."""
     cdef Accelerations move
     cdef const RobotNow *robot = &at.robot
     cdef double flange_rate
@@ -60,7 +59,7 @@ cdef inline Accelerations motion(const Piece *now, const Swing *at, double push)
         move.pull = coupling_pull(now, at.y - at.q, at.y_dot - at.q_dot)
         move.gap = (move.pull - push) * now.tool_rate
         if now.robot.intervals:
-            flange_rate = now.per_acceleration / robot.mass  # divided first, because the division need not wait for the pull
+            flange_rate = now.per_acceleration / robot.mass  # divided first: the division need not wait for the pull
             move.flange = (-robot.stiffness * at.q - robot.damping * at.q_dot - move.pull) * flange_rate - now.push
     move.tool = move.gap - now.push
     move.gap += now.ground - push * now.object_rate
@@ -70,7 +69,7 @@ cdef inline Accelerations motion(const Piece *now, const Swing *at, double push)
 cdef inline IntegratedRates integrated_rates(
     const Piece *now, double z, double w, double t, double y, double v, double q, double r
 ) noexcept nogil:
-    """Return the derivative of the scaled state with respect to s; in flight to time."""
+    """Return the derivative of the scaled state by s, in flight by time."""
     cdef IntegratedRates rates
     cdef Swing at = swing(now, t, y, v, q, r)
     cdef double pace = 1.0 if now.flying else z
@@ -96,7 +95,6 @@ cdef struct Gradient:  # derivatives of one entry of `Accelerations`
 
 
 cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept nogil:
-    """Return the derivatives of the coupling's force on the tool."""
     cdef double k, c
     cdef RobotSlopes slopes
     if not now.law.coupled:
@@ -115,7 +113,7 @@ cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept n
 
 
 cdef inline Gradient flange_gradient(const Piece *now, const Swing *at, const Gradient *pull, double T) noexcept nogil:
-    """Return the derivatives of a separate flange's force / mass, given the coupling's force T (N) and its derivatives `pull`."""
+    """Return the derivatives of the force on a separate flange / its mass, from the coupling's force T (N) and its derivatives `pull`."""
     cdef const RobotNow *robot = &at.robot
     cdef RobotSlopes slopes = robot_slopes(&now.robot, now.place, at.x_r)
     cdef double m = robot.mass, force = -robot.stiffness * at.q - robot.damping * at.q_dot - T
@@ -127,7 +125,7 @@ cdef inline Gradient flange_gradient(const Piece *now, const Swing *at, const Gr
 
 
 cdef inline void gradient_row(const Piece *now, const Gradient *part, double scale, double *row) noexcept nogil:
-    """Write a row of the Jacobian, except the columns of z and w; `scale` converts the entry of `part` to the scaled rate."""
+    """Write a row of the Jacobian, except the columns of z and w; `scale` converts `part` to the scaled rate."""
     row[DEFLECTION] = scale * part.y * now.units.length
     row[DEFLECTION_RATE] = scale * part.y_dot * now.units.velocity
     row[OFFSET] = scale * part.q * now.units.length
@@ -136,7 +134,6 @@ cdef inline void gradient_row(const Piece *now, const Gradient *part, double sca
 
 
 cdef void integrated_jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
-    """Write d(rates)/d(state); entries not written stay zero."""
     cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
     cdef double z = x[ROOT], pace = 1.0 if now.flying else z, push = 0.0, tool_rate = now.tool_rate, f_z, f_w
     cdef Accelerations move

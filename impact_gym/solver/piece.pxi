@@ -5,15 +5,15 @@ cdef enum:
     DEFLECTION_INTEGRAL = 6  # only in a SPRING chain
     PULL_IMPULSE = 6, JOINED = 7, OFFSET = 8, OFFSET_RATE = 9  # only in an INTEGRATED chain, see `integrated.pxi`
 
-cdef double STANDSTILL = 1e-13  # relative to the largest velocity: rounding error of an object's speed when a slip starts
+cdef double STANDSTILL = 1e-13  # rounding error of an object's speed when a slip starts, relative to the largest velocity
 
 
 cdef struct Piece:
     const Law *law
     int width  # number of components of the scaled state
     Units units
-    bint analytic  # the equations are polynomials in z, w, y and v: then steps use their Taylor series
-    bint flying  # in flight: then the first component is penetration / unit of length instead of z, and s is time
+    bint analytic  # the equations are polynomials in z, w, y and v, and steps use their Taylor series
+    bint flying  # in flight, where the first component is penetration / unit of length instead of z, and s is time
     const Contact *grip  # the contact law
     Contact contact  # the contact law, without force while the surfaces part faster than they recover
     bint rough  # whether there is friction under the object
@@ -21,7 +21,7 @@ cdef struct Piece:
     double friction  # mu m_p g / F0
     double ground  # scaled deceleration by friction of an object that slides
     double standstill  # scaled backward speed at which an object that slides has come to rest
-    double share  # relative acceleration by the contact force, as a fraction of its value for an object that slides
+    double share  # relative acceleration by the contact force / its value for an object that slides
     double tolerance  # -, local error allowed in a step
     double threshold  # alarm threshold / F0
     double horizon  # scaled time until the end of the piece
@@ -34,7 +34,7 @@ cdef struct Piece:
 
     # only an INTEGRATED chain
     RobotTable robot
-    int place  # index of the interval of that table in this piece
+    int place  # index of the interval of its table in this piece
     RobotNow lumped  # the robot's parameters, if its table has one interval
     double per_acceleration  # scaled acceleration for 1 m/s^2
     double tool_rate, object_rate  # scaled acceleration of tool and object for 1 N
@@ -64,12 +64,10 @@ cdef inline double object_velocity(const Chain *chain) noexcept nogil:
 
 
 cdef inline double tool_velocity(const Chain *chain) noexcept nogil:
-    """Return the velocity of the tool, m/s."""
     return chain.flange_velocity + chain.deflection_rate
 
 
 cdef inline double tool_position(const Chain *chain) noexcept nogil:
-    """Return the position of the tool, m."""
     return chain.flange_position + chain.deflection
 
 

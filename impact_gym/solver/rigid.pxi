@@ -1,4 +1,4 @@
-"""A RIGID chain: the tool is fixed to the flange, so a flight is a parabola and a contact moves only the object (Fig. 4a)."""
+"""A RIGID chain: the tool is fixed to the flange, so a flight is a parabola, and a contact moves only the object (paper, Fig. 4a)."""
 
 
 cdef struct RigidRates:
@@ -26,23 +26,19 @@ cdef inline void contact_rows(const Piece *now, const double *x, double[WIDTH] *
 
 
 cdef void rigid_jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
-    """Write d(rates)/d(state); entries not written stay zero."""
     contact_rows(now, x, J)
     J[RATE][ROOT] = now.push + now.ground - now.share * J[IMPULSE][ROOT]
     J[RATE][RATE] = -now.share * J[IMPULSE][RATE]
 
 
 cdef double gap_closes(double gap, double speed, double acceleration) noexcept nogil:
-    """Return the time (s) until gap - speed t - acceleration t^2 / 2 falls to zero from above; inf if never.
-
-    A gap of zero counts as open if it opens, and as closed if it closes. The formulas avoid cancellation.
-    """
+    """Return the time (s) until gap - speed t - acceleration t^2 / 2 falls to zero from above; inf if never."""
     cdef double square = speed * speed + 2.0 * acceleration * gap
     if square < 0.0:
         return INFINITY
     if speed > 0.0:
         return 2.0 * gap / (speed + sqrt(square)) if gap > 0.0 else 0.0
-    if acceleration > 0.0:  # the gap opens now, and closes after the acceleration has reversed its motion
+    if acceleration > 0.0:  # the gap opens now, and closes later
         return (sqrt(square) - speed) / acceleration
     return INFINITY
 

@@ -1,4 +1,4 @@
-"""The L-stable 5(4) pair Rodas5P, for stiff pieces, such as a slow contact under a push, an overdamped spring, a hard stop.
+"""The L-stable 5(4) pair Rodas5P, for stiff pieces: a slow contact under a push, an overdamped spring, or a hard stop.
 
 A Rosenbrock method is linearly implicit: a step inverts one matrix, 1 / (gamma h) - J with the exact Jacobian J, and
 needs no iteration. Coefficients: Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks
@@ -44,7 +44,7 @@ STIFF_C[7][:7] = [
 
 
 cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
-    """Try a step of `h` from `work.x` into `work.trial`; return estimated error (of order 4) / allowed error."""
+    """Try a step of `h` from `work.x` into `work.trial`; return estimated error of the solution of order 4 / allowed error."""
     cdef int stage, earlier, i, n = now.width
     cdef double total = 0.0, a, c, size
     cdef double[WIDTH] right
@@ -54,7 +54,7 @@ cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
         for earlier in range(n):
             work.matrix[i][earlier] = -work.matrix[i][earlier]
         work.matrix[i][i] += 1.0 / (STIFF_GAMMA * h)
-    invert(n, work.matrix)
+    invert(n, work.matrix)  # faster than two triangular systems in each stage, whose components wait for one another
     for stage in range(STIFF_STAGES):
         k = work.stage[stage]
         memcpy(work.trial, work.x, sizeof(right))
@@ -79,11 +79,7 @@ cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef void invert(int n, double[WIDTH] *matrix) noexcept nogil:
-    """Replace the first `n` rows and columns of `matrix` by the transpose of their inverse (Gauss and Jordan).
-
-    Rows are exchanged to get the largest pivot. The inverse is used because multiplying by it is faster than solving
-    two triangular systems, in which each component has to wait for the component before it.
-    """
+    """Replace the first `n` rows and columns of `matrix` by the transpose of their inverse (Gauss and Jordan, with pivots)."""
     cdef double[WIDTH][WIDTH] inverse
     cdef int k, row, column, pivot
     cdef double share

@@ -1,20 +1,20 @@
 """Steps by Taylor series, for analytic pieces: `taylor.h` computes the series; this file chooses and takes the step."""
 
 cdef enum:
-    LAST_ORDERS = 3  # number of last orders used to estimate convergence; fewer could all be 0: from z = 0 without damping, two of five are
+    LAST_ORDERS = 3  # number of highest orders that give the radius; without damping, from z = 0, two of five orders are 0
 
-cdef double LEFT_OUT = 0.05  # truncation error / local error allowed; below 1, because the errors of the steps of a contact add up
+cdef double LEFT_OUT = 0.05  # truncation error / local error allowed; small, because the errors of a contact's steps add up
 cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error; small, because the errors of several contacts add up
 cdef double TOO_STEEP = 1e30  # mean square of coefficients above which the explicit pair takes over
 
 
 cdef void expand(const Piece *now, Work *work) noexcept nogil:
-    """Compute the Taylor series of the state at `work.x`, and the longest step for which it is accurate, 0 if unknown."""
+    """Compute the Taylor series of the state at `work.x`, and the longest step for which the series is accurate, 0 if unknown."""
     cdef Polynomial law = Polynomial(
         now.contact.held, now.contact.damping, now.share, now.ground,
         now.tool_share, now.push, now.pull_y, now.pull_y_dot,
     )
-    if now.law.kind == RIGID:  # treated as a SPRING chain whose spring has no effect, so that one series serves both
+    if now.law.kind == RIGID:  # computed as a SPRING chain whose spring has no force
         law.ground += now.push
         law.tool_share = law.push = law.pull_y = law.pull_y_dot = 0.0
         work.x[DEFLECTION] = work.x[DEFLECTION_RATE] = work.x[DEFLECTION_INTEGRAL] = 0.0
@@ -24,7 +24,7 @@ cdef void expand(const Piece *now, Work *work) noexcept nogil:
 
 cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil:
     """Return the step with the allowed truncation error, assuming coefficients of order k proportional to radius^-k."""
-    cdef float inverse_radius = -7.0  # its logarithm, at least -7: the last orders can vanish by chance or underflow
+    cdef float inverse_radius = -7.0  # its logarithm, at least -7, because the last orders can be 0 or underflow
     cdef double[PLACES] weight
     cdef double squares, left_out = min(LEFT_OUT * now.tolerance, MOST_LEFT_OUT)
     cdef int i, k
@@ -42,7 +42,7 @@ cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil
 
 
 cdef void evaluate(const Piece *now, const Work *work, double h, double *x, double *rate) noexcept nogil:
-    """Evaluate the series and its derivative after `h`, by Horner's scheme, separately for even and odd orders."""
+    """Write the state after a step of `h` into `x` (Horner's scheme for even and for odd orders), and its derivative into `rate`."""
     cdef double[PLACES] odd, even
     cdef double square = h * h
     cdef int i, k
@@ -69,6 +69,6 @@ cdef double fastest(const Piece *now, const double *x, const double *rate) noexc
 
 
 cdef inline double largest_root(double b, double c) noexcept nogil:
-    """Return the larger absolute value of the two roots of r^2 + b r + c, where b is not negative."""
+    """Return the larger absolute value of the roots of r^2 + b r + c, for b >= 0."""
     cdef double square = 0.25 * b * b - c
     return 0.5 * b + sqrt(square) if square > 0.0 else sqrt(c)

@@ -1,7 +1,7 @@
-"""A SPRING chain: a tool on a spring and damper. Its flight has a formula. The first touch is searched between extrema of the gap."""
+"""A SPRING chain: a tool on a spring and damper. Its flights have a formula, in which the first touch is found numerically."""
 
 cdef enum:
-    MOST_BENDS = 300000  # most intervals between zeros of the gap's third derivative that are searched in one flight
+    MOST_BENDS = 300000  # largest number of intervals between zeros of the gap's third derivative that are searched in one flight
 
 
 cdef struct SpringRates:
@@ -23,7 +23,6 @@ cdef inline SpringRates spring_rates(const Piece *now, double z, double w, doubl
 
 
 cdef void spring_jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
-    """Write d(rates)/d(state); entries not written stay zero."""
     cdef double z = x[ROOT], y = x[DEFLECTION], v = x[DEFLECTION_RATE]
     cdef double pull = now.pull_y * y + now.pull_y_dot * v
     contact_rows(now, x, J)
@@ -68,7 +67,6 @@ cdef struct Gap:
 
 
 cdef Gap gap_at(const Glide *glide, double time) noexcept nogil:
-    """Return the penetration and its derivatives at `time` (s)."""
     cdef double z, w2 = glide.frequency * glide.frequency, c = 2.0 * glide.damping_ratio * glide.frequency
     cdef Gap gap
     z, gap.order[1] = free_decay(glide.frequency, glide.damping_ratio, glide.position, glide.velocity, time)
@@ -82,10 +80,7 @@ cdef Gap gap_at(const Glide *glide, double time) noexcept nogil:
 
 
 cdef double monotone_zero(const Glide *glide, int order, bint rising, double low, double high) noexcept nogil:
-    """Return the zero, exact to rounding, of the penetration's derivative `order` between `low` and `high`.
-
-    The derivative must be monotone there. Newton's method is used, or bisection if Newton's method leaves the bracket.
-    """
+    """Return the zero of the derivative `order` of the penetration, which must be monotone between `low` and `high`."""
     cdef Gap gap
     cdef double following, time = 0.5 * (low + high)
     for _ in range(100):
@@ -104,10 +99,7 @@ cdef double monotone_zero(const Glide *glide, int order, bint rising, double low
 
 
 cdef double inflection_time(const Glide *glide, double after, const Gap *gap) noexcept nogil:
-    """Return the first time after `after` (s) at which the gap's third derivative is zero; inf if none.
-
-    The third derivative is a free damped oscillation. `gap` is the gap at the time `after`.
-    """
+    """Return the first time after `after` (s) at which the gap's third derivative, a free damped oscillation, is zero; inf if none."""
     cdef double w = glide.frequency, zeta = glide.damping_ratio, p = gap.order[3]
     cdef double slope = gap.order[4] + zeta * w * p, square = (1.0 - zeta) * (1.0 + zeta) * w * w
     cdef double damped, phase, ratio, split
@@ -129,11 +121,7 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
 
 
 cdef double within_reach(const Glide *glide, double now) noexcept nogil:
-    """Return the first time from `now` on at which a bound allows a touch; inf if never.
-
-    The free oscillation z loses energy, so |z| stays below r / omega with r^2 = z'^2 + omega^2 z^2. The gap closes no
-    earlier than it would with z constantly at r / omega.
-    """
+    """Return the first time from `now` on at which |z| <= r / omega, r^2 = z'^2 + omega^2 z^2, allows a touch; inf if never."""
     cdef double gap, swing, closed, z = glide.position, z_dot = glide.velocity
     if now > 0.0:
         z, z_dot = free_decay(glide.frequency, glide.damping_ratio, z, z_dot, now)
@@ -148,11 +136,7 @@ cdef double within_reach(const Glide *glide, double now) noexcept nogil:
 cdef double spring_touch(
     const Law *law, const Chain *chain, double acceleration, double ground, double horizon
 ) noexcept nogil:
-    """Return the time (s) until the first touch; inf if not within `horizon` (s), nan if MOST_BENDS did not suffice.
-
-    Between two zeros of its third derivative the gap has at most one inflection, so at most two extrema, so at most
-    three monotone pieces. Each piece is tested at its two ends, so no touch is missed.
-    """
+    """Return the time (s) until the first touch; inf if not within `horizon` (s), nan if MOST_BENDS did not suffice."""
     cdef Glide glide
     cdef Gap first, between, last
     cdef double low, high, middle, touch
@@ -163,7 +147,7 @@ cdef double spring_touch(
     glide.closing = chain.penetration_rate - chain.deflection_rate
     glide.acceleration = acceleration + ground
     low = within_reach(&glide, 0.0)
-    for _ in range(MOST_BENDS):
+    for _ in range(MOST_BENDS):  # an interval has at most one inflection of the gap, so at most three monotone pieces
         if not low < horizon:
             return INFINITY
         first = gap_at(&glide, low)
@@ -185,14 +169,11 @@ cdef double spring_touch(
 cdef double touch_in_bend(
     const Glide *glide, double begin, const Gap *first, double end, const Gap *last
 ) noexcept nogil:
-    """Return the first touch between `begin` and `end`, where the gap has no inflection; inf if there is none.
-
-    While the gap opens there is no touch: an apparent touch right after a contact is a rounding error.
-    """
+    """Return the first touch between `begin` and `end`, where the gap has no inflection; inf if there is none."""
     cdef bint closing = first.order[1] > 0.0, still = last.order[1] > 0.0
     cdef double turn
     cdef Gap there
-    if begin >= end or not (closing or still):
+    if begin >= end or not (closing or still):  # while the gap opens, an apparent touch is a rounding error
         return INFINITY
     turn, there = end, last[0]
     if closing != still:

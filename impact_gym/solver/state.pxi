@@ -1,7 +1,4 @@
-"""The structures of the solver: the constants of a run, the state of a row, and work arrays.
-
-Some of them also exist as NumPy data types with the same names and layout, see `kernels.pyx`.
-"""
+"""The structures of the solver; some of them also exist as NumPy data types, see `kernels.pyx`."""
 
 cpdef enum:
     RIGID, SPRING, INTEGRATED  # kinds of chain: tool with imposed motion, tool on one spring and damper, any other chain
@@ -12,7 +9,7 @@ cpdef enum:
     TOUCHED = 2  # a contact begins
     PARTED = 3  # the contact has ended
     SWITCHED = 4  # the equations of motion change: at a stop, at the alignment, or where the force would become a pull
-    UNSETTLED = 5  # when the simulation after an episode was stopped, contacts were still possible
+    UNSETTLED = 5  # the simulation after an episode was stopped although contacts were still possible
     STEP_LIMIT = -1  # more integration steps than allowed
     NOT_FINITE = -2  # a state became inf or nan
 
@@ -31,7 +28,7 @@ cdef struct Mount:  # coupling and robot, as a user describes them
     double tool_mass  # kg
     CouplingNumbers coupling  # a number that this kind of coupling does not have is 0
     RobotNumbers robot  # numbers of a LUMPED robot, else 0
-    int64_t table, intervals  # place of the table of a TABLE_OF_POSITION, as in `Law`
+    int64_t table, intervals  # of a TABLE_OF_POSITION, as in `Law`
     double stiffest
 
 
@@ -48,7 +45,7 @@ cdef struct Law:  # the simplest chain equivalent to the mount
     int64_t coupled  # of an INTEGRATED chain: 1 with a coupling between tool and flange, 0 if they are one mass
     int64_t with_tool  # 1 if the flange moves with the tool: a compliant robot with a DIRECT coupling
     int64_t bistable  # 1 if the coupling is a mechanism
-    int64_t stops  # 1 if the coupling has stops: `mechanism` then has its spring, linear or not
+    int64_t stops  # 1 if the coupling has stops; then `mechanism` has its spring, linear or not
     double stiffness  # N/m, of a spring and damper
     double damping  # N s/m, of a spring and damper
     Mechanism mechanism
@@ -61,7 +58,7 @@ cdef struct Law:  # the simplest chain equivalent to the mount
 cdef struct Memory:  # step control of a contact or a flight, kept between steps
     double step  # next trial step
     int64_t method  # of the next step: EXPLICIT or STIFF
-    int64_t seen  # attempts by this method; of the explicit pair, after `patience`, only those near the limit of stability
+    int64_t seen  # attempts by this method; after `patience`, only those of the explicit pair near the limit of stability
     int64_t patience  # number of attempts of the explicit pair before stiffness is checked
     int64_t rejected  # 1 if the last attempt was rejected
     double log_before  # log of the error of the last accepted attempt
@@ -108,8 +105,8 @@ cdef struct Chain:  # a row: the state of motion, and results so far
     double peak_object_velocity  # m/s, with friction; without friction the object never loses velocity
     double object_rest_time  # s, when the object last came to rest
     double tool_rest_time  # s, since when the tool is slower than REST_SPEED; inf if it is faster, or without friction
-    double slide  # m, with friction: from the object's first position to where it rests
-    double rest_time  # s, with friction: when object and tool are at rest; inf if the tool is not
+    double slide  # m, with friction: distance from the object's first to its last position
+    double rest_time  # s, with friction: since when object and tool are at rest; inf if the tool is not
     double unread_force  # N, largest contact force since the last call of `take_peak`
     double coupling_impulse  # N s, sum over the finished contacts (paper, eq. 21)
     double momentum_error  # -, largest momentum error of the finished contacts (paper, eq. 20)

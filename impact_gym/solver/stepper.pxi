@@ -1,24 +1,21 @@
 """One step of the integrator: by a Taylor series, by the explicit pair DOP853, or by the L-stable pair Rodas5P.
 
-If the equations are polynomials, a step uses their Taylor series (`series.pxi`), which determines the step's length and
-gives every point in the step. Otherwise a step uses the explicit pair. Stiffness is detected as in Hairer's code: the
-last two stages are at the same time, and their rates differ by about lambda times the difference of their states, where
-lambda is the largest eigenvalue. For a series the eigenvalues are known. Near the limit of stability, h lambda about 6,
-the error estimate keeps the step h short, however smooth the motion is. After repeated attempts near the limit, whether
-accepted or not, the L-stable pair replaces the explicit pair. Every few steps the explicit pair is tried again, and
-kept if it works. If it works soon, because an oscillation only looked stiff, the next change to the L-stable pair needs
-more attempts near the limit.
+If the equations are polynomials, a step uses their Taylor series (`series.pxi`), otherwise the explicit pair. Stiffness
+is detected as in Hairer's code: the last two stages are at the same time, and their rates differ by about lambda times
+the difference of their states, where lambda is the largest eigenvalue. Near the limit of stability, h lambda about 6,
+the error estimate keeps the step h short, however smooth the motion is. After repeated attempts near the limit, the
+L-stable pair replaces the explicit pair. Every few steps the explicit pair is tried again, and kept if it succeeds.
 """
 
 cdef enum:
     EXPLICIT, STIFF, SERIES
-    UNCHECKED = 25  # number of attempts before stiffness is checked; most smooth pieces need fewer
+    UNCHECKED = 25  # number of attempts before stiffness is checked; most smooth pieces need fewer attempts
     REPEATED = 10  # attempts near the limit of stability before the change to the L-stable pair
     TRY = 10  # stiff steps between two trials of the explicit pair
     IN_VAIN = 2  # if the explicit pair succeeds within this many trials, the change to the L-stable pair was not needed
     MOST = 16 * UNCHECKED  # largest number of attempts before stiffness is checked
 
-cdef double NEAR = 3.5  # h lambda above this is near the limit of 6; there, h lambda alternates between about 4 and 7 from attempt to attempt
+cdef double NEAR = 3.5  # h lambda above this is near the limit of 6, where it alternates between about 4 and 7
 
 
 cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
@@ -33,13 +30,10 @@ cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double judge(const Piece *now, Work *work, double h, double *error) noexcept nogil:
-    """Return the factor by which to change the step after an attempt of `h`, and choose the method of the next step.
-
-    `error` is estimated error / allowed error; above 1 the attempt is rejected.
-    """
+    """Return the factor by which to change the step `h`, and choose the method of the next step; `error[0]` > 1 rejects the attempt."""
     cdef Memory *memory = &work.memory
     memory.seen += 1
-    if work.method != STIFF and memory.method == STIFF:  # a trial of the explicit pair: its error can be small although it is unstable
+    if work.method != STIFF and memory.method == STIFF:  # a trial of the explicit pair; unstable steps can have small errors
         if error[0] > 1.0 or h * apparent_eigenvalue(now, work) > NEAR:
             memory.seen, error[0] = 0, 2.0
             return 1.0
@@ -69,11 +63,7 @@ cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
 
 
 cdef double step_factor(Work *work, double error) noexcept nogil:
-    """Return the factor by which to change the step, from its error and the order of the method.
-
-    For the explicit pair Hairer's stabilisation is used: the factor also depends on the previous error, and a step after
-    a rejected attempt does not grow. With it one attempt in eight is rejected, without it one in four.
-    """
+    """Return the factor by which to change the step; for the explicit pair with Hairer's stabilisation by the previous error."""
     cdef float factor, log_error  # single precision is enough for the length of a step
     cdef Memory *memory = &work.memory
     if work.method == SERIES:
@@ -94,7 +84,7 @@ cdef double step_factor(Work *work, double error) noexcept nogil:
 
 
 cdef void probe(const Piece *now, Work *work, double h, double share) noexcept nogil:
-    """Compute the state and its rate at the fraction `share` of the last attempt of `h`; use its polynomial if there is one."""
+    """Compute the state and its rate at the fraction `share` of the last attempt of `h`; by its polynomial, if there is one."""
     cdef int i
     if work.method != EXPLICIT:
         probe_exactly(now, work, h, share)
@@ -120,7 +110,7 @@ cdef void probe_exactly(const Piece *now, Work *work, double h, double share) no
 
 
 cdef void fit_polynomial(const Piece *now, Work *work, double h) noexcept nogil:
-    """Compute the explicit pair's polynomial through the last attempt; do nothing if this is done already."""
+    """Compute the polynomial through the last attempt of the explicit pair, unless it is known already."""
     cdef double change
     cdef int i
     if work.dense_known:
@@ -135,7 +125,7 @@ cdef void fit_polynomial(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef inline (double, double) on_polynomial(const Work *work, int i, double share) noexcept nogil:
-    """Evaluate the step's polynomial (Hairer's CONTD8) for component `i` at `share`; return value and derivative."""
+    """Return value and derivative of component `i` of the step's polynomial (Hairer's CONTD8) at `share`."""
     cdef double left = 1.0 - share, value = work.dense[6][i], slope = 0.0
     cdef int k
     for k in range(5, 0, -2):

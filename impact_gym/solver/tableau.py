@@ -2,10 +2,8 @@
 
 The pair has order 8 and 12 stages; the last stage of a step is the first of the next. Coefficients, error estimates and
 dense output of order 7 are those of Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I (1993), II.10,
-taken in double precision from SciPy.
-
-From these numbers setup.py writes `dop853.pxi` for each kind of chain: code without loops on local variables, which a
-compiler keeps in registers. It takes half the time of loops over a table in memory.
+taken in double precision from SciPy. setup.py writes `dop853.pxi` for each kind of chain: code without loops on local
+variables, which a compiler keeps in registers. This code takes half the time of loops over a table in memory.
 """
 
 from collections.abc import Iterable
@@ -37,7 +35,7 @@ class Layout:
 
     name: str  # first part of the names of the generated functions
     places: str  # one letter for each component, in order
-    used: str  # the components on which the rates depend; the other components are integrals
+    used: str  # the components on which the rates depend; the others are integrals
 
 
 LAYOUTS = (

@@ -5,9 +5,9 @@ follow from those up to order k by Cauchy products, of which there are five: z y
 Zou, A software package for the numerical integration of ODEs by means of high-order Taylor methods (Experimental
 Mathematics 14, 2005).
 
-This is C for two things that Cython cannot say. Products that share a factor go in pairs, two numbers in one register of
-any processor. And all loops are unrolled, which takes a quarter of the time. In each sum what is known last is added
-last: an order then waits for the one before, not for sums that could be ready. */
+This file is C because Cython has neither pairs of numbers in one register, here products with a common factor, nor
+unrolled loops, which take a quarter of the time. In each sum the term of the highest order is added last, so that the
+other terms are summed before this order is known. */
 
 typedef double Pair __attribute__((vector_size(16)));
 typedef double Stored __attribute__((vector_size(16), aligned(8), may_alias));

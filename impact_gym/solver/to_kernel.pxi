@@ -1,4 +1,4 @@
-"""Convert a mount, the coupling and the robot as a user describes them, to the simplest equivalent chain (`Law`)."""
+"""Convert a mount, tool, coupling and robot as a user describes them, to the simplest equivalent chain (`Law`)."""
 
 cdef double STANDARD_GRAVITY = 9.80665  # m/s^2
 cdef double EVERYWHERE = 1e9  # m, half the length of the one interval in the table of a LUMPED robot
@@ -7,14 +7,10 @@ cdef double EVERYWHERE = 1e9  # m, half the length of the one interval in the ta
 cpdef double rest_of(
     double stiffness, double free_length, double height, double front_stop, double stop_stiffness
 ) noexcept nogil:
-    """Return the position (m) of the slider at which the force of the front stop balances that of the spring.
-
-    The net force is a concave function of the depth in the stop, and negative at the stroke. Started at the stroke,
-    Newton's method decreases monotonically to the only zero, until rounding stops the decrease.
-    """
+    """Return the position (m) of the slider at which the force of the front stop balances that of the spring."""
     cdef Mechanism law = Mechanism(stiffness, free_length, height, 0.0, front_stop, 0.0, stop_stiffness, 0.0, 0, 0.0)
     cdef double depth = sqrt((free_length - height) * (free_length + height)) - front_stop, net, lower
-    while True:
+    while True:  # the net force is concave in `depth`, so Newton's method decreases to the only zero, until rounding stops it
         net = bistable_force(stiffness, free_length, height, front_stop + depth) - stop_stiffness * depth
         lower = depth - net / (spring_slope(&law, front_stop + depth) - stop_stiffness)
         if not lower < depth:
@@ -23,7 +19,6 @@ cpdef double rest_of(
 
 
 cdef void law_to_kernel(const Mount *mount, Law *law) noexcept nogil:
-    """Write the simplest chain equivalent to `mount` into `law`."""
     cdef const RobotNumbers *robot = &mount.robot
     memset(law, 0, sizeof(Law))
     law.tool_mass = mount.tool_mass
@@ -44,7 +39,6 @@ cdef void law_to_kernel(const Mount *mount, Law *law) noexcept nogil:
 
 
 cdef void coupling_to_kernel(const Mount *mount, Law *law) noexcept nogil:
-    """Write the coupling of an INTEGRATED chain."""
     cdef const CouplingNumbers *given = &mount.coupling
     cdef double m = mount.tool_mass, stop_damping = 2.0 * given.stop_damping_ratio * sqrt(given.stop_stiffness * m)
     law.coupled, law.bistable = mount.coupling_kind != DIRECT, mount.coupling_kind == MECHANISM
@@ -64,7 +58,6 @@ cdef void coupling_to_kernel(const Mount *mount, Law *law) noexcept nogil:
 
 
 cdef void robot_to_kernel(const Mount *mount, Law *law) noexcept nogil:
-    """Write the robot of an INTEGRATED chain."""
     cdef const RobotNumbers *robot = &mount.robot
     if mount.robot_kind == LUMPED:
         law.table, law.intervals, law.stiffest = -1, 1, robot.stiffness / robot.mass

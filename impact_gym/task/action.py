@@ -10,7 +10,7 @@ from impact_gym.kernels import ACTION, FASTEST_WITHDRAWAL
 if TYPE_CHECKING:
     from impact_gym.task.task import Task
 
-RESOLUTION = 1e-6  # m/s or m/s^2; values are rounded to it, so that a float32 action gives 8 m/s^2 exactly
+RESOLUTION = 1e-6  # m/s or m/s^2; values are rounded to multiples of it: a float32 action can give exactly 8 m/s^2
 
 
 class Action(NamedTuple):
@@ -21,15 +21,11 @@ class Action(NamedTuple):
     low: float  # value at -1
     high: float  # value at 1
     words: str
-    resolution: float = RESOLUTION  # spacing of the grid to which values are rounded; 0: no grid
+    resolution: float = RESOLUTION  # values are rounded to multiples of it; 0: they are not rounded
 
 
 class ActionSpec:
-    """The numbers of a task's action, in order: `entries`.
-
-    They are velocity and acceleration of the flange; with an operator, the gain on the operator's command, the
-    acceleration and the withdrawal.
-    """
+    """The numbers of an action: velocity and acceleration; with an operator, gain, acceleration and withdrawal."""
 
     def __init__(self, task: "Task") -> None:
         velocity = Action("velocity", "m/s", *task.velocity_range, "velocity to go to")
@@ -52,10 +48,7 @@ class ActionSpec:
         return np.where(steps > 0.0, np.rint(values / np.where(steps > 0.0, steps, 1.0)) * steps, values)
 
     def encode(self, *values: ArrayLike) -> NDArray[np.float32]:
-        """Return the actions (..., n) that have the given values: one array (...) for each number, in its unit.
-
-        A value outside its range gives a number outside [-1, 1].
-        """
+        """Return actions (..., n), not clipped, from values in their units: one array (...) for each number."""
         stacked = np.stack(np.broadcast_arrays(*values), axis=-1)
         return (2.0 * (stacked - self._low) / (self._high - self._low) - 1.0).astype(np.float32)
 

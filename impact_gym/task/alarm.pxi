@@ -1,11 +1,11 @@
 """The contact alarm: when it reaches the controller, how long it lasts, and when an episode ends because of it.
 
-By default a switch at the tool raises the alarm once, a reaction delay after the contact force first exceeds the threshold.
-With `alarm="reading"` a force reading above the threshold raises the alarm when the reading arrives; this alarm ends after
-the time `after_alarm`, and can be raised again.
+A switch at the tool raises the alarm once, a reaction delay after the contact force first exceeds the threshold. Or,
+with `alarm="reading"`, a force reading above the threshold raises the alarm when it arrives; this alarm ends after the
+time `after_alarm`, and can be raised again.
 """
 
-cdef double ROUNDING = 1e-9  # s, shorter differences of times are rounding errors
+cdef double ROUNDING = 1e-9  # s; smaller differences between times are rounding errors
 
 
 cdef inline double alarm_time(const Row *row) noexcept nogil:
@@ -14,12 +14,11 @@ cdef inline double alarm_time(const Row *row) noexcept nogil:
 
 
 cdef inline void raise_alarm(Episode *episode, double time) noexcept nogil:
-    """Raise the alarm at a time (s), unless it is on already."""
     episode.alarm = episode.last_alarm = min(episode.alarm, time)
 
 
 cdef void update_alarm(Row *row) noexcept nogil:
-    """At the end of a control step, raise the switch's alarm if it is due, or end a reading's alarm if its time is over."""
+    """At the end of a control step, raise the switch's alarm if it is due, or end a reading's alarm `after_alarm` after it began."""
     cdef Episode *episode = row.episode
     if not row.task.alarm_by_reading:
         if row.chain.time >= alarm_time(row):

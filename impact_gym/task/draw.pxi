@@ -33,18 +33,13 @@ cpdef double hashed(double seed, int64_t count) noexcept nogil:
 
 
 cdef inline double drawn_or(double fixed, double drawn) noexcept nogil:
-    """Return `fixed`, or `drawn` if `fixed` is nan."""
     return drawn if isnan(fixed) else fixed
 
 
 cdef Record draw_record(
     const Task *task, const Draw *draws, const double *uniforms, const Record *fixed
 ) noexcept nogil:
-    """Draw the numbers of an episode that are not fixed.
-
-    Numbers of the set-up come from separate streams, seeded by the noise seed. So every episode takes the same count of
-    uniform numbers from its generator, no matter which numbers are drawn.
-    """
+    """Draw the numbers of an episode that are not fixed; those of the set-up come from the stream of the noise seed."""
     cdef Record record = task.numbers
     cdef double *number = <double *> &record
     cdef const double *given = <const double *> fixed

@@ -1,13 +1,11 @@
-"""Play the episode of a row: its beginning, its control steps and its end; every environment class uses this."""
+"""Play the episode of a row: its beginning, its control steps and its end."""
 
 
 cpdef int64_t readings_in_transit(double reaction_delay, double control_period) noexcept nogil:
-    """Return how many sensor readings are in transit from sensor to controller at t = 0."""
     return <int64_t> floor(reaction_delay / control_period + 1e-9)
 
 
 cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
-    """Start an episode at t = 0 with everything at rest."""
     cdef Episode *episode = row.episode
     cdef double period = row.task.control_period, delay = drawn.reaction_delay, damping
     cdef int64_t k
@@ -38,13 +36,7 @@ cdef double snap(double time, double onto) noexcept nogil:
 
 
 cdef void sample(const Run *run, Row *row) noexcept nogil:
-    """Read the sensors; the reading reaches the controller `reaction_delay` later.
-
-    The sensors are read one `reaction_delay` before each possible observation. These times are known so far in advance,
-    because an alarm, which shifts the control steps, also arrives one `reaction_delay` after its cause. Each reading has
-    its time, and an observation gets the last reading that has arrived. A reading is skipped if its observation does not
-    occur (at the horizon, while an alarm is in transit). An alarm by a reading does not shift the control steps.
-    """
+    """Read the sensors; the reading reaches the controller `reaction_delay` later."""
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
     cdef bint shifted = not isinf(chain.detection) and not row.task.alarm_by_reading
@@ -54,14 +46,15 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
         chain.time, force, chain.peak_force, chain.deflection - chain.flange_offset
     )
     episode.pushed += 1
+    # The next reading is one `reaction_delay` before the next observation. A switch's alarm, which shifts the control steps, also
+    # arrives one `reaction_delay` after its cause, so this time is known early enough.
     if isinf(chain.detection) or row.task.operator_kind:
         last = row.task.horizon - delay
     else:
         last = chain.detection + row.task.after_alarm
     if not shifted:
         following = (floor((chain.time + delay + ROUNDING) / period) + 1.0) * period - delay
-        # the end of the episode is an observation, too
-        if chain.time < last - ROUNDING and last < following - ROUNDING:
+        if chain.time < last - ROUNDING and last < following - ROUNDING:  # the episode ends with an observation
             following = last
         episode.next_sample = following
     else:
@@ -70,10 +63,7 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
 
 
 cdef void receive(Row *row) noexcept nogil:
-    """Deliver the oldest reading in transit to the controller, with the sensor's errors; negative forces become 0.
-
-    With `alarm="reading"`, a force above the threshold raises the alarm, unless it is on already.
-    """
+    """Deliver the oldest reading in transit to the controller, with the sensor's errors; with `alarm="reading"` it can raise the alarm."""
     cdef Episode *episode = row.episode
     cdef Sensors *sensors = &episode.sensors
     cdef const Reading *reading = &row.readings[episode.popped % row.slots]
@@ -98,7 +88,7 @@ cdef void receive(Row *row) noexcept nogil:
 
 
 cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
-    """Play one control step: decode the action, move, read the sensors, and settle after the last. Return the reward."""
+    """Play one control step, and after the last one the end of the episode; return the reward, m/s."""
     cdef const Task *task = row.task
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
@@ -137,10 +127,7 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
 
 
 cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
-    """Move the flange to the end of the control step, and read the sensors on the way.
-
-    With an operator, `link` gives the flange's command, which may change at each event of the link.
-    """
+    """Move the flange to the end of the control step, and read the sensors on the way; with an operator the link commands."""
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
     cdef bint linked = row.task.operator_kind != NO_OPERATOR

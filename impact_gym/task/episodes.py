@@ -23,23 +23,20 @@ class EpisodeState(NamedTuple):
     """When the alarm of an episode was raised and when the episode ended, s; inf for an event that has not occurred."""
 
     detection: float  # when the contact force first exceeded the threshold
-    alarm: float  # when the last alarm reaches the controller; for a switch's alarm it is known in advance
+    alarm: float  # when the last alarm reaches the controller; known in advance for a switch's alarm
     alarm_over: float  # when that alarm ends; inf for a switch's alarm, which stays on
     end: float  # end of the last control step; the trace also contains the simulation that follows
 
 
 @lru_cache(maxsize=8)
 def first_uniforms(seed: int, count: int) -> NDArray[np.float64]:
-    """Return the uniforms (count, UNIFORMS) of the first episodes of environments seeded `seed`, `seed + 1`, ..."""
+    """Return the uniform numbers (count, UNIFORMS) of the first episodes with the seeds `seed`, `seed + 1`, ..."""
     seeds = map(np.random.SeedSequence, range(seed, seed + count))  # Gymnasium seeds its generators in this way
     return np.array([np.random.Generator(np.random.PCG64(each)).random(UNIFORMS) for each in seeds])
 
 
 def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[Any]:
-    """Return records (count,) with the given numbers, and nan for the numbers that the episodes draw.
-
-    A value is one number for all records, or an array (count,).
-    """
+    """Return records (count,) with the given numbers, each one or (count,), and nan for all other numbers."""
     records = np.empty(count, RECORD)
     columns = records.view(np.float64).reshape(count, -1)
     columns.fill(math.nan)
@@ -51,10 +48,9 @@ def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[
 def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None) -> NDArray[Any]:
     """Return the numbers that `reset(options=...)` fixes, as records (slots or 1,).
 
-    A number that is not fixed is nan. If "scenario" and "record" fix the same number, "scenario" counts. With `slots` a
-    value may be a sequence (slots,). `tasks` has one task for all slots or one for each slot. A number of the set-up
-    must lie in the range of its task. A reaction delay must not exceed the longest one of its task, because the memory
-    for readings in transit is sized for that.
+    A number that is not fixed is nan. If both "scenario" and "record" fix a number, the value in "scenario" is used.
+    With `slots`, a value may be a sequence (slots,). `tasks` has one task for all slots, or one for each slot. A number
+    of the set-up must lie in its task's range, and a reaction delay must not exceed its task's longest one.
 
     Raises:
         TypeError, ValueError: an option or field is unknown, or a value is out of range.

@@ -1,7 +1,4 @@
-"""Read and replace values in nested records by dotted path, such as `coupling.stiffness`; make records from mappings.
-
-A record here is a dataclass instance, such as a `SpringDamper`.
-"""
+"""Read and replace values in nested records (dataclass instances) by dotted path; make records from mappings."""
 
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass, replace
@@ -61,8 +58,7 @@ def grouped(numbers: Mapping[str, Any]) -> dict[str, Any]:
 def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, dict[str, Range]]:
     """Return the record of one of the classes `kinds` that `value` describes, and its ranges by dotted path.
 
-    In the record each range is replaced by its middle. The record must be valid for all combinations of the ranges'
-    ends.
+    In the record, the median (`Quantity.middle`) replaces a range. Each combination of the ranges' ends must be valid.
 
     Raises:
         TypeError, ValueError: a range is malformed, or the record is invalid for a combination of ends.

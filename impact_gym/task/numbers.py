@@ -7,7 +7,6 @@ from impact_gym.quantities import EPISODE, MORE_SENSORS, QUANTITIES, SCENARIO, S
 STRUCTS = {part: f"{part.capitalize()}Numbers" for part in ("coupling", "robot", "operator")}
 STRUCTS["range_sensor"] = "RangeSensorNumbers"
 STRUCTS |= dict.fromkeys(("uplink", "downlink"), "ChannelNumbers")
-"""Parts of a set-up, and the names of the structures that hold their numbers."""
 NOTICE = '"""Written by setup.py from the table in `impact_gym/quantities.py`: edit that."""'
 
 

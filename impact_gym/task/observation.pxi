@@ -1,11 +1,10 @@
 """Write the observation: the present sensor values, each scaled to the range that `task/observation.py` states."""
 
 cpdef enum:
-    LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE  # curves of a number of the observation
+    LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE  # functions applied to a number before scaling
 
 
 cdef void observe(Row *row) noexcept nogil:
-    """Write the sensor values and the observation of the present time."""
     cdef Chain *chain = row.chain
     cdef const Record *drawn = &row.episode.drawn
     cdef Sensors *sensors = &row.episode.sensors

@@ -18,8 +18,8 @@ Floats = NDArray[np.float64]
 class Curve(NamedTuple):
     """A function applied to a number before scaling."""
 
-    code: int  # its number in the compiled program
-    at: Callable[[float], float]  # the function for one number, as the C library computes it
+    code: int  # its value in `observation.pxi`
+    at: Callable[[float], float]  # the function for one number, as the compiled program computes it
     of: Callable[[Any], Any]  # the function for arrays
     inverse: Callable[[Any], Any]
 
@@ -46,7 +46,7 @@ class Entry(NamedTuple):
 
 
 class ObservationSpec:
-    """The numbers of an observation: their order, and how each is converted to SI units.
+    """The numbers of an observation, their order, and their conversion to SI units and back.
 
     `ids` and `entries` are in the order of the observation: first the numbers for an actor,
     `observation[..., spec.actor]`, then the true values that `privileged` appends. A critic gets all numbers,
@@ -55,10 +55,7 @@ class ObservationSpec:
     """
 
     def __init__(self, task: Task, drawn: Iterable[str] | None = None) -> None:
-        """Make the specification of the observation of `task`.
-
-        `drawn` has the ids of the set-up's numbers that a critic gets; None: the numbers that the task draws.
-        """
+        """Make the specification of `task`; `drawn`: ids of the drawn numbers for a critic, None: those of `task`."""
         shown = [row for row in QUANTITIES.values() if _actor_sees(row, task)]
         critic = {*(task.drawn if drawn is None else drawn)}
         rest = (row for row in QUANTITIES.values() if not _actor_sees(row, task))
@@ -85,8 +82,8 @@ class ObservationSpec:
         for row, task in enumerate(tasks):
             if differing := {*cls(task, drawn).entries} ^ {*common.entries}:
                 arguments = {entry.scale.ends or entry.argument for entry in differing}
-                raise ValueError(f"the tasks of a batch must have the same observations, but row {row} has another "
-                                 f"{' and '.join(sorted(arguments))} than row 0")  # fmt: skip
+                raise ValueError(f"the tasks of a batch must have the same observations, but row {row} differs "
+                                 f"from row 0 in {' and '.join(sorted(arguments))}")  # fmt: skip
         return common
 
     def __len__(self) -> int:
@@ -106,10 +103,7 @@ class ObservationSpec:
         return self.entries[self.index(name)].scale
 
     def decode(self, observation: ArrayLike, name: str) -> Floats:
-        """Return a number (...) in its unit from observations (..., n_obs).
-
-        The true value may lie beyond an end of the scale, since observations are clipped.
-        """
+        """Return a number (...) in its unit from observations (..., n_obs), which are clipped to its scale."""
         scale = self.scale(name)
         curve = CURVES[scale.curve]
         scaled = np.asarray(observation, np.float64)[..., self.index(name)]
@@ -159,7 +153,6 @@ def _critic_sees(row: Quantity, task: Task, drawn: set[str]) -> bool:
 
 
 def _entry(row: Quantity, task: Task) -> Entry:
-    """Return the entry of a quantity in the observation of a task."""
     scale = row.scale
     if scale.ends:
         low, high = task.ends(scale.ends)

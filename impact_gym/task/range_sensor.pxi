@@ -1,10 +1,9 @@
-"""The range sensor: it reads the gap at every control step; the controller gets the newest arrived reading and its age."""
+"""The range sensor, which reads the gap at every control step; the controller gets the newest reading that has arrived, and its age."""
 
-cdef int64_t RANGE_STREAM = 1 << 40  # first index of its random numbers in the stream of the noise seed; those of force readings begin at 0
+cdef int64_t RANGE_STREAM = 1 << 40  # first index of its random numbers in the noise seed's stream; those of force readings begin at 0
 
 
 cdef void begin_range(Row *row) noexcept nogil:
-    """Start an episode without a reading: the range is infinite."""
     row.episode.sensors.range, row.episode.range_time = INFINITY, -INFINITY
 
 

@@ -7,12 +7,12 @@ cdef struct Range:
 
 cdef struct Draw:  # a number that an episode draws from a range
     int64_t place  # index of the number in `Record`
-    int64_t source  # of its uniform number; >= 0: index among the episode's uniform numbers; < 0: stream -1 - source
+    int64_t source  # of its uniform number; >= 0: index among the generator's numbers; < 0: index in the stream of the noise seed
     int64_t by_ratio  # 1: log-uniform, 0: uniform
     double low, high
 
 
-cdef struct Table:  # times followed by the same number of values, among the numbers of all tables
+cdef struct Table:  # times, then as many values, among the numbers of all tables
     int64_t begin, points
     double length  # s, length of one recording
     double mean  # time average of the values
@@ -36,7 +36,7 @@ cdef struct Task:  # of a row
     int64_t alarm_by_reading  # 1: readings raise the alarm, 0: a switch does
     double force_weight  # m/s per N
     double tolerance  # -, local error allowed in a step of the integrator
-    int64_t exact  # 1: damping factor that gives exactly the restitution, 0: that of Hu and Guo
+    int64_t exact  # 1: the damping factor gives exactly the restitution, 0: the damping factor of Hu and Guo
     double reference_velocity  # m/s, reference velocity of a constant chi; 0: the damping factor is constant
     int64_t max_steps  # control steps until truncation, 0 if unlimited
     int64_t operator_kind  # NO_OPERATOR: the controller commands alone
@@ -98,17 +98,17 @@ cdef struct Link:  # operator, channels and assistance of a row
     double next_sent, next_arrival  # s, when the next command is sent, and when the next one arrives
     double expires  # s, when the newest command becomes too old
     double idle_since  # s, when the command became 0; inf while it is not 0
-    double stop  # s, when the operator stops
+    double stop  # s, when the operator stops; inf if not known yet
     double seen_position  # m, of the flange, in the newest packet that the operator has seen
     double alarmed  # s, when the last alarm reached the controller; -inf before the first
     double believed  # m, distance to the object that the operator assumes
     double duration  # s, duration of the operator's motion, if the operator is a `Reach`
     double muscle, tremor  # -, motor noise after one lag and after two
-    double last_sent, effective  # m/s, last command sent; command in effect at the arm, 0 if it has expired
+    double last_sent, effective  # m/s: last command sent; command used at the arm, 0 if it has expired
     double person_command  # m/s, what a `Person` sends at the next ticks
     double gain, acceleration, withdrawal  # of the assistance: -, m/s^2, m/s
     double commanded_way, withheld_way  # m, distances commanded by the operator and withheld before the touch
-    double age_mean, age_squares  # s, s^2, mean age of commands on arrival, and sum of squared deviations from it
+    double age_mean, age_squares  # s, s^2: mean age of commands on arrival, and sum of the squared deviations from this mean
     int64_t packets, oldest, arrived, ticks  # commands sent; index of the oldest that may be used; commands used; ticks
     int64_t display_packets, seen_packet  # packets sent to the display; index of the newest that the operator has seen
     int64_t expired, stopped  # 0 or 1

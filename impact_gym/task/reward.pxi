@@ -1,14 +1,11 @@
-"""The reward of a control step: four unweighted terms, and the function that weighs and adds them.
-
-The vector reward of `envs.objectives` uses the same terms.
-"""
+"""The reward of a control step: four unweighted terms, and the function that weighs and adds them."""
 
 
 cdef struct Terms:  # of a control step, or their sums in an episode
-    double time  # s, time charged: until the first contact; with an operator until the end of the episode
+    double time  # s, time charged: only before the first contact; with an operator all time
     double speed  # m/s, V_p in the last step of the episode; 0 before
     double force  # N, largest contact force of the episode in its last step; 0 before
-    double miss  # m/s, in the last step the cost of an object that was not touched; 0 before
+    double miss  # m/s, cost of an object that was not touched, in the last step; 0 before
 
 
 cdef double reward(const Terms *step, double time_weight, double force_weight, Terms *rewards) noexcept nogil:
@@ -19,13 +16,12 @@ cdef double reward(const Terms *step, double time_weight, double force_weight, T
 
 
 cdef inline void add_terms(Terms *total, const Terms *step) noexcept nogil:
-    """Add the terms of a control step to a total."""
     total.time, total.speed = total.time + step.time, total.speed + step.speed
     total.force, total.miss = total.force + step.force, total.miss + step.miss
 
 
 cdef double charged_time(const Chain *chain, double begun, bint to_the_end) noexcept nogil:
-    """Return the time (s) charged for a control step that began at `begun` (s): all, or only the part before the first contact."""
+    """Return the time (s) charged for a control step that began at `begun` (s)."""
     if to_the_end:
         return chain.time - begun
     return min(chain.time, chain.first_contact) - min(begun, chain.first_contact)

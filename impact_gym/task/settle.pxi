@@ -2,12 +2,12 @@
 
 
 cdef inline double v_p(const Run *run, const Chain *chain) noexcept nogil:
-    """Return V_p so far, m/s: the velocity of the object, with friction its largest velocity."""
+    """Return V_p so far, m/s: the object's velocity; with friction its largest velocity."""
     return chain.peak_object_velocity if run.ground > 0.0 else object_velocity(chain)
 
 
 cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
-    """Settle an episode that terminates, and write all reward terms of its last `step` except the time."""
+    """End an episode: call `settle` if the object was touched, and write the reward terms of the last step except the time term."""
     cdef Episode *episode = row.episode
     if episode.status == 0 and row.chain.contacts > 0:
         episode.status = settle(run, row)
@@ -23,18 +23,14 @@ cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
 
 
 cdef int settle(Run *run, Row *row) noexcept nogil:
-    """Brake the flange to rest at full deceleration, then simulate until no contact remains possible.
-
-    With friction, simulate also until the tool is at rest; it may then still touch an object that sticks. An object that
-    has stuck for half of the settle limit, with the flange at rest, is assumed to stick forever, because a tool that
-    oscillates against it only loses energy. Return UNSETTLED if a contact is still possible at the settle limit.
-    """
+    """Brake the flange to rest, then simulate until `is_over`; return UNSETTLED if a contact is possible at the settle limit."""
     cdef Chain *chain = row.chain
     cdef double limit = chain.time + row.task.settle_limit, deceleration = row.task.full_deceleration, brake_end
     cdef double pause = REST_STEP if run.ground > 0.0 else 0.05
     cdef int status
     while not is_over(run, chain):
         if chain.time >= limit:
+            # a tool that oscillates against an object that has stuck for long only loses energy: the object sticks forever
             if has_stuck(chain, limit - 0.5 * row.task.settle_limit) or not chain.touching and cannot_touch(run, chain):
                 return ARRIVED
             if chain.touching:
@@ -49,21 +45,17 @@ cdef int settle(Run *run, Row *row) noexcept nogil:
 
 
 cdef inline bint has_stuck(const Chain *chain, double since) noexcept nogil:
-    """Return whether the object has stuck to the ground at least since the time `since` (s), and the flange is at rest."""
     return chain.object_state == STUCK and chain.object_rest_time <= since and chain.flange_velocity == 0.0
 
 
 cdef bint is_over(const Run *run, const Chain *chain) noexcept nogil:
-    """Return whether V_p is final and, with friction, the tool is at rest.
-
-    A tool that counts as at rest can accelerate the object to at most twice REST_SPEED.
-    """
+    """Return whether V_p is final and, with friction, the tool is at rest; it may still touch an object that sticks."""
     if chain.flange_velocity != 0.0:
         return False
     if run.ground == 0.0:
         return not chain.touching and cannot_touch(run, chain)
     if isinf(chain.tool_rest_time):
         return False
-    if chain.touching or chain.peak_object_velocity > 2.0 * REST_SPEED:
+    if chain.touching or chain.peak_object_velocity > 2.0 * REST_SPEED:  # more than a tool at rest can cause
         return True
     return reach_at_rest(run, chain) < -chain.penetration or cannot_touch(run, chain)

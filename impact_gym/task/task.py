@@ -29,7 +29,6 @@ MOST_STEPS = 2**53  # largest value of `max_episode_steps`
 PLACES = places(RECORD)
 """For each number of an episode, by id, its index in the compiled record RECORD."""
 MOUNT_IDS = tuple(row.id for row in SET_UP if row.id.partition(".")[0] in ("tool_mass", "coupling", "robot"))
-"""Ids of the numbers of the mount: tool, coupling and robot."""
 
 PARTS: Mapping[str, tuple[Any, ...]] = {
     "coupling": get_args(Coupling), "robot": (Robot,), "range_sensor": (RangeSensor,),
@@ -48,8 +47,7 @@ class Task:
     """The checked arguments of the environment; all environment classes use it.
 
     A number of the set-up may be given as a pair (low, high), from which each episode draws. Then `drawn` has the pair,
-    and the field has the middle of the range. The type of a field is Any if the stored value differs from the given
-    value.
+    and the field has the median of the draw.
     """
 
     scenario: Any = argument("train", '"train", "test", "hard", a `ScenarioRanges` or a dict of ranges')
@@ -62,13 +60,13 @@ class Task:
     velocity_range: Range = argument(VELOCITY_RANGE, "")
     acceleration_range: Range = argument(
         ACCELERATION_RANGE,
-        "range of the second number of an action; after the episode the flange brakes at the largest",
+        "range of the second number of an action; after the episode the flange brakes at the range's upper end",
     )
     alarm: str = argument("force", 'or "reading": source of the alarm, see Observation Space')
     alarm_threshold: Any = argument(1.0, "")
     dissipation: str = argument("hu-guo", 'or "exact" or "fixed": how damping follows from restitution, see `Contact`')
-    reference_velocity: float | None = argument(None, 'at which "fixed" gives the restitution, 1 if None')
-    friction: Any = argument(None, "under the object; None: no friction, the object never stops")
+    reference_velocity: float | None = argument(None, 'm/s, velocity at which "fixed" gives the restitution; None: 1')
+    friction: Any = argument(None, "coefficient of friction under the object; None: no friction")
     range_noise: Any = argument(None, "standard deviation of a distance estimate; None: no estimate")
     range_bias: Any = argument(0.0, "added to every distance estimate")
     observe_range_noise: bool = argument(False, "observe `range_noise`, which may differ from episode to episode")
@@ -140,7 +138,7 @@ class Task:
 
     @classmethod
     def of(cls, field: str, given: Any, *others: str) -> "Task":
-        """Return the task with these arguments, a mapping; messages call it `field`, and list `others` as allowed."""
+        """Return the task with the arguments `given`; messages call the mapping `field`, and list `others`, too."""
         one_of(field, given, Mapping)
         if unknown := [name for name in given if name not in ARGUMENTS]:
             allowed = ", ".join([*others, *ARGUMENTS])
@@ -205,7 +203,7 @@ class Task:
         near, far = self.scenario.distance
         way = self.check_distance(near)
         if far > self.reach:
-            warnings.warn(f"scenario.distance ends at {far:g} m, but {way}: the rest is missed", stacklevel=3)
+            warnings.warn(f"scenario.distance ends at {far:g} m, but {way}: farther objects are missed", stacklevel=3)
         if isinstance(self.coupling, SpringDamper):
             drawn = {name: self.drawn.get(f"coupling.{name}") for name in ("stiffness", "stroke")}
             lowest = {name: ends[0] for name, ends in drawn.items() if ends}
@@ -213,7 +211,7 @@ class Task:
 
     def check_distance(self, near: float, field: str = "scenario.distance") -> str:
         """Raise ValueError if objects from `near` (m) on are out of reach; return the reach in words."""
-        way = f"in {self.horizon:g} s (horizon) the arm gets only {self.reach:.3g} m far"
+        way = f"in {self.horizon:g} s (horizon) the flange moves at most {self.reach:.3g} m"
         if near > self.reach:
             raise ValueError(f"{field} must begin below {self.reach:.3g} m, got {near:g} m: {way}")
         return way
@@ -227,7 +225,7 @@ class Task:
 
     @property
     def ranges(self) -> dict[str, Range]:
-        """The ranges from which episodes draw, by id; those of scenario, delay and time weight can have width 0."""
+        """The ranges from which episodes draw, by id; low can equal high for scenario, delay and time weight."""
         pairs = {name: getattr(self, name) for name in ("time_weight", "reaction_delay")}
         always = {name: pair if isinstance(pair, tuple) else (pair, pair) for name, pair in pairs.items()}
         return self.scenario.by_id() | always | dict(self.drawn)
@@ -245,7 +243,7 @@ class Task:
         return (0.0, self.after_alarm) if argument == "after_alarm" else self.velocity_range
 
     def differs_in(self, other: "Task") -> list[str]:
-        """Return the names of the arguments whose values differ from those of `other`, however they were written."""
+        """Return the names of the arguments whose checked values differ from those of `other`."""
         names = {name for name in ARGUMENTS if getattr(self, name) != getattr(other, name)}
         drawn = {name for name in {*self.drawn, *other.drawn} if self.drawn.get(name) != other.drawn.get(name)}
         return sorted(names | {name.partition(".")[0] for name in drawn})
@@ -257,8 +255,8 @@ class Task:
     def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
         """Return the task as a record (1,), TASK; the fields of DRAW for each drawn number; the task's tables (n,).
 
-        Among the draws of all tasks, those of this task begin at index `first_draw`; among the numbers of all tables,
-        those of this task begin at index `table_at`.
+        Among those of all tasks, the draws begin at index `first_draw`, and the numbers of the tables at index
+        `table_at`.
         """
         held, no_table = mount_to_kernel(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)
@@ -270,7 +268,7 @@ class Task:
             numbers["range_sensor"][name] = getattr(self.range_sensor, name, 0.0)
         if self.robot is None:
             for name in ROBOT_NUMBERS:
-                numbers["robot"][name] = math.inf  # what a critic observes for a rigid robot
+                numbers["robot"][name] = math.inf  # a critic observes inf for a rigid robot
         for row in SET_UP:
             if "." not in row.id:
                 numbers[row.id] = getattr(self, row.id) or 0.0
@@ -297,4 +295,3 @@ class Task:
 
 
 ARGUMENTS = {item.name: item for item in fields(Task) if item.init}
-"""The fields of `Task` that are arguments of the environment, by name."""

@@ -1,1 +1,1 @@
-"""An operator in the loop: operators, channels, and the link that connects them with the assistance at the arm."""
+"""Operators, the channels between operator and arm, and the link of both with a controller at the arm."""

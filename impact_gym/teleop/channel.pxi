@@ -5,12 +5,11 @@ cpdef enum:
 
 
 cdef double chance(Row *row, int64_t stream, int64_t count) noexcept nogil:
-    """Return the `count`-th uniform number in [0, 1) of a stream of the episode; stream 0 has the force noise."""
+    """Return the `count`-th uniform number in [0, 1) of the episode's random stream `stream`; stream 0 is for the force noise."""
     return hashed(row.episode.drawn.noise_seed, (stream << 40) + count)
 
 
 cdef double normal_chance(Row *row, int64_t stream, int64_t count) noexcept nogil:
-    """Return the `count`-th standard normal number of a stream."""
     cdef double[2] uniform
     uniform[0], uniform[1] = chance(row, stream, 2 * count), chance(row, stream, 2 * count + 1)
     return normal(uniform)
@@ -30,7 +29,6 @@ cdef double delay_of(Row *row, const ChannelNumbers *channel, const Table *trace
 
 
 cdef double mean_delay(const ChannelNumbers *channel, const Table *trace) noexcept nogil:
-    """Return the mean delay of a channel's packets, s."""
     if trace.points > 0:
         return trace.mean
     return channel.delay + channel.jitter + channel.tail_share * (channel.tail - channel.jitter)
@@ -38,7 +36,7 @@ cdef double mean_delay(const ChannelNumbers *channel, const Table *trace) noexce
 
 cdef bint is_lost(Row *row, const ChannelNumbers *channel, int64_t *was_lost, int64_t stream,
                   int64_t count) noexcept nogil:
-    """Return whether the `count`-th packet is lost: a fraction `loss` of all packets, on average `burst` in a row (Gilbert 1960)."""
+    """Return whether the `count`-th packet is lost: the fraction `loss` of all packets, on average `burst` in a row (Gilbert 1960)."""
     cdef double share = channel.loss
     if share == 0.0:
         return False

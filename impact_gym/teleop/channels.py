@@ -1,4 +1,4 @@
-"""The channels between an operator and an arm, with delays and losses, random or recorded; and ready-made channels."""
+"""Channels between an operator and an arm, with random or recorded delays and losses; examples from 5G networks."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ class Channel(Parameters, path="uplink"):
 
     @property
     def table(self) -> NDArray[np.float64]:
-        """The trace for the compiled program: n times (s), then n delays (s); between rows the nearest loss counts."""
+        """The trace as n times (s), then n delays (s); between a delay and a loss, the nearer row is used."""
         times, delays = np.array(self.trace or np.empty((0, 2)), np.float64).T
         lost = delays >= LOST
         if not lost.any():
@@ -91,7 +91,7 @@ FIFTH_GENERATION = {
 def columns_of(trace: Any) -> list[list[float]]:
     """Return the times and delays (s) of a trace: rows of time and delay, or a CSV file, see `impact_gym.csv_files`.
 
-    The times of a file are shifted to begin at 0 s. Where its delay is empty or not finite, the packet is `LOST`.
+    The times of a file are shifted to begin at 0 s. A packet whose delay is empty or infinite is `LOST`.
     """
     wanted = f"Channel.trace must be rows of time and delay in s, or a CSV file of them, got {shown(trace)}"
     try:
@@ -114,7 +114,7 @@ def columns_of(trace: Any) -> list[list[float]]:
 
 
 def without_files(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of an environment, which come from an untrusted file, unless they would open a file.
+    """Return `environment`, arguments from an untrusted file, as a dict, if these arguments do not open a file.
 
     Raises:
         ValueError: a trace is the name of a file or a URL instead of rows.

@@ -4,12 +4,11 @@ cdef double WITHDRAWAL = 0.3  # m/s, fastest withdrawal
 cdef double FADE = 0.1  # s, time in which a withdrawal is reduced to 0
 FASTEST_WITHDRAWAL, WITHDRAWAL_FADE = WITHDRAWAL, FADE
 cdef double IDLE = 0.3  # s; the operator is done after commanding 0 for this time
-cdef double BESIDE = 5e-3  # m; the tool is done if the gap, or the penetration, is at most this ...
-cdef double STANDING = 0.01  # m/s; ... and the flange is commanded at most this speed
+cdef double BESIDE = 5e-3  # m; the tool is done if gap and penetration are at most this, and the commanded speed at most STANDING
+cdef double STANDING = 0.01  # m/s
 
 
 cdef void begin_link(Row *row) noexcept nogil:
-    """Reset the link at t = 0, with no packet in transit."""
     cdef Link *link = row.link
     cdef const Record *drawn = &row.episode.drawn
     cdef const OperatorNumbers *numbers = &drawn.operator
@@ -25,7 +24,7 @@ cdef void begin_link(Row *row) noexcept nogil:
 
 
 cdef double send_display(Row *row) noexcept nogil:
-    """Send a packet to the display; return its arrival time, s. A packet sent since a touch makes the operator stop."""
+    """Send a packet to the display; return its arrival time, s. After a touch, the first arrival makes the operator stop."""
     cdef Link *link = row.link
     cdef const ChannelNumbers *channel = &row.episode.drawn.downlink
     cdef double now = row.chain.time
@@ -39,7 +38,7 @@ cdef double send_display(Row *row) noexcept nogil:
 
 
 cdef void send(Row *row, bint regular) noexcept nogil:
-    """Send a command, which may be lost; at a `regular` tick the arm sends a packet to the display, too."""
+    """Send a command, which may be lost; at a `regular` tick the arm also sends a packet to the display."""
     cdef Link *link = row.link
     cdef Chain *chain = row.chain
     cdef const ChannelNumbers *channel = &row.episode.drawn.uplink
@@ -91,7 +90,6 @@ cdef double next_event(const Row *row) noexcept nogil:
 
 
 cdef void process_events(Row *row) noexcept nogil:
-    """Process the events of the link that are due."""
     cdef Link *link = row.link
     cdef double now = row.chain.time + ROUNDING
     cdef bint regular = link.next_sent <= now
@@ -108,10 +106,7 @@ cdef void process_events(Row *row) noexcept nogil:
 
 
 cdef Command flange_command(Row *row) noexcept nogil:
-    """Return the command to the flange: gain times the operator's command, minus the withdrawal.
-
-    If the operator's command is 0 or has expired, the flange stops at the arm's largest deceleration.
-    """
+    """Return the command to the flange: gain times the operator's command, minus the withdrawal; a stop if there is no command."""
     cdef Link *link = row.link
     cdef const Task *task = row.task
     cdef Command sent = Command(0.0, task.full_deceleration)
@@ -124,7 +119,7 @@ cdef Command flange_command(Row *row) noexcept nogil:
 
 
 cdef void assist(Row *row, double gain, double acceleration, double withdrawal) noexcept nogil:
-    """Set the action of a control step, in SI units; `after_alarm` seconds after an alarm the withdrawal begins to fade."""
+    """Set the action of a control step, in SI units; `after_alarm` (s) after an alarm the withdrawal begins to fade."""
     cdef double since
     row.link.gain, row.link.acceleration = gain, acceleration
     row.link.withdrawal = 0.0
@@ -136,13 +131,11 @@ cdef void assist(Row *row, double gain, double acceleration, double withdrawal) 
 
 
 cdef void add_to_withheld_share(Row *row, double time) noexcept nogil:
-    """Before the touch, add the distances commanded and withheld in a time span `time` (s) to their sums."""
     row.link.commanded_way += time * fabs(row.link.effective)
     row.link.withheld_way += time * fabs(row.link.effective - row.episode.sensors.executed)
 
 
 cdef void observe_link(Row *row) noexcept nogil:
-    """Write the sensor values about the operator's commands."""
     cdef Link *link = row.link
     cdef Sensors *sensors = &row.episode.sensors
     sensors.command = link.command

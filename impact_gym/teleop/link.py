@@ -12,7 +12,7 @@ from impact_gym.teleop.channels import LOST, WAYS, Channel
 from impact_gym.teleop.operators import KINDS, Operator
 from impact_gym.validation import Range
 
-LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, s; the longer is the largest time between rows of a trace
+LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, s: the longer is the largest median spacing of a trace
 FADE: float = WITHDRAWAL_FADE  # s, time in which a withdrawal is reduced to 0
 
 
@@ -25,7 +25,7 @@ class Link(NamedTuple):
     drawn: Mapping[str, Range]  # numbers that episodes draw, by dotted path
 
     def ends(self, part: str, name: str) -> Range:
-        """Return least and largest value of the number `name` of the operator or a channel; 0 if `part` has none."""
+        """Return least and largest value of the number `name` of operator or channel `part`; 0 if there is none."""
         value = getattr(getattr(self, part), name, 0.0)
         return self.drawn.get(f"{part}.{name}", (value, value))
 

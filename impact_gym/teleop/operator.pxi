@@ -1,13 +1,13 @@
-"""The operators: what each kind of operator commands at a time, with motor noise."""
+"""The commands of each kind of operator, with motor noise."""
 
 cpdef enum:
     NO_OPERATOR, REPLAY, PERSON, STEADY, REACH, SECOND_ORDER_LAG, TRACKER
 
-cdef double MUSCLE = 0.04  # s, time constant of two first-order lags in series from control to motion (Todorov 2005)
+cdef double MUSCLE = 0.04  # s, time constant of each of two first-order lags from control to motion (Todorov 2005)
 
 
 cdef double step_response(double omega, double zeta, double time) noexcept nogil:
-    """Return the response of a spring and damper of angular frequency omega (rad/s) to a unit step of its target at time 0."""
+    """Return the response at `time` (s) of a spring and damper of angular frequency omega (rad/s) to a unit step of its target at 0 s."""
     cdef double decay = zeta * omega, root = omega * sqrt(fabs(1.0 - zeta * zeta)), slow, fast
     if time <= 0.0:
         return 0.0
@@ -46,7 +46,7 @@ cdef double intended(Row *row, double time) noexcept nogil:
 
 
 cdef double seen_position(Row *row, double time) noexcept nogil:
-    """Return the flange position that the operator acts on, m: in the newest packet displayed a reaction time ago or earlier."""
+    """Return the flange position (m) in the newest packet that was displayed a reaction time ago or earlier."""
     cdef double then = time - row.episode.drawn.operator.reaction + ROUNDING
     cdef Link *link = row.link
     cdef Packet *packet
@@ -60,7 +60,6 @@ cdef double seen_position(Row *row, double time) noexcept nogil:
 
 
 cdef double operator_command(Row *row, double time) noexcept nogil:
-    """Return the operator's command now, m/s: the command of the model with motor noise, 0 after the stop."""
     cdef const OperatorNumbers *numbers = &row.episode.drawn.operator
     cdef Link *link = row.link
     cdef int64_t count = link.packets
@@ -69,7 +68,7 @@ cdef double operator_command(Row *row, double time) noexcept nogil:
     if link.stopped:
         return 0.0
     speed = intended(row, time)
-    if numbers.noise > 0.0:  # the source's white noise with steps of 10 ms, converted to the control period, through two lags
+    if numbers.noise > 0.0:  # white noise for steps of 10 ms (Todorov 2005), converted to the control period, through two lags
         rate = row.task.control_period / MUSCLE
         rate = rate / (1.0 + rate)
         share = numbers.noise * sqrt(0.01 / row.task.control_period)

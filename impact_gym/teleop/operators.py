@@ -1,9 +1,9 @@
 """Operators: persons, models of persons, and recordings, which command the velocity of an arm over a channel.
 
-Operators do not know where the object is. They assume its face `place_error` farther away than it is, and search at the
-speed `creep` from there on. They see a touch on the display and stop a reaction time later, except `Replay` and
-`Person`. In a dict, as in the file of a set-up, each number may be a pair, from which episodes draw. Where no source
-for a number was found, it has no default.
+Operators do not know where the object is. Those with a `place_error` assume it this much farther away than it is, and
+search it from there on at the speed `creep`. All operators except `Replay` and `Person` stop a reaction time after the
+display shows a touch. In a dict, as in the file of a set-up, each number may be a pair, from which episodes draw. A
+number without a published source has no default.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class Commander(Parameters, path="operator"):
 
 @dataclass(frozen=True, slots=True)
 class Replay(Commander):
-    """Plays recorded commands, interpolated linearly, and holds the last one; it does not react to anything.
+    """Recorded commands, interpolated linearly, of which the last one is held; they do not react to anything.
 
     With a `length` (s), `time` and `velocity` contain several recordings of this length, one after another. The index
     of the recording to play, from 0, is `recording`; from a pair (0, n) each episode draws one of n recordings.
@@ -44,7 +44,7 @@ class Replay(Commander):
         rising("Replay", self.time, {"velocity": self.velocity})
         count = np.ceil(self.time[-1] / self.length) if self.length else 0.0
         if self.recording > count:
-            raise ValueError(f"Replay.recording must be at most {count:g}, their number, got {self.recording!r}")
+            raise ValueError(f"Replay.recording must be at most {count:g} (recordings given), got {self.recording!r}")
 
     @property
     def table(self) -> NDArray[np.float64]:
@@ -59,7 +59,7 @@ class Person(Commander):
 
 @dataclass(frozen=True, slots=True)
 class Trapezoid(Commander):
-    """Commands a constant speed until the stop; with the arm's acceleration this gives a trapezoid (paper, Fig. 11)."""
+    """A constant commanded speed until the operator stops; the arm then moves in a trapezoid (paper, Fig. 11)."""
 
     speed: float = 0.5  # m/s
     reaction: float = SIMPLE_REACTION  # s
@@ -79,8 +79,8 @@ class Searcher(Commander):
 class Reach(Searcher):
     """A motion of minimum jerk to the assumed place (Flash and Hogan 1985, J. Neurosci. 5, 1688-1703).
 
-    The peak velocity is 1.875 times the mean velocity, and at most `speed`. Delay makes the motion longer: the sum of
-    the channels' mean delays multiplies its duration, by 1.64 at 225 ms (MacKenzie and Ware 1993, CHI '93, 488-493).
+    The peak velocity is 1.875 times the mean velocity, and at most `speed`. The duration of the motion is multiplied by
+    1 + `lag_slope` x (sum of the channels' mean delays), 1.64 at 225 ms (MacKenzie and Ware 1993, CHI '93, 488-493).
     Motor noise is proportional to the control, and passes two lags of 40 ms (Todorov 2005, as in the code of
     RothkopfLab/inverse-optimal-control).
     """
@@ -93,8 +93,8 @@ class Reach(Searcher):
 class SecondOrderLag(Searcher):
     """A pointing hand, pulled by a spring and damper to a moving target.
 
-    The target moves to the place where the operator assumes the object, at a speed with which the hand just reaches
-    `speed` when it overshoots. Stiffness and damping are medians of 192 fits, `optparams/` of fl0fischer/OFC4HCI.
+    The target moves to the place where the operator assumes the object. Its speed is chosen so that the overshooting
+    hand just reaches `speed`. Stiffness and damping are medians of 192 fits, `optparams/` of fl0fischer/OFC4HCI.
     """
 
     stiffness: float = 38.0  # 1/s^2
@@ -103,7 +103,7 @@ class SecondOrderLag(Searcher):
 
 @dataclass(frozen=True, slots=True)
 class Tracker(Searcher):
-    """The crossover model: commands `gain` times the remaining distance, as the operator sees it on the display.
+    """The crossover model: the command is `gain` times the remaining distance that the operator sees on the display.
 
     `gain` and `reaction` are the initial values of the fits in `src/optimize_runs_u.m` of Idate96/MRAC_manual_control.
     """
@@ -117,4 +117,3 @@ KINDS = {
     Replay: REPLAY, Person: PERSON, Trapezoid: STEADY, Reach: REACH, SecondOrderLag: SECOND_ORDER_LAG,
     Tracker: TRACKER,
 }  # fmt: skip
-"""The classes of operators, and their codes in the compiled program."""

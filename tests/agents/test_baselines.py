@@ -120,8 +120,6 @@ def test_rule_over_position_is_mapped_to_the_distances_of_a_task(name):
         assert farther.speed(2.0 * x) == pytest.approx(rule.speed(x))
     else:  # the same deceleration over a longer distance
         assert farther.speed(2.0 * rule["end"] - x) == pytest.approx(rule.speed(rule["end"] - x))
-    env = gym.make(ID, scenario={"object_mass": 1.0}, render_mode="rgb_array", record_trace=True)
-    assert np.array_equal(rule.for_environment(env.spec.kwargs).speed(x), rule.speed(x))
     fixed = rule.for_task(Task(scenario={"distance": 0.4}))
     assert np.isfinite(fixed.speed(np.linspace(0.0, 1.0, 50))).all()
 
@@ -159,9 +157,9 @@ def test_missing_or_changed_tuned_file_is_refused_with_a_remedy(tmp_path, change
     """A changed file has the checksum of its content unless `changes` has another one."""
     refused(lambda: load_baseline("ranged", 2.0, tmp_path), "was not tuned", AGAIN)
     path = write_tuned("ranged", TUNED, load_setup("linear-ranged"), tmp_path)
-    content = {name: value for name, value in json.loads(path.read_text()).items() if name != "sha256"} | (
-        changes or {}
-    )
+    content = json.loads(path.read_text())
+    del content["sha256"]
+    content |= changes or {}
     checksum = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
     path.write_text(json.dumps({"sha256": checksum} | content) if changes else path.read_text()[:100])
     refused(lambda: of_name(str(path)), *words)

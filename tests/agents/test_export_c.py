@@ -66,8 +66,9 @@ def test_rule_with_any_parameters_gives_the_same_commands_in_c_and_numpy(tmp_pat
     limits, rng = RULES[rule].PARAMETERS, np.random.default_rng(1)
     low, high, start = np.array([(each.low, each.high, each.start) for each in limits]).T
     table = np.clip(start + 0.1 * rng.normal(size=(3, len(limits))) * (high - low), low, high)
-    subject = Subject(RULES[rule].of(table).for_task(Task(**environment)), (0.5, 1.0, 4.0))
-    assert_commands_alike(tmp_path, subject)
+    controller = RULES[rule].of(table).for_task(Task(**environment))
+    controller.weights = (0.5, 1.0, 4.0)
+    assert_commands_alike(tmp_path, Subject(controller))
 
 
 TELEOP, NOISE = IDS["ImpactTeleop-v0"], {"force_noise": [0.02, 5.0], "reaction_delay": [0.0, 0.05]}

@@ -171,7 +171,7 @@ def test_bound_is_below_every_shipped_baseline(name, weight):
 def test_search_bounds_beats_a_blind_profile_and_keeps_its_result(tmp_path):
     wanted = tune.Tune(("linear-blind",), weights=(1.0,), processes=0, out=tmp_path, jobs=tmp_path / "jobs")
     setup, size = load_setup("linear-blind"), {"scenarios": 4, "generations": 25}
-    refused(lambda: bound.read_bound(setup, tmp_path), "was not searched", "impact-gym tune linear-blind --bound")
+    assert bound.read_bound(setup, tmp_path) == {}
     (path,) = tune.search_bounds(wanted, **size)
     parameters = bound.read_bound(setup, tmp_path, generations=25)[1.0]
     known = ScenarioBatch.of("test", 4, Task(privileged=True), time_weight=[1.0]).play(Clairvoyant(parameters))

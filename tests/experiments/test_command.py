@@ -115,10 +115,12 @@ def test_copy_setup_keeps_a_folder_for_its_set_up(mine, tmp_path):
     assert copy_setup(load_setup(mine), out) == copy
     change(mine, "A slow arm", "A slower arm")
     assert "slower" in copy_setup(load_setup(mine), out).read_text()
-    refused(lambda: copy_setup(load_setup(mine), out, quick=True), "holds a full run: name another folder")
+    without = "holds results of a run without --quick: name another folder"
+    refused(lambda: copy_setup(load_setup(mine), out, quick=True), without)
     change(mine, "0.7", "0.8")
     refused(lambda: copy_setup(load_setup(mine), out), "earlier mine.toml", "name another folder")
-    refused(lambda: copy_setup(load_setup("linear-blind"), out), "holds something else (mine.toml)")
+    no_such = "has files, but no linear-blind.toml (mine.toml): name another folder"
+    refused(lambda: copy_setup(load_setup("linear-blind"), out), no_such)
     assert "0.7" in copy.read_text()
     refused(lambda: copy_setup(load_setup(mine), mine), "out must be a folder")
 
