@@ -17,8 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from own_set_up import TEXT
 from policies import made_up_policy
-from quick_log import FORCE, SCENE, TIME
-from recorder import MOTION, SCENE_FILE
+from recorder import FORCE, MOTION, SCENE, SCENE_FILE, TIME
 from tasks import EVERYTHING_DRAWN, STORM
 
 import impact_gym as ig
