@@ -26,12 +26,9 @@ STIFFNESS = (10000.0, 10000.0, 3000.0, 1000.0, 700.0, 300.0)
 
 It gives k_r = 1.5e5 N/m at x = 0.50 m, z = 0.20 m with the tool pointing down.
 """
-DAMPING_OVER_STIFFNESS = 3.7e-4
-"""s, factor beta in D = beta K; it gives a damping ratio of about 3 % at 26 Hz."""
-MASS_AT_IMPACT = 5.35 - 0.125
-"""kg, m_r at the impact: the printed m_r + m_t (paper, section 3.2) minus the mass of the tool."""
-STIFFNESS_AT_IMPACT = 1.9e5
-"""N/m, k_r at the impact: not printed, but inferred from the paper's Fig. 13b and 14a."""
+DAMPING_OVER_STIFFNESS = 3.7e-4  # s, factor beta in D = beta K; a damping ratio of about 3 % at 26 Hz
+MASS_AT_IMPACT = 5.35 - 0.125  # kg, the printed m_r + m_t (paper, section 3.2) minus the mass of the tool
+STIFFNESS_AT_IMPACT = 1.9e5  # N/m, k_r: not printed, but inferred from the paper's Fig. 13b and 14a
 PITCH = {"down": np.pi, "horizontal": np.pi / 2}
 """rad, angle from the vertical to the flange's z axis, towards +x. "horizontal": the tool points along the approach."""
 PROVENANCE = {  # without version and date, so that the same table gives the same file
