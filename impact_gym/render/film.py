@@ -30,7 +30,6 @@ class State(NamedTuple):
 
     time: float
     flange_position: float
-    flange_velocity: float
     tool_position: float
     tool_velocity: float
     object_position: float
@@ -38,7 +37,6 @@ class State(NamedTuple):
     contact_force: float
     coupling_force: float
     command_position: float
-    command_velocity: float
 
     @property
     def penetration(self) -> float:

@@ -33,10 +33,6 @@ def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[A
     """Return the module mujoco, and an MjSpec of a chain of bodies; `tip` is the flange's pose in the last body (4, 4).
 
     With `balanced`, a body's three moments of inertia are set to their mean if one exceeds the sum of the others.
-
-    Raises:
-        ValueError: no rigid body has such an inertia, or its units seem wrong; the message names the links.
-        ImportError: MuJoCo is not installed.
     """
     try:
         mujoco: Any = importlib.import_module("mujoco")  # by name, so that types are checked without MuJoCo

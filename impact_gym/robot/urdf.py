@@ -44,9 +44,6 @@ def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[
     """Return the bodies from the link `base` to the link `tip`, and the pose of `tip` in the last body (4, 4).
 
     Warnings are appended to `remarks`.
-
-    Raises:
-        ValueError: the content is not a URDF of such an arm; the message names link or joint.
     """
     robot = _parsed(content)
     links = _named(robot, "link")

@@ -54,11 +54,7 @@ def angles_at(arm: Arm, x: float, y: float, z: float, orientation: str) -> Array
 
 
 def default_line(arm: Arm) -> Approach:
-    """Find the default approach numerically and return it.
-
-    Raises:
-        ValueError: no line was found, or the robot cannot reach a place that the search tried.
-    """
+    """Find the default approach numerically and return it."""
 
     def misfit(place: Array) -> Array:
         x, z = map(float, place)
@@ -76,10 +72,5 @@ def default_line(arm: Arm) -> Approach:
 
 
 def write_default_approach(path: Path = SHIPPED) -> None:
-    """Compute the default approach again and write its table, by default over the shipped one.
-
-    Raises:
-        ImportError: MuJoCo is not installed.
-        OSError: the file cannot be written; an old file stays.
-    """
+    """Compute the default approach again and write its table, by default over the shipped one."""
     write(path, default_line(viper()), PROVENANCE)
