@@ -35,7 +35,7 @@ PROVENANCE = {  # without version and date, so that the same table gives the sam
     "made_by": "impact_gym.robot.viper.write_default_approach()",
     "robot": "Viper s650, viper_s650.urdf and viper.py beside this file: inertia and joint stiffness are ESTIMATES",
     "choice": "solved for, see impact_gym/robot/viper.py",
-    "columns": "paper, eq. 12-16: m_r, c_r, k_r: elements (1,1); effective: 1/(M_X^-1)_11, 1/(K_X^-1)_11; joints rad",
+    "fields": "of impact_gym.robot.Approach, in SI units: m, kg, N s/m, N/m, rad (paper, eq. 12-16)",
 }
 ELBOW_UP = (0.0, -0.7, 3.2, 0.0, -2.5, 0.0)  # rad, joint angles with the elbow up, in the middle of the workspace
 
