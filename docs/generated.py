@@ -1,8 +1,8 @@
 """Write the generated parts of the pages (tables, listings, pictures), and convert formulas to MathML for MkDocs.
 
-`python docs/generated.py` writes the text between `<!-- generated: NAME -->` and `<!-- end -->`, which is the return
-value of TEXTS[NAME] or the content of the file NAME, and the pictures in docs/pictures. tests/test_documentation.py
-fails if a page is outdated. MkDocs calls the functions `on_page_content` and `on_post_build`.
+`python docs/generated.py` writes the pictures in docs/pictures, and the text between the comments in a page,
+`<!-- generated: NAME -->` and `<!-- end -->`: the return value of TEXTS[NAME], or the content of the file NAME. MkDocs
+calls the functions `on_page_content` and `on_post_build`.
 """
 
 import contextlib
@@ -102,7 +102,7 @@ def teleop() -> str:
 
 
 def ids() -> str:
-    """Return the table of registered ids."""
+    """Return the table of the ids of environments."""
     rows = []
     for name, arguments in IDS.items():
         space: Any = gym.make(name).observation_space
@@ -194,7 +194,7 @@ def mechanism(axes: Any) -> None:
 
 
 def convergence(axes: Any) -> None:
-    """Draw the error of a contact's restitution over the number of evaluations, for two forms of its equations."""
+    """Draw the error of a contact's restitution over the number of evaluations, for two forms of the equations."""
     from scipy.integrate import solve_ivp
 
     damping = 1.5

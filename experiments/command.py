@@ -88,7 +88,7 @@ def main() -> None:
         remedy = f"pip install 'impact-gym[{','.join(command.extras)}]'"
         sys.exit(f"impact-gym {name} needs {', '.join(absent)}: {remedy}")
     sys.argv[1:] = arguments
-    sys.path.append("")  # finds MODULE:OBJECT in the working folder; last, as that may have a folder `experiments`
+    sys.path.append("")  # to find MODULE:OBJECT; last, because the working folder may have a folder `experiments`
     runpy.run_module(command.module, run_name="__main__", alter_sys=True)
 
 

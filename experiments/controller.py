@@ -1,7 +1,4 @@
-"""`impact-gym controller SETUP --out DIR`: tune, train, report, and export the controller that the report recommends.
-
-DIR keeps the results of finished jobs, so a stopped command continues when it is run again.
-"""
+"""`impact-gym controller SETUP --out DIR`: tune, train, report, export the controller that the report recommends."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -52,7 +49,7 @@ class ControllerOptions:
 
 
 def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
-    """Copy the set-up's file to `out` and return the copy's path; ValueError: `out` has other files or results."""
+    """Copy the set-up's file to `out` and return the copy's path; ValueError: `out` has results of another run."""
     copy, sign = out / f"{setup.path.stem}.toml", out / "quick"
     if out.exists() and not out.is_dir():
         raise ValueError(f"out must be a folder, but {out} is a file")

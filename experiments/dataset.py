@@ -107,9 +107,9 @@ def players(name: str, setup: Setup) -> Players:
 
 
 def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], play: Players) -> EpisodeBuffer:
-    """Play an episode and return it; `reset` with its seed and its options repeats its scenario.
+    """Play an episode and return it. A reset with the episode's seed and options repeats the scenario.
 
-    Its infos have the values of `sensors` (SI units) and of `episode_info` after the reset and after each step.
+    The infos have the values of `sensors` (SI units) and of `episode_info` after the reset and after each step.
     """
     bare: Any = env.unwrapped
 
@@ -168,7 +168,7 @@ def of_setup(options: DatasetOptions) -> Iterator[Any]:
 
 
 def of_tries(options: DatasetOptions) -> Any:
-    """Write and return a dataset of the persons' tries that a folder has."""
+    """Write and return a dataset of the persons' tries in the folder `options.source`."""
     found = try_files.of_persons(Path(options.source), options.include_marked)
     env = gym.make("impact_gym:ImpactTeleop-v0", **found[0].environment, operator=try_files.operator_of(found))
     name = f"{options.namespace}/{found[0].setup}/person-v{options.version}"
@@ -198,10 +198,7 @@ class Given:
 
 
 def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
-    """Make the environment that a dataset's metadata describe; import no code that the metadata name.
-
-    ValueError: the environment is not of this package, or its metadata name other code, a wrapper or a file.
-    """
+    """Make a dataset's environment; ValueError: it is not of this package, or metadata name other code or files."""
     spec = json.loads(about["env_spec"])
     if spec["id"] not in IDS:
         raise ValueError(f"its id must be one of {', '.join(IDS)}, got {shown(spec['id'])}")

@@ -47,7 +47,7 @@ def summary(frame: pl.DataFrame) -> list[dict[str, Any]]:
 
 
 def in_words(design: str) -> str:
-    """Return the numbers of a design (JSON) with their units."""
+    """Return a design (JSON) as text: names, values and units of its numbers."""
     units = {name: QUANTITIES[name].unit.removeprefix("-") for name in json.loads(design)}
     return ", ".join(f"{name} {value:.4g} {units[name]}".strip() for name, value in json.loads(design).items())
 
@@ -62,7 +62,7 @@ def reduction(line: pl.DataFrame, paper: pl.DataFrame) -> Estimate:
 
 
 def chart(rows: Sequence[dict[str, Any]]) -> Figure:
-    """Return a figure of mean V_p against mean approach time, with largest deflections (mm) at the designs of FRONT."""
+    """Return a figure of mean V_p against mean approach time, with the largest deflection of each design of FRONT."""
     figure, others = Figure(figsize=(8.4, 4.8)), iter(SERIES[2:])
     axes = figure.subplots()
     styles = {PAPER: ("*", "k"), FRONT: ("s", SERIES[0]), CHOSEN: ("o-", SERIES[1])}

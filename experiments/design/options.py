@@ -19,7 +19,7 @@ from impact_gym.files import parsed, write_file
 from impact_gym.task import Task
 from impact_gym.validation import distinct, identifier, number, whole
 
-PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # lines of the chart; each coupling in `others` has another
+PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # lines of the chart, in addition to `DesignOptions.others`
 SPRING = "paper's spring"
 LIMITED = (FRONT, CHOSEN)
 
@@ -71,7 +71,7 @@ class DesignOptions:
         if self.pad:
             pad_of(self.pad)
         options = replace(self, times=tuple(sorted(self.times)))
-        _ = options.searched, options.others  # raises ValueError for invalid designs
+        _ = options.searched, options.others  # computing both raises ValueError for invalid designs
         return options
 
     @cached_property

@@ -20,7 +20,7 @@ from agents.setups.keys import known
 from impact_gym.physics.hertz import MATERIALS, hertz
 
 RIGID = (1e30, 0.0)  # Young's modulus (Pa) and Poisson's ratio of a body that is far stiffer than any pad
-PADS = {"norbornene": 0.01, "neoprene": 0.01, "memory-foam": 0.04}  # m, radius of the dome, by name in MATERIALS
+PADS = {"norbornene": 0.01, "neoprene": 0.01, "memory-foam": 0.04}  # m, radius of the dome of each material
 
 
 class Pad(NamedTuple):

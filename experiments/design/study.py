@@ -29,8 +29,8 @@ DEPENDS = (
     "impact_gym", "agents.baselines", "agents.evaluate", "agents.setups",
     *(f"experiments.design.{name}" for name in ("variables", "pads")),
 )  # fmt: skip
+# baselines at which searches start, by rule and by whether the coupling is bistable
 STARTS = {("BlindProfile", False): "blind-profile", ("BlindProfile", True): "bistable-blind-profile"}
-"""Tuned baseline at which a search starts. Key: rule, and whether the coupling is bistable."""
 Row = Mapping[str, Any]
 """A candidate, by the columns ENTRY: `line` of the chart; `allowed`, the largest mean approach time divided by that of
 the paper's rule; `seed` and `loss` (m/s) of the search; rule, design and parameters of the candidate."""

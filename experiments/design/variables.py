@@ -16,7 +16,7 @@ from impact_gym.scene import SpringDamper
 from impact_gym.task import Task
 from impact_gym.validation import number
 
-WIDE = 10.0  # HIGH / LOW from which on the scale is logarithmic; for stiffness and mass it always is
+WIDE = 10.0  # least HIGH / LOW for a logarithmic scale; stiffness and mass always have one
 
 
 class SearchVariable(NamedTuple):
@@ -33,7 +33,7 @@ class SearchVariable(NamedTuple):
         return QUANTITIES[self.name].by_ratio(self.low) or 0.0 < WIDE * self.low <= self.high
 
     def parameter(self) -> Parameter:
-        """Return the parameter of the search; it starts in the middle of the range if `start` is outside the range."""
+        """Return the parameter for CMA-ES, with the middle of the range as start if `start` is outside the range."""
         low, high = float(self.searched(self.low)), float(self.searched(self.high))
         begin = float(self.searched(self.start)) if self.low <= self.start <= self.high else 0.5 * (low + high)
         return Parameter(self.name, QUANTITIES[self.name].unit, low, high, begin)
@@ -50,8 +50,7 @@ class SearchVariable(NamedTuple):
 def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]:
     """Return a variable for each text `NAME=LOW:HIGH`; the search starts at the set-up's value.
 
-    ValueError: there is no text, a text has another form, a name is repeated, the set-up's coupling and tool have no
-    number of this name, or LOW is not below HIGH.
+    ValueError: there is no text, a text has another form, a NAME is unknown or repeated, or LOW is not below HIGH.
     """
     if not texts:
         raise ValueError("--free must name a number of the design, such as coupling.stiffness=10:300")
@@ -85,7 +84,7 @@ def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[fl
 
 
 def searched_environment(setup: Setup, variables: Sequence[SearchVariable], deflection: float | None) -> dict[str, Any]:
-    """Return the set-up's environment with the range of each variable, as if the number were drawn in each episode.
+    """Return the set-up's environment with the range of each variable, as if each number were drawn in each episode.
 
     ValueError: the coupling is invalid at an end of a range, or all designs deflect by more than `deflection` (m).
     """

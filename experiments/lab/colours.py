@@ -8,10 +8,7 @@ SERIES = "rule", "policy", "profile", "person", "object", "tool", "flange", "for
 
 
 def css() -> str:
-    """Return CSS with the palette as custom properties `--NAME`; the reader's system or a button selects light or dark.
-
-    The CSS also changes SVG elements of the page whose attributes are colours of the light palette.
-    """
+    """Return CSS with the palettes as custom properties `--NAME`, and with rules for SVG elements in their colours."""
     block = ":root:not([data-theme=light])"
     dark = f"@media screen and (prefers-color-scheme: dark) {{ {_block(block, 1)} }}"
     button = f"@media screen {{ {_block(':root[data-theme=dark]', 1)} }}"

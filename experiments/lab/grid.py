@@ -14,9 +14,9 @@ from experiments.lab.study import Cell
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
 
+# modules on which the result of `play` depends
 PLAYED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.policies.networks", "agents.policies.policy",
           "agents.setups.evaluation")  # fmt: skip
-"""Modules on which the result of an episode depends, in addition to the arguments of `play`."""
 
 
 class Contestant(NamedTuple):

@@ -30,10 +30,9 @@ def typeset(text: str) -> Markup:
     return Markup(POWER.sub(r"<sup>\1\2</sup>", SYMBOL.sub(r"\1<sub>\2</sub>", unbroken)))
 
 
-MACROS: Mapping[type, str] = {
+MACROS: Mapping[type, str] = {  # macros of lab/parts.html.jinja, by the type of a section's part
     str: "paragraph", Markup: "markup", Table: "table", HeatMap: "heat_map", Picture: "picture"
 }  # fmt: skip
-"""Macros of lab/parts.html.jinja, by the type of a section's part."""
 
 
 def write(folder: Path, template: str, **content: Any) -> Path:

@@ -16,7 +16,7 @@ DURATION = 1.5  # s
 ROBOT = ig.Robot(mass=5.225, stiffness=1.9e5, damping=50.4)  # the mass is printed; stiffness and damping are identified
 ROBOT_AND_TOOL = ROBOT.mass + TOOL_MASS  # kg, printed in section 3.2 as 5.35
 MECHANISM = ig.Bistable()  # H, L0 and k are printed; the front stop is identified
-HOLD = TOOL_MASS * MOTION.acceleration  # N, force at which the tool stays at its front stop during acceleration
+HOLD = TOOL_MASS * MOTION.acceleration  # N, least force of a mechanism that holds the tool during acceleration
 LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # compared with the mechanism in Fig. 23
 
 

@@ -86,7 +86,7 @@ def tolerated(scores: Floats) -> float:
 def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
     """Return y of n curves (n, k) at x = `at` (n,): linear between points of a curve, constant beyond the ends.
 
-    A controller that draws one of two weights for each episode has its means on the line between their two points.
+    If a controller draws one of two weights for each episode, its means are on the line between both points.
     """
     order = np.argsort(curve_x, axis=1)
     x, y = np.take_along_axis(curve_x, order, 1), np.take_along_axis(curve_y, order, 1)
@@ -103,7 +103,7 @@ def quantile_groups(values: Floats, count: int) -> list[tuple[NDArray[np.bool_],
 
 @dataclass(frozen=True)
 class Comparison:
-    """A measure of two contestants (1 + n,), in the sample and in the same n resamples."""
+    """A measure of two contestants (1 + n,), in the sample and in n resamples; both have the same resamples."""
 
     ours: Floats
     theirs: Floats
@@ -116,7 +116,7 @@ class Comparison:
 
     @classmethod
     def of_fronts(cls, ours: Front, theirs: Front) -> Self:
-        """Compare V_p (m/s) of the front `ours` with that of `theirs`, a front with one weight, at its time."""
+        """Compare V_p (m/s) of the front `ours` with the one point of the front `theirs`, at the time of this point."""
         (time,), (velocity,) = theirs[0].T, theirs[1].T
         return cls(along(*ours, time), velocity)
 

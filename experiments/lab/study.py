@@ -23,10 +23,9 @@ Row = Mapping[str, Any]
 Rows = Sequence[Row] | pl.DataFrame
 Frames = Mapping[str, pl.DataFrame]
 LARGE = 50_000  # rows; a larger table is written as Parquet
-SOLVER = tuple(
+SOLVER = tuple(  # modules on which the result of `simulate` depends, in addition to the compiled solver
     f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "to_kernel", "outcome", "simulation")
 )
-"""Modules on which the result of `impact_gym.simulate` depends, in addition to the compiled solver."""
 
 
 class Cell(NamedTuple):
@@ -44,9 +43,9 @@ class Measurement:
     cells: Callable[[bool, Frames], Iterable[Cell]]  # arguments: whether the run is quick, and the earlier tables
     measure: Callable[..., Rows]  # function at the top of a module, so that other processes can import it
     depends: tuple[str, ...] = SOLVER  # modules that rows depend on, in addition to the module of `measure`
-    failed: Callable[[Row], Row] | None = None  # from labels to the row of a failed cell; None: it is an error
+    failed: Callable[[Row], Row] | None = None  # row of a failed cell, from its labels; None: raise an error
     seconds: float | None = None  # s, time limit of a cell
-    processes: int | None = None  # most processes; 1: cells are timed one after the other; 0: in this process
+    processes: int | None = None  # limit; 1: cells are timed one after the other; 0: in this process
 
     @property
     def digest(self) -> str:
@@ -73,7 +72,7 @@ class Study:
     question: str
     measurements: Sequence[Measurement]
     analyse: Callable[[Frames, bool], Findings]  # arguments: the measured tables, and whether the run is quick
-    packages: tuple[str, ...] = ()  # further packages whose versions the page lists
+    packages: tuple[str, ...] = ()  # packages whose versions the page also lists
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,7 @@ class Run:
         return frame_of(zip((cell.labels for cell in cells), results, strict=True))
 
     def measure(self) -> None:
-        """Measure the tables `only`; if there are none, measure all tables."""
+        """Measure the tables in `only`, or all tables if `only` is empty."""
         names = [measurement.name for measurement in self.study.measurements]
         if unknown := set(self.options.only) - {*names}:
             raise ValueError(f"only: no table {min(unknown)!r} in the study {self.study.name}: {', '.join(names)}")
@@ -172,7 +171,6 @@ class _Frames(dict[str, pl.DataFrame]):
 
 
 def _write_table(path: Path, frame: pl.DataFrame) -> str:
-    """Write a table as CSV or Parquet, delete an earlier file of the other kind, and return the file's name."""
     large = frame.height > LARGE
     file, other = (path.with_suffix(suffix) for suffix in ((".parquet", ".csv") if large else (".csv", ".parquet")))
     with whole_file(file) as stream:

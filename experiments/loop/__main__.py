@@ -83,7 +83,7 @@ def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -
 
 
 def run(options: Loop) -> None:
-    """Run the loop, print and write measurements; RuntimeError: a watchdog stopped it, or no approach was played."""
+    """Run the loop, print and write measurements; RuntimeError: the watchdog stopped the arm, or nothing was played."""
     subject = of_name(options.controller)
     program = compiled(subject, Path(options.controller).stem, options.out)
     written = options.out / "arm.json"

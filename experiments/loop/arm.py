@@ -111,8 +111,7 @@ def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) ->
 def serve(environment: Mapping[str, Any], weight: float, seed: int, seconds: float, out: Path, port: Any) -> None:
     """Send the arm's UDP port through the pipe `port`, play approaches, and write them to `out` (JSON).
 
-    New approaches begin for `seconds`, or until the watchdog stops an approach. The first approach has the seed `seed`,
-    each later one the next seed. All have the time weight `weight` (m/s per s).
+    Approaches, with the seeds `seed`, `seed` + 1, ..., begin for `seconds` or until the watchdog stops an approach.
     """
     task = Task(**{**environment, "control_period": PERIOD, "time_weight": weight})
     line, batch, played = Line(task), Batch(1, task, threads=1), list[dict[str, Any]]()

@@ -14,22 +14,20 @@ from experiments.lab.player.films import chain_of
 from impact_gym.task import Task
 from impact_gym.teleop.channels import WAYS
 
-NAMES = {
+NAMES = {  # assistances, with the labels on the page
     "none": "nobody", "brake": "a brake at the arm", "limit": "a tuned speed limit", "policy": "the learned policy",
     "rule": "the paper's rule",
 }  # fmt: skip
-"""Assistances, with the labels on the page."""
-COUPLINGS = {"rigid": "tool fixed", "spring": "on a spring", "bistable": "bistable"}
-"""Couplings, with the labels on the page. A shipped set-up has the name FAMILY-COUPLING."""
+COUPLINGS = {"rigid": "tool fixed", "spring": "on a spring", "bistable": "bistable"}  # coupling: label on the page
 PERSON = {"type": "Person"}
 PERIOD: float = Task.control_period  # s
+# unit, least and largest value of the settings: delay of the round trip, jitter of each channel, spring stiffness
 RANGES = {"delay": ("s", 0.0, 1.0), "jitter": ("s", 0.0, 0.05), "stiffness": ("N/m", 20.0, 2000.0)}
-"""Unit, least and largest value of the settings: delay of the round trip, jitter of each channel, spring stiffness."""
 RTOL = 1e-12  # at this rtol `simulate` and the environment agree to 1e-9
 
 
 def playable(name: str) -> Setup:
-    """Return the set-up `name`; ValueError: no such set-up, or it has no operator or another control period."""
+    """Return the set-up `name`; ValueError: no such set-up, no operator in it, or its control period is not PERIOD."""
     setup = load_setup(name)
     if "operator" not in setup.environment:
         operator, others = '{ type = "Reach", place_error = 0.0, creep = 0.1 }', map(load_setup, shipped())
@@ -51,10 +49,7 @@ def related(setup: Setup) -> dict[str, str]:
 
 
 def environment_of(setup: Setup) -> dict[str, Any]:
-    """Return a set-up's environment without the operator; its delays, jitter and stiffness are drawn from RANGES.
-
-    An episode's record replaces the drawn values by those that the player chose.
-    """
+    """Return a set-up's environment without operator, in which delays, jitter and stiffness have the ranges RANGES."""
     environment = {name: value for name, value in setup.environment.items() if name != "operator"} | {"rtol": RTOL}
     for way in WAYS:
         delay, jitter = [0.5 * limit for limit in RANGES["delay"][1:]], [*RANGES["jitter"][1:]]
@@ -65,10 +60,7 @@ def environment_of(setup: Setup) -> dict[str, Any]:
 
 
 def usual(setup: Setup) -> dict[str, float]:
-    """Return the initial settings, delay of the round trip (s), jitter (s), stiffness of a spring (N/m).
-
-    Each is the set-up's value, or the middle of the set-up's range, limited to RANGES.
-    """
+    """Return the initial settings: the values of the set-up, or the middles of its ranges, limited to RANGES."""
     parts: dict[str, tuple[str, ...]] = {"delay": WAYS, "jitter": ("uplink",)}
     if setup.environment.get("coupling", {}).get("type") == "SpringDamper":
         parts["stiffness"] = ("coupling",)
@@ -81,7 +73,7 @@ def usual(setup: Setup) -> dict[str, float]:
 
 
 def about(setup: Setup) -> dict[str, Any]:
-    """Return what the page shows of a set-up: initial settings, coupling, ranges (m; m/s), horizon (s)."""
+    """Return data of a set-up for the page: settings, coupling, ranges of distance (m) and speed (m/s), horizon (s)."""
     task = Task(**environment_of(setup), operator=PERSON)
     return {"usual": usual(setup), "chain": chain_of(task), "distance": task.scenario.distance,
             "horizon": task.horizon, "speeds": task.velocity_range}  # fmt: skip

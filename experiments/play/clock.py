@@ -1,8 +1,4 @@
-"""The clock: a process that plays tries in real time. It is not the server's process, so a busy server delays no step.
-
-The clock receives the player's input from the server, and sends frames and the results of tries. If the server is
-killed, the clock stops the arm and saves the try.
-"""
+"""The clock: a process that plays tries in real time, and saves them even if the server is killed."""
 
 import os
 import queue
@@ -146,7 +142,7 @@ def entry_of(name: str, this: Try) -> dict[str, Any]:
 
 
 def run(server: Connection, theirs: Connection) -> None:
-    """Run the clock in its own process; `theirs`, the server's end of the connection, is inherited and closed."""
+    """Run the clock in its own process, and close `theirs`, the server's end of the connection."""
     theirs.close()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server stops the clock
     clock = Clock(server)

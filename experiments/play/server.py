@@ -73,7 +73,7 @@ class Client:
 
 
 def foreign(request: Request, token: str, port: int) -> str | None:
-    """Return why a request is not from our page: another host (DNS rebinding), origin or token. None: it is from it."""
+    """Return why a request is not from our page: another host (DNS rebinding), origin or token. None: it is."""
     hosts = [f"{name}:{port}" for name in (HOST, "localhost")]
     host, origin = map(request.headers.get_all, ("Host", "Origin"))
     if len(host) != 1 or host[0] not in hosts:

@@ -58,7 +58,7 @@ class Session:
             self.clients.sort(key=lambda each: each is not client)
             self._send_roles()
         elif client is not self.clients[0]:
-            return  # a watcher does not steer
+            return  # only the first page steers
         elif word == "v":
             share = number("v", value, "(of full speed)", at_least=-1.0, at_most=1.0)
             self._send("v", abs(share) * self._speeds[share >= 0.0])

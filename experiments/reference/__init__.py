@@ -43,12 +43,8 @@ def simulate(scene: Any, motion: Any, duration: float, rtol: float = 1e-11, meth
     """Simulate `scene` under `motion` for `duration` seconds.
 
     `method`, a name that SciPy's `solve_ivp` accepts, and `rtol` are used only in contacts. Flight is computed by its
-    closed form, or integrated at rtol 1e-12 if there is none.
-
-    Raises:
-        ValueError: the method or the law of dissipation is unknown.
-        NotImplementedError: the kind of coupling is unknown.
-        RuntimeError: SciPy's integration fails, or a `Switch` changes again and again at the same time.
+    closed form, or integrated at rtol 1e-12 if there is none. ValueError: method or law of dissipation is unknown.
+    NotImplementedError: the coupling is unknown. RuntimeError: SciPy fails, or a `Switch` changes again and again.
     """
     if method not in SOLVERS:
         raise ValueError(f"method must be one of {list(SOLVERS)}, got {method!r}")

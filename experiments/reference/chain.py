@@ -45,10 +45,7 @@ class StiffError(Exception):
 
 
 class Chain:
-    """The bodies and laws of a scene (SI units), and which switches are `on`.
-
-    `motion` is a `Command`, or has the attributes of `impact_gym.Trapezoid`.
-    """
+    """The bodies and laws of a scene (SI units), and which switches are `on`; `motion` may be a `Command`."""
 
     def __init__(self, scene: Any, motion: Any) -> None:
         coupling, contact, robot = scene.coupling, scene.contact, getattr(scene, "robot", None)

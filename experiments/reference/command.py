@@ -8,10 +8,7 @@ from numpy.typing import NDArray
 
 
 class Command:
-    """The commanded motion as pieces: start (s), position (m), velocity (m/s), acceleration (m/s^2).
-
-    It is that of `motion` up to the brake; without `motion`, it is at rest until `steer` is called.
-    """
+    """The commanded motion (None: at rest) as pieces: start (s), position (m), velocity (m/s), acceleration (m/s^2)."""
 
     def __init__(self, motion: Any = None, threshold: float = inf) -> None:
         self.pieces = [(0.0, 0.0, 0.0, 0.0)]

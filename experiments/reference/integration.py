@@ -45,17 +45,14 @@ def advance(
     equations: Any, end: float, y: Vector, switches: list[Switch], method: str, rtol: float, atol: Vector,
     longest_step: float,
 ) -> tuple[float, Vector, Switch | None]:  # fmt: skip
-    """Integrate `equations.rates` from 0 to `end` or to the first change of a switch; return time, state, switch.
-
-    RuntimeError: SciPy's integration fails.
-    """
+    """Integrate from 0 to `end`, or to the first change of a switch; return time, state, and the switch or None."""
     options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": longest_step}
 
     def begin(start: float, y: Vector, end: float) -> Any:
         return SOLVERS[method](equations.rates, start, y, end, **options)
 
     def step(solver: Any) -> None:
-        with np.errstate(over="ignore", invalid="ignore"):  # of a trial step, which is then rejected
+        with np.errstate(over="ignore", invalid="ignore"):  # a trial step may overflow
             message = solver.step()
         if solver.status == "failed":
             raise RuntimeError(f"reference: {message}")

@@ -28,20 +28,18 @@ def damping_factor(name: str, e: float, m: float, n: float) -> float:
     """Return the factor d of the contact force u^m + d u^n u', for the restitution e and the law `name`.
 
     Penetration u and force are in the scales of the contact, see `experiments.reference`. With "exact" the restitution
-    of an isolated contact is exactly e.
-
-    ValueError: no law has this name.
+    of an isolated contact is exactly e. ValueError: no law has this name.
     """
     if name in CLOSURES:
         return CLOSURES[name](e)
-    if name not in ("exact", "fixed"):  # "fixed": "exact" at its reference velocity
+    if name not in ("exact", "fixed"):  # "fixed" is "exact" at the reference velocity
         raise ValueError(f"reference: dissipation must be one of {[*CLOSURES, 'exact', 'fixed']}, got {name!r}")
     if e == 1:
         return 0.0
     if m == n:
         return _equal_exponents(e)
     if (m, n) == (1, 0):
-        # the damping ratio zeta = d/2; the restitution falls from 1 at zeta = 0 to 1/(4 zeta^2) at large zeta
+        # the damping ratio is zeta = d/2; the restitution falls from 1 at zeta = 0 to 1/(4 zeta^2) at large zeta
         return 2 * exp(brentq(lambda x: log(_linear_restitution(exp(x)) / e), -40.0, 1.0 - log(e), xtol=1e-15))
     return _unequal_exponents(e, m, n)
 

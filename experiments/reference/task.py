@@ -1,9 +1,7 @@
 """The environment, computed with the independent solver and written from the specification in `impact_gym.envs.single`.
 
 From `impact_gym` it imports only data: options and constants of the task, scales of observations, frozen scenarios.
-
-Set OPENBLAS_NUM_THREADS=1. With more threads an episode takes up to 25 times as long, because its products of 7 x 7
-matrices wait for other threads.
+Set OPENBLAS_NUM_THREADS=1: with more threads, small products of matrices make an episode up to 25 times as long.
 """
 
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -58,10 +56,7 @@ def play(controller: Any, scenario: Mapping[str, float], *, options: Mapping[str
 def rescore(
     controller: Any, frozen: str, numbers: Sequence[int], options: Mapping[str, Any], time_weight: float
 ) -> dict[str, NDArray[Any]]:
-    """Play the scenarios `numbers` of a frozen set; return an array (numbers,) for each field of `Outcome`.
-
-    ValueError: an option is not supported, or a number is not one of a scenario of the set.
-    """
+    """Play the scenarios `numbers` of a frozen set; return an array (numbers,) for each field of `Outcome`."""
     task, scenarios = task_of(options), evaluation_sets.load(frozen)
     episodes = []
     for k in numbers:
@@ -109,7 +104,6 @@ def _together(controller: Any, episodes: Sequence[Episode]) -> list[Outcome]:
 
 
 def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate: float) -> Episode:
-    """Yield observations, receive an action for each, and return the outcome."""
     motion = _at_rest(task, scenario)
     command, delay, now = motion.command, task.reaction_delay, 0.0
     sensed = {0.0: (0.0, 0.0, 0.0)}  # (force, peak force, deflection) by time

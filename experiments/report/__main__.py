@@ -28,8 +28,8 @@ from impact_gym.task import Task, evaluation_sets
 from impact_gym.validation import number, whole
 
 RESULTS = "results.json"
-MARK = ".impact_gym"  # lock file; a report overwrites a folder with files only if it has this file
-DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")  # a change of these outdates the page
+MARK = ".impact_gym"  # lock file; a report may be written to an empty folder, or to a folder with this file
+DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")  # if one changes, the page is outdated
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "matplotlib", "polars", "jinja2")
 
 
@@ -92,10 +92,7 @@ class ReportOptions:
 
 
 def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the scenarios (JSON), and the changed arguments of the environment, from `ReportOptions.scenarios`.
-
-    ValueError: there is no such set or file, a key in the file is unknown, or a value is out of range.
-    """
+    """Return scenarios, and changes of the environment, from `source`, see `ReportOptions`; ValueError: invalid."""
     path = Path(source)
     if path.suffix == ".json":
         content = parsed(path, "scenarios, JSON", json.loads)
@@ -140,10 +137,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
 
 
 def write(options: ReportOptions) -> Path:
-    """Write the report unless it is up to date, print its answers, and return the path of its page.
-
-    ValueError: an option is invalid, or `out` is a file, below a file, or a folder with other content.
-    """
+    """Write the report unless it is up to date, print answers, return its path; ValueError: an option is invalid."""
     there = next(path for path in (options.out, *options.out.absolute().parents) if path.exists())
     if not there.is_dir():
         raise ValueError(f"out must be a folder, but {there} is a file")
@@ -153,7 +147,7 @@ def write(options: ReportOptions) -> Path:
 
 
 def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
-    """Do what `write` does, for these matchups; `options` has the folder."""
+    """Write the report of `matchups` as `write` does; `options` has the folder."""
     begun = time.perf_counter()
     own = {each.controller["object"].partition(":")[0]
            for matchup in matchups for each in matchup.baselines if "object" in each.controller}  # fmt: skip
@@ -166,7 +160,7 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
         playing = f"{compiled_from()} {digest_of(*PLAYING)}"
         kept = options.out.with_name(f".{options.out.name}.episodes")
         current = kept / hashlib.sha256(playing.encode()).hexdigest()[:16]
-        for folder in kept.glob("*"):  # results of other versions of the sources
+        for folder in kept.glob("*"):  # delete results of other versions of the sources
             if options.force or folder != current:
                 shutil.rmtree(folder, ignore_errors=True)
         depends = f"{playing} {digest_of(*own)}"

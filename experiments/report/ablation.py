@@ -35,7 +35,7 @@ class Link(NamedTuple):
 
 @dataclass(frozen=True)
 class Gain:
-    """V_p or cost of a contestant, and the gain."""
+    """V_p or cost of a contestant, and the gain over the contestant before."""
 
     value: Estimate  # m/s
     less: Estimate | None  # m/s, the gain; None for the first contestant, or if no gain can be claimed
@@ -51,13 +51,13 @@ class Step:
     scenarios: int
     later: float  # s, time of `velocity` minus the mean approach time of the paper's rule
     limit: str  # words from LIMITS
-    velocity: Gain  # V_p at the mean approach time of the paper's rule, or at the end of the front nearest to this time
+    velocity: Gain  # V_p at the mean approach time of the paper's rule, or at the nearest end of the front
     weight: float  # typical time weight w, m/s per s
     loss: Gain  # V_p + w T + cost of misses
 
 
 def links(played: Played) -> list[Link]:
-    """Return the sequence; a link may add several abilities if no baseline has one of them alone."""
+    """Return the sequence of links; a link adds several abilities if no baseline has one of them alone."""
     tuned = [baseline for baseline in played.matchup.baselines if "tuned" in baseline.controller]
     by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}
     task = Task(**played.matchup.environment)
@@ -139,10 +139,7 @@ def _cells(gain: Gain, limit: str = "") -> list[str]:
 
 
 def sentence(steps: Sequence[Step]) -> str:
-    """Return a sentence with the shares of all steps; "" if a step has no share.
-
-    They are shares of the reduction of V_p, or of V_p + w T if a step needs more time than the paper's rule.
-    """
+    """Return a sentence with the steps' shares in the reduction of V_p (of V_p + w T, if a step is `later`), or ""."""
     first, *gained = (step for step in steps if step.contestant != BOUND)
     if any(step.later > 0.0 for step in gained):
         before, after = first.loss.value.value, gained[-1].loss.value.value

@@ -48,7 +48,7 @@ def simplicity(contestant: Contestant) -> tuple[int, int]:
 
 
 def simplest(costs: Mapping[str, Floats]) -> str:
-    """Return the first name whose mean cost is not clearly above the lowest; `costs`: costs (scenarios,) by name."""
+    """Return the first name whose mean cost is not clearly above the lowest; `costs` (scenarios,): simplest first."""
     least = min(costs.values(), key=lambda cost: float(cost.mean()))
     return next(name for name, cost in costs.items() if Comparison.of_means(least, cost).less.low <= 0.0)
 
@@ -85,7 +85,7 @@ def choice(played: Played) -> Choice:
 
 
 def table(result: Choice, played: Played) -> Table:
-    """Return cost, V_p, T and misses of each contestant at the typical weight, the simplest first."""
+    """Return the table of cost, V_p, T and misses of each contestant at the typical weight, the simplest first."""
     matchup, weight = played.matchup, result.time_weight
     runs, rows = {**played.baselines, matchup.chosen: played.policy}, []
     for each in sorted((*matchup.baselines, matchup.policy), key=simplicity):

@@ -15,13 +15,12 @@ from experiments.report.played import MISSED_TOO_OFTEN, Played
 from impact_gym.quantities import QUANTITIES
 from impact_gym.task import evaluation_sets
 
-WORDS = {
+WORDS = {  # plain names of changed arguments; an argument that is not here has `words` in QUANTITIES
     "force_noise": "noise of the force sensor",
     "range_noise": "error of the distance estimate",
     "robot": "compliant robot",
     "scenario": "objects outside the training ranges",
 }
-"""Plain names of changed arguments; an argument that is not here has `words` in QUANTITIES."""
 SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # unit and factor with which a quantity is printed
 Row = dict[str, Any]
 
@@ -29,7 +28,7 @@ Row = dict[str, Any]
 class Failing(NamedTuple):
     """Changes under which a controller fails."""
 
-    controller: str  # with its article
+    controller: str  # plain name with its article
     worst: str  # the worst change, in one line
     details: str  # all changes under which it fails
 
@@ -61,7 +60,7 @@ def factor(argument: str, by_reading: bool = False) -> str:
 
 
 def setting(change: Change) -> str:
-    """Return the changed value with its unit, or its label."""
+    """Return the changed value with its unit, or the label of the change."""
     if not np.isfinite(change.value):
         return change.label
     unit = "%" if change.multiple else QUANTITIES[change.argument].unit
@@ -101,9 +100,7 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
 def where_it_fails(played: Played, name: str) -> Failing:
     """Return the changes under which a contestant costs more than paper's rule, rival or policy, or misses objects.
 
-    Only rule, rival and policy play under changes; for any other `name`, the result is about the policy. The worst
-    change has most misses, if these are too many; else it has the largest excess over the cost of one other contestant:
-    of the rule if there is a positive excess, else of the rival, else of the policy.
+    Only rule, rival and policy play under changes; for any other `name`, the result is about the policy.
     """
     rival, shown = played.matchup.rival, {each.name for each in played.matchup.rivals}
     controller = POLICY if name == played.matchup.chosen or name not in shown else name

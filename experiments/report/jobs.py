@@ -86,10 +86,7 @@ def measured(where: str, arguments: JSON) -> Any:
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Find the weight with the mean approach time of the paper's rule; return this `weight` and results (1, scenarios).
-
-    Bisection finds the weight between the ends of `weights`, in `calibration_scenarios`.
-    """
+    """Return the `weight` at which the mean approach time is that of the rule, and results (1, scenarios) at it."""
     choosing, task = calibration_scenarios(scenarios), Task(**environment)
 
     def mean_time(weight: float, player: Controller) -> float:
@@ -107,7 +104,7 @@ def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: 
 
 
 def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
-    """Return the scenarios in which `play_as_late` finds the weight; except for a table, these are other scenarios."""
+    """Return the scenarios in which `play_as_late` finds a weight: not `scenarios`, unless these are a table."""
     count = min(CALIBRATION_SCENARIOS, scenarios["count"])
     if "set" in scenarios:
         return {"set": "validation", "count": count}
@@ -117,7 +114,7 @@ def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
 
 
 def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return the largest deflections (m; 1, scenarios) `before` the first touch and `in_all`; one weight."""
+    """Return arrays (1, scenarios) of the largest deflections (m): `before` the first touch, and `in_all`."""
     (weight,), task = weights, Task(**environment)
     batch = scenario_batch_of(scenarios, weight, task)
     travel = Travel(batch.count)
@@ -125,7 +122,6 @@ def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Seq
     return {"before": travel.deflection[None], "in_all": travel.stroke[None]}
 
 
-MEASURES: Mapping[str, Callable[..., Any]] = {
+MEASURES: Mapping[str, Callable[..., Any]] = {  # by field of `Played`; other fields: `play`
     "as_late": play_as_late, "varied": grid.play, "travelled": travelled,
 }  # fmt: skip
-"""Function that measures the results of a field of `Played`; for all other fields, it is `play`."""

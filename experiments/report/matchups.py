@@ -28,7 +28,7 @@ RULE = "paper-trapezoid"  # name of the paper's rule among the baselines
 POLICY = "learned policy"
 IMITATES = "its training begins by imitating"
 BOUND = "clairvoyant search"
-PLAIN = {
+PLAIN = {  # plain names of baselines, by the class of a tuned baseline or the name of another one
     "BlindProfile": "tuned profile",
     "ConstantDeceleration": "tuned even braking",
     "ConstantSpeed": "tuned constant speed",
@@ -41,7 +41,6 @@ PLAIN = {
     "local-brake": "the local brake",
     "operator-alone": "the operator alone",
 }
-"""Plain names of baselines. Key: the class of a tuned baseline; the name of another baseline."""
 
 
 @dataclass(frozen=True)
@@ -125,15 +124,12 @@ class Matchup:
 def of_setup(
     setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = None, time_weight: float | None = None
 ) -> Matchup:
-    """Return the matchup of a set-up; policies and tuned baselines are read from `folder`, or else from the set-up's.
+    """Return the matchup of a set-up, with policies and tuned baselines from `folder` (None: the set-up's folder).
 
-    `time_weight` (m/s per s) replaces the set-up's typical weight.
-
-    Raises:
-        ValueError: there are no policies yet, a baseline was not tuned, or no policy was trained for the time weight.
+    `time_weight` (m/s per s) replaces the typical weight. ValueError: no policy or baseline, or none for the weight.
     """
     folder = setup.folder if folder is None else folder
-    if time_weight is not None:  # also the weight at which the paper's rule plays
+    if time_weight is not None:  # at the typical weight the paper's rule plays, too
         setup = replace(setup, evaluation=replace(setup.evaluation, typical=time_weight))
     path = folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
@@ -206,10 +202,7 @@ def of_policies(
     """Return a matchup for each policy in `paths` (names or files), with the paper's rule and the baselines `names`.
 
     If `names` is empty, a policy of a shipped set-up is compared with the baselines of the set-up. `changes` replace
-    arguments of the environment in which the policy was trained.
-
-    Raises:
-        ValueError: a policy takes other observations than this environment has, or two policies have the same name.
+    arguments of the environment. ValueError: a policy does not fit the environment, or two have the same name.
     """
     matchups: dict[str, Matchup] = {}
     for path in map(Path, paths):
@@ -239,11 +232,8 @@ def baselines(
 ) -> tuple[Contestant, ...]:
     """Return the paper's rule and the baselines `names`: tuned baselines, or objects with `predict` as module:object.
 
-    Tuned baselines of a `setup` are read from `folder`. All other tuned baselines are shipped ones.
-
-    Raises:
-        ValueError: there is no such baseline, it is named twice, it is the paper's rule, or it does not fit this
-        environment.
+    `folder` has the tuned baselines of `setup`; all others are shipped. ValueError: a name is unknown, repeated or that
+    of the paper's rule, or a baseline does not fit this environment.
     """
     typical = (setup.evaluation if setup else Evaluation()).typical
     contestants = [Contestant(PAPER, {"baseline": RULE}, (typical,), "")]

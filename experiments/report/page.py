@@ -18,17 +18,15 @@ from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
 from impact_gym.task import Task
 
-CHOSEN_ON = {
+CHOSEN_ON = {  # scenarios on which the weight at the paper's approach time is chosen, by a key of `Matchup.scenarios`
     "table": "these scenarios themselves", "set": "the first half of the validation set",
     "ranges": "other scenarios from the same ranges",
 }  # fmt: skip
-"""Scenarios on which the weight at the paper's approach time is chosen. Key: a key of `Matchup.scenarios`."""
 
-ABOUT = {
+ABOUT = {  # captions of the contestants in the film
     PAPER: "constant speed; brakes once it senses the touch",
     POLICY: "neural network, trained to touch soon and gently",
 }
-"""Captions of the contestants in the film."""
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ class Played:
 
     matchup: Matchup
     seeds: dict[str, Run] = field(default_factory=dict)
-    as_late: dict[str, Run] = field(default_factory=dict)  # each seed at the paper's mean approach time
+    as_late: dict[str, Run] = field(default_factory=dict)  # of each seed, at the rule's mean approach time
     baselines: dict[str, Run] = field(default_factory=dict)
     choosing: dict[str, Run] = field(default_factory=dict)  # results in `experiments.report.choice.scenarios`
     bound: Run | None = None  # the clairvoyant search

@@ -1,8 +1,4 @@
-"""`impact-gym study bench`: steps per second of our environments and of environments of Gymnasium.
-
-For each set-up three rates are measured. *environment*: Gymnasium's benchmark, with random actions. *environment with
-inference*: the shipped policy acts. *training*: the rate of a whole training, with updates and validation.
-"""
+"""`impact-gym study bench`: steps per second of our environments and of environments of Gymnasium."""
 
 import io
 import json

@@ -2,9 +2,7 @@
 
 For each distribution (prior) of the object's distance, the paper's rule is compared with the best constant speed and
 with the best profile of speed over position. Both have the same limits of the arm and the same choice of reactions to
-the alarm, so the difference between them is the value of known distances. In theory V_p is proportional to the speed,
-and the best speed is proportional to the square root of the fraction of objects that are still ahead. For a memoryless
-distribution a constant speed is best.
+the alarm, so the difference between them is the value of known distances.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

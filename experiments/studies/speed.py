@@ -23,7 +23,6 @@ COMPARED = (1e-4, 1e-6, 1e-8, 1e-10)  # m/s, errors of V_p at which contenders a
 FINE = 1e-6  # m/s, the error of COMPARED that the answer names
 RTOLS = tuple(float(f"1e-{k}") for k in range(3, 14))
 RIVALS = {CAREFUL: tuple(f"{CAREFUL} {method}" for method in contenders.METHODS), PEER: (PEER,)}
-"""Contenders of each rival of our solver: for SciPy one for each method, for heyoka one."""
 LONGEST = 400.0  # s, time limit of a cell, with compilation
 EDGES = (1e-16, 1e1)  # m/s; errors outside these limits are drawn at the limit
 STYLES: dict[str, dict[str, Any]] = {
@@ -50,7 +49,7 @@ def cells_of_times(quick: bool, frames: Frames) -> Iterator[Cell]:
 
 
 def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row | None:
-    """Return the row with the shortest time, of those whose V_p is within `error` (m/s), also at finer settings."""
+    """Return the fastest row of those with an error of at most `error` (m/s) at their setting and at all finer ones."""
     keeps = (pl.col("velocity_error") <= error).fill_null(value=False).cast(pl.Int8).cum_min().over("contender") == 1
     kept = rows.filter(pl.col("contender").is_in(names)).sort("setting").filter(keeps).sort("microseconds")
     return kept.row(0, named=True) if kept.height else None
@@ -138,7 +137,7 @@ def drawn(times: pl.DataFrame, truths: pl.DataFrame) -> Picture:
     shown = times.filter(pl.col("microseconds").is_finite()).sort("setting", descending=True).with_columns(error)
     for axes, truth in zip(panels.flat, truths.iter_rows(named=True), strict=False):
         for (name,), curve in shown.filter(scene=truth["scene"]).group_by("contender", maintain_order=True):
-            curve = curve.filter(rival=curve["rival"][0])  # ours was timed with each rival; one curve is enough
+            curve = curve.filter(rival=curve["rival"][0])  # impact_gym was timed with each rival
             style, wrong = STYLES[str(name).partition(" ")[0]], curve.filter(pl.col("failure") != "")
             axes.plot(curve["microseconds"], curve["velocity_error"], **style)
             axes.plot(wrong["microseconds"], wrong["velocity_error"], **style | {"linestyle": ""}, mfc="white")

@@ -1,7 +1,4 @@
-"""Comparison of assistances for an operator whose commands arrive late, with several couplings, delays and operators.
-
-An assistance is a controller at the arm that corrects the commands, and senses the touch without delay.
-"""
+"""Comparison of assistances, which are controllers at the arm that correct late commands of an operator."""
 
 import base64
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,12 +25,11 @@ BELIEF = {"place_error": [-0.05, 0.05], "creep": [0.05, 0.15]}
 
 
 REACH, SEEN = "reach", "training's recordings"
-HELD_OUT: Mapping[str, Mapping[str, Any]] = {
+HELD_OUT: Mapping[str, Mapping[str, Any]] = {  # operators with which no policy was trained
     "tracker": {"type": "Tracker", **BELIEF},
     "hand": {"type": "SecondOrderLag", **BELIEF},
     "steady": {"type": "Trapezoid", "speed": [0.1, 0.4]},
 }
-"""Operators with which no policy was trained."""
 OPERATORS = (REACH, SEEN, *HELD_OUT)
 ALONE, RULE, BRAKE, POLICY = "operator alone", "paper's rule", "local brake", "policy"
 ASSISTANCE = (ALONE, RULE, BRAKE, POLICY)
@@ -109,7 +105,7 @@ def words_of(row: Row) -> str:
 
 
 def duel(found: Sequence[Row]) -> str:
-    """Return a comparison of the costs of policy and brake in words. Clearly: the interval does not include 0."""
+    """Return in words how the costs of policy and brake differ; 'clearly': the interval does not include 0."""
     ours, column = [row for row in found if row["contestant"] == POLICY], "brake_cost"
     less, more = (sum(sign * row[f"{column}_{end}"] > 0.0 for row in ours) for sign, end in ((1, "low"), (-1, "high")))
     share = 100.0 * sum(row[column] for row in ours) / sum(row["cost"] + row[column] for row in ours)
@@ -155,7 +151,7 @@ def form(name: str, digits: int) -> str:
 
 
 def in_cm(row: Row) -> dict[str, Any]:
-    """Return a row with its slides in cm, and its cell in words."""
+    """Return a row with slides in cm, and with the name of the cell."""
     return {name: 100.0 * value if "slide" in name else value for name, value in row.items()} | {"cell": words_of(row)}
 
 

@@ -15,10 +15,7 @@ SCRIPTS = ("svg.js", "chain.js", "loupe.js", "strips.js", "player.js")
 
 
 def fragment(films: dict[str, Any], name: str = "watch") -> str:
-    """Return the result of the function `films` as an HTML section with the id `name`.
-
-    A page needs `style` once before the first such section, and `script` once after the last.
-    """
+    """Return the result of `films` as HTML with the id `name`; the page needs `style` before, and `script` after."""
     pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
     content = htmlsafe_json_dumps(films, separators=(",", ":"), allow_nan=False)
     return pages.get_template("player.html.jinja").render(

@@ -17,8 +17,7 @@ from impact_gym.task import Task
 from impact_gym.task.evaluation_sets import EvaluationSet
 
 MOST = 200  # largest number of points of a time history
-POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005
-"""Allowed errors of thinned traces, as fractions of the largest position, speed, force and penetration."""
+POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005  # errors that `thin` allows / largest value in a film
 
 
 def thin(
@@ -49,10 +48,7 @@ def thin(
 
 
 def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
-    """Return the numbers of the scenarios to show, by a phrase that says why the scenario is notable.
-
-    ValueError: baseline and policy did not play the same scenarios.
-    """
+    """Return the numbers of notable scenarios, by the reason in words; ValueError: the scenarios are not the same."""
     ours, theirs = played_policy.scenario, played_baseline.scenario
     if any(not np.array_equal(ours[name], theirs[name]) for name in ours):
         raise ValueError("baseline and policy must have played the same scenarios")
@@ -137,10 +133,7 @@ class Run:
 
 
 def clock(runs: Sequence[Run], end: float, coarse: float = 1.0) -> list[list[float]]:
-    """Return [start (s), slow-motion factor] of each stretch of a film until `end` (s), for all runs together.
-
-    At each `coarse`-th picture, the factor is the largest of those at which the environment's films show the runs.
-    """
+    """Return [start (s), slow-motion factor] of each part of a film until `end` (s): the largest of all `runs`."""
     time, stretches = 0.0, list[list[float]]()
     while time < end:
         slower = max(run.history.factor(time) for run in runs)
@@ -155,19 +148,11 @@ def films(
     seed: int = TEST_SEED, frozen: EvaluationSet | None = None, environment: Mapping[str, Any] | None = None,
     time_weight: float = 2.0,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the argument of `fragment`, as JSON: for each scenario the clock and the contestants' time histories.
+    """Return the argument of `fragment`, as JSON. RuntimeError: a replay differs from the result in `played`.
 
-    Args:
-        contestants: controllers by name, the baseline first.
-        numbers: the result of `choose`.
-        played: results of `ScenarioBatch.play`, by the names in `contestants`.
-        seed: seed of scenario 0, if there is no `frozen` set.
-        frozen: the set that has the scenarios; None: they were drawn.
-        environment: arguments of the environment; a time weight in them is ignored.
-        time_weight: m/s per s.
-
-    Raises:
-        RuntimeError: a replay differs from the played result.
+    The first of `contestants` is the baseline. `numbers` is the result of `choose`; `played` has the results of
+    `ScenarioBatch.play`, by contestant. Scenario k is that of the set `frozen`, or is drawn with `seed` + k.
+    `time_weight` (m/s per s) replaces that of `environment`.
     """
     scenes = []
     options = {"scenario": "test", **(environment or {})}

@@ -32,10 +32,7 @@ CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.accelerat
 
 
 def beyond_delay() -> pl.DataFrame:
-    """Simulate each coupling and object, over contact stiffness and over restitution, with DELAYS and without brake.
-
-    `of_rigid` is V_p / V_p of the rigid tool, `of_free` is V_p / V_p without a brake.
-    """
+    """Simulate each coupling and object, over contact stiffness and over restitution, with DELAYS and without brake."""
     rows: list[Row] = []
     braking = replace(MOTION, brake=replace(BRAKE, delay=0.0))
     lines = {
@@ -119,10 +116,7 @@ def _numbers_beyond_detection(frame: pl.DataFrame) -> Numbers:
 
 
 def beyond_objects() -> pl.DataFrame:
-    """Simulate the fixed tool, the mechanism, and the mechanism with those CHANGES with which it holds the tool.
-
-    `as_it_is_less` and `changed_less` are reductions (%) of V_p from that of the fixed tool.
-    """
+    """Simulate the fixed tool, the mechanism, and the mechanism with those CHANGES with which it holds the tool."""
     height, stop = MECHANISM.height, MECHANISM.front_stop
     candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
     holding = [coupling for coupling in candidates if coupling.holding_force >= scenes.HOLD]
@@ -159,7 +153,7 @@ def _row(coupling: str, speed: float) -> Row:
     return {
         "coupling": coupling, "speed": float(speed), "object_velocity": outcome.object_velocity,
         "ratio": outcome.object_velocity / speed,
-        "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),  # of the alignment
+        "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),
         "alarm": int(outcome.detection_time is not None),
     }  # fmt: skip
 
@@ -180,7 +174,7 @@ def _numbers_beyond_speed(frame: pl.DataFrame) -> Numbers:
     fixed = where(frame, coupling="rigid", speed=MOTION.speed)["object_velocity"][0]
     return {
         "fixed": fixed, "faster": speed[velocity <= fixed].max(),
-        "fails_below": speed[(speed < MOTION.speed) & (rows["passes"] % 2 == 0)].max(initial=0.0),  # ends in front
+        "fails_below": speed[(speed < MOTION.speed) & (rows["passes"] % 2 == 0)].max(initial=0.0),
         "turns": "".join(f"; {before} to {after} passes of the alignment at {v:.3f} m/s" for v, before, after in turns),
         "better": [better.min(), better.max()] if better.size else [np.nan, np.nan],
         "slowest": speed[0], "fastest": speed[-1],

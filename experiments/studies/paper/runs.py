@@ -15,8 +15,7 @@ from experiments.lab.study import Row
 from impact_gym.physics import impact
 
 Array = NDArray[np.float64]
-Numbers = dict[str, Any]
-"""Numbers, arrays or words, by the names that statements.toml uses."""
+Numbers = dict[str, Any]  # numbers, arrays or words, by the names that statements.toml uses
 WIDTH = 1e-6  # distance of two rows of `enclose_changes`, in the unit of the parameter
 
 
@@ -26,10 +25,7 @@ def where(frame: pl.DataFrame, **values: float | str) -> dict[str, NDArray[Any]]
 
 
 def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parameter: str, *counts: str) -> list[Row]:
-    """Return `row(value)` for rising `values` of a parameter, and two rows, WIDTH apart, for each change of a count.
-
-    Between two values, each of `counts` may change at most once. Bisection finds the change.
-    """
+    """Return `row(value)` for rising `values`, and two rows, WIDTH apart, where one of `counts` changes."""
     rows = [row(value) for value in values]
     enclosing: list[Row] = []
     for count, (low, high) in product(counts, pairwise(rows)):
@@ -43,7 +39,7 @@ def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parame
 
 
 def changes(rows: dict[str, NDArray[Any]], parameter: str, count: str) -> list[tuple[float, int, int]]:
-    """Return for each change of the column `count` the parameter of the last row before it, and both counts."""
+    """Return for each change of the column `count` the last parameter before it, and the counts before and after."""
     places, counts = np.flatnonzero(np.diff(rows[count])), rows[count].astype(int).tolist()
     return [(float(rows[parameter][i]), counts[i], counts[i + 1]) for i in places]
 
@@ -51,8 +47,7 @@ def changes(rows: dict[str, NDArray[Any]], parameter: str, count: str) -> list[t
 def histories(cases: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION) -> pl.DataFrame:
     """Simulate scenes for `duration` (s); return one table of their traces, with a column `case`.
 
-    The column `contact` is the number of the current contact, from 1, and 0 in flight. The column `impulse` has the
-    impulse of the coupling during all contacts (N s; eq. 21).
+    `contact`: number of the current contact, 0 in flight. `impulse`: coupling's impulse in all contacts (N s; eq. 21).
     """
     parts = []
     for case, scene in cases.items():

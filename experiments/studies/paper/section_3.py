@@ -8,8 +8,8 @@ from experiments.studies.paper.runs import Numbers, Run, histories, where
 from impact_gym.physics.impact import GRAVITY, sliding_distance
 from impact_gym.robot import IMPACT, default_approach
 
-FRICTION = 0.3  # between object and plane; the paper prints none
-COMPONENTS = {"held": "effective", "damping": None, "stiffness": "effective_stiffness"}  # the paper's: our variant
+FRICTION = 0.3  # between object and plane; the paper gives no number
+COMPONENTS = {"held": "effective", "damping": None, "stiffness": "effective_stiffness"}  # curve: our variant of it
 
 
 def figure_11() -> pl.DataFrame:
@@ -48,14 +48,11 @@ def _numbers_figure_12(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_13() -> pl.DataFrame:
-    """Simulate Fig. 13a and 13b, and 13b with our robot model, with constant (frozen) and with varying parameters.
-
-    Fig. 13b and the model with varying parameters are also simulated with an object out of reach ("unhindered").
-    """
+    """Simulate Fig. 13a and 13b, and 13b with our robot model, whose parameters are constant ("frozen") or vary."""
     approach = default_approach()
     robots = {"a": None, "b": scenes.ROBOT, "frozen": approach.at(IMPACT), "along": approach.robot_table()}
     approaches = {case: scenes.scene(1e5, 1.0, robot=robot) for case, robot in robots.items()}
-    for case in ("b", "along"):
+    for case in ("b", "along"):  # with the object out of reach
         approaches[f"{case}, unhindered"] = scenes.scene(1e5, 1.0, robot=robots[case], distance=10.0)
     return histories(approaches)
 

@@ -1,8 +1,4 @@
-"""Section 4, the tool on spring and damper.
-
-Fig. 16 and 18 show V_p against the stiffness k_t of the coupling. Each has a second curve, for an object so far ahead
-that the tool no longer oscillates at the touch. Fig. 17, 19 and 20 are runs at k_t = 150 N/m, damping ratio 1.
-"""
+"""Section 4, the tool on spring and damper (stiffness k_t): Fig. 16 to 20."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -67,7 +63,7 @@ def figure_18() -> list[Row]:
 def curves(
     frame: pl.DataFrame, distance: float = DISTANCE, braked: bool = True, at: Mapping[str, float] = CRITICAL
 ) -> list[dict[str, Array]]:
-    """Return a curve for each contact stiffness: the columns of the rows with these values."""
+    """Return a curve for each contact stiffness: the columns of the rows with these arguments."""
     rows = frame.sort("damping_ratio", maintain_order=True).filter(braked=braked, distance=distance, **at)
     return [where(rows, contact_stiffness=k_c) for k_c in CONTACT_STIFFNESSES]
 
@@ -161,7 +157,7 @@ def _share_before_the_brake(run: Run) -> float:
 
 
 def _coupling(touching: ig.Trace) -> Numbers:
-    behind = int(np.argmax(touching.tool_velocity < touching.flange_velocity))  # from here on the tool is slower
+    behind = int(np.argmax(touching.tool_velocity < touching.flange_velocity))  # from here on slower than the flange
     stretch = np.max(touching.tool_position - touching.flange_position)
     gain, time = touching.tool_velocity[behind:] - touching.flange_velocity[behind:], touching.time
     slower = "throughout"

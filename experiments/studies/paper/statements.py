@@ -106,10 +106,7 @@ def compared(said: Said, ours: float) -> tuple[Verdict, str, int]:
 
 
 def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) -> dict[str, Any]:
-    """Return the row of a statement about a figure; `others_agree`: whether all statements in `said.agree` agree.
-
-    For a trend `printed` and `digits` (the number of agreeing significant digits) are None.
-    """
+    """Return the row of a statement about a figure; `others_agree`: whether all statements in `said.agree` agree."""
     printed, unit, digits, rule, ours = None, "", None, said.rule, said.ours.format(**numbers)
     verdict = holding(said.holds, numbers) if others_agree else Verdict.DISAGREES
     if said.printed:
@@ -133,10 +130,7 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
 
 
 def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> pl.DataFrame:
-    """Return the result of `judge` for each of `statements` (by FIGURE.KEY) about a figure in `numbers`.
-
-    A statement is left out if one of those in its `agree` is about another figure.
-    """
+    """Return a row of `judge` for each of `statements` that is, like all in its `agree`, about figures in `numbers`."""
     found = dict[str, dict[str, Any]]()
     for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # statements with `agree` last
         figure = name.partition(".")[0]

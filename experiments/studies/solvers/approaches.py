@@ -15,7 +15,7 @@ from impact_gym.scene import Coupling, Dissipation
 CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # brakes only after the end of each run
 STORM_SEED = 4
 
-RANGES = {
+RANGES = {  # of random numbers of a scene; in these ranges the solver must work
     "contact stiffness": (1e2, 1e10),  # N/m^m
     "restitution": (1e-3, 1.0),
     "mass ratio": (1e-3, 1e3),  # mass of the object / mass of the tool
@@ -24,8 +24,7 @@ RANGES = {
     "damping ratio": (0.0, 3.0),  # of a spring and damper or of a stop
     "deceleration": (0.5, 50.0),  # m/s^2, of the brake
 }
-"""Ranges of the random numbers of a scene. In these ranges the solver must work."""
-OTHERS = {
+OTHERS = {  # ranges of further random numbers of a scene; we chose these ranges
     "tool mass": (0.01, 10.0),  # kg
     "acceleration": (0.5, 50.0),  # m/s^2
     "distance": (0.05, 0.35),  # m
@@ -40,7 +39,6 @@ OTHERS = {
     "reference velocity": (0.01, 5.0),  # m/s, of a contact with "fixed" dissipation
     "stroke over rest": (1.01, 30.0),  # limit of a spring's deflection / deflection at the acceleration
 }
-"""Ranges of further random numbers of a scene; we chose these ranges."""
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
 ROUGH = 0.25  # probability of each change by `roughened`
 AT_AN_END = 0.05  # share of the draws from RANGES that are an end of the range
@@ -149,7 +147,7 @@ class _Draw:
         return [self.value(f"robot {name}") for name in ("mass", "stiffness", "damping")]
 
     def robot_table(self, distance: float) -> ig.RobotTable:
-        """Return the shipped robot, or one whose parameters change by up to a factor of two before the object."""
+        """Return the shipped robot, or one with parameters that change by up to a factor of two along its path."""
         if self.share(0, 1) < 0.25:
             return default_approach().robot_table()
         way = np.linspace(0.0, 1.0, 6)

@@ -16,8 +16,8 @@ from experiments.studies.solvers.taylor import Run
 
 OURS, CAREFUL, PEER = "impact_gym", "SciPy", "heyoka"  # "SciPy": `experiments.reference` with METHODS of SciPy
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
+# modules on which the rows of contenders depend, in addition to SOLVER
 JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studies.solvers")
-"""Modules on which the rows of contenders depend, in addition to SOLVER."""
 MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
 TOO_WRONG = 1e-2  # m/s, error of V_p above which a contender has failed
 TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, which computes the truth, and of Radau, which checks it
@@ -31,7 +31,7 @@ def power(value: float) -> str:
 
 
 def failure(solution: Solution, truth: Solution, allowed: float) -> str:
-    """Return why a solution is wrong; "": V_p is within `allowed` (m/s) of the truth, and both have equal counts."""
+    """Return why a solution is wrong; "": V_p is within `allowed` (m/s) of the truth, and the counts are right."""
     if not math.isfinite(solution.velocity):
         return NOT_FINITE
     if not abs(solution.velocity - truth.velocity) <= allowed:
@@ -89,7 +89,7 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
 
 
 def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Row:
-    """Return the row of a contender; after an error, it has only a failure.
+    """Return the row of a contender; if the contender raises an error, the row has only time and failure.
 
     Columns: mean processor time of a call (µs), error of V_p (m/s), failure, and the counts of `Solution`.
     """

@@ -1,6 +1,6 @@
 """Approaches by heyoka: Taylor series, compiled by LLVM (Biscani, Izzo 2021). No code is shared with our solver.
 
-A contact is integrated in the length delta0 = (M v_in^2/k_c)^0.4, the velocity v_in and the time t0 = delta0/v_in, with
+The units in a contact are the length delta0 = (M v_in^2/k_c)^0.4, the velocity v_in and the time t0 = delta0/v_in, with
 the reduced mass M, the approach velocity v_in and the contact stiffness k_c. As in our solver, the state has the root s
 of the penetration, and the time is replaced by sigma with dt = t0 s dsigma. Hertz' law is a polynomial in s, so Taylor
 series keep their order at onset and separation. Flight is integrated in SI units, with the penetration itself.
@@ -70,7 +70,7 @@ def integrator(kind: str, touching: bool, tolerance: float) -> tuple[Any, dict[i
     rising, falling, both = (getattr(hy.event_direction, name) for name in ("positive", "negative", "any"))
     events = [("touching", falling if touching else rising, s)]
     if touching:
-        slope = 1.5 * w * clamped + d * s * w_dot  # of F, without s^2
+        slope = 1.5 * w * clamped + d * s * w_dot  # slope of F divided by s^2
         events += [("peak", falling, slope), ("pressed", both, clamped)]
         events += [("alarm", rising, alarm * F - 1.0), ("cut", rising, tau - cut)]
     if kind == "Bistable":
@@ -137,7 +137,6 @@ class Run:
         return begun + unit * state[3], state
 
     def _note(self, event: str, t: float, state: list[float], touching: bool) -> None:
-        """Record an event at t (s), and update the parameters."""
         motion, par = self.motion, self.par
         if touching:
             F = par["pressed"] * par["k_c"] * par["length"] ** 1.5 * state[0] ** 3 * (1.0 + par["d"] * state[1])

@@ -1,7 +1,4 @@
-"""`impact-gym study stability`: robustness of the solver on 10,000 random scenes.
-
-The module `storm` simulates and checks the scenes. `promises` has the promises that all scenes must keep.
-"""
+"""`impact-gym study stability`: robustness of the solver on 10,000 random scenes, the storm."""
 
 from collections.abc import Iterator
 

@@ -7,8 +7,8 @@ import polars as pl
 
 SLOWEST = 50.0  # ms
 MOMENTUM = 1e-9  # error of momentum / impulse of the contact
-ENERGY = 1e-6  # created energy, minus the error of its quadrature / energy exchanged in the contact
-PULL = 1e-12  # rounding: see `pull` in `experiments.studies.stability.storm.CHECKS`
+ENERGY = 1e-6  # (energy that a contact created - its doubt) / energy exchanged, see CHECKS in `storm`
+PULL = 1e-12  # rounding, see `pull` in CHECKS
 AGREEMENT = 1e-6  # relative difference of V_p
 FINISHED = pl.col("failure") == ""
 TRACED = FINISHED & pl.col("traced")
@@ -61,11 +61,11 @@ def failures(rows: pl.DataFrame) -> pl.DataFrame:
 
 
 def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
-    """Return the rows of scenes that the independent solver solved, with the column `apart`: V_p or counts differ."""
+    """Return the rows of scenes that the independent solver solved; `apart`: V_p, or number of passes, differs."""
     true = {f"true_{name}": name for name in ("velocity", "contacts", "passes")}
     empty = pl.DataFrame(schema=dict.fromkeys(true.values(), pl.Float64))  # if no truth is known, columns are missing
     known = pl.concat([truths.filter(FINISHED), empty], how="diagonal_relaxed").select("scene", **true)
-    size = pl.max_horizontal(pl.col("true_velocity").abs(), 1e-6 * pl.col("speed"))  # if V_p is 0, both are rounding
+    size = pl.max_horizontal(pl.col("true_velocity").abs(), 1e-6 * pl.col("speed"))  # V_p may be 0
     error = (pl.col("object_velocity") - pl.col("true_velocity")).abs() / size
     alike = (pl.col("velocity_error") <= AGREEMENT) & (pl.col("passes") == pl.col("true_passes"))
     apart = ~(FINISHED & alike.fill_null(value=False))
@@ -73,10 +73,7 @@ def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
 
 
 def over_agreement(judged: pl.DataFrame, unknown: int) -> tuple[str, str, bool]:
-    """Return text, finding and whether it is kept, of the promise that our V_p is that of the independent solver.
-
-    `unknown` is the number of scenes that the independent solver did not solve.
-    """
+    """Return the promise about the independent solver, which failed in `unknown` scenes: text, finding, and if kept."""
     apart, errors = judged.filter("apart").height, judged["velocity_error"].drop_nans().to_numpy()
     words = f"{apart} of {judged.height} do not, the independent solver failed in {unknown}"
     words += f", median {np.median(errors):.1e}" if errors.size else ""

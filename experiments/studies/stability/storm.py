@@ -59,7 +59,7 @@ def run(approach: Approach, rtol: float = 1e-8) -> tuple[ig.Outcome | None, str,
 
 
 def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate) -> Row:
-    """Return the row of a scene; `simulate` computes its trace."""
+    """Return the row of a scene; `simulate` computes the trace."""
     outcome, problem, milliseconds = run(approach)
     if milliseconds >= AGAIN_OVER:
         milliseconds = min(milliseconds, run(approach)[2])
@@ -83,10 +83,7 @@ def storm_row(number: int) -> list[Row]:
 
 
 def truth_row(number: int, patience: float) -> list[Row]:
-    """Return the independent solver's solution of scene `number`, by DOP853, or by Radau if DOP853 fails.
-
-    For a stiff scene Radau comes first. The limit of the processor time of each method is `patience` (s).
-    """
+    """Return the independent solver's solution of scene `number`; each method may take `patience` (s)."""
     approach = storm(number)
     law = approach.scene.contact
     d = damping_factor(law.dissipation, law.restitution, law.stiffness_exponent, law.damping_exponent)
@@ -121,7 +118,7 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
     for contact in outcome.contacts:
         after, striking = contact.object_velocity, before + contact.approach_velocity
         until = NEVER if contact.end is None else contact.end
-        rubbed = slowing * (until - since)  # m/s, at most
+        rubbed = slowing * (until - since)  # m/s, largest change of V_p by friction
         lost = contact.impulse - m_p * (after - before)
         impulse_error = max(-lost, lost - m_p * rubbed, 0.0) / max(contact.impulse, 1e-300)
         budgets.append((abs(contact.momentum_error), impulse_error))
@@ -137,7 +134,6 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
 
 
 def _worst(*values: float) -> float:
-    """Return the largest value; nan counts as infinite."""
     return math.inf if any(map(math.isnan, values)) else max(values)
 
 
@@ -164,8 +160,8 @@ def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple
 def _work(
     target: ig.Object, time: Array, mass: Array, delta: Array, rate: Array, velocity: Array, force: Array
 ) -> tuple[Array, Array]:
-    """Return M a d(delta) between successive points (J), with constant M a, and the contact's impulses (N s)."""
-    # impulse of the contact: momentum of the object, and impulse of friction; without sliding, friction = contact force
+    """Return M a d(delta) between successive points (J), for M a constant in between, and the impulses so far (N s)."""
+    # impulse = momentum of the object + impulse of friction; without sliding, friction equals the contact force
     friction, passed = GRAVITY * target.mass * (target.friction or 0.0), np.diff(time)
     slides = velocity[1:] + velocity[:-1] != 0.0
     held = np.where(slides, friction * np.sign(velocity[1:] + velocity[:-1]), (force[1:] + force[:-1]) / 2)
