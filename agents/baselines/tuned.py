@@ -1,4 +1,8 @@
-"""Load baselines by name; read and write the files of tuned baselines, JSON with a checksum."""
+"""Load baselines by name; read and write the files of tuned baselines and of the clairvoyant bound.
+
+The file of a tuned baseline is JSON with a checksum. The file of a bound holds, for each scenario, the parameters with
+which `Clairvoyant` has the lowest cost; a controller of another class could have a lower cost.
+"""
 
 import hashlib
 import json
@@ -8,7 +12,9 @@ from pkgutil import resolve_name
 from typing import Any
 
 from agents import setups
-from agents.baselines.rule import Rule
+from agents.archive import archive_of, read_archive
+from agents.baselines.profile import Clairvoyant
+from agents.baselines.rule import Floats, Rule
 from agents.policies import Controller
 from agents.setups import TUNED, Setup, owner, shipped_baselines
 from impact_gym.files import parsed, write_file
@@ -16,6 +22,9 @@ from impact_gym.task import Task
 from impact_gym.validation import nearest, number
 
 FORMAT = "impact_gym tuned baseline 1"
+BOUND_FORMAT = "impact_gym clairvoyant 2"
+BOUND_SET = "test"  # frozen set with the scenarios of the bound
+BOUND_GENERATIONS = 150  # generations of the search in each scenario
 RULES: dict[str, type[Rule]] = {name: resolve_name(f"agents.baselines:{name}") for name in setups.RULES}
 FIXED: dict[str, Any] = {name: resolve_name(f"agents.baselines:{kind}") for name, kind in setups.FIXED.items()}
 
@@ -97,3 +106,41 @@ def _checksum(content: Mapping[str, Any]) -> str:
     """Return the SHA-256 of a file's content except the entry "sha256"."""
     rest = {field: value for field, value in content.items() if field != "sha256"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
+
+
+def bound_path(setup: Setup, folder: Path = TUNED) -> Path:
+    """Return the path of the file with a set-up's bound."""
+    return folder / f"clairvoyant-{setup.name}.npz"
+
+
+def _bound_search(setup: Setup, generations: int) -> dict[str, Any]:
+    settings = {"set": BOUND_SET, "parameters": Clairvoyant.names(), "generations": generations}
+    return {"environment": dict(setup.environment), **settings}
+
+
+def write_bound(
+    setup: Setup, by_weight: Mapping[float, Floats], folder: Path = TUNED, generations: int = BOUND_GENERATIONS
+) -> Path:
+    """Write the best parameters (scenarios, k) for each time weight, atomically, and return the path."""
+    arrays = {f"{weight:g}": by_weight[weight] for weight in sorted(by_weight)}
+    return write_file(bound_path(setup, folder), archive_of(BOUND_FORMAT, _bound_search(setup, generations), arrays))
+
+
+def read_bound(setup: Setup, folder: Path = TUNED, generations: int = BOUND_GENERATIONS) -> dict[float, Floats]:
+    """Return the best parameters (scenarios, k) for each time weight (m/s per s); empty if there is no file."""
+    path = bound_path(setup, folder)
+    if not path.is_file():
+        return {}
+    content, arrays = read_archive(path, BOUND_FORMAT)
+    environment = content.get("environment", {})
+    wanted = {**_bound_search(setup, generations), "environment": environment}
+    if content != wanted or not setup.describes(Task(**environment)):
+        remedy = f"impact-gym tune {setup.called} --bound"
+        raise ValueError(f"{path} was searched for another environment or for other parameters: {remedy}")
+    return {float(weight): parameters for weight, parameters in arrays.items()}
+
+
+def bound_of(setup: Setup, folder: Path = TUNED) -> dict[float, Floats]:
+    """Return the best parameters (scenarios, k) at each time weight of the evaluation; empty if a weight is missing."""
+    by_weight, weights = read_bound(setup, folder), setup.evaluation.weights
+    return {weight: by_weight[weight] for weight in weights} if by_weight.keys() >= set(weights) else {}

@@ -18,7 +18,7 @@ from agents.command_line import run_command
 from agents.export.c_header import has_controller, write_header
 from agents.export.contract import Subject, of_name, of_setup
 from agents.export.onnx_graph import write_onnx
-from agents.export.replay import Replay, compiled, logged, network_in_c, replay
+from agents.export.replay import Replay, compiled, logged, replay
 from agents.policies.policy import Policy
 from agents.setups import load_setup
 from impact_gym.validation import whole
@@ -102,11 +102,13 @@ def export(subject: Subject, options: Export, name: str) -> list[Path]:
             return [header]
         drawn = np.random.default_rng(0).uniform(policy.spec.scaled_low, 1.0, (OBSERVATIONS, policy.inputs))
         observed = drawn.astype(np.float32)
-        in_c = network_in_c(program, observed, policy.actions) if program else None
-    actions = policy.predict(observed)[0]
+        actions = policy.predict(observed)[0]
+        in_c = np.empty_like(actions)
+        if program:
+            program.act(len(observed), observed.ctypes, in_c.ctypes)
     allowed = AGREEMENT + rounding(policy, observed, actions)
     graph = write_onnx(subject, options.out / f"{name}.onnx")
-    print(judged(header, in_c, "no C compiler is here", actions, allowed))
+    print(judged(header, in_c if program else None, "no C compiler is here", actions, allowed))
     print(judged(graph, network_in_onnx(graph, observed), "the package onnxruntime is missing", actions, allowed))
     return [header, graph]
 

@@ -89,13 +89,6 @@ def compiled(subject: Subject, header: Path, folder: Path, *how: str, language: 
     return ctypes.CDLL(str(library))
 
 
-def network_in_c(program: ctypes.CDLL, observed: NDArray[np.float32], size: int) -> NDArray[np.float32]:
-    """Return the actions (n, `size`) of a compiled header's network for observations (n, n_obs)."""
-    actions = np.empty((len(observed), size), np.float32)
-    program.act(len(observed), observed.ctypes, actions.ctypes)
-    return actions
-
-
 def replay(subject: Subject, program: ctypes.CDLL, log: Log, calls: int) -> Replay:
     """Let the controller of a compiled program replay a log; compare its commands, and time `calls` calls."""
     steps = log.steps.astype(np.int32)

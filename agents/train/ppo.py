@@ -157,7 +157,7 @@ def train(run: Run, out: Path | None = None, on_validation: OnValidation | None 
     folder.mkdir(parents=True)
     record = {"command": run.command, **run.made_for(), **revision(), **circumstances(*PACKAGES)}
     write_file(folder / "config.json", json.dumps(record, indent=2) + "\n")
-    return _to_its_end(folder, run, record, on_validation)
+    return resume(folder, on_validation)
 
 
 def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
@@ -169,11 +169,6 @@ def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
             raise ValueError(f"the set-up {run.setup.called} has changed since the run began")
     except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{folder} holds no run that this version can resume: {error}") from error
-    return _to_its_end(folder, run, record, on_validation)
-
-
-def _to_its_end(folder: Path, run: Run, record: dict[str, Any], on_validation: OnValidation | None) -> Path:
-    """Finish the training, while the folder is locked, and return the folder."""
     with writing(f"the run in {folder}"), locked(folder / "lock", wait=False):
         if not (folder / "metrics.json").is_file():
             _learn(folder, run, record, on_validation)

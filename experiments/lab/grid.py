@@ -26,7 +26,7 @@ class Contestant(NamedTuple):
     """A named controller; the seeds of one training share the name."""
 
     name: str
-    controller: Mapping[str, Any]  # plain data, see `agents.evaluate.controllers`
+    controller: Mapping[str, Any]  # plain data, see `agents.evaluate.play`
     seed: int = 0
 
 
