@@ -62,20 +62,21 @@ def minimise(
     return Minimum(within_limits([x for x, _ in best]), np.array([f for _, f in best]), generation)
 
 
-class Jittery:
+class Jittery(NamedTuple):
     """A rule with random errors on its actions, the same for all candidates of a search in a scenario.
 
     With these errors the search avoids parameters that work only if the arm follows commands exactly.
     """
 
-    def __init__(self, rule: Controller, jitter: float, scenarios: int, rng: np.random.Generator) -> None:
-        """Wrap a rule; `jitter` is the standard deviation of the errors, as a fraction of an action's range of 2."""
-        self._rule, self._scale, self._scenarios, self._rng = rule, 2.0 * jitter, scenarios, rng
+    rule: Controller
+    jitter: float  # standard deviation of the errors, as a fraction of an action's range of 2
+    scenarios: int
+    rng: np.random.Generator
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, Any]:
         """Return the rule's actions (n, k) with errors, and its next state."""
-        actions, state = self._rule.predict(observation, state, episode_start, deterministic)
-        off = self._rng.normal(0.0, self._scale, (self._scenarios, actions.shape[-1]))
-        return actions + np.tile(off, (len(actions) // self._scenarios, 1)), state
+        actions, state = self.rule.predict(observation, state, episode_start, deterministic)
+        off = self.rng.normal(0.0, 2.0 * self.jitter, (self.scenarios, actions.shape[-1]))
+        return actions + np.tile(off, (len(actions) // self.scenarios, 1)), state

@@ -113,17 +113,14 @@ def bound_path(setup: Setup, folder: Path = TUNED) -> Path:
     return folder / f"clairvoyant-{setup.name}.npz"
 
 
-def _bound_search(setup: Setup, generations: int) -> dict[str, Any]:
-    settings = {"set": BOUND_SET, "parameters": Clairvoyant.names(), "generations": generations}
-    return {"environment": dict(setup.environment), **settings}
-
-
 def write_bound(
     setup: Setup, by_weight: Mapping[float, Floats], folder: Path = TUNED, generations: int = BOUND_GENERATIONS
 ) -> Path:
     """Write the best parameters (scenarios, k) for each time weight, atomically, and return the path."""
     arrays = {f"{weight:g}": by_weight[weight] for weight in sorted(by_weight)}
-    return write_file(bound_path(setup, folder), archive_of(BOUND_FORMAT, _bound_search(setup, generations), arrays))
+    search = {"set": BOUND_SET, "parameters": Clairvoyant.names(), "generations": generations}
+    content = {"environment": dict(setup.environment), **search}
+    return write_file(bound_path(setup, folder), archive_of(BOUND_FORMAT, content, arrays))
 
 
 def read_bound(setup: Setup, folder: Path = TUNED, generations: int = BOUND_GENERATIONS) -> dict[float, Floats]:
@@ -132,9 +129,9 @@ def read_bound(setup: Setup, folder: Path = TUNED, generations: int = BOUND_GENE
     if not path.is_file():
         return {}
     content, arrays = read_archive(path, BOUND_FORMAT)
-    environment = content.get("environment", {})
-    wanted = {**_bound_search(setup, generations), "environment": environment}
-    if content != wanted or not setup.describes(Task(**environment)):
+    environment = content.pop("environment", {})
+    search = {"set": BOUND_SET, "parameters": Clairvoyant.names(), "generations": generations}
+    if content != search or not setup.describes(Task(**environment)):
         remedy = f"impact-gym tune {setup.called} --bound"
         raise ValueError(f"{path} was searched for another environment or for other parameters: {remedy}")
     return {float(weight): parameters for weight, parameters in arrays.items()}
