@@ -61,8 +61,7 @@ def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None
     The file must fit `setup`, or if `setup` does not tune this baseline, the shipped set-up that tunes it. Default
     folder: that of the set-up's results, or of the shipped baselines.
     """
-    its_own = setup is not None and name in setup.tuned
-    setup = setup if its_own else owner(name)
+    setup = owner(name, setup)
     path = (folder or (setup.folder / "tuned" if setup else TUNED)) / f"{name}.json"
     if setup is None and not path.is_file():
         raise ValueError(nearest("baseline", name, [*FIXED, *shipped_baselines()]))
