@@ -70,7 +70,8 @@ def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None
         raise ValueError(f"baseline {name!r} was not tuned, there is no {path}: {remedy}")
     try:
         content: dict[str, Any] = parsed(path, "JSON", json.loads)
-        checksum = _checksum(content)
+        rest = {field: value for field, value in content.items() if field != "sha256"}
+        checksum = hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
         if checksum != content["sha256"]:
             raise ValueError(f"its checksum is {checksum}, not {content['sha256']}: it was altered")
         expected = _description(name, setup.tuned[name].rule if setup else content["rule"])
@@ -90,7 +91,8 @@ def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Pat
     ordered = {key: weights[key] for key in sorted(weights, key=float)}
     made_for = {**_description(name, setup.tuned[name].rule), "environment": dict(setup.environment)}
     content = json.loads(json.dumps({**made_for, "weights": ordered}))
-    text = json.dumps({**content, "sha256": _checksum(content)}, indent=2)
+    checksum = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    text = json.dumps({**content, "sha256": checksum}, indent=2)
     return write_file(folder / f"{name}.json", text + "\n")
 
 
@@ -99,12 +101,6 @@ def _description(name: str, rule: str) -> dict[str, Any]:
     fields = ("name", "unit", "low", "high")
     limits = [{field: getattr(parameter, field) for field in fields} for parameter in RULES[rule].PARAMETERS]
     return {"format": FORMAT, "baseline": name, "rule": rule, "parameters": limits}
-
-
-def _checksum(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a file's content except the entry "sha256"."""
-    rest = {field: value for field, value in content.items() if field != "sha256"}
-    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
 def bound_path(setup: Setup, folder: Path = TUNED) -> Path:
