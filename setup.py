@@ -1,8 +1,7 @@
-"""What pyproject.toml cannot say: the solver is compiled, and a wheel has one package at its top.
+"""Build script: compiles the solver, and moves the packages `agents` and `experiments` into `impact_gym` in a wheel.
 
-The names `agents` and `experiments` are others' as well. So in a wheel they lie below `impact_gym`, and what their
-sources import, and name in strings, is renamed with them. A checkout, and what is installed from it to edit, is as it
-lies here; `impact_gym.agents` is found there, too.
+Other projects also install packages with these two names. impact_gym/beside.py makes `impact_gym.agents` and
+`impact_gym.experiments` importable in a checkout, too.
 """
 
 import re
@@ -17,10 +16,10 @@ from setuptools.command.build_py import build_py
 
 FLAGS = [
     "-O3",
-    "-g0",  # what a debugger would want takes a quarter of the time and three quarters of the file
-    "-fno-math-errno",  # nobody asks for errno, and
-    "-fno-trapping-math",  # nobody waits for traps; inf and nan stay what they are
-    "-ffp-contract=off",  # a * b + c rounds twice on every processor, so that they agree to the bit
+    "-g0",  # debug information would take a quarter of the build's time and three quarters of the file
+    "-fno-math-errno",  # no code reads errno
+    "-fno-trapping-math",  # no code traps floating-point exceptions
+    "-ffp-contract=off",  # a * b + c is rounded twice on every processor, so all processors give the same bits
 ]
 BELOW = ("agents", "experiments")
 DATA = {
@@ -32,15 +31,15 @@ NAMED = re.compile(r"""((?:^|\n)\s*(?:from|import)\s+|["'])(agents|experiments)(
 
 
 def placed(package: str) -> str:
-    """Return where a package of the checkout lies in a wheel."""
+    """Return the name that a package of the checkout has in a wheel."""
     return f"impact_gym.{package}" if package.partition(".")[0] in BELOW else package
 
 
 class Build(build_py):
-    """Copies modules, with the names under which they find each other there."""
+    """Copies modules into a wheel; in their sources, the packages BELOW get their new names."""
 
     def build_module(self, module: str, module_file: str, package: Any) -> Any:
-        """Copy a module, renamed where it says so."""
+        """Copy a module; in a module of BELOW, rename imports and strings, unless the installation is editable."""
         out, copied = super().build_module(module, module_file, package)
         if not self.editable_mode and any(f".{name}." in f"{package}." for name in BELOW):
             text = Path(out).read_text()
@@ -63,7 +62,7 @@ if "editable_wheel" in sys.argv:
         "packages": packages,
         "package_dir": {"": "."},
         "package_data": DATA,
-    }  # a plain path, as every tool follows
+    }  # an editable installation is then a path in a .pth file, which type checkers follow
 else:
     layout = {
         "packages": [*map(placed, packages)],

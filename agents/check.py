@@ -26,7 +26,7 @@ SAMPLE = 500  # scenarios that the paper's rule plays
 
 @dataclass(frozen=True)
 class Check:
-    """Check a set-up, and print what its file means.
+    """Check a set-up, and describe it.
 
     A set-up is a file that describes an arm and its objects. The command prints the observation, the actions, the
     ranges, and the settings of training and evaluation. It also plays the paper's rule in 500 scenarios and prints the
@@ -36,8 +36,8 @@ class Check:
     setup: tyro.conf.Positional[str]
     """Name of a shipped set-up, or file of a set-up."""
     picture: Path | None = None
-    """PNG file for the picture, which is to scale. To draw it, install the packages of the extra `render`. Default:
-    reports/setups/NAME.png."""
+    """PNG file for the picture, which is to scale. The picture needs the packages of the extra `render`. Without this
+    option, the file is reports/setups/NAME.png."""
 
 
 def lag(task: Task) -> float:

@@ -42,34 +42,38 @@ class Tune:
     """Tune the baselines (controllers that are not learned) of set-ups, each baseline for several time weights."""
 
     setups: tyro.conf.Positional[tuple[str, ...]] = SETUPS
-    """Names of shipped set-ups, or files of set-ups. Default: all shipped set-ups."""
+    """Names of shipped set-ups, or files of set-ups."""
     names: tuple[str, ...] = ()
-    """Names of the baselines to tune. Default: all baselines in [baselines.tuned] of the set-ups."""
+    """Names of the baselines to tune. Without this option, the command tunes all baselines in [baselines.tuned] of the
+    set-ups."""
     weights: tuple[float, ...] = ()
-    """Time weights, m/s per s. A time weight is the cost of a second of approach. Default: `evaluation.weights` of the
-    set-up."""
+    """Time weights, m/s per s. A time weight is the cost of a second until the touch. Without this option, the command
+    uses `evaluation.weights` of the set-up."""
     scenarios: int | None = None
-    """Number of scenarios that each candidate (a set of parameters) plays. Default: the number in the set-up."""
+    """Number of scenarios in which the search tries each candidate (a set of parameters). Without this option, the
+    number comes from the set-up."""
     budget: int | None = None
-    """Number of candidates for each time weight. Default: `baselines.budget` of the set-up."""
+    """Number of candidates for each time weight. Without this option, the number is `baselines.budget` of the
+    set-up."""
     population: int = 16
-    """Number of candidates in a generation of the search. They play at the same time."""
+    """Number of candidates that the search tries at the same time."""
     seed: int = 1
     """Seed of the random numbers in the search."""
     bound: bool = False
-    """Also search the bound: the lowest cost of a controller that knows the scenario. The command does not search the
-    bound of a set-up that uses the bound of another set-up."""
+    """Also search the bound: the lowest cost of a controller that knows the scenario. The command searches no bound for
+    a set-up that uses the bound of another set-up."""
     at_rule_time: bool = False
-    """Also tune for additional time weights, until one mean approach time is up to 5 ms shorter than that of the
-    paper's rule, and another is up to 5 ms longer. The report then interpolates V_p (the object's final velocity) at
-    the mean approach time of the rule."""
+    """Also tune for more time weights (at most eight), until two mean approach times lie within 5 ms of the mean
+    approach time of the paper's rule: one below, one above. The report then interpolates V_p (the object's final
+    velocity) between these two."""
     processes: int = 2
-    """Number of searches at the same time on this machine, each on one core. 0: the searches run in this process."""
+    """Number of searches at the same time on this machine, each on one core. With 0, the searches run in this
+    process."""
     cluster: str | None = None
     """Search on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster."""
     out: Path | None = None
-    """Folder for the files of the tuned baselines. Default: for a shipped set-up the folder of its shipped baselines,
-    for another set-up runs/NAME/tuned."""
+    """Folder for the files of the tuned baselines. Without this option, the command writes the files of a shipped
+    set-up into the folder of the shipped baselines, and the files of another set-up into runs/NAME/tuned."""
     jobs: Path = Path("runs/tune")
     """Folder in which the command stores finished searches."""
 

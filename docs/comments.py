@@ -1,4 +1,4 @@
-"""An extension of the reference: the comment after a field, its unit and meaning, becomes its docstring."""
+"""Extension for the API reference: a field without docstring gets the comment on its line as docstring."""
 
 import re
 from typing import Any
@@ -7,10 +7,10 @@ import griffe
 
 
 class Comments(griffe.Extension):
-    """Use the comment at the end of an attribute's line as its docstring if it has none; MkDocs loads this by path."""
+    """Extension of griffe, which mkdocs.yml names by the path of this file."""
 
     def on_attribute(self, *, attr: griffe.Attribute, **_: Any) -> None:
-        """Give an attribute a docstring."""
+        """Give an attribute without docstring the comment at the end of its last line as docstring."""
         if attr.docstring is None and attr.lineno is not None and attr.lines:
             found = re.search(r"\s# (?!type:|noqa)(.+)$", attr.lines[-1])
             if found:

@@ -1,9 +1,8 @@
-"""Parts of the pages that are generated from the code: tables, listings and pictures; and formulas as MathML.
+"""Write the generated parts of the pages (tables, listings, pictures), and convert formulas to MathML for MkDocs.
 
-`python docs/generated.py` writes the tables and listings into the pages, so that a page is also complete as a file. The
-text between `<!-- generated: NAME -->` and `<!-- end -->` is the return value of TEXTS[NAME], or the file NAME.
-tests/test_documentation.py fails if a page is outdated. Pictures are written to docs/pictures. MkDocs uses the hooks of
-this file, so that formulas need no script.
+`python docs/generated.py` writes the pictures in docs/pictures, and the text between the comments in a page,
+`<!-- generated: NAME -->` and `<!-- end -->`: the return value of TEXTS[NAME], or the content of the file NAME. MkDocs
+calls the functions `on_page_content` and `on_post_build`.
 """
 
 import contextlib
@@ -66,7 +65,7 @@ def write() -> None:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    r"""Turn \(...\) and \[...\] of `pymdownx.arithmatex` into MathML, and the p of V_p into an index."""
+    r"""Convert formulas \(...\) and \[...\] of `pymdownx.arithmatex` to MathML, and make the p of V_p a subscript."""
 
     def math(found: re.Match[str]) -> str:
         return convert(html.unescape(found[2]), display="block" if found[1] == "div" else "inline")
@@ -77,7 +76,7 @@ def on_page_content(content: str, **_: Any) -> str:
 
 
 def on_post_build(config: Any, **_: Any) -> None:
-    """Replace the script that the theme loads from the network by our own `search.js`, in every page."""
+    """In every page, replace the theme's script `iframe-worker/shim`, from the network, by our `search.js`."""
     site = Path(config.site_dir)
     for page in site.rglob("*.html"):
         root = "../" * (len(page.relative_to(site).parts) - 1)
@@ -91,19 +90,19 @@ def table(head: str, rows: list[list[str]]) -> str:
 
 
 def environment() -> str:
-    """Return the specification of the environment, which is its docstring."""
+    """Return the docstring of `ImpactApproachEnv` without its first paragraph."""
     return inspect.cleandoc(ImpactApproachEnv.__doc__ or "").split("\n\n", 1)[1]
 
 
 def teleop() -> str:
-    """Return the specification of the environment with an operator, without the rows that both have."""
+    """Return the docstring of `ImpactTeleopEnv` without its first paragraph and without rows that need no operator."""
     text = inspect.cleandoc(ImpactTeleopEnv.__doc__ or "").split("\n\n", 1)[1]
     shared = re.compile(r"^\| (?:\d|then) (?=(?:.*\|){6}$)(?!.*only with `operator`).*\n", re.MULTILINE)
     return shared.sub("", text)
 
 
 def ids() -> str:
-    """Return the table of registered ids."""
+    """Return the table of the ids of environments."""
     rows = []
     for name, arguments in IDS.items():
         space: Any = gym.make(name).observation_space
@@ -154,14 +153,14 @@ def svg(figure: Figure) -> bytes:
 
 
 def drawn(draw: Callable[[Any], None], height: float) -> bytes:
-    """Return the picture that a function draws on axes, 6.4 by `height` inches."""
+    """Return as SVG what `draw` draws on the axes of a figure of 6.4 by `height` inches."""
     figure = Figure(figsize=(6.4, height))
     draw(figure.subplots())
     return svg(figure)
 
 
 def contact_force(axes: Any) -> None:
-    """Draw the force over the penetration for three restitutions."""
+    """Draw the contact force over the penetration for three restitutions."""
     for restitution, colour in ((1.0, BLUE), (0.5, ORANGE), (0.1, GREEN)):
         scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.1), ig.Contact(1e5, restitution))
         trace = ig.simulate(scene, ig.Trapezoid(1.0, 8.0), trace=True).trace
@@ -173,7 +172,7 @@ def contact_force(axes: Any) -> None:
 
 
 def restitution(axes: Any) -> None:
-    """Draw the restitution that each law delivers over the nominal one."""
+    """Draw for each law of dissipation the restitution of a contact over the nominal restitution."""
     nominal = np.linspace(0.01, 1.0, 200)
     axes.plot(nominal, nominal, color=GREY, lw=1, ls="--", label="exact")
     for law in PUBLISHED:
@@ -183,7 +182,7 @@ def restitution(axes: Any) -> None:
 
 
 def mechanism(axes: Any) -> None:
-    """Draw the force of the paper's mechanism over the slider's position, and its stops."""
+    """Draw the force of the paper's mechanism over the slider's position, and the positions of both stops."""
     law = ig.Bistable()
     position = np.linspace(-1.05 * law.stroke, 1.05 * law.stroke, 400)
     axes.axhline(0.0, color=GREY, lw=0.5)
@@ -195,7 +194,7 @@ def mechanism(axes: Any) -> None:
 
 
 def convergence(axes: Any) -> None:
-    """Draw the error of one contact over the number of evaluations, in time and in the root of the penetration."""
+    """Draw the error of a contact's restitution over the number of evaluations, for two forms of the equations."""
     from scipy.integrate import solve_ivp
 
     damping = 1.5
@@ -225,7 +224,7 @@ def convergence(axes: Any) -> None:
 
 
 def contact() -> bytes:
-    """Return a picture of an episode of the paper's rule at its first contact."""
+    """Return a picture (PNG) of the first contact in an episode with the paper's rule."""
     env = gym.make("ImpactApproach-v0", render_mode="rgb_array")
     observation, _ = env.reset(seed=3)
     rule, file = PaperTrapezoid(), io.BytesIO()
@@ -243,7 +242,7 @@ TEXTS: dict[str, Callable[[], str]] = {
 
 
 def identified() -> bytes:
-    """Draw the result of the example on its page."""
+    """Return a picture (SVG) of the result of the example in how-to/identify.md."""
     page = (DOCS / "how-to/identify.md").read_text()
     names: dict[str, Any] = {}
     with contextlib.redirect_stdout(io.StringIO()):

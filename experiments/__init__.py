@@ -1,1 +1,1 @@
-"""The command `impact-gym`, the report, studies, the game, and other programs on top of `agents`."""
+"""The command `impact-gym`, and the programs that use `agents`, such as the report and the studies."""

@@ -1,4 +1,4 @@
-"""The command `impact-gym NAME`, which runs the module of this name if the packages that it needs are installed."""
+"""The command `impact-gym NAME`: runs a module if the packages that the module needs are installed."""
 
 import platform
 import re
@@ -12,7 +12,7 @@ from impact_gym.validation import nearest
 
 
 class Command(NamedTuple):
-    """A module to run, with the extras of the project that it needs."""
+    """A module to run, and the extras of the package impact-gym that the module needs."""
 
     module: str
     extras: tuple[str, ...]
@@ -21,7 +21,7 @@ class Command(NamedTuple):
 
 COMMANDS: Mapping[str, Mapping[str, Command]] = {
     "for your own arm and tool": {
-        "check": Command("agents.check", ("train",), "check a set-up (a TOML file) and print what it means"),
+        "check": Command("agents.check", ("train",), "check a set-up (a TOML file) and describe it"),
         "tune": Command("agents.tune", ("train",), "tune the baselines of a set-up"),
         "train": Command("agents.train", ("train",), "train one policy or several policies for a set-up"),
         "controller": Command(
@@ -88,7 +88,7 @@ def main() -> None:
         remedy = f"pip install 'impact-gym[{','.join(command.extras)}]'"
         sys.exit(f"impact-gym {name} needs {', '.join(absent)}: {remedy}")
     sys.argv[1:] = arguments
-    sys.path.append("")  # for controllers `module:object`; last, because users may have their own folder `experiments`
+    sys.path.append("")  # to find MODULE:OBJECT; last, because the working folder may have a folder `experiments`
     runpy.run_module(command.module, run_name="__main__", alter_sys=True)
 
 

@@ -1,9 +1,4 @@
-"""From a set-up to a controller: `impact-gym controller my.toml --out DIR`.
-
-The stages are the commands tune, train, report and export. The last stage exports the controller that the report
-recommends: the paper's rule, a tuned baseline or the policy of the median seed. Results are kept in DIR, so a stopped
-command continues when it is run again. `--quick` tunes, trains and plays less.
-"""
+"""`impact-gym controller SETUP --out DIR`: tune, train, report, export the controller that the report recommends."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -37,13 +32,15 @@ class ControllerOptions:
     """Folder for all results. If the folder contains an unfinished run for this set-up, the command continues
     this run."""
     quick: bool = False
-    """Take a first look in a few minutes. The command then tries fewer parameters in the tuning, trains three policies
-    for a million steps each, and compares the controllers in 200 scenarios. For the full run, use another folder."""
+    """Make a first controller in a few minutes. The command then tries fewer parameters in the tuning, trains three
+    policies for a million steps each, and compares the controllers in 200 scenarios. For the full run, use another
+    folder."""
     processes: int = 2
-    """Number of tunings or trainings at the same time on this machine. Each uses one core."""
+    """Number of tunings or trainings at the same time on this machine, each on one core."""
     time_weight: float | None = None
-    """Cost of a second of approach, in m/s of the object's final velocity. The controller with the lowest total cost is
-    exported. Default: `evaluation.typical` of the set-up, which is 2 unless the file of the set-up changes it."""
+    """Cost of a second until the touch, in m/s of the object's final velocity. The command exports the controller with
+    the lowest mean cost. Without this option, the value is `evaluation.typical` of the set-up (2, if the file does not
+    contain another value)."""
     all: bool = False
     """Export all controllers, not only the best one."""
     cluster: str | None = None
@@ -52,24 +49,21 @@ class ControllerOptions:
 
 
 def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
-    """Copy the set-up's file to `out`, for all stages, and return the copy.
-
-    ValueError: the folder holds other files, or results of other settings MADE_FOR.
-    """
+    """Copy the set-up's file to `out` and return the copy's path; ValueError: `out` has results of another run."""
     copy, sign = out / f"{setup.path.stem}.toml", out / "quick"
     if out.exists() and not out.is_dir():
         raise ValueError(f"out must be a folder, but {out} is a file")
     content = sorted(out.iterdir()) if out.is_dir() else []
     if content and copy not in content:
-        raise ValueError(f"{out} holds something else ({content[0].name}): name another folder with --out")
+        raise ValueError(f"{out} has files, but no {copy.name} ({content[0].name}): name another folder with --out")
     if copy.is_file():
         if MADE_FOR(load_setup(copy)) != MADE_FOR(setup):
             raise ValueError(
                 f"{out} holds results of an earlier {copy.name}, which has changed since: name another folder"
             )
         if sign.exists() != quick:
-            kind = "a quick look" if sign.exists() else "a full run"
-            raise ValueError(f"{out} holds {kind}: name another folder with --out")
+            kind = "with" if sign.exists() else "without"
+            raise ValueError(f"{out} holds results of a run {kind} --quick: name another folder with --out")
     write_file(copy, setup.path.read_bytes())
     if quick:
         sign.touch()
@@ -77,7 +71,7 @@ def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
 
 
 def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[Any], object], Any]]:
-    """Return function and options of each stage, by the name of its command."""
+    """Return the function and the options of each stage, by the name of the stage's command."""
     out, setup, copies = options.out, load_setup(copy), (str(copy),)
     where: dict[str, Any] = {"processes": options.processes, "cluster": options.cluster}
     tuning = tune.Tune(copies, bound=setup.bound == copy.stem, out=out / "tuned", jobs=out / "searches", **where)
@@ -128,7 +122,7 @@ def run(options: ControllerOptions) -> None:
     print(f"report: {(options.out / 'report' / 'index.html').resolve().as_uri()}")
     print(report.results_of(options.out / "report")["choices"][copy.stem]["sentence"])
     if not options.all:
-        print("the others are not exported: the same command with --all exports each")
+        print("the other controllers are not exported: run the same command with --all to export them")
     print(f"files: {', '.join(map(str, files))}")
 
 

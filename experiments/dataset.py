@@ -1,4 +1,4 @@
-"""`impact-gym dataset`: datasets for Minari, with episodes of rules, policies or persons that can be replayed."""
+"""`impact-gym dataset`: Minari datasets whose episodes, played by rules, policies or persons, can be replayed."""
 
 import json
 import os
@@ -41,10 +41,9 @@ PLAYERS = {
     "profile": "the first baseline in the set-up's `against`",
     "policy": "its learned policy",
 }
-SEED = 70_000_000  # of the first episode; training, tuning and evaluation use other seeds
+SEED = 70_000_000  # default seed of the first episode; training, tuning and evaluation use other seeds
 ROOT = "MINARI_DATASETS_PATH"
-Players = Callable[[float], Controller]
-"""Function from the time weight of an episode, m/s per s, to the controller that plays it."""
+Players = Callable[[float], Controller]  # returns the controller for an episode's time weight, m/s per s
 
 
 @dataclass(frozen=True)
@@ -66,8 +65,8 @@ class DatasetOptions:
     seed: Annotated[int, arg(metavar="N")] = SEED
     """Seed of the first episode. Each later episode has the next seed."""
     operator: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: make a dataset)")] = None
-    """With a folder of tries: file for an operator that replays a random one of these tries in each episode. The file
-    is TOML for the table [environment] of a set-up."""
+    """With a folder of tries: file for an operator, who replays one randomly chosen try in each episode. The file is
+    TOML for the table [environment] of a set-up."""
     include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
     """Also use tries that impact-gym play marked as interrupted or late."""
     namespace: Annotated[str, arg(metavar="NAME")] = "impact"
@@ -79,7 +78,7 @@ class DatasetOptions:
     link: Annotated[str, arg(metavar="URL", help_behavior_hint="(default: version and commit)")] = ""
     """Public address of the code that made the dataset."""
     check: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
-    """Replay the episodes of a dataset, and check that observations, rewards and ends are the same bit by bit."""
+    """Play the episodes of a dataset again, and check that observations, rewards and ends are exactly the same."""
 
     def __post_init__(self) -> None:
         whole("episodes", self.episodes, at_least=1)
@@ -89,7 +88,7 @@ class DatasetOptions:
 
 
 def players(name: str, setup: Setup) -> Players:
-    """Return the player with a name of `DatasetOptions.who`; ValueError: it is unknown, or was not tuned or trained."""
+    """Return the player `name`, as in `DatasetOptions.who`; ValueError: it is unknown, not tuned or not trained."""
     tuned = setup.against[0] if name == "profile" and setup.against else name
     if name == "policy":
         policy = load_policy(setup.name if setup.shipped else setup.folder / "policies" / f"{setup.name}.npz")
@@ -108,9 +107,9 @@ def players(name: str, setup: Setup) -> Players:
 
 
 def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], play: Players) -> EpisodeBuffer:
-    """Play an episode and return it; its options hold the full record, so a reset with them repeats the scenario.
+    """Play an episode and return it. A reset with the episode's seed and options repeats the scenario.
 
-    The infos of each step are the values of `sensors` (SI units) and of `episode_info` at this step.
+    The infos have the values of `sensors` (SI units) and of `episode_info` after the reset and after each step.
     """
     bare: Any = env.unwrapped
 
@@ -158,7 +157,7 @@ def write(
 
 
 def of_setup(options: DatasetOptions) -> Iterator[Any]:
-    """Write and yield a dataset of each player of a set-up."""
+    """Write and yield a dataset for each player in `options.who`."""
     setup = load_setup(options.source)
     env = setup.make(time_weight=setup.training.time_weight)
     for who, play in {who: players(who, setup) for who in options.who}.items():
@@ -169,7 +168,7 @@ def of_setup(options: DatasetOptions) -> Iterator[Any]:
 
 
 def of_tries(options: DatasetOptions) -> Any:
-    """Write and return a dataset of the tries of persons in a folder."""
+    """Write and return a dataset of the persons' tries in the folder `options.source`."""
     found = try_files.of_persons(Path(options.source), options.include_marked)
     env = gym.make("impact_gym:ImpactTeleop-v0", **found[0].environment, operator=try_files.operator_of(found))
     name = f"{options.namespace}/{found[0].setup}/person-v{options.version}"
@@ -179,7 +178,7 @@ def of_tries(options: DatasetOptions) -> Any:
             record = {**this.record, "operator.recording": number + 0.5}
             done = recorded(env, this.seed, record, partial(Given, this.actions))
             if done.infos["done_time"][-1] != this.result["done_time"]:
-                raise ValueError("a try ends differently: it was made with another version of the environment")
+                raise ValueError("replayed, a try ends at another time: it is of another version of the environment")
             yield done
 
     assists = ", ".join(sorted({this.assist for this in found}))
@@ -187,7 +186,7 @@ def of_tries(options: DatasetOptions) -> Any:
 
 
 class Given:
-    """A controller that plays given actions, and then zeros."""
+    """A controller whose actions are given; after the last given action, its actions are zeros."""
 
     def __init__(self, actions: Sequence[Sequence[float]], _weight: float) -> None:
         given = np.array(actions, np.float32)
@@ -199,10 +198,7 @@ class Given:
 
 
 def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
-    """Make the environment that a dataset's metadata describe, without importing code that they name.
-
-    ValueError: the environment is not of this package, or its metadata name other code, a wrapper or a file.
-    """
+    """Make a dataset's environment; ValueError: it is not of this package, or metadata name other code or files."""
     spec = json.loads(about["env_spec"])
     if spec["id"] not in IDS:
         raise ValueError(f"its id must be one of {', '.join(IDS)}, got {shown(spec['id'])}")
@@ -215,7 +211,7 @@ def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
 
 
 def check(name: str) -> int:
-    """Replay a dataset; return its number of episodes; ValueError: it is missing, or its replay differs."""
+    """Replay a dataset, and return the number of its episodes; ValueError: no such dataset, or an episode differs."""
     if not get_dataset_path(name).is_dir():
         known = ", ".join(minari.list_local_datasets()) or "none"
         raise ValueError(f"there is no dataset {name!r:.80} in {get_dataset_path()}, which has: {known}")
@@ -223,7 +219,7 @@ def check(name: str) -> int:
     made = f"it was made with {', '.join(about.get('requirements', ['?']))}, solver {about.get('solver', '?')}"
     other = f"{made}; installed are impact-gym {version('impact-gym')}, solver {compiled_from()}"
     try:
-        env = environment_of(about)  # before `load_dataset`, which may itself make the environment
+        env = environment_of(about)  # before `load_dataset`, which may import what the metadata name
         dataset = minari.load_dataset(name)
     except (AssertionError, AttributeError, LookupError, TypeError, ValueError, gym.error.Error) as problem:
         raise ValueError(
@@ -245,7 +241,7 @@ def work(options: DatasetOptions) -> None:
         print(f"{options.source}: {check(options.source)} episodes replay to the bit")
     elif options.operator is not None:
         found = try_files.of_persons(Path(options.source), options.include_marked)
-        content = [f"{key} = {json.dumps(value)}\n" for key, value in try_files.operator_of(found).items()]  # TOML, too
+        content = [f"{key} = {json.dumps(value)}\n" for key, value in try_files.operator_of(found).items()]  # also TOML
         write_file(options.operator, "".join(["[environment.operator]\n", *content]))
         print(f"{options.operator}: an operator that draws one of {len(found)} tries for each episode")
     else:

@@ -65,10 +65,8 @@ class _Layout(NamedTuple):
     most: int  # number of values in the first line of numbers
 
 
-class _Source(NamedTuple):
-    place: int  # index of the column in the file
-    head: str  # the column's name in the file, or ""
-    scale: float | None  # factor from the file's unit to SI; None: the file states no unit
+_Sources = dict[str, tuple[int, float | None]]
+"""For each wanted column its index in the file, and the factor from the file's unit to SI (None: no unit is stated)."""
 
 
 def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> Table:
@@ -107,14 +105,14 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
         k: line for k, line in enumerate(text.split("\n")[layout.first :], layout.first + 1)
         if line.strip() and not line.lstrip().startswith(COMMENTS)
     }  # fmt: skip
-    values = _numbers(rows, layout, {name: source.place for name, source in sources.items()}, wanted)
-    columns = {name: values[:, n] * (source.scale or 1.0) for n, (name, source) in enumerate(sources.items())}
+    values = _numbers(rows, layout, {name: place for name, (place, _) in sources.items()}, wanted)
+    columns = {name: values[:, n] * (scale or 1.0) for n, (name, (_, scale)) in enumerate(sources.items())}
     said = ", ".join(
-        f"{name} ({wanted[name].unit}) from {shown(source.head) if source.head else f'column {source.place + 1}'}"
-        + ("" if source.scale else " without a unit")
-        for name, source in sources.items()
+        f"{name} ({wanted[name].unit}) from {shown(heads[place]) if heads[place] else f'column {place + 1}'}"
+        + ("" if scale else " without a unit")
+        for name, (place, scale) in sources.items()
     )
-    used = {source.place for source in sources.values()}
+    used = {place for place, _ in sources.values()}
     rest = [shown(head) for place, head in enumerate(heads) if place not in used]
     return columns, f"{said}; not used: {', '.join(rest)}" if rest else said
 
@@ -162,15 +160,13 @@ def _layout(lines: Sequence[str]) -> _Layout:
                 most = sum(shares)
     if best is None:
         written = next((line for line in reversed(lines) if line.strip()), "")
-        raise ValueError(
-            f"no line has two numbers; the last line read is {shown(written)}" if written else "it is empty"
-        )
+        raise ValueError(f"no line has two numbers, the last line is {shown(written)}" if written else "it is empty")
     return best
 
 
 def _sources(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column], unnamed: Sequence[str]
-) -> tuple[dict[str, _Source], list[str]]:
+) -> tuple[_Sources, list[str]]:
     """Find the wanted columns in the file; return where each one is, and the names of all columns of the file."""
     allowed = ", ".join(f"{name} ({column.unit})" for name, column in wanted.items())
     heads, units, between = _names(lines, layout, wanted)
@@ -183,7 +179,7 @@ def _sources(
     if not heads and layout.least != len(unnamed):
         raise ValueError(f"{layout.least} columns must have names, some of them {allowed}, got none")
     meanings = [_meaning(head, wanted) or ("", "") for head in heads] or [(name, "") for name in unnamed]
-    sources: dict[str, _Source] = {}
+    sources: _Sources = {}
     for name, column in wanted.items():
         meant = [(place, meaning[1]) for place, meaning in enumerate(meanings) if meaning[0] == name]
         same = [each for each in meant if heads and _plain(heads[each[0]]) == name.replace("_", " ")]
@@ -196,7 +192,7 @@ def _sources(
             if (unit and scale is None) or (column.needs_unit and not unit):
                 units_allowed = ", ".join(SCALES[column.unit])
                 raise ValueError(f"{name}, {shown(head)}, must be in one of {units_allowed}, got {shown(unit)}")
-            sources[name] = _Source(place, head, scale)
+            sources[name] = place, scale
     if unnamed[0] not in sources or len(sources) < 2:
         raise ValueError(f"there must be {unnamed[0]} and another one of {allowed}, got {', '.join(map(shown, heads))}")
     return sources, heads or [""] * layout.least

@@ -80,7 +80,7 @@ def writing(what: str) -> Iterator[None]:
     """Replace the OSError of a full disk or quota by a DiskFullError, which says that `what` was being written."""
     try:
         yield
-    except DiskFullError:  # a `writing` inside this one has already named its file
+    except DiskFullError:  # an inner `writing` has already named its file
         raise
     except OSError as error:
         if error.errno not in NO_ROOM:

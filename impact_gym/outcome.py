@@ -19,7 +19,7 @@ class ContactRecord(NamedTuple):
     start: float  # s
     end: float | None  # s; None if tool and object still touch at the end of the run
     approach_velocity: float  # m/s, penetration rate at the start: v_in of the paper's eq. 7
-    separation_velocity: float  # m/s, at which the surfaces part; for an unfinished contact the value at `duration`
+    separation_velocity: float  # m/s, speed at which the surfaces part; if `end` is None, at the end of the run
     peak_force: float  # N
     impulse: float  # N s, on the object
     object_velocity: float  # m/s, at the end of the contact
@@ -44,7 +44,7 @@ class Trace(NamedTuple):
 
     @classmethod
     def of(cls, points: NDArray[Any]) -> "Trace":
-        """Return the trace of recorded points (n,), of the data type TRACE, as copies."""
+        """Return a trace with copies of recorded points (n,), TRACE."""
         return cls(*(points[name].copy() for name in cls._fields))
 
 
@@ -65,7 +65,7 @@ class Outcome(NamedTuple):
     snap_through: tuple[float, ...]  # s, times at which the slider of a `Bistable` coupling passes its alignment
     peak_object_velocity: float  # m/s, largest velocity of the object; without friction that is its final velocity
     slide: float | None  # m, from the object's start to where it stops if no contact follows; None without friction
-    rest_time: float | None  # s, start of the final rest: object at 0, tool below 1 mm/s; inf: none; None: no friction
+    rest_time: float | None  # s, since when object and tool (below 1 mm/s) rest; inf: never; None: no friction
 
 
 @dataclass(frozen=True, eq=False)

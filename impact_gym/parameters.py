@@ -10,14 +10,14 @@ from impact_gym.validation import number, numbers
 
 
 class SI:
-    """Unit and limits of a dataclass field that has no row in `quantities`; written in the field's annotation."""
+    """Unit and limits of a dataclass field without a row in `quantities`; the field's annotation contains them."""
 
     def __init__(self, unit: str, **limits: float) -> None:
         self.unit, self.limits = unit, limits
 
 
 class Parameters:
-    """A frozen dataclass that checks its numbers when it is made, and stores them as floats.
+    """Base of frozen dataclasses, which check their numbers when an object is made, and store them as floats.
 
     The limits of a field come from the row `path.field` of `quantities`. A field without such a row has its limits in
     its annotation, such as `Annotated[float, SI("m", above=0)]`. A field with the default None may be None. A sequence

@@ -140,7 +140,7 @@ SENSORS = (
     Quantity("time", "time", "s", observed="always", scale=Scale(0.0, 1.25 * HORIZON, ends="horizon")),
     Quantity("alarm", "alarm", "-", observed="always", scale=SHARE, shaped_by=ALARMED),
     Quantity("time_since_alarm", "time since the alarm", "s", observed="always", scale=SINCE_ALARM, shaped_by=ALARMED),
-    Quantity("force", "contact force as sensed a delay ago", "N", observed="always", scale=FORCE, shaped_by=SENSED),
+    Quantity("force", "contact force one reaction delay ago", "N", observed="always", scale=FORCE, shaped_by=SENSED),
     Quantity("force_peak", "largest sensed force so far", "N", observed="always", scale=FORCE, shaped_by=SENSED),
 )  # fmt: skip
 
@@ -212,7 +212,7 @@ SET_UP = (
 )  # fmt: skip
 """Numbers of the set-up: arguments of the environment that may be ranges, from which each episode then draws."""
 
-DEFLECTION = Quantity("deflection", "tool minus flange from rest, as sensed a delay ago", "m", scale=Scale(-0.05, 0.05),
+DEFLECTION = Quantity("deflection", "displacement of the tool one reaction delay ago", "m", scale=Scale(-0.05, 0.05),
                       observed="deflection_sensor", shaped_by=("reaction_delay",))  # fmt: skip
 PAST = tuple(
     replace(row, id=f"{row.id}_{before}", words=f"{row.words}, {before} before", observed="past_readings")
@@ -223,18 +223,18 @@ SPEEDS = Scale(-0.5, 1.5, ends="velocity_range")
 AGE, SPREAD, LAST_READ = (Scale(0.0, high, 0.0) for high in (1.0, 0.2, 0.5))
 COMMANDS = (
     Quantity("command", "newest command of the operator that has arrived", "m/s", observed="operator", scale=SPEEDS),
-    Quantity("command_age", "time since it was sent", "s", observed="operator", scale=AGE),
+    Quantity("command_age", "time since this command was sent", "s", observed="operator", scale=AGE),
     Quantity("command_age_mean", "mean age of commands as they arrived", "s", observed="operator", scale=AGE),
-    Quantity("command_age_spread", "standard deviation of that age", "s", observed="operator", scale=SPREAD),
-    Quantity("executed", "velocity that the flange was last sent to", "m/s", observed="operator", scale=SPEEDS),
+    Quantity("command_age_spread", "standard deviation of the age of commands", "s", observed="operator", scale=SPREAD),
+    Quantity("executed", "last velocity commanded to the flange", "m/s", observed="operator", scale=SPEEDS),
 )  # fmt: skip
 """Numbers that the controller observes about the operator's commands."""
 MORE_SENSORS = (
     DEFLECTION,
     *PAST,
     *COMMANDS,
-    Quantity("range", "gap from tool to object as last read", "m", observed="range_sensor", scale=LAST_READ),
-    Quantity("range_age", "time since that reading was taken", "s", observed="range_sensor", scale=LAST_READ),
+    Quantity("range", "newest reading of the gap from tool to object", "m", observed="range_sensor", scale=LAST_READ),
+    Quantity("range_age", "age of this reading", "s", observed="range_sensor", scale=LAST_READ),
     Quantity("time_since_touch", "time since a switch would have raised the alarm", "s", observed="privileged",
              scale=SINCE_ALARM),
 )  # fmt: skip

@@ -23,7 +23,7 @@ from impact_gym.validation import choice, number, one_of
 Dissipation = Literal[
     "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores", "fixed"
 ]
-"""Laws that give the damping for a nominal restitution; for the resulting one see `effective_restitution`."""
+"""Laws of the damping for a nominal restitution; `effective_restitution` gives the restitution that results."""
 LAWS = get_args(Dissipation)
 
 
@@ -54,9 +54,9 @@ class Object(Parameters, path="object"):
 
 @dataclass(frozen=True, slots=True)
 class Contact(Parameters, path="contact"):
-    """Contact of a plane tool with an object: the force F = k_c delta^m + chi delta^n delta_dot >= 0 (paper, eq. 5).
+    """Contact of a plane tool with an object: F = max(k_c delta^m + chi delta^n delta_dot, 0) in N (paper, eq. 5).
 
-    delta is the penetration, k_c the stiffness, and chi the hysteresis damping. m = n = 3/2, the default, are the
+    delta is the penetration in m, k_c the stiffness, chi the hysteresis damping. m = n = 3/2, the default, are the
     exponents of a sphere; m = 1 and n = 0 give a linear spring and damper. `dissipation` names the law that gives chi
     for a nominal restitution. With "exact" a contact has the nominal restitution. With "hu-guo", the paper's eq. 7, its
     restitution is a little lower (0.4877 for 0.5, 0.0741 for 0.1; see docs/provenance.md). The other laws are in
@@ -99,7 +99,7 @@ class Rigid:
 
 @dataclass(frozen=True, slots=True)
 class SpringDamper(Parameters, path="coupling"):
-    """A coupling by a linear spring and damper with c_t = 2 zeta sqrt(k_t m_t), tool mass m_t (paper, eq. 17-18).
+    """A linear spring and damper (paper, eq. 17-18) of the damping 2 zeta sqrt(k_t m_t), with the tool mass m_t.
 
     A `stroke` adds a stop on each side, with the stiffness and damping ratio of the default stops of `Bistable`.
     """
@@ -115,10 +115,9 @@ class Bistable(Parameters, path="coupling"):
 
     The tool is fixed to the slider. Positions of the slider are measured from the alignment, where the spring is
     vertical. A stop is a linear spring and damper that never pulls; its damping is 2 zeta_s sqrt(k_s m_t), with the
-    tool mass m_t. At zeta_s = 1 its restitution is exp(-2) = 0.135; the paper assumes completely inelastic stops. The
-    paper does not print positions, stiffness and damping of the stops; we inferred or chose them (see
-    docs/provenance.md). At t = 0 the spring presses the slider against the front stop. If the flange accelerates too
-    fast, the slider leaves this stop.
+    tool mass m_t. At zeta_s = 1 the restitution of a stop is exp(-2) = 0.135; the paper assumes completely inelastic
+    stops. The paper prints no positions, stiffness and damping of the stops (see docs/provenance.md). At t = 0 the
+    spring presses the slider against the front stop. If the flange accelerates too fast, the slider leaves this stop.
     """
 
     stiffness: float = 50.0  # N/m, k

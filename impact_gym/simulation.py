@@ -105,7 +105,7 @@ def sweep(
         scene: the common scene, which also determines the types of coupling and robot.
         motion: the common motion.
         varied: values by dotted path, such as "object.mass", "coupling.height" or "motion.brake.delay". The arrays of
-            values are broadcast against each other. Any number of scene and motion can be varied, except those of a
+            values are broadcast against each other. All numbers of scene and motion can be varied, except those of a
             `RobotTable`.
         duration: length of the runs, s; broadcast with the values of `varied`.
         rtol: see `simulate`.

@@ -41,18 +41,18 @@ class Export:
     out: Path
     """Folder for the C header and the ONNX file."""
     setup: str | None = None
-    """Name or file of a set-up. CONTROLLER may then also be the name of a baseline of this set-up. With
-    this option, a rule without parameters, such as the paper's rule, is written for the arm of this set-up."""
+    """Name or file of a set-up. CONTROLLER may then also be the name of a baseline of this set-up. A rule without
+    parameters, such as the paper's rule, is then written for the arm of this set-up."""
     all: bool = False
     """Write all controllers of a set-up: its policy, its tuned baselines, and the rules without parameters, such as the
     paper's rule."""
     folder: Path | None = None
-    """With --all: folder with the subfolders `policies` and `tuned` of the set-up. Default: the folder to which
-    `impact-gym train --seeds` and `impact-gym tune` write these subfolders."""
+    """With --all: folder with the subfolders `policies` and `tuned` of the set-up. Without this option, the command
+    uses the folder into which `impact-gym train --seeds` and `impact-gym tune` write these subfolders."""
     episodes: int = 10_000
-    """Number of episodes in which the controller in C is compared with the original controller."""
+    """Number of episodes in which the command compares the controller in C with the original controller."""
     calls: int = 1_000_000
-    """Number of calls of the controller in C whose duration is measured."""
+    """Number of calls of the controller in C. The command measures the duration of these calls."""
 
     def __post_init__(self) -> None:
         for name in ("episodes", "calls"):

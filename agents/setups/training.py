@@ -30,12 +30,12 @@ class Training:
     steps: int = 12_000_000
     """Total number of environment steps, rounded up to whole rollouts of all environments."""
     time_weight: Range = (0.3, 8.0)
-    """Smallest and largest time weight, the cost of a second of approach in m/s of the object's final velocity. Each
-    episode draws its time weight log-uniformly between these two. The policy observes the time weight, so one policy
-    can be used for all time weights in this range."""
+    """Smallest and largest time weight. A time weight is the cost of a second until the touch, in m/s of the object's
+    final velocity. Each episode draws a time weight log-uniformly from this range. The policy observes the time weight,
+    so you can use the policy with every time weight in the range."""
     weight_power: float = 0.5
-    """The training divides rewards by (1 + time_weight) ** weight_power. With weight_power 0, episodes with a large
-    time weight would influence the policy most, because their costs are larger."""
+    """The training divides rewards by (1 + time_weight) ** weight_power, because costs are larger with a large time
+    weight. With weight_power 0, episodes with a large time weight would influence the policy most."""
     envs: int = 512
     """Number of parallel environments."""
     batch: int = 2048
@@ -54,14 +54,14 @@ class Training:
     log_std: float = -0.8
     """Logarithm of the initial standard deviation of the actions."""
     informed_critic: bool = True
-    """Whether the critic sees more than the policy: the true scenario and all other random numbers of the episode."""
+    """Let the critic observe more than the policy: the true scenario and all other random numbers of the episode."""
     teacher: str = ""
     """Name of a tuned baseline of the set-up, or of a shipped tuned baseline. The policy imitates this baseline before
     it learns from rewards. Empty: no imitation."""
     imitation_steps: int = 1_000_000
     """Number of environment steps in which the policy imitates the teacher."""
     learning_rate: float = 7e-4
-    """Initial learning rate. During the training, the learning rate falls linearly to final_rate times this value."""
+    """Initial learning rate. During the training, the learning rate falls linearly to its final value."""
     final_rate: float = 0.1
     """Final learning rate, as a fraction of the initial learning rate."""
     width: int = 64
@@ -73,13 +73,13 @@ class Training:
     nominal: float = 0.0
     """Fraction of the parallel environments that use the values in [evaluation.nominal] of the set-up."""
     rtol: float | None = None
-    """Relative tolerance of the simulation during training. Default: the tolerance of the set-up's environment. The
-    validation always uses the tolerance of the environment."""
+    """Relative error that the simulation allows in a contact during the training. Without this option, the value comes
+    from the set-up's environment. The validation always uses the value of the environment."""
     threads: int = 1
     """Number of threads of PyTorch. A second thread makes the training faster only if a core is free."""
     simulation_threads: int | None = None
-    """Number of threads that simulate the environments. This number does not change the result of the training.
-    Default: one thread for each core."""
+    """Number of threads that simulate the environments. This number does not change the result of the training. Without
+    this option, there is one thread for each core."""
     validate_every: int = 1_000_000
     """Number of environment steps between two validations. The training keeps the policy with the lowest cost in a
     validation."""

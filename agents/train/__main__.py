@@ -20,31 +20,32 @@ class TrainOptions:
     """Train a policy (a neural network) for a set-up, or several policies with --seeds."""
 
     setup: tyro.conf.Positional[str] = "linear-blind"
-    """Name of a shipped set-up, or file of a set-up. Its table [training] determines the defaults of --steps and of
-    all options after --steps."""
+    """Name of a shipped set-up, or file of a set-up. The table [training] of the set-up determines the defaults of
+    --steps and of all options after --steps."""
     training: Annotated[Training, tyro.conf.arg(name="")] = field(default_factory=Training)
     """Settings."""
     seed: int = 0
     """Seed of the training scenarios, the initial network and the exploration. The evaluation uses other scenarios."""
     seeds: int | None = None
-    """Number of policies to train, with the seeds 0, 1, 2 and so on. All policies are written into one file. The policy
-    with the median validation score represents the set-up. After an interruption, repeat the command.
-    It then trains only the missing policies."""
+    """Number of policies to train, with the seeds 0, 1, 2 and so on. The command writes all policies into one file. The
+    policy with the median validation score represents the set-up. If you repeat the command after an interruption, it
+    trains only the missing policies."""
     out: Path | None = None
-    """Folder for the files of the training. It must not exist yet. Default: a new folder in runs/. With --seeds, this
-    folder may exist, has a subfolder for each training, and is runs/all/SETUP by default."""
+    """Folder for the files of the training. Without --seeds, the folder must not exist yet, and the default is a new
+    folder in runs/. With --seeds, the folder may exist, and the default is runs/all/SETUP. The folder then has a
+    subfolder for each training."""
     policies: Path | None = None
-    """With --seeds: folder for the file that contains all policies. Default: for a shipped set-up the folder of the
-    shipped policies, for another set-up runs/NAME/policies."""
+    """With --seeds: folder for the file that contains all policies. Without this option, the command writes the file of
+    a shipped set-up into the folder of the shipped policies, and the file of another set-up into runs/NAME/policies."""
     processes: int = 2
-    """With --seeds: number of trainings at the same time on this machine, each on one core. 0: the trainings run in
-    this process."""
+    """With --seeds: number of trainings at the same time on this machine, each on one core. With 0, the trainings run
+    in this process."""
     cluster: str | None = None
     """With --seeds: train on a Ray cluster, each policy on one core. Give "ray" for the cluster that runs on this
     machine, or the address of a cluster. If the set-up is a file, the nodes of the cluster must be able to read it."""
     resume: Path | None = None
-    """Folder of an interrupted training. The training continues from its last checkpoint, with the settings from its
-    start. No other option is allowed."""
+    """Folder of an interrupted training. The training continues from its last checkpoint, with its original settings.
+    No other option is allowed."""
 
     def __post_init__(self) -> None:
         whole("processes", self.processes, at_least=0)

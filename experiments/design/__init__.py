@@ -1,5 +1,1 @@
-"""Search, at each approach time, for the coupling with which, under its best controller, V_p is lowest.
-
-`impact-gym design SETUP --free NAME=LOW:HIGH ... --out DIR` optimises coupling and controller together by CMA-ES on
-tuning scenarios, keeps finished searches in DIR, and plays the best designs on the test set.
-"""
+"""`impact-gym design`: for each approach time, search for the coupling whose best controller has the lowest V_p."""

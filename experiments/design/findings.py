@@ -1,4 +1,4 @@
-"""The page of `impact-gym design`: compares the designs and other couplings with the paper's rule on the test set."""
+"""The page of `impact-gym design`: comparison of designs and other couplings with the paper's rule on the test set."""
 
 import json
 from collections.abc import Sequence
@@ -16,9 +16,8 @@ from experiments.lab.study import Findings, Frames
 from impact_gym.quantities import QUANTITIES
 
 LABELS = {FRONT: "best design for each approach time", CHOSEN: "chosen design"}
-BINS = 5  # groups of test scenarios by the object's distance, with the same number of scenarios
-ENTRY = ("line", "allowed", "seed", "loss", "rule", "design", "parameters")
-"""Columns that identify a candidate on a line of the chart, see `experiments.design.study.Row`."""
+BINS = 5  # number of equally large groups of test scenarios, by the object's distance
+ENTRY = ("line", "allowed", "seed", "loss", "rule", "design", "parameters")  # columns of `experiments.design.study.Row`
 
 
 def mean(rows: pl.DataFrame, name: str) -> float:
@@ -27,7 +26,7 @@ def mean(rows: pl.DataFrame, name: str) -> float:
 
 
 def summary(frame: pl.DataFrame) -> list[dict[str, Any]]:
-    """Return a row for each candidate that was played on the test set, by line and then by mean approach time."""
+    """Return a row for each candidate that played the test set, sorted by line, then by mean approach time."""
     paper = mean(frame.filter(line=PAPER), "object_velocity")
     each = frame.group_by(ENTRY, maintain_order=True).agg(
         pl.mean("approach_time", "object_velocity"),
@@ -48,13 +47,13 @@ def summary(frame: pl.DataFrame) -> list[dict[str, Any]]:
 
 
 def in_words(design: str) -> str:
-    """Return the numbers of a design (JSON) with their units."""
+    """Return a design (JSON) as text: names, values and units of its numbers."""
     units = {name: QUANTITIES[name].unit.removeprefix("-") for name in json.loads(design)}
     return ", ".join(f"{name} {value:.4g} {units[name]}".strip() for name, value in json.loads(design).items())
 
 
 def reduction(line: pl.DataFrame, paper: pl.DataFrame) -> Estimate:
-    """Return 1 - V_p of `line` / V_p of the paper's rule, with V_p of `line` at the rule's mean approach time."""
+    """Return 1 - V_p of `line` / V_p of `paper`, the paper's rule, at the mean approach time of the rule."""
     resamples = Resamples(len(paper))
     ours, theirs = (
         grid.front(rows.rename({"allowed": "weight"}).with_row_index("episode"), resamples) for rows in (line, paper)
@@ -63,7 +62,7 @@ def reduction(line: pl.DataFrame, paper: pl.DataFrame) -> Estimate:
 
 
 def chart(rows: Sequence[dict[str, Any]]) -> Figure:
-    """Return a figure of mean V_p against mean approach time; the front's designs are labelled with deflections."""
+    """Return a figure of mean V_p against mean approach time, with the largest deflection of each design of FRONT."""
     figure, others = Figure(figsize=(8.4, 4.8)), iter(SERIES[2:])
     axes = figure.subplots()
     styles = {PAPER: ("*", "k"), FRONT: ("s", SERIES[0]), CHOSEN: ("o-", SERIES[1])}

@@ -19,8 +19,7 @@ from impact_gym.files import parsed, write_file
 from impact_gym.task import Task
 from impact_gym.validation import distinct, identifier, number, whole
 
-PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"
-"""Lines on the chart of V_p against approach time. Each compared coupling adds a line with its set-up's name."""
+PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # lines of the chart, in addition to `DesignOptions.others`
 SPRING = "paper's spring"
 LIMITED = (FRONT, CHOSEN)
 
@@ -36,11 +35,11 @@ class DesignOptions:
     setup: tyro.conf.Positional[str]
     """Name of a shipped set-up, or file of a set-up."""
     free: tuple[str, ...]
-    """NAME=LOW:HIGH for each number that the search may change, such as coupling.stiffness=10:300. NAME is tool_mass,
-    or coupling. and the name of a parameter of the coupling."""
+    """Numbers that the search may change, each as NAME=LOW:HIGH, such as coupling.stiffness=10:300. NAME is tool_mass,
+    or "coupling." followed by a parameter of the coupling."""
     out: Path
-    """Folder for all results. It also keeps finished searches. After an interruption, repeat the command to
-    continue."""
+    """Folder for all results, also of finished searches. If you repeat the command after an interruption, it
+    continues."""
     pad: str = ""
     """Pad on the tool: memory-foam, neoprene or norbornene. Empty: no pad. The mass of the pad is part of the tool's
     mass."""
@@ -49,20 +48,20 @@ class DesignOptions:
     limits: Annotated[Limits, tyro.conf.arg(name="")] = field(default_factory=Limits)
     search: Annotated[SearchBudget, tyro.conf.arg(name="")] = field(default_factory=SearchBudget)
     against: tuple[str, ...] = ("bistable-blind", "bistable-paper")
-    """Set-ups whose couplings are compared with the design. The command also searches a controller for each of these
-    couplings."""
+    """Set-ups whose couplings are compared with the design. The command also searches a controller for each coupling of
+    these set-ups."""
     seeds: int = 2
     """Number of searches for each approach time, each with another seed. The command takes the design that is best on
     the validation set."""
     processes: int = 2
-    """Number of searches at the same time, each on one core. 0: the searches run one after the other in this
+    """Number of searches at the same time, each on one core. With 0, the searches run one after the other in this
     process."""
 
     def checked(self) -> "DesignOptions":
-        """Return the options with sorted times; ValueError: an option, or a design in its ranges, is invalid."""
+        """Return the options with sorted times; ValueError: an option is invalid, or allows an invalid design."""
         whole("seeds", self.seeds, at_least=1)
         whole("processes", self.processes, at_least=0)
-        identifier("setup", f"{self.arm.name}-designed")  # the name of the result
+        identifier("setup", f"{self.arm.name}-designed")  # name of the new set-up
         if not self.times:
             raise ValueError("times must name an approach time, as a multiple of that of the paper's rule")
         for time in self.times:
@@ -72,7 +71,7 @@ class DesignOptions:
         if self.pad:
             pad_of(self.pad)
         options = replace(self, times=tuple(sorted(self.times)))
-        _ = options.searched, options.others  # computing these two raises ValueError for invalid designs
+        _ = options.searched, options.others  # computing both raises ValueError for invalid designs
         return options
 
     @cached_property
@@ -104,7 +103,7 @@ class DesignOptions:
 
     @property
     def rule(self) -> str:
-        """The controller's rule: `Ranged`, which uses the distance estimate, if there is a range sensor."""
+        """The controller's rule: `Ranged` if there is a range sensor, else `BlindProfile`."""
         return "BlindProfile" if Task(**self.arm.environment).range_noise is None else "Ranged"
 
     @property
@@ -113,12 +112,11 @@ class DesignOptions:
         return min(self.times, key=lambda allowed: abs(allowed - 1.0))
 
     def limits_of(self, line: str) -> Limits:
-        """Return the limits of a line's designs; the paper's rule and the compared couplings have none."""
+        """Return the limits for the designs of a line; only the lines LIMITED have limits."""
         return self.limits if line in LIMITED else Limits(deflection=None)
 
 
-OF_TEACHER = ("teacher", "imitation_steps")
-"""Settings of [training] that refer to a baseline of the original set-up; the design's set-up leaves them out."""
+OF_TEACHER = ("teacher", "imitation_steps")  # settings about a baseline that only the original set-up has
 DRAWN = (
     "this file draws stiffness and restitution of the contact through the pad independently of each other; in the "
     "search both were computed from the object's stiffness and restitution without the pad"
@@ -126,7 +124,7 @@ DRAWN = (
 
 
 def write_setup(path: Path, setup: Setup, candidate: Candidate, command: str) -> Path:
-    """Write a design as a set-up file to `path`, with `command` as its first line; return the path."""
+    """Write a design to `path` as a set-up file that begins with `command` as a comment; return the path."""
     content = parsed(setup.path, "TOML", tomllib.loads)
     environment = Task(**setup.environment).changed(candidate.design).arguments()
     if candidate.pad:
@@ -151,7 +149,6 @@ def write_setup(path: Path, setup: Setup, candidate: Candidate, command: str) ->
 
 
 def _on_pad(environment: Mapping[str, Any], pad: str) -> dict[str, list[float]]:
-    """Return the scenario's ranges, with contact stiffness and restitution through the pad; see DRAWN."""
     ranges = {name: list(ends) for name, ends in Task(**environment).scenario.by_id().items()}
     corners = on_pad(pad, *np.meshgrid(*(ranges[name] for name in CONTACT)))
     return ranges | {name: [float(v.min()), float(v.max())] for name, v in zip(CONTACT, corners, strict=True)}

@@ -1,12 +1,13 @@
 """Contact through a pad: a dome of soft material on the tool. Pad and object act as two Hertz springs in series.
 
-Both springs have the same force F = k_i delta_i^1.5, so their penetrations add up to that of one spring with
+Spring i (pad or object) has the stiffness k_i, the penetration delta_i and the restitution e_i. Both springs have the
+same force F = k_i delta_i^1.5, so the sum of both penetrations is that of one spring with the stiffness k:
 
-    k^(-2/3) = k_pad^(-2/3) + k_object^(-2/3),
+    k^(-2/3) = k_pad^(-2/3) + k_object^(-2/3)
 
 Spring i stores the energy 2/5 F delta_i, the share k_i^(-2/3) / k^(-2/3) of the total, and loses the fraction 1 - e_i^2
-of this energy. So 1 - e^2 is the mean of 1 - e_i^2, weighted by the stored energies. k_object and e_object are those of
-the contact with a tool without a pad, which is far stiffer than any pad.
+of this energy. So 1 - e^2 is the mean of 1 - e_i^2, weighted by the stored energies. k_object and e_object are measured
+without a pad, with a rigid tool.
 """
 
 import math
@@ -19,8 +20,7 @@ from agents.setups.keys import known
 from impact_gym.physics.hertz import MATERIALS, hertz
 
 RIGID = (1e30, 0.0)  # Young's modulus (Pa) and Poisson's ratio of a body that is far stiffer than any pad
-PADS = {"norbornene": 0.01, "neoprene": 0.01, "memory-foam": 0.04}
-"""Radius of the dome (m) for each material of a pad; `impact_gym.MATERIALS` has these materials."""
+PADS = {"norbornene": 0.01, "neoprene": 0.01, "memory-foam": 0.04}  # m, radius of the dome of each material
 
 
 class Pad(NamedTuple):
@@ -32,7 +32,7 @@ class Pad(NamedTuple):
 
 
 def pad_of(material: str) -> Pad:
-    """Return the pad of a material, with the geometric mean of its measured moduli and its largest restitution."""
+    """Return the pad of a material; its modulus is the geometric mean of the measured moduli."""
     known("--pad ", [material], PADS)
     measured, radius = MATERIALS[material], PADS[material]
     assert measured.restitution is not None  # measured for all materials of PADS
@@ -41,7 +41,7 @@ def pad_of(material: str) -> Pad:
 
 
 def on_pad(name: str, stiffness: Floats, restitution: Floats) -> tuple[Floats, Floats]:
-    """Return stiffness (N/m^1.5) and restitution of contacts through a pad, from those without a pad (any shape)."""
+    """Return stiffness (N/m^1.5) and restitution of contacts with a pad, from those without a pad (any shape)."""
     pad = pad_of(name)
     of_pad, of_object = pad.stiffness ** (-2.0 / 3.0), np.asarray(stiffness) ** (-2.0 / 3.0)
     share = of_pad / (of_pad + of_object)

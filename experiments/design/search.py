@@ -1,8 +1,4 @@
-"""One search over design and controller together, for the lowest V_p with a limited mean approach time.
-
-Each design needs a controller of its own. A search for the controller alone takes a few hundred generations; the joint
-search takes about twice as many. A search over designs alone would need a search for the controller of each design.
-"""
+"""One search over design and controller together, for the lowest V_p with a limited mean approach time."""
 
 import json
 import math
@@ -25,15 +21,10 @@ from impact_gym.task import Task
 from impact_gym.validation import number, whole
 
 RTOL = 1e-5  # rtol of the simulation in a search: the error of V_p is below 1e-6 m/s
-PENALTY = 2.0
-"""m/s, penalty for an excess of 100 % over a limit or the approach time, in proportion for other excesses. No excess
-lowers V_p by as much as its penalty, so the optimum keeps the limits."""
-MARGIN = 1.2
-"""Factor on the tolerance in a search. A mechanism that barely holds its tool in the search's few scenarios may release
-it in others."""
+PENALTY = 2.0  # m/s, cost of exceeding a limit by 100 %; it is larger than any gain in V_p by exceeding the limit
+MARGIN = 1.2  # factor on the tolerance in a search, because of rare scenarios that a search does not contain
 CONTACT = ("contact_stiffness", "restitution")
-WITHIN = 0.95
-"""Share of the episodes that must keep the limit of the peak force; all must keep deflection and stroke."""
+WITHIN = 0.95  # share of the episodes in which the peak force must be within its limit
 UNITS = {"deflection": "m", "stroke": "m", "peak_force": "N", "touched_once": "-"}
 
 
@@ -58,9 +49,8 @@ class Limits:
     def excess(self, played: Episodes, travel: Travel, count: int = 1, pad: Pad | None = None) -> Floats:
         """Return the sum of (value / limit - 1) over the limits that a candidate exceeds, for each candidate (count,).
 
-        `played` and `travel` are of the same number of episodes for each candidate, sorted by candidate. In the share
-        WITHIN of the episodes, the penetration of a `pad` may be at most half its radius, because Hertz's law holds for
-        small penetrations.
+        `played` and `travel` have the episodes of all candidates in order, the same number for each candidate. A `pad`
+        has a limit, too: a penetration of half its radius, because Hertz's law holds for small penetrations.
         """
         peak = np.quantile(played.peak_force.reshape(count, -1), WITHIN, axis=1)
         repeated = None if self.touched_once is None else max(1.0 - self.touched_once, 1e-3)
@@ -76,11 +66,11 @@ class Limits:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One coupling with one controller, as plain data."""
+    """One coupling with one controller; the fields can be written as JSON."""
 
     environment: Mapping[str, Any]  # arguments of the environment
     rule: str  # name of the controller's rule
-    parameters: Sequence[float] = ()  # of the rule
+    parameters: Sequence[float] = ()  # parameters of the rule
     design: Mapping[str, float] = field(default_factory=dict)  # numbers of the design, by name
     pad: str = ""  # material of the pad on the tool; empty: no pad
 
@@ -102,7 +92,7 @@ class Candidate:
         """Return contact stiffness (N/m^1.5) and restitution of each scenario through the pad; empty without a pad."""
         if not self.pad:
             return {}
-        scenario = stage.play(self.controller()).scenario  # playing draws the scenarios
+        scenario = stage.play(self.controller()).scenario  # the scenarios are drawn when they are played
         return dict(zip(CONTACT, on_pad(self.pad, *(scenario[name] for name in CONTACT)), strict=True))
 
 
@@ -111,14 +101,14 @@ class SearchBudget:
     """Size of a search."""
 
     tolerance: float = 0.05
-    """Largest relative error with which each number of a design is built. The search and the test draw these errors for
-    each scenario. Without errors, the search would find mechanisms that barely hold their tool."""
+    """Largest relative error of each number of a design when it is built. The search and the test draw these errors for
+    each scenario. Without errors, the search would find mechanisms that hardly hold their tool."""
     scenarios: int = 500
-    """Number of scenarios that each candidate (a design with a controller) plays."""
+    """Number of scenarios in which the search tries each candidate (a design with a controller)."""
     budget: int = 7200
-    """Number of candidates that each search tries."""
+    """Number of candidates in each search."""
     population: int = 18
-    """Number of candidates in a generation of the search. They play at the same time."""
+    """Number of candidates that the search tries at the same time."""
 
     def __post_init__(self) -> None:
         number("tolerance", self.tolerance, "-", at_least=0.0, at_most=0.5)
@@ -133,17 +123,16 @@ def objective(
     limits: Limits,
     budget: SearchBudget,
 ) -> Losses:
-    """Return the loss function of a search, from candidates (population, 1, k) to losses (population, 1), m/s.
+    """Return a function that returns the losses (population, 1), m/s, of candidates (population, 1, k).
 
-    A candidate is an array of the design's variables and then of the rule's parameters. All candidates play the same
-    tuning scenarios. The arguments are those of `search`, as objects.
+    A candidate has the design's variables, then the rule's parameters. All candidates play the same tuning scenarios.
     """
     population, scenarios = budget.population, budget.scenarios
     task = candidate.task.changed({"rtol": RTOL})
     stage = ScenarioBatch(TUNING_SEED, scenarios, task, copies=population, lenient=True, threads=1)
     contact = candidate.contact(ScenarioBatch(TUNING_SEED, scenarios, task, threads=1))
     off, rng = MARGIN * budget.tolerance, np.random.default_rng((TUNING_SEED, 1))
-    errors = rng.uniform(1.0 - off, 1.0 + off, (len(variables), scenarios))  # factors on the designed numbers
+    errors = rng.uniform(1.0 - off, 1.0 + off, (len(variables), scenarios))  # factors on the numbers of the design
 
     def losses(candidates: Floats) -> Floats:
         searched, of_rule = np.split(candidates[:, 0], [len(variables)], axis=1)
@@ -166,16 +155,11 @@ def search(
     candidate: Mapping[str, Any], variables: Sequence[Sequence[Any]], approach_time: float,
     limits: Mapping[str, float | None], budget: Mapping[str, Any], seed: int,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Search, and return one row: the best `design` and the `parameters` of its rule as JSON, and the `loss` (m/s).
+    """Search, and return one row: the best `design` and the rule's `parameters` as JSON, and the `loss` (m/s).
 
-    Args:
-        candidate: fields of a `Candidate`, whose environment has a range for each variable, and at whose `parameters`
-            the search starts.
-        variables: fields of each `SearchVariable`; if empty, only the controller is searched.
-        approach_time: largest mean approach time over the scenarios, s.
-        limits: fields of `Limits`.
-        budget: fields of `SearchBudget`.
-        seed: seed of CMA-ES.
+    `candidate`, `limits` and `budget` have the fields of `Candidate`, `Limits` and `SearchBudget`, each of `variables`
+    those of `SearchVariable`. The candidate's environment has a range for each variable; its `parameters` are the start
+    of the search. Without variables, only the controller is searched. `approach_time` (s) limits the mean time.
     """
     begin, free, much = Candidate(**candidate), [SearchVariable(*each) for each in variables], SearchBudget(**budget)
     of_rule = zip(RULES[begin.rule].PARAMETERS, begin.parameters, strict=True)
@@ -190,10 +174,10 @@ def search(
 
 
 def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any]) -> pl.DataFrame:
-    """Play a candidate on the frozen set `name`; return a row for each scenario: its numbers and the results.
+    """Play a candidate on the frozen set `name`; return a row for each scenario, with numbers and results.
 
-    `candidate` and `limits` are the fields of these records. For each scenario, each number of the design gets an error
-    of at most `tolerance`, relative. `excess` is `Limits.excess` over all scenarios, the same in each row.
+    `candidate` has the fields of `Candidate`, `limits` those of `Limits`. In each scenario, each number of the design
+    has a relative error of at most `tolerance`. Each row has the `Limits.excess` of all scenarios.
     """
     player = Candidate(**candidate)
     task = player.task.changed(as_built(player.design, tolerance))

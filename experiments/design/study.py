@@ -1,8 +1,8 @@
 """The study of `impact-gym design`: searches, choice on the validation set, results on the test set.
 
-For each approach time, the front has the design of the seed with the lowest cost on the validation set. The chosen
-design is the front's design at the approach time nearest to that of the paper's rule. For the other approach times, new
-controllers of the chosen design are searched. The test set is used for no choice.
+The front is a design for each approach time: of all seeds' designs, the one with the lowest cost on the validation set.
+The chosen design is the front's design at the approach time nearest to that of the paper's rule. For each other
+approach time, a new controller of the chosen design is searched. The test set is used for no choice.
 """
 
 import json
@@ -29,27 +29,26 @@ DEPENDS = (
     "impact_gym", "agents.baselines", "agents.evaluate", "agents.setups",
     *(f"experiments.design.{name}" for name in ("variables", "pads")),
 )  # fmt: skip
+# baselines at which searches start, by rule and by whether the coupling is bistable
 STARTS = {("BlindProfile", False): "blind-profile", ("BlindProfile", True): "bistable-blind-profile"}
-"""Tuned baseline at which a search starts, by rule and by whether the coupling is bistable; default: "ranged"."""
 Row = Mapping[str, Any]
-"""A candidate in the columns ENTRY: `line` of the chart, largest mean approach time `allowed` (as a multiple of that of
-the paper's rule), `seed` and `loss` (m/s) of the search, and the candidate's rule, parameters and design."""
+"""A candidate, by the columns ENTRY: `line` of the chart; `allowed`, the largest mean approach time divided by that of
+the paper's rule; `seed` and `loss` (m/s) of the search; rule, design and parameters of the candidate."""
 BLANK = {"rule": None, "design": "{}", "parameters": "[]"}
 PAPERS_RULE: Row = {
     "line": PAPER, "allowed": 1.0, "seed": 1, "loss": np.nan, "rule": "ConstantSpeed", "design": "{}",
     "parameters": "[1.0, 8.0, 8.0]",
 }  # fmt: skip
-"""The paper's rule (paper, section 3.2), with the paper's spring."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """The cells of each table of the study, from the options and from earlier tables."""
+    """Computes the cells of each table of the study from the options and from earlier tables."""
 
     options: DesignOptions
 
     def candidate(self, row: Row) -> Candidate:
-        """Return the candidate of a row; the environment of the chosen design draws its numbers with errors."""
+        """Return the candidate of a row; on the line CHOSEN, the numbers of the design are drawn with errors."""
         options, row = self.options, {**BLANK, **row}
         rule, parameters, design = row["rule"] or options.rule, json.loads(row["parameters"]), json.loads(row["design"])
         others = {PAPER: options.others[SPRING], **options.others}
@@ -110,7 +109,7 @@ class Search:
         return [min((row for row in found if row["allowed"] == time), key=cost) for time in self.options.times]
 
     def _searched(self, rows: Iterable[Row]) -> Iterator[Cell]:
-        """Yield a search for each row: for design and controller on the line FRONT, else for the controller."""
+        """Yield a cell for each row: it searches only the controller, and on the line FRONT also the design."""
         options, papers_rule = self.options, self.candidate(PAPERS_RULE)
         batch = ScenarioBatch(TUNING_SEED, options.search.scenarios, papers_rule.task, threads=1)
         paper = float(batch.play(papers_rule.controller()).approach_time.mean())
@@ -125,7 +124,6 @@ class Search:
             })  # fmt: skip
 
     def _played(self, rows: Iterable[Row], name: str) -> Iterator[Cell]:
-        """Yield a cell that plays each row on the frozen set `name`."""
         for row in rows:
             candidate = self.candidate(row)
             labels = {**row, "rule": candidate.rule}
@@ -136,7 +134,7 @@ class Search:
 
 
 def start_of(candidate: Candidate, approach_time: float) -> list[float]:
-    """Return the parameters of the shipped baseline whose mean approach time on the validation set is nearest (s)."""
+    """Return parameters of a shipped baseline, at the weight with a mean approach time near `approach_time` (s)."""
     bistable = isinstance(candidate.task.coupling, Bistable)
     weights = read_tuned(STARTS.get((candidate.rule, bistable), "ranged"))["weights"].values()
     nearest = min(weights, key=lambda tuned: abs(tuned["validation"]["approach_time"] - approach_time))

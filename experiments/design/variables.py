@@ -1,4 +1,4 @@
-"""The free numbers of a design, `NAME=LOW:HIGH`, which are checked before the search begins."""
+"""Variables of the search: the free numbers of a design, given as `NAME=LOW:HIGH`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -16,14 +16,13 @@ from impact_gym.scene import SpringDamper
 from impact_gym.task import Task
 from impact_gym.validation import number
 
-WIDE = 10.0
-"""Ranges whose ends differ by at least this factor, and all ranges of stiffness and mass, have a logarithmic scale."""
+WIDE = 10.0  # least HIGH / LOW for a logarithmic scale; stiffness and mass always have one
 
 
 class SearchVariable(NamedTuple):
     """A free number of the design."""
 
-    name: str  # dotted, such as coupling.stiffness
+    name: str  # such as coupling.stiffness
     low: float
     high: float
     start: float = np.nan  # where the search starts
@@ -34,7 +33,7 @@ class SearchVariable(NamedTuple):
         return QUANTITIES[self.name].by_ratio(self.low) or 0.0 < WIDE * self.low <= self.high
 
     def parameter(self) -> Parameter:
-        """Return the parameter of the search; it starts in the middle of the range if `start` is outside the range."""
+        """Return the parameter for CMA-ES, with the middle of the range as start if `start` is outside the range."""
         low, high = float(self.searched(self.low)), float(self.searched(self.high))
         begin = float(self.searched(self.start)) if self.low <= self.start <= self.high else 0.5 * (low + high)
         return Parameter(self.name, QUANTITIES[self.name].unit, low, high, begin)
@@ -49,10 +48,9 @@ class SearchVariable(NamedTuple):
 
 
 def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]:
-    """Return a variable for each text `NAME=LOW:HIGH`; the search starts at the set-up's value (if drawn, its middle).
+    """Return a variable for each text `NAME=LOW:HIGH`; the search starts at the set-up's value.
 
-    ValueError: there is no text, a text has another form, a name is repeated or is no number of the set-up's coupling
-    and tool, or LOW is not below HIGH.
+    ValueError: there is no text, a text has another form, a NAME is unknown or repeated, or LOW is not below HIGH.
     """
     if not texts:
         raise ValueError("--free must name a number of the design, such as coupling.stiffness=10:300")
@@ -68,7 +66,6 @@ def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]
 
 
 def _read(text: str, own: Mapping[str, float]) -> SearchVariable:
-    """Return the variable in a text; `own` holds the set-up's numbers."""
     name, _, ends = text.partition("=")
     try:
         low, high = map(float, ends.split(":"))
@@ -87,7 +84,7 @@ def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[fl
 
 
 def searched_environment(setup: Setup, variables: Sequence[SearchVariable], deflection: float | None) -> dict[str, Any]:
-    """Return the set-up's environment with the range of each variable, as if the number were drawn in each episode.
+    """Return the set-up's environment with the range of each variable, as if each number were drawn in each episode.
 
     ValueError: the coupling is invalid at an end of a range, or all designs deflect by more than `deflection` (m).
     """
@@ -95,7 +92,7 @@ def searched_environment(setup: Setup, variables: Sequence[SearchVariable], defl
         task = Task(**setup.environment).changed({each.name: [each.low, each.high] for each in variables})
         warnings(task)
         springs = [corner for corner in corners(task) if isinstance(corner.coupling, SpringDamper)]
-        # at a constant acceleration a, the tool lags behind the flange by m a / k
+        # at a constant acceleration, the tool lags behind the flange by tool mass * acceleration / stiffness
         lag = task.acceleration_range[0] * min((c.tool_mass / c.coupling.stiffness for c in springs), default=0.0)
         if deflection is not None and lag > deflection:
             raise ValueError(f"no design in these ranges holds the tool within {1e3 * deflection:g} mm: even at the "

@@ -1,4 +1,4 @@
-"""Style of all charts, and their SVG files."""
+"""The style of all charts, and a function that saves a chart as SVG."""
 
 import io
 from pathlib import Path
@@ -36,11 +36,11 @@ mpl.rcParams.update(
 RULE, POLICY, PROFILE, PERSON = palette.RULE, palette.POLICY, palette.PROFILE, palette.PERSON
 FLANGE, TOOL, OBJECT, FORCE = palette.FLANGE, palette.TOOL, palette.OBJECT, palette.FORCE
 SERIES = (RULE, POLICY, PROFILE, PERSON, palette.WARNING, FORCE)
-OTHERS = FLANGE  # for series beyond the colours of SERIES
+OTHERS = FLANGE  # colour of each further series, if SERIES has too few colours
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write `figure` as SVG with subscripts, light or dark like its page; without a date, so equal data, equal file."""
+    """Write `figure` as SVG with subscripts and a light and a dark palette; equal figures give equal files."""
     for text in figure.findobj(Text):
         text.set_text(mathtext(text.get_text()))
     file = io.StringIO()

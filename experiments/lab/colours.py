@@ -1,4 +1,4 @@
-"""The palette as CSS custom properties of a page, and drawings that are light or dark like their page."""
+"""The palette as CSS custom properties, and SVG drawings that use the light or the dark palette of their page."""
 
 import re
 
@@ -8,10 +8,7 @@ SERIES = "rule", "policy", "profile", "person", "object", "tool", "flange", "for
 
 
 def css() -> str:
-    """Return the palette as custom properties `--NAME`, light or dark by the reader's system or a button.
-
-    SVG elements of the page whose attributes are colours of the light palette become light or dark, too.
-    """
+    """Return CSS with the palettes as custom properties `--NAME`, and with rules for SVG elements in their colours."""
     block = ":root:not([data-theme=light])"
     dark = f"@media screen and (prefers-color-scheme: dark) {{ {_block(block, 1)} }}"
     button = f"@media screen {{ {_block(':root[data-theme=dark]', 1)} }}"

@@ -1,7 +1,4 @@
-"""The grid of most studies: set-ups x changes x contestants, where all contestants play the same scenarios.
-
-`cells` combines places and contestants, `play` returns a row for each episode, `sample` returns arrays for statistics.
-"""
+"""The grid of most studies: each contestant plays the same scenarios in each place, a set-up with one change."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import product
@@ -17,16 +14,16 @@ from experiments.lab.study import Cell
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
 
+# modules on which the result of `play` depends
 PLAYED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.policies.networks", "agents.policies.policy",
           "agents.setups.evaluation")  # fmt: skip
-"""Modules on which the result of an episode depends. Set-ups, policies and baselines are arguments of the cells."""
 
 
 class Contestant(NamedTuple):
-    """A named controller; the seeds of one training share the name."""
+    """A controller. Policies from several seeds of one training have the same name."""
 
     name: str
-    controller: Mapping[str, Any]  # plain data, see `agents.evaluate.play`
+    controller: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
     seed: int = 0
 
 
@@ -34,20 +31,17 @@ class Place(NamedTuple):
     """A set-up with one change of its environment, such as friction."""
 
     setup: str
-    change: str  # in words
+    change: str  # name of the change
     environment: Mapping[str, Any]  # arguments of the environment, without time weight
     labels: Mapping[str, Any] = {}  # additional columns of the rows
-    scenarios: Mapping[str, Any] | None = None  # scenarios to play here instead of the grid's
+    scenarios: Mapping[str, Any] | None = None  # JSON; None: the argument `scenarios` of `cells`
 
 
 def cells(
     places: Iterable[Place], contestants: Iterable[Contestant], scenarios: Mapping[str, Any], weights: Sequence[float],
     **more: Any,
 ) -> Iterator[Cell]:  # fmt: skip
-    """Yield a cell for each contestant in each place.
-
-    Scenarios are plain data, see `agents.evaluate.play`. Weights are in m/s per s. `more` are arguments of `play`.
-    """
+    """Yield a cell for each contestant in each place. `scenarios`, `weights` and `more` are arguments of `play`."""
     for place, contestant in product(places, contestants):
         labels = {"setup": place.setup, "change": place.change, **place.labels}
         labels |= {"contestant": contestant.name, "seed": contestant.seed}
@@ -60,7 +54,7 @@ def play(
     controller: Mapping[str, Any], environment: Mapping[str, Any], scenarios: Mapping[str, Any],
     weights: Sequence[float], lenient: bool = False,
 ) -> pl.DataFrame:  # fmt: skip
-    """Return a row for each episode: its weight (m/s per s), number, scenario and results."""
+    """Return a row for each episode, with weight (m/s per s), number, scenario and results of the episode."""
     results = jobs.play(controller, scenarios, weights, environment, lenient)
     measured = {name: results[name] for name in MEASURED if name in results}
     shape = next(iter(measured.values())).shape
@@ -70,12 +64,12 @@ def play(
 
 
 def groups(frame: pl.DataFrame, *by: str) -> Iterator[tuple[tuple[Any, ...], pl.DataFrame]]:
-    """Yield each combination of values of the columns `by` with its rows, in the order of its first row."""
+    """Yield each combination of values of the columns `by`, and the rows with it, in the order of the rows."""
     yield from frame.group_by(by, maintain_order=True)
 
 
 def sample(frame: pl.DataFrame, name: str) -> Floats:
-    """Return a column as an array (seeds, episodes), for rows of one contestant in one place at one weight."""
+    """Return a column as an array (seeds, episodes); `frame` has one contestant, one place and one weight."""
     ordered = frame.sort("seed", "episode")
     return ordered[name].to_numpy().astype(np.float64).reshape(ordered["seed"].n_unique(), -1)
 
@@ -83,7 +77,7 @@ def sample(frame: pl.DataFrame, name: str) -> Floats:
 def front(
     frame: pl.DataFrame, resamples: Resamples, measures: Sequence[str] = ("approach_time", "object_velocity")
 ) -> Front:
-    """Return the means (1 + n, weights) of two measures of one contestant in one place."""
+    """Return the means (1 + n, weights) of both `measures`; `frame` has one contestant and one place."""
     each = [rows for _, rows in groups(frame.sort("weight"), "weight")]
     first, second = (np.stack([resamples.means(sample(rows, name)) for rows in each], axis=1) for name in measures)
     return first, second

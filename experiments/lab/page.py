@@ -1,4 +1,4 @@
-"""Write pages: one file with embedded figures, from the template of all pages or a template that extends it."""
+"""Write a page as one HTML file, with embedded figures."""
 
 import base64
 import re
@@ -20,28 +20,26 @@ POWER = re.compile(r"\^(?:\(([^()]+)\)|(-?\d+(?:\.\d+)?))")
 
 
 def factor(value: float) -> str:
-    """Return a ratio as text: two digits, or one decimal below ten."""
+    """Return a ratio as text with two significant digits; a ratio below 10 has one decimal."""
     return f"{value:.1f}" if value < 10 else f"{float(f'{value:.2g}'):,.0f}"
 
 
 def typeset(text: str) -> Markup:
-    """Return a text as HTML, with subscripts and powers (V_p, N/m^1.5) and unbroken intervals."""
+    """Return a text as HTML, with subscripts (V_p) and superscripts (N/m^1.5), and without line breaks in intervals."""
     unbroken = INTERVAL.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), str(escape(text)))
     return Markup(POWER.sub(r"<sup>\1\2</sup>", SYMBOL.sub(r"\1<sub>\2</sub>", unbroken)))
 
 
-MACROS: Mapping[type, str] = {
+MACROS: Mapping[type, str] = {  # macros of lab/parts.html.jinja, by the type of a section's part
     str: "paragraph", Markup: "markup", Table: "table", HeatMap: "heat_map", Picture: "picture"
 }  # fmt: skip
-"""Macros of lab/parts.html.jinja, by the type of a section's part."""
 
 
 def write(folder: Path, template: str, **content: Any) -> Path:
-    """Write `folder`/index.html from a template below experiments/; return its path.
+    """Write `folder`/index.html from a template below experiments/, and return the path of the page.
 
     The template can use the filter `typeset`, `image(name)` (the content of `folder`/NAME.svg as a URI) and
-    `macro_name(part)` (the macro that shows a part of a section). In `content`, `runs` are records of
-    `experiments.lab.results.recorded_run`.
+    `macro_name(part)` (the macro that shows a part of a section). `content` has `runs`, records of `recorded_run`.
     """
 
     def image(figure: str) -> str:
@@ -55,7 +53,7 @@ def write(folder: Path, template: str, **content: Any) -> Path:
 
 
 def mathtext(text: str) -> str:
-    """Return text with subscripts and superscripts between dollar signs; text between dollar signs is unchanged."""
+    """Return text with subscripts and superscripts for matplotlib; text between dollar signs is not changed."""
     pieces = text.split("$")
     pieces[::2] = [POWER.sub(r"$^{\1\2}$", SYMBOL.sub(r"$\1_{\2}$", piece)) for piece in pieces[::2]]
     return "$".join(pieces)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from experiments.lab.statistics import Estimate
 
-LONG = 80  # characters; the column of a longer cell stays wide on a small screen
+LONG = 80  # characters; a column with a longer cell stays wide on a small screen
 
 
 @dataclass(frozen=True)
@@ -23,14 +23,14 @@ class Table:
 
     @classmethod
     def of(cls, caption: str, frame: pl.DataFrame | Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> "Table":
-        """Return the table of a frame or of mappings; `columns` maps each heading to a format string of a row."""
+        """Return the table of a frame or of mappings; `columns`: format strings for a row, by heading of the column."""
         rows = frame.to_dicts() if isinstance(frame, pl.DataFrame) else frame
         body = [[form.format(**row) for form in columns.values()] for row in rows]
         return cls(caption, tuple(columns), body)
 
     @property
     def classes(self) -> list[str]:
-        """CSS class of each column: "" if half of its cells are numbers, else "left", "left words" if one is LONG."""
+        """CSS class of each column: "" if at least half are numbers, "left words" if a cell exceeds LONG, or "left"."""
         found = []
         for column in zip(*self.rows, strict=False):
             numbers = sum(bool(re.match(r"([-+\d]|at (least|most) \d).{,40}$", cell)) for cell in column)
@@ -44,21 +44,21 @@ class Heat(NamedTuple):
 
     value: str
     note: str  # shown under the value
-    ratio: float  # of the cell's value to the reference value; lower is better
+    ratio: float  # the cell's value divided by a reference value; lower is better
 
 
 @dataclass(frozen=True)
 class HeatMap:
-    """Rows of cells, coloured by their ratio."""
+    """A heat map: each cell has a colour for its ratio."""
 
     caption: str
     head: Sequence[str]
-    rows: Sequence[tuple[str, str, Sequence[Heat]]]  # what is changed, the values, a cell for each contestant
+    rows: Sequence[tuple[str, str, Sequence[Heat]]]  # changed argument, its values, cell of each contestant
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of matplotlib, which is also written to disk as NAME.svg."""
+    """A figure of matplotlib, which is saved as NAME.svg and embedded in the page."""
 
     name: str
     figure: Figure
@@ -75,10 +75,10 @@ class Section:
     heading: str
     parts: Sequence[Any]
     folded: bool = False
-    key: str = ""  # id for links
+    key: str = ""  # HTML id of the section
 
 
 def percent(share: Estimate, digits: int = 1) -> str:
-    """Return a share with its interval in percent."""
+    """Return a fraction and its interval as text, in percent."""
     value, low, high = (f"{100 * each:.{digits}f}" for each in (share.value, share.low, share.high))
     return f"{value} % [{low}, {high}]"

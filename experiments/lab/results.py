@@ -1,4 +1,4 @@
-"""Folders of results, and records of the runs that wrote them."""
+"""Folders of results, and records of the runs that wrote these results."""
 
 import json
 import os
@@ -14,24 +14,20 @@ from agents.provenance import circumstances
 from impact_gym.files import write_file
 
 REPORTS = Path("reports")
-KEPT = "kept"
-"""Subfolder of a study with the results of its cells."""
+KEPT = "kept"  # subfolder of a study's folder, with the results of the study's cells
 
 
 def csv_of(frame: pl.DataFrame) -> str:
-    """Return a table as CSV, with an apostrophe before each text that a spreadsheet would read as a formula.
-
-    Such a text begins with =, +, -, @, a tab or a line break (OWASP, CSV Injection).
-    """
+    """Return a table as CSV; a text that a spreadsheet could read as a formula gets an apostrophe (OWASP)."""
     return frame.with_columns(pl.selectors.string().str.replace(r"^([=+\-@\t\r\n])", "'$1")).write_csv()
 
 
 @contextmanager
 def recorded_run(folder: Path, command: str, packages: Iterable[str]) -> Iterator[list[dict[str, Any]]]:
-    """Record a run of a study in `folder`/results.json; yield the records of all runs, this run last.
+    """Record a run of a study in `folder`/results.json; yield the records of all runs; the last is that of this run.
 
-    A record has the command, the circumstances, the machine's load before the run, and the run's duration (s), None if
-    the run was stopped. Earlier records are dropped if the folder has no kept results.
+    A record has the command, versions and machine, the machine's load before the run, and the run's duration in seconds
+    (None: the run was stopped). If the folder KEPT is missing, earlier records are deleted.
     """
     log = folder / "results.json"
     runs: list[dict[str, Any]] = (

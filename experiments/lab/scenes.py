@@ -1,4 +1,4 @@
-"""The scenes of the paper's sections 2 to 5; docs/provenance.md lists numbers that the paper does not print."""
+"""The scenes of the paper's sections 2 to 5. Identified numbers are not printed, see docs/provenance.md."""
 
 import impact_gym as ig
 from impact_gym.scene import Coupling
@@ -7,16 +7,16 @@ TOOL_MASS = 0.125  # kg
 OBJECT_MASS = 0.25  # kg
 HEAVY_MASS = 2.5  # kg, the object of Fig. 14
 REDUCED_MASS = TOOL_MASS * OBJECT_MASS / (TOOL_MASS + OBJECT_MASS)  # kg
-DISTANCE = 0.2505  # m, identified: first contact at 0.313 s
-THRESHOLD = 1.0  # N, printed in section 3.2: the smallest contact force at which the robot brakes
+DISTANCE = 0.2505  # m, identified from the first contact at 0.313 s
+THRESHOLD = 1.0  # N, printed in section 3.2: the robot brakes after a contact force above it
 BRAKE = ig.Brake(threshold=THRESHOLD, delay=0.016, deceleration=8.0)
 MOTION = ig.Trapezoid(speed=1.0, acceleration=8.0, brake=BRAKE)
 STEADY = ig.Trapezoid(MOTION.speed, MOTION.acceleration)  # without brake
 DURATION = 1.5  # s
-ROBOT = ig.Robot(mass=5.225, stiffness=1.9e5, damping=50.4)  # mass printed, the others identified
-ROBOT_AND_TOOL = ROBOT.mass + TOOL_MASS  # kg, 5.35 is printed in section 3.2
-MECHANISM = ig.Bistable()  # H, L0 and k printed, front stop identified
-HOLD = TOOL_MASS * MOTION.acceleration  # N, keeps the tool on its front stop while the robot accelerates
+ROBOT = ig.Robot(mass=5.225, stiffness=1.9e5, damping=50.4)  # the mass is printed; stiffness and damping are identified
+ROBOT_AND_TOOL = ROBOT.mass + TOOL_MASS  # kg, printed in section 3.2 as 5.35
+MECHANISM = ig.Bistable()  # H, L0 and k are printed; the front stop is identified
+HOLD = TOOL_MASS * MOTION.acceleration  # N, least force of a mechanism that holds the tool during acceleration
 LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # compared with the mechanism in Fig. 23
 
 
@@ -34,5 +34,5 @@ def simulate_with_trace(
 ) -> tuple[ig.Outcome, ig.Trace]:
     """Simulate an approach for `duration` (s); return outcome and time histories."""
     outcome = ig.simulate(approach, motion, duration, trace=True)
-    assert outcome.trace is not None  # asked for
+    assert outcome.trace is not None
     return outcome, outcome.trace

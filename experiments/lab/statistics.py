@@ -1,7 +1,4 @@
-"""Intervals over training seeds and scenarios by bootstrap, and comparisons of two contestants.
-
-All contestants play the same scenarios, so all have the same resamples (common random numbers).
-"""
+"""Bootstrap intervals over training seeds and scenarios, and comparisons of two contestants in the same scenarios."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,9 +10,9 @@ from scipy.special import nctdtrit, ndtri
 
 Floats = NDArray[np.float64]
 Front = tuple[Floats, Floats]
-"""Mean approach time (s) and V_p (m/s) at each weight, in the sample and in each resample: (1 + n, weights) each."""
+"""Means of approach time (s) and of V_p (m/s), (1 + n, weights): row 0 of the sample, the others of n resamples."""
 RESAMPLES = 2_000
-CONFIDENCE = 0.95
+CONFIDENCE = 0.95  # of intervals and tolerance bounds
 CONTENT = 0.95  # share of all trainings that a tolerance bound covers
 
 
@@ -35,17 +32,16 @@ class Estimate:
 
 
 class Resamples:
-    """Bootstrap resamples of scenarios and seeds; resample 0 is the sample itself."""
+    """The sample and n bootstrap resamples, of scenarios and of seeds."""
 
     def __init__(self, scenarios: int, resamples: int = RESAMPLES, seed: int = 0) -> None:
         self._seed, self.scenarios, self.count = seed, scenarios, resamples
         self._scenario_shares = _shares((seed, 0), scenarios, resamples)
 
     def means(self, values: Floats) -> Floats:
-        """Return the mean of `values` (seeds, ..., scenarios) over seeds and scenarios in each resample: (1 + n, ...).
+        """Return the means (1 + n, ...) of `values` (seeds, ..., scenarios), or (scenarios,), in sample and resamples.
 
-        Values (scenarios,) are those of one seed. Seeds are resampled independently of scenarios. All calls with the
-        same number of seeds have the same resamples.
+        Seeds are resampled independently of scenarios. Calls with the same number of seeds use the same resamples.
         """
         values = np.atleast_2d(values).astype(np.float64)
         seeds = len(values)
@@ -58,11 +54,8 @@ class Resamples:
 
 @lru_cache(maxsize=32)
 def _shares(seed: tuple[int, int], units: int, resamples: int) -> Floats:
-    """Return the share of each unit in the sample and in each resample (1 + n, units).
-
-    A resample draws n - 1 of n units, so that the variance of a mean is unbiased. With n draws it would be too small by
-    the factor 1 - 1 / n (J. N. K. Rao, C. F. J. Wu, J. Am. Stat. Assoc. 83 (1988) 231-241).
-    """
+    # with `units` draws, the variance of a mean would be too small by the factor 1 - 1 / units
+    # (J. N. K. Rao, C. F. J. Wu, J. Am. Stat. Assoc. 83 (1988) 231-241)
     drawn = max(units - 1, 1)
     even = np.full(units, 1.0 / units)
     rng = np.random.default_rng(seed)
@@ -70,7 +63,7 @@ def _shares(seed: tuple[int, int], units: int, resamples: int) -> Floats:
 
 
 def estimate(resampled: Floats) -> Estimate:
-    """Return the value of resample 0 with the percentile interval of the finite values of all other resamples."""
+    """Return the sample's value, `resampled[0]`, with the percentile interval of the finite values of the resamples."""
     finite = resampled[1:][np.isfinite(resampled[1:])]
     tail = 50.0 * (1.0 - CONFIDENCE)
     low, high = np.percentile(finite, [tail, 100.0 - tail]) if finite.size else (np.nan, np.nan)
@@ -78,10 +71,10 @@ def estimate(resampled: Floats) -> Estimate:
 
 
 def tolerated(scores: Floats) -> float:
-    """Return the score that the share CONTENT of all trainings exceeds, with CONFIDENCE; nan for a single score.
+    """Return the one-sided tolerance bound of normally distributed `scores` (n,); nan for a single score.
 
-    This is the one-sided tolerance bound of normal `scores` (n,), mean - k s, with k from the noncentral t distribution
-    (G. J. Hahn, W. Q. Meeker, Statistical Intervals, section 4.4).
+    The share CONTENT of all trainings has a score above the bound, with the probability CONFIDENCE (G. J. Hahn, W. Q.
+    Meeker, Statistical Intervals, section 4.4).
     """
     n = len(scores)
     if n < 2:
@@ -91,9 +84,9 @@ def tolerated(scores: Floats) -> float:
 
 
 def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
-    """Interpolate n curves (n, k) linearly at x = `at` (n,), constant beyond their ends.
+    """Return y of n curves (n, k) at x = `at` (n,): linear between points of a curve, constant beyond the ends.
 
-    The straight line between two weights can be reached: it is the result of drawing one of both in each episode.
+    If a controller draws one of two weights for each episode, its means are on the line between both points.
     """
     order = np.argsort(curve_x, axis=1)
     x, y = np.take_along_axis(curve_x, order, 1), np.take_along_axis(curve_y, order, 1)
@@ -101,7 +94,7 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
 
 
 def quantile_groups(values: Floats, count: int) -> list[tuple[NDArray[np.bool_], float, float]]:
-    """Split `values` (n,) by quantiles into `count` groups; return each group's mask (n,), lower and upper edge."""
+    """Split `values` (n,) by quantiles into `count` groups; return mask (n,), lower and upper edge of each group."""
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
     last = max(len(edges) - 2, 0)
     group = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, last)
@@ -110,34 +103,34 @@ def quantile_groups(values: Floats, count: int) -> list[tuple[NDArray[np.bool_],
 
 @dataclass(frozen=True)
 class Comparison:
-    """Bootstrap values (1 + n,) of a measure of two contestants, on the same resamples; entry 0 is the full sample."""
+    """A measure of two contestants (1 + n,), in the sample and in n resamples; both have the same resamples."""
 
     ours: Floats
     theirs: Floats
 
     @classmethod
     def of_means(cls, ours: Floats, theirs: Floats) -> Self:
-        """Compare the means of values (cases,) or (seeds, cases) on the same cases."""
+        """Compare the means of values (scenarios,) or (seeds, scenarios)."""
         resamples = Resamples(ours.shape[-1])
         return cls(resamples.means(ours), resamples.means(theirs))
 
     @classmethod
     def of_fronts(cls, ours: Front, theirs: Front) -> Self:
-        """Compare V_p (m/s) of the front `ours` with the single point `theirs`, at the point's mean approach time."""
+        """Compare V_p (m/s) of the front `ours` with the one point of the front `theirs`, at the time of this point."""
         (time,), (velocity,) = theirs[0].T, theirs[1].T
         return cls(along(*ours, time), velocity)
 
     @property
     def less(self) -> Estimate:
-        """Their value minus ours, in their unit."""
+        """`theirs` - `ours`."""
         return estimate(self.theirs - self.ours)
 
     @property
     def ratio(self) -> Estimate:
-        """Ours over theirs."""
+        """`ours` / `theirs`."""
         return estimate(self.ours / self.theirs)
 
     @property
     def reduction(self) -> Estimate:
-        """Their value minus ours, as a share of theirs."""
+        """(`theirs` - `ours`) / `theirs`."""
         return estimate(1.0 - self.ours / self.theirs)

@@ -1,4 +1,4 @@
-"""A study: a question, the measurement of each of its cells, and the analysis, which writes a page."""
+"""Studies: a study has a question, tables of measurements, and an analysis; a run of the study writes a page."""
 
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,15 +22,14 @@ from impact_gym.validation import whole
 Row = Mapping[str, Any]
 Rows = Sequence[Row] | pl.DataFrame
 Frames = Mapping[str, pl.DataFrame]
-LARGE = 50_000  # rows; a table with more is written as Parquet
-SOLVER = tuple(
+LARGE = 50_000  # rows; a larger table is written as Parquet
+SOLVER = tuple(  # modules on which the result of `simulate` depends, in addition to the compiled solver
     f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "to_kernel", "outcome", "simulation")
 )
-"""Modules on which a simulated row depends, in addition to the compiled solver."""
 
 
 class Cell(NamedTuple):
-    """One cell of a grid: `labels` become columns of its rows, `arguments` are those of `Measurement.measure`."""
+    """One call of `Measurement.measure`, with these `arguments`; its rows get `labels` as columns."""
 
     labels: Row
     arguments: Mapping[str, Any]
@@ -38,15 +37,15 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class Measurement:
-    """A table of a study: its cells, and the function that measures a cell."""
+    """A table of a study, and how it is measured."""
 
-    name: str  # of the table
+    name: str  # name of the table
     cells: Callable[[bool, Frames], Iterable[Cell]]  # arguments: whether the run is quick, and the earlier tables
-    measure: Callable[..., Rows]  # a function of a module, which other processes can import
-    depends: tuple[str, ...] = SOLVER  # modules whose change makes rows outdated, in addition to that of `measure`
-    failed: Callable[[Row], Row] | None = None  # row of a failed cell, from its labels; None: a failure is an error
-    seconds: float | None = None  # time limit of a cell, after which it has failed
-    processes: int | None = None  # 1: cells are timed, so they run one after the other; 0: in this process
+    measure: Callable[..., Rows]  # function at the top of a module, so that other processes can import it
+    depends: tuple[str, ...] = SOLVER  # modules that rows depend on, in addition to the module of `measure`
+    failed: Callable[[Row], Row] | None = None  # row of a failed cell, from its labels; None: raise an error
+    seconds: float | None = None  # s, time limit of a cell
+    processes: int | None = None  # limit; 1: cells are timed one after the other; 0: in this process
 
     @property
     def digest(self) -> str:
@@ -60,40 +59,42 @@ class Measurement:
 class Findings:
     """Result of a study."""
 
-    answer: str  # in a sentence or two
+    answer: str  # one or two sentences
     sections: Sequence[Section]
-    tables: Frames = field(default_factory=dict)  # computed from the measured tables, and written with them
+    tables: Frames = field(default_factory=dict)  # tables that were computed from the measured tables
 
 
 @dataclass(frozen=True)
 class Study:
-    """A question, its measurements in their order, and their analysis."""
+    """A question, the measurements in order, and their analysis."""
 
     name: str
     question: str
     measurements: Sequence[Measurement]
-    analyse: Callable[[Frames, bool], Findings]  # arguments: the measured frames, and whether the run is quick
-    packages: tuple[str, ...] = ()  # further packages whose versions the page lists
+    analyse: Callable[[Frames, bool], Findings]  # arguments: the measured tables, and whether the run is quick
+    packages: tuple[str, ...] = ()  # packages whose versions the page also lists
 
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """Run a study: measure the cells of its tables that have no result yet, and write a page.
+    """Run a study, and write a page with its tables.
 
-    A cell is one combination of settings, and gives one or more rows of a table.
+    A cell is one combination of settings, and gives one or more rows of a table. The command measures only the cells
+    that have no result yet.
     """
 
     out: Path | None = None
-    """Folder for the tables, the figures and the page. Default: reports/NAME, with --quick reports/NAME-quick."""
+    """Folder for the tables, the figures and the page. Without this option, the folder is reports/NAME, and with
+    --quick it is reports/NAME-quick."""
     quick: bool = False
-    """Take a first look within minutes, with few cells and short searches."""
+    """Measure only a few cells, with short searches. This takes minutes."""
     force: bool = False
     """Measure all cells again, not only the cells whose results are missing or outdated."""
     only: tuple[str, ...] = ()
-    """Names of the tables to measure. The command also measures tables that these tables or the page need."""
+    """Names of the tables to measure. The command also measures the tables that these tables or the page need."""
     processes: int | None = None
-    """Number of cells that are measured at the same time on this machine. Default: one cell for each core. 0: the cells
-    are measured in this process."""
+    """Number of cells that the command measures at the same time on this machine. Without this option, the command
+    measures one cell on each core. With 0, all cells are measured in this process."""
     cluster: str | None = None
     """Measure on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster."""
 
@@ -103,15 +104,15 @@ class StudyOptions:
 
 
 class Run:
-    """A run of a study; `command` is the command line that repeats it."""
+    """A run of a study; `command` is the command line that repeats the run."""
 
     def __init__(self, study: Study, options: StudyOptions, command: str = "") -> None:
         self.study, self.options, self.command = study, options, command
         self.folder = options.out or REPORTS / f"{study.name}{'-quick' if options.quick else ''}"
-        self.frames: dict[str, pl.DataFrame] = _Frames(self)  # measured so far
+        self.frames: dict[str, pl.DataFrame] = _Frames(self)  # measured tables
 
     def frame(self, measurement: Measurement) -> pl.DataFrame:
-        """Return the rows of all cells; cells whose rows are kept are not measured again."""
+        """Return the rows of all cells; only cells without kept results are measured."""
         cells, row_of = list(measurement.cells(self.options.quick, self.frames)), measurement.failed
 
         def failed(arguments: Mapping[str, Any], reason: str) -> Rows:
@@ -133,7 +134,7 @@ class Run:
         return frame_of(zip((cell.labels for cell in cells), results, strict=True))
 
     def measure(self) -> None:
-        """Measure the tables in `only`; empty: all tables."""
+        """Measure the tables in `only`, or all tables if `only` is empty."""
         names = [measurement.name for measurement in self.study.measurements]
         if unknown := set(self.options.only) - {*names}:
             raise ValueError(f"only: no table {min(unknown)!r} in the study {self.study.name}: {', '.join(names)}")
@@ -157,7 +158,7 @@ class Run:
 
 
 class _Frames(dict[str, pl.DataFrame]):
-    """Tables by name; a table that is not in `only` is measured when another table or the analysis reads it."""
+    """Tables by name; a missing table is measured when it is read."""
 
     def __init__(self, run: Run) -> None:
         super().__init__()
@@ -170,7 +171,6 @@ class _Frames(dict[str, pl.DataFrame]):
 
 
 def _write_table(path: Path, frame: pl.DataFrame) -> str:
-    """Write a table as CSV, or as Parquet if it is large; delete a file of the other kind; return the file's name."""
     large = frame.height > LARGE
     file, other = (path.with_suffix(suffix) for suffix in ((".parquet", ".csv") if large else (".csv", ".parquet")))
     with whole_file(file) as stream:
@@ -180,7 +180,7 @@ def _write_table(path: Path, frame: pl.DataFrame) -> str:
 
 
 def frame_of(measured: Iterable[tuple[Row, Rows]]) -> pl.DataFrame:
-    """Return one frame of the rows of all cells, with the cells' labels as first columns; missing values are null."""
+    """Return one frame of the rows of all cells, with labels as first columns; missing values are null."""
     frames, rows = list[pl.DataFrame](), list[Row]()
     for labels, found in measured:
         if isinstance(found, pl.DataFrame):

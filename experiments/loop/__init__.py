@@ -1,1 +1,1 @@
-"""A control loop at 1 kHz: a controller exported to C steers a simulated arm in another process, over UDP."""
+"""A control loop at 1 kHz over UDP, between a controller that was exported to C and a simulated arm."""

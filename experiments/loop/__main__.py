@@ -1,4 +1,4 @@
-"""`python -m experiments.loop NAME --out DIR`: export a controller, compile a loop in C, and run it at 1 kHz."""
+"""`python -m experiments.loop NAME --out DIR`: export a controller, and let it steer a simulated arm at 1 kHz."""
 
 import json
 import multiprocessing
@@ -42,9 +42,9 @@ class Loop:
 
 
 def compiled(subject: Subject, name: str, out: Path) -> Path:
-    """Write header and loop.c to `out`, compile them, and return the path of the program.
+    """Write the controller's header and loop.c to `out`, compile both, and return the path of the program.
 
-    ValueError: the controller needs a part that the simulated arm does not have, or there is no C compiler.
+    ValueError: the controller needs a sensor, an alarm or an operator that the arm lacks, or there is no C compiler.
     """
     task, name = subject.task, identifier(name)
     if task.operator or task.range_sensor or task.past_readings or task.alarm != "force":
@@ -62,7 +62,7 @@ def compiled(subject: Subject, name: str, out: Path) -> Path:
 
 
 def start(subject: Subject, weight: float, seconds: float, out: Path) -> tuple[Any, int]:
-    """Start the arm's process; return it and its port. When it ends, it writes its approaches to `out` (JSON)."""
+    """Start `serve` in another process; return the process and the UDP port of the arm."""
     ours, theirs = multiprocessing.Pipe(duplex=False)
     arguments = subject.task.arguments(), weight, SEED, seconds, out, theirs
     out.unlink(missing_ok=True)
@@ -73,7 +73,7 @@ def start(subject: Subject, weight: float, seconds: float, out: Path) -> tuple[A
 
 
 def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -> dict[str, float]:
-    """Return statistics of the age of commands (s), and mean V_p (m/s) of arm and environment in these scenarios."""
+    """Return statistics of `approach`'s ages (s), mean V_p (m/s), and mean V_p in the same scenarios without UDP."""
     ages, velocity = (np.hstack([each[name] for each in played]) for name in ("ages", "object_velocity"))
     batch = ScenarioBatch(SEED, len(played), subject.task.changed({"time_weight": weight}))
     there = batch.play(subject.at(weight)).object_velocity.mean()
@@ -83,7 +83,7 @@ def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -
 
 
 def run(options: Loop) -> None:
-    """Run the loop, print and write measurements; RuntimeError: a watchdog stopped it, or no approach was played."""
+    """Run the loop, print and write measurements; RuntimeError: the watchdog stopped the arm, or nothing was played."""
     subject = of_name(options.controller)
     program = compiled(subject, Path(options.controller).stem, options.out)
     written = options.out / "arm.json"

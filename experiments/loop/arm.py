@@ -1,4 +1,4 @@
-"""The simulated arm, in steps of 1 ms in real time; without a valid packet for the time SILENCE it stops."""
+"""The simulated arm, in steps of 1 ms in real time. A watchdog stops it after SILENCE (s) without a valid packet."""
 
 import json
 import math
@@ -26,7 +26,7 @@ WAIT = 10.0  # s, how long the arm waits for a controller's first packet
 
 
 class Line:
-    """The arm's UDP socket: sends readings, returns the newest valid command, and counts refused packets by reason."""
+    """The arm's UDP socket."""
 
     def __init__(self, task: Task) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -34,10 +34,10 @@ class Line:
         self.socket.setblocking(False)
         self.task, self.sent, self.last, self.begun = task, 0, -1.0, 0.0
         self.refused: Counter[str] = Counter()
-        self.peer: Any = None  # address of the controller: the sender of the first valid packet
+        self.peer: Any = None  # address of the controller, from the first valid packet
 
     def send(self, approach: int, time_weight: float, readings: Mapping[str, Any]) -> None:
-        """Send readings, arrays (1,), to the controller."""
+        """Send readings, each an array (1,), to the controller."""
         self.sent += 1
         numbers = [self.sent, time.monotonic(), approach, time_weight, *np.concatenate([*readings.values()])]
         self.socket.sendto(MAGIC + struct.pack(f"{len(numbers)}d", *numbers), self.peer)
@@ -78,10 +78,10 @@ class Line:
 
 
 def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) -> dict[str, Any]:
-    """Play an approach in real time; return V_p (m/s), the age of the active command at each step (s), and `stop`.
+    """Play an approach in real time; return V_p (m/s), ages of the last command at each step (s), and `stop`.
 
-    `stop` has time and reason of a stop by the watchdog; empty: no stop. After a stop the flange brakes at its limit,
-    and commands have no effect.
+    `stop` has the time and the reason of a stop by the watchdog, or is empty. After a stop the flange brakes at its
+    limit, and commands have no effect.
     """
     batch.begin_seeded(seed + number, {"time_weight": weight})
     begun = good_at = stamp = line.begun = time.monotonic()
@@ -111,8 +111,7 @@ def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) ->
 def serve(environment: Mapping[str, Any], weight: float, seed: int, seconds: float, out: Path, port: Any) -> None:
     """Send the arm's UDP port through the pipe `port`, play approaches, and write them to `out` (JSON).
 
-    New approaches begin for `seconds`, or until the watchdog stops one; each draws its scenario from the next seed. All
-    have the time weight `weight` (m/s per s).
+    Approaches, with the seeds `seed`, `seed` + 1, ..., begin for `seconds` or until the watchdog stops an approach.
     """
     task = Task(**{**environment, "control_period": PERIOD, "time_weight": weight})
     line, batch, played = Line(task), Batch(1, task, threads=1), list[dict[str, Any]]()
@@ -126,7 +125,7 @@ def serve(environment: Mapping[str, Any], weight: float, seed: int, seconds: flo
     while line.peer and time.monotonic() < begun + seconds and not (played and played[-1]["stop"]):
         played.append(approach(line, batch, len(played), seed, weight))
         if stop := played[-1]["stop"]:
-            print(f"arm: stopped, no good packet for {SILENCE:g} s: {stop['packets']}", flush=True)
+            print(f"arm: stopped, no valid packet for {SILENCE:g} s: {stop['packets']}", flush=True)
     write_file(out, json.dumps(played))
     if line.peer:
         line.send(-1, weight, batch.sensors())

@@ -1,1 +1,1 @@
-"""A page in the browser on which a person steers the tool, and the files that store each try."""
+"""A page in the browser on which a person steers the tool. Each episode, called a try, is stored in a file."""

@@ -1,4 +1,4 @@
-"""Assistances by name, and the environment of a set-up with a person as operator."""
+"""Assistances, which correct the player's commands, and the environment in which the player is the operator."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,22 +14,20 @@ from experiments.lab.player.films import chain_of
 from impact_gym.task import Task
 from impact_gym.teleop.channels import WAYS
 
-NAMES = {
+NAMES = {  # assistances, with the labels on the page
     "none": "nobody", "brake": "a brake at the arm", "limit": "a tuned speed limit", "policy": "the learned policy",
     "rule": "the paper's rule",
 }  # fmt: skip
-"""Names of assistances, with the labels that the page shows."""
-COUPLINGS = {"rigid": "tool fixed", "spring": "on a spring", "bistable": "bistable"}
-"""Names of couplings, with the labels that the page shows; a shipped set-up is called FAMILY-COUPLING."""
+COUPLINGS = {"rigid": "tool fixed", "spring": "on a spring", "bistable": "bistable"}  # coupling: label on the page
 PERSON = {"type": "Person"}
 PERIOD: float = Task.control_period  # s
+# unit, least and largest value of the settings: delay of the round trip, jitter of each channel, spring stiffness
 RANGES = {"delay": ("s", 0.0, 1.0), "jitter": ("s", 0.0, 0.05), "stiffness": ("N/m", 20.0, 2000.0)}
-"""Units and ranges of the settings: delay of the round trip, jitter of each channel, stiffness of a spring."""
-RTOL = 1e-12  # with this tolerance `simulate` and the environment agree to 1e-9
+RTOL = 1e-12  # at this rtol `simulate` and the environment agree to 1e-9
 
 
 def playable(name: str) -> Setup:
-    """Return a set-up that has an operator; ValueError: unknown name, or the set-up has no operator."""
+    """Return the set-up `name`; ValueError: no such set-up, no operator in it, or its control period is not PERIOD."""
     setup = load_setup(name)
     if "operator" not in setup.environment:
         operator, others = '{ type = "Reach", place_error = 0.0, creep = 0.1 }', map(load_setup, shipped())
@@ -43,7 +41,7 @@ def playable(name: str) -> Setup:
 
 
 def related(setup: Setup) -> dict[str, str]:
-    """Return the names of the set-ups that differ only in the coupling, by coupling; a file has no such set-ups."""
+    """Return, by coupling, the names of the set-up and of shipped set-ups that differ from it only in the coupling."""
     family, _, kind = setup.called.rpartition("-")
     if setup.shipped and kind in COUPLINGS:
         return {each: f"{family}-{each}" for each in COUPLINGS}
@@ -51,10 +49,7 @@ def related(setup: Setup) -> dict[str, str]:
 
 
 def environment_of(setup: Setup) -> dict[str, Any]:
-    """Return a set-up's environment without the operator; delays, jitter and stiffness have the page's RANGES.
-
-    The values that the player chose are in the episode's record, not in the environment.
-    """
+    """Return a set-up's environment without operator, in which delays, jitter and stiffness have the ranges RANGES."""
     environment = {name: value for name, value in setup.environment.items() if name != "operator"} | {"rtol": RTOL}
     for way in WAYS:
         delay, jitter = [0.5 * limit for limit in RANGES["delay"][1:]], [*RANGES["jitter"][1:]]
@@ -65,10 +60,7 @@ def environment_of(setup: Setup) -> dict[str, Any]:
 
 
 def usual(setup: Setup) -> dict[str, float]:
-    """Return the initial settings: delay of the round trip (s), jitter (s), stiffness of a spring (N/m).
-
-    They are the set-up's values (of a range, its middle), limited to RANGES.
-    """
+    """Return the initial settings: the values of the set-up, or the middles of its ranges, limited to RANGES."""
     parts: dict[str, tuple[str, ...]] = {"delay": WAYS, "jitter": ("uplink",)}
     if setup.environment.get("coupling", {}).get("type") == "SpringDamper":
         parts["stiffness"] = ("coupling",)
@@ -81,21 +73,21 @@ def usual(setup: Setup) -> dict[str, float]:
 
 
 def about(setup: Setup) -> dict[str, Any]:
-    """Return data for the page: initial settings, mechanism, ranges of distance (m) and velocity (m/s), horizon (s)."""
+    """Return data of a set-up for the page: settings, coupling, ranges of distance (m) and speed (m/s), horizon (s)."""
     task = Task(**environment_of(setup), operator=PERSON)
     return {"usual": usual(setup), "chain": chain_of(task), "distance": task.scenario.distance,
             "horizon": task.horizon, "speeds": task.velocity_range}  # fmt: skip
 
 
 def record_of(settings: Mapping[str, float]) -> dict[str, float]:
-    """Return the values of settings (see `usual`) as numbers of an episode's record."""
+    """Return the part of an episode's record that has these settings (see `usual`)."""
     record = {f"{way}.delay": 0.5 * settings["delay"] for way in WAYS}
     record |= {f"{way}.jitter": settings["jitter"] for way in WAYS}
     return record | ({"coupling.stiffness": settings["stiffness"]} if "stiffness" in settings else {})
 
 
 def assistance(name: str, setup: Setup) -> Controller:
-    """Return an assistance for a set-up; ValueError: unknown name, or it was not tuned or trained for this set-up."""
+    """Return the assistance `name`; ValueError: no such assistance, or none was tuned or trained for the set-up."""
     if name not in NAMES:
         raise ValueError(f"assist must be one of {', '.join(NAMES)}, got {name!r:.80}")
     if name == "policy":

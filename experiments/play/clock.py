@@ -1,8 +1,4 @@
-"""The clock that plays tries in real time, in its own process, so that a busy server does not delay it.
-
-The clock receives the player's input from the server. It sends frames, each with its downlink delay, and the results of
-tries. If the server is killed, the clock stops the arm and saves the try.
-"""
+"""The clock: a process that plays tries in real time, and saves them even if the server is killed."""
 
 import os
 import queue
@@ -27,8 +23,8 @@ from impact_gym.render.chain import object_radius
 from impact_gym.teleop.channels import CUT
 
 STOPPED = "the server was stopped"
-SILENT = 0.25  # s: if the player sends nothing for longer, the velocity is 0
-HOLD = 1e-5  # m/s, replaces 0 before the touch, because 0 would end the try
+SILENT = 0.25  # s; if the player sends nothing for a longer time, the commanded velocity is 0
+HOLD = 1e-5  # m/s, sent instead of 0 before the touch, because a command of 0 would end the try
 
 
 @dataclass
@@ -37,21 +33,21 @@ class Stick:
 
     inputs: deque[tuple[float, float]] = field(default_factory=lambda: deque([(-1e9, 0.0)], 256))
     touched: bool = False  # whether the player has seen the touch
-    let_go: bool = False  # whether the command stays 0 for the rest of the try
-    marks: list[str] = field(default_factory=list)  # why the try is invalid or incomplete
+    let_go: bool = False  # whether the command is 0 for the rest of the try
+    marks: list[str] = field(default_factory=list)  # reasons for which the try is invalid or incomplete
 
     def put(self, velocity: float, came: float) -> None:
         """Add a velocity (m/s) with its time of arrival (s)."""
         self.inputs.append((came, velocity))
 
     def stop(self, why: str = "") -> None:
-        """Set the command to 0 for the rest of the try; a reason marks the try as interrupted."""
+        """Set the command to 0 for the rest of the try; if there is a reason `why`, mark the try as interrupted."""
         if why and not self.let_go:
             self.marks.append(f"interrupted: {why}")
         self.let_go = True
 
     def at(self, moment: float) -> float:
-        """Return the velocity (m/s) that the operator sends to the arm at `moment` (s)."""
+        """Return the velocity (m/s) that the player commands at `moment` (s)."""
         inputs = tuple(self.inputs)
         came, velocity = next((each for each in reversed(inputs) if each[0] <= moment), inputs[0])
         if self.let_go or moment - came > SILENT:
@@ -61,7 +57,7 @@ class Stick:
 
 @dataclass
 class Clock:
-    """Plays tries one after another, as the server requests them."""
+    """Plays the tries that the server requests, one after another."""
 
     server: Connection
     now: Callable[[], float] = time.perf_counter  # s
@@ -69,7 +65,7 @@ class Clock:
     stick: Stick = field(default_factory=Stick)
     gone: bool = False  # whether the server has ended
     wanted: queue.SimpleQueue[tuple[Try, Path, bool] | None] = field(default_factory=queue.SimpleQueue)
-    unsaved: list[tuple[Path, Try]] = field(default_factory=list)  # tries still to be written, as on a full disk
+    unsaved: list[tuple[Path, Try]] = field(default_factory=list)  # tries that could not be written yet
 
     def listen(self) -> None:
         """Handle messages of the server until it ends."""
@@ -95,7 +91,7 @@ class Clock:
             self.server.send(message)
 
     def play(self, wanted: Try, path: Path, seen: bool) -> None:
-        """Play a try in real time, save it and send its result; `seen`: the page shows the object before the touch."""
+        """Play a try in real time, save it, send its result; `seen`: whether the object is visible before."""
         try:
             live = Live(wanted)
             self.send(kind="began", setup=wanted.setup, radius=object_radius(live.kept.record["object_mass"]))
@@ -110,7 +106,6 @@ class Clock:
             self.send(kind="failed", text=str(problem))
 
     def _run(self, live: Live, seen: bool) -> None:
-        """Play each step at its time until the try or the server ends."""
         slow, start, behind, rng = live.kept.slow, self.now(), 0.0, random.Random(live.kept.seed)
         self._send_frame(live, seen, rng)
         while not (live.ended or self.gone):
@@ -121,18 +116,18 @@ class Clock:
             velocity = self.stick.at(now - slow * (live.time + PERIOD - live.next_tick))
             live.step(velocity, now - due - behind)
             behind = now - due
-            if behind > slow * PERIOD:  # after a pause of the machine, lost steps are not played faster
+            if behind > slow * PERIOD:  # after a pause of the machine, the schedule is shifted
                 start, behind = start + behind, 0.0
             self._send_frame(live, seen, rng)
 
     def _send_frame(self, live: Live, seen: bool, rng: random.Random) -> None:
-        """Send the present state and the state one step ahead, with the delay (s) of the downlink."""
+        """Send the positions now and one step ahead, and the delay (s) of the downlink."""
         now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
         then = now if live.ended else live.ahead()
         late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)
         touched = bool(then.touched[0])
-        places = [np.round(np.ravel(each[1:4]), 6).tolist() for each in (now, then)]  # flange, tool, object, m
-        if not (seen or touched or live.ended):  # when the try has ended, the page shows a missed object, too
+        places = [np.round(np.ravel(each[1:4]), 6).tolist() for each in (now, then)]  # m; flange, tool, object
+        if not (seen or touched or live.ended):  # after the end, the page shows also a missed object
             places = [[*chain, None] for *chain, _ in places]
         self.send(
             kind="frame", n=len(live.kept.actions), t=round(live.time, 4), touched=touched, wait=late * slow,
@@ -147,12 +142,12 @@ def entry_of(name: str, this: Try) -> dict[str, Any]:
 
 
 def run(server: Connection, theirs: Connection) -> None:
-    """Run the clock in its own process; `theirs` is the server's end of the connection, which the fork inherits."""
+    """Run the clock in its own process, and close `theirs`, the server's end of the connection."""
     theirs.close()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server stops the clock
     clock = Clock(server)
     threading.Thread(target=clock.listen, daemon=True).start()
-    with suppress(OSError, AttributeError):  # highest priority, where permitted
+    with suppress(OSError, AttributeError):  # real-time priority needs permission, and Linux
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
     while (wanted := clock.wanted.get()) is not None:
         clock.play(*wanted)

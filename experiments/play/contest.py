@@ -1,4 +1,4 @@
-"""Films that compare a try with variants: the same commands with another assistance or coupling, or without delay."""
+"""Films that compare a try with variants. A variant has another assistance, another coupling, or no delay."""
 
 import math
 from collections.abc import Mapping
@@ -14,8 +14,8 @@ from experiments.play.tries import Live, Try, replayed
 from impact_gym.render.film import History
 
 SECONDS = 7.0  # length of a film
-COARSE = 5.0  # factor on the allowed errors of the film, which the player waits for
-BEFORE = 0.4  # s, shown before the first touch
+COARSE = 5.0  # factor on the allowed errors of the film, so that the film is computed fast
+BEFORE = 0.4  # s, time before the first touch at which the film becomes slow
 SENTENCES = {
     "brake": "The brake at the arm senses the touch at once; it does not wait for you.",
     "none": "Nobody corrects you: the arm moves on until your command to stop arrives.",
@@ -27,14 +27,14 @@ SENTENCES = {
 
 
 class Variant(NamedTuple):
-    """A try in a film, with a sentence on its difference from the player's try."""
+    """A try in a film, and a sentence on how it differs from the player's try."""
 
     played: Try
     sentence: str = ""
 
 
 def again(this: Try) -> dict[str, Variant]:
-    """Return a try and its variants, by name."""
+    """Return the player's try and its variants, by their names in the film."""
     other, label = ("brake", "brake on") if this.assist == "none" else ("none", "no help")
     found = {"You": Variant(this), f"Your hand, {label}": Variant(_changed(this, assist=other), SENTENCES[other])}
     for kind, setup in related(load_setup(this.setup)).items():
@@ -46,7 +46,7 @@ def again(this: Try) -> dict[str, Variant]:
 
 
 def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Try:
-    """Return the try with the same commands in the same scenario, but another set-up, assistance or record."""
+    """Return the try, played again with another set-up or assistance, or with the record or operator in `changes`."""
     setup, record = setup or this.setup, changes.get("record", this.record)
     known = Live(Try(setup, "none", this.seed, {})).kept.record
     record = {name: value for name, value in record.items() if name in known}
@@ -58,10 +58,7 @@ def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Tr
 
 
 def _without_delay(this: Try) -> Try:
-    """Return the try as without delay: without the commands between the touch and the time when the player saw it.
-
-    The arm then touches earlier by the uplink's delay, and the player sees the touch earlier by the downlink's delay.
-    """
+    """Return the try, played again without delays, and without the commands between the touch and when it was seen."""
     record, touch, velocity = this.record, this.result["touch_time"], this.operator["velocity"]
     silent = {f"{way}.{name}": 0.0 for way in ("uplink", "downlink") for name in ("delay", "jitter")}
     sent = math.floor((touch - record["uplink.delay"]) / PERIOD)
@@ -72,7 +69,7 @@ def _without_delay(this: Try) -> Try:
 
 
 def film(variants: Mapping[str, Variant]) -> dict[str, Any]:
-    """Return a slow-motion film of SECONDS: its `html`, and `slides`, the object's slide (m) by variant."""
+    """Return `html`, a slow-motion film, and `slides`: the object's slide (m) by variant, None if it was missed."""
     replays = {name: replayed(each.played) for name, each in variants.items()}
     runs = {name: Run(History(*each, ended=True), each[1]) for name, each in replays.items()}
     scene: dict[str, Any] = {"label": "one scenario for all", "number": 0, "compact": True}
@@ -86,7 +83,7 @@ def film(variants: Mapping[str, Variant]) -> dict[str, Any]:
 
 
 def _fitted(scene: Mapping[str, Any]) -> list[list[float]]:
-    """Return a scene's clock, scaled to a film of SECONDS, whose first tenth ends BEFORE (s) the first touch."""
+    """Return the clock for a film that lasts SECONDS; the first tenth ends 0.4 s before the first touch."""
     touches = [run["contacts"][0][0] for run in scene["runs"] if run["contacts"]]
     cut = max(min(touches, default=0.0) - BEFORE, 0.0)
     starts, slower = np.array(scene["clock"]).T

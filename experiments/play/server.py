@@ -1,4 +1,4 @@
-"""The server of the page: for this machine only, with a token in the address and limits on messages."""
+"""The server of the page. It answers only this machine, and only requests with a secret token in the address."""
 
 import asyncio
 import json
@@ -26,19 +26,19 @@ from impact_gym.validation import number
 HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
 SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "settings.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
-MAX_CLIENTS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # pages, bytes, messages a second
-TIME_LIMIT, FILM_LIMIT = 5.0, 60.0  # s, for a page to read a message; for a film
+MAX_CLIENTS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # pages; bytes of a message; messages per second of a page
+TIME_LIMIT, FILM_LIMIT = 5.0, 60.0  # s, in which a page must read a message; in which a film must be made
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff", "Cache-Control": "no-store",
     "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Resource-Policy": "same-origin", "Connection": "close",
 }  # fmt: skip
-RESTART = 1012  # code with which a server that stops closes its connections
+RESTART = 1012  # code of a connection that is closed because the server stops
 
 
 class Client:
-    """A connected page, with a queue of messages for it and a limit on the rate of its messages."""
+    """A connected page, with a queue of messages to the page and a limit on the rate of messages from the page."""
 
     def __init__(self, socket: server.ServerConnection) -> None:
         self.socket, self._queue, self._has_messages = socket, list[dict[str, Any]](), asyncio.Event()
@@ -60,7 +60,7 @@ class Client:
                     await asyncio.wait_for(self.socket.send(json.dumps(self._queue.pop(0))), TIME_LIMIT)
 
     async def receive(self) -> Any:
-        """Return the next message of the page; ValueError: too many messages, or no JSON; ConnectionClosed: no page."""
+        """Return the next message of the page; ValueError: it is not JSON, or messages arrive faster than RATE."""
         try:
             message = json.loads(await self.socket.recv())
         except (ValueError, RecursionError):
@@ -73,7 +73,7 @@ class Client:
 
 
 def foreign(request: Request, token: str, port: int) -> str | None:
-    """Return why a request is not from this server's page: another host (DNS rebinding), origin or token; else None."""
+    """Return why a request is not from our page: another host (DNS rebinding), origin or token. None: it is."""
     hosts = [f"{name}:{port}" for name in (HOST, "localhost")]
     host, origin = map(request.headers.get_all, ("Host", "Origin"))
     if len(host) != 1 or host[0] not in hosts:
@@ -85,14 +85,14 @@ def foreign(request: Request, token: str, port: int) -> str | None:
 
 
 def reply(status: int, text: str, kind: str = "text/plain") -> Response:
-    """Return an answer with our headers."""
+    """Return an answer with HEADERS."""
     body = text.encode(errors="replace")
     about = {"Content-Type": f"{kind}; charset=utf-8", "Content-Length": str(len(body))}
     return Response(status, HTTPStatus(status).phrase, Headers(HEADERS | about), body)
 
 
 class Site:
-    """The page, its style sheet and script, its films and its messages, at addresses that begin with /token/."""
+    """What the server serves at addresses that begin with /token/: page, style sheet, script, films, messages."""
 
     def __init__(self, session: Session, token: str, port: int) -> None:
         self.session, self.token, self.port = session, token, port
@@ -104,7 +104,7 @@ class Site:
         }
 
     async def answer(self, _connection: server.ServerConnection, request: Request) -> Response | None:
-        """Return the answer to a request; None: the request opens a connection for messages."""
+        """Return the answer to a request; None: the request is for a connection for messages."""
         if wrong := foreign(request, self.token, self.port):
             return reply(403, f"{wrong}\n")
         if request.method != "GET":
@@ -124,7 +124,7 @@ class Site:
         return reply(200, json.dumps(film), "application/json")
 
     async def serve_page(self, page: server.ServerConnection) -> None:
-        """Serve a connected page until it disconnects or breaks a limit."""
+        """Exchange messages with a page until it disconnects, does not read, or sends an invalid message."""
         session, client, why = self.session, Client(page), "the page was closed"
         session.join(client)
         sender = asyncio.create_task(client.send())
@@ -133,7 +133,7 @@ class Site:
                 session.handle(client, await client.receive())
             why = "the page did not read"
         except ValueError as problem:
-            why = str(problem).partition(", got ")[0][:120]  # without the page's text
+            why = str(problem).partition(", got ")[0][:120]  # without text that the page sent
         except ConnectionClosed as gone:
             why = STOPPED if gone.sent and gone.sent.code == RESTART else why
         finally:

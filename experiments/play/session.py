@@ -1,4 +1,4 @@
-"""The session between pages and clock: it checks the pages' messages and forwards the clock's messages."""
+"""The session: it checks the messages of pages in the browser, and forwards the messages of the clock to them."""
 
 import asyncio
 import multiprocessing
@@ -20,18 +20,18 @@ MAX_ON_CHART = 200  # tries
 
 
 class Session:
-    """Pages of which one steers the tool, and at most one try in progress."""
+    """All pages, of which one steers the tool, and the try in progress, if there is one."""
 
     def __init__(self, setup: Setup, assist: str, folder: Path) -> None:
-        """Read the tries in `folder`, start the clock; ValueError: unknown assistance, or another server's folder."""
+        """Read the tries in `folder`, start the clock; ValueError: unknown assistance, or a session uses the folder."""
         assistance(assist, setup)
-        self._lock = ExitStack()  # the clock's process inherits the lock by the fork
+        self._lock = ExitStack()  # the clock's process inherits the lock
         self._lock.enter_context(locked(folder / ".lock", wait=False))
         self.setup, self.assist, self.folder = setup.called, assist, folder
-        self.clients: list[Any] = []  # the player is the first
+        self.clients: list[Any] = []  # the first page steers
         self.setups = {name: about(playable(name)) for name in related(setup).values()}
-        self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is in progress; its arm's velocity range, m/s
-        self._seen_at, self._newest = 0.0, -1  # when the try's last frame is shown, s; number of the newest frame shown
+        self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is in progress; velocity range of the arm, m/s
+        self._seen_at, self._newest = 0.0, -1  # s, when pages show the last frame; number of the newest frame shown
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
         self.left_out = list[str]()  # for each file in the folder that is not shown, the reason
         for path in sorted(folder.glob("*.json")):
@@ -58,7 +58,7 @@ class Session:
             self.clients.sort(key=lambda each: each is not client)
             self._send_roles()
         elif client is not self.clients[0]:
-            return  # a watcher does not steer
+            return  # only the first page steers
         elif word == "v":
             share = number("v", value, "(of full speed)", at_least=-1.0, at_most=1.0)
             self._send("v", abs(share) * self._speeds[share >= 0.0])
@@ -78,7 +78,7 @@ class Session:
             settings[name] = number(name, options.get(name, at), unit, at_least=low, at_most=high)
         slow = number("slow", options.get("slow"), "(times)", at_least=1.0, at_most=try_files.SLOWEST)
         record, place = record_of(settings), options.get("distance")
-        if place is not None:  # else it is drawn
+        if place is not None:  # without a distance in the record, the distance is drawn
             near, far = chosen["distance"]
             record["distance"] = number("distance", place, "m", at_least=near, at_most=far)
         self._speeds, self._newest, self.busy = chosen["speeds"], -1, True
@@ -86,7 +86,7 @@ class Session:
         self._send("play", (wanted, self.folder / f"{datetime.now():%Y%m%d-%H%M%S-%f}.json", options["seen"]))
 
     def join(self, client: Any) -> None:
-        """Add a page; send set-ups, assistances, limits of the page's controls and earlier tries to it."""
+        """Add a page, and send set-ups, assistances, RANGES and earlier tries to it."""
         self.clients.append(client)
         client.enqueue({
             "kind": "hello", "setups": self.setups, "setup": self.setup, "assists": NAMES, "assist": self.assist,
@@ -95,7 +95,7 @@ class Session:
         self._send_roles()
 
     def leave(self, client: Any, why: str) -> None:
-        """Remove a page; if it steered, the arm stops."""
+        """Remove a page, for the reason `why`; if this page steered, the arm stops."""
         if client is self.clients[0]:
             self._send("stop", why)
         self.clients.remove(client)
@@ -110,7 +110,7 @@ class Session:
             self.pipe.send((word, value))
 
     def listen(self) -> None:
-        """Forward the clock's messages after the downlink's delay; the result of a try follows its last frame."""
+        """Forward each message of the clock after its delay, and the result of a try after the last frame."""
         loop = asyncio.get_running_loop()
         try:
             while self.pipe.poll():
@@ -119,14 +119,14 @@ class Session:
                 if message["kind"] == "frame":
                     self._seen_at = max(self._seen_at, at)
                 elif message["kind"] in ("ended", "failed"):
-                    at = max(at, self._seen_at + 1e-6)  # the event loop does not order calls at equal times
+                    at = max(at, self._seen_at + 1e-6)  # calls at equal times have no order
                 loop.call_at(at, self._forward, message)
         except (EOFError, OSError):
             loop.remove_reader(self.pipe.fileno())
             self._forward({"kind": "failed", "text": "the clock has stopped: start impact-gym play again"})
 
     def _forward(self, message: dict[str, Any]) -> None:
-        """Send a message to all pages, unless it is a frame older than the newest frame shown."""
+        """Send a message to all pages, except a frame that arrives after a later frame."""
         if message["kind"] == "frame":
             if message["n"] <= self._newest:
                 return
@@ -141,11 +141,11 @@ class Session:
             client.enqueue(message)
 
     def close(self) -> None:
-        """Stop and save a try in progress, stop the clock, release the folder."""
+        """Stop the clock, which saves the try in progress, and release the folder."""
         self.pipe.close()
         self._clock.join(20.0)
         self._lock.close()
 
     def film(self, name: str) -> dict[str, Any]:
-        """Return the film of a try and its variants; ValueError: no such try."""
+        """Return one film that shows a try and its variants (see `contest.again`); ValueError: no such try."""
         return contest.film(contest.again(try_files.read(self.folder / f"{name}.json")))

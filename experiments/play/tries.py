@@ -1,4 +1,4 @@
-"""Tries, episodes that a person or an operator steers: play, replay bit for bit, and evaluate them."""
+"""Tries, episodes that a person or a model of an operator steers: functions that play, replay and evaluate them."""
 
 import math
 from dataclasses import dataclass, field
@@ -18,29 +18,29 @@ from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 from impact_gym.task.episodes import EpisodeState
 
-LATE, MOST_LATE = 4e-3, 0.02  # s, delay above which a step is late; share of late steps above which a try is invalid
+LATE, MOST_LATE = 4e-3, 0.02  # s, delay of a late step; share of late steps above which a try is invalid
 TRACE_POINTS = 1 << 18
-BEND = 1e-13  # m/s, largest deviation of a line from the velocities between its ends
-ROUNDING = 1e-6  # share of a control period
+BEND = 1e-13  # m/s, largest error of velocity of the lines of `corners`
+ROUNDING = 1e-6  # rounding of times, as a fraction of a control period
 
 
 @dataclass(frozen=True)
 class Try:
-    """One steered episode: six fields with which it is played, and a record of how it was played."""
+    """One steered episode: first six fields that are needed to play it, then fields that record how it was played."""
 
     setup: str
     assist: str
     seed: int
-    record: dict[str, float]  # numbers of the episode's record that the seed does not draw; once begun, all numbers
-    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # once begun, a Replay of a person's commands
-    slow: float = 1.0  # times slower than real time
-    environment: dict[str, Any] = field(default_factory=dict)  # arguments except the operator
+    record: dict[str, float]  # chosen numbers of the episode's record; after the begin, all numbers
+    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # after the begin, a Replay of a person's commands
+    slow: float = 1.0  # duration in real time / simulated time
+    environment: dict[str, Any] = field(default_factory=dict)  # arguments of the environment, without the operator
     actions: list[list[float]] = field(default_factory=list)  # actions of the assistance, one for each step
     late: list[float] = field(default_factory=list)  # s, delay of each step minus the delay of the step before
-    marks: list[str] = field(default_factory=list)  # reasons for which the try does not count: interrupted, invalid
-    motion: dict[str, list[float]] = field(default_factory=dict)  # executed by the flange: fields of `ig.Motion`
-    result: dict[str, float] = field(default_factory=dict)  # from `simulate` with `motion`; times from the episode
-    made: dict[str, Any] = field(default_factory=dict)  # versions of the code
+    marks: list[str] = field(default_factory=list)  # reasons for which the try is interrupted or invalid
+    motion: dict[str, list[float]] = field(default_factory=dict)  # motion of the flange: fields of `ig.Motion`
+    result: dict[str, float] = field(default_factory=dict)  # results of `simulate` with `motion`; times of the episode
+    made: dict[str, Any] = field(default_factory=dict)  # commit and versions
 
 
 def advance(batch: Batch, action: ArrayLike) -> None:
@@ -49,7 +49,7 @@ def advance(batch: Batch, action: ArrayLike) -> None:
 
 
 def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
-    """Play a try again; return trace (settling included), `info`, task and episode state; RuntimeError: it differs."""
+    """Play a try again; return trace, info, task, episode state; RuntimeError: it does not end at its last action."""
     batch = Batch(1, Task(**this.environment, operator=this.operator), threads=1, trace_points=TRACE_POINTS)
     batch.begin_seeded(this.seed, this.record)
     for action in this.actions:
@@ -57,19 +57,19 @@ def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
             break
         advance(batch, action)
     if not batch.ended[0]:
-        raise RuntimeError("the try does not end as it did: it was made with another version of the environment")
+        raise RuntimeError("the try does not end at its last action: it is of another version of the environment")
     return batch.trace(0), batch.info(0), batch.tasks[0].at(this.record), batch.episode_state(0)
 
 
 def corners(trace: Trace) -> ig.Motion:
-    """Return the executed motion as a piecewise linear velocity through every point of the trace."""
+    """Return the commanded motion of a trace, with a piecewise linear velocity through all points of the trace."""
     times, velocities = [0.0], [0.0]
     low, high, before = -math.inf, math.inf, (0.0, 0.0)
     for time, velocity in zip(trace.time.tolist(), trace.command_velocity.tolist(), strict=True):
         if time <= before[0]:
             continue
         least, most = ((velocity - velocities[-1] + side) / (time - times[-1]) for side in (-BEND, BEND))
-        if least > high or most < low:  # no line from the last corner passes all points: a new corner
+        if least > high or most < low:  # no line from the last corner is within BEND of all points
             times.append(before[0])
             velocities.append(before[1])
             low, high = ((velocity - before[1] + side) / (time - before[0]) for side in (-BEND, BEND))
@@ -80,7 +80,7 @@ def corners(trace: Trace) -> ig.Motion:
 
 
 def simulated(this: Try) -> Outcome:
-    """Return the outcome of `simulate` with the recorded motion."""
+    """Return the outcome of `simulate` with the motion and the scenario of the try."""
     record = this.record
     task: Any = Task(**this.environment, operator=this.operator).at(record)
     law = {"dissipation": task.dissipation, "reference_velocity": task.reference_velocity}
@@ -97,10 +97,10 @@ def _made() -> dict[str, Any]:
 
 
 class Live:
-    """A try in progress: call `step` until the try has `ended`, then `finished`."""
+    """A try in progress. Call `step` until `ended` is true, then `finished`."""
 
     def __init__(self, wanted: Try) -> None:
-        """Begin a try; ValueError: unknown set-up or assistance."""
+        """Begin a try; ValueError: no such set-up or assistance."""
         setup, self.person = playable(wanted.setup), wanted.operator == PERSON
         environment = environment_of(setup)
         self.batch = Batch(1, Task(**environment, operator=wanted.operator), threads=1)
@@ -132,7 +132,7 @@ class Live:
         return (math.floor(self.time / PERIOD + ROUNDING) + 1) * PERIOD
 
     def step(self, velocity: float = 0.0, late: float = 0.0) -> None:
-        """Play a control step `late` (s) too late; at a tick in this step a person's `velocity` (m/s) is sent."""
+        """Play a control step. `late` (s): its delay; `velocity` (m/s): a person's command at a tick in the step."""
         tick = self.next_tick
         if self.person:
             self.batch.set_operator_velocity(velocity)
@@ -147,7 +147,7 @@ class Live:
             self._decide()
 
     def ahead(self) -> Bodies:
-        """Return the bodies one step ahead, if no further command is sent."""
+        """Return the bodies after a further step without a new command; the try is not changed."""
         state = self.batch.get_state()
         advance(self.batch, self._action)
         bodies = self.batch.bodies()
@@ -155,13 +155,13 @@ class Live:
         return bodies
 
     def to_end(self) -> Try:
-        """Play to the end with a person's velocity of 0, and return the try without results."""
+        """Play to the end, with a person's velocity of 0; return the try, whose `result` is empty."""
         while not self.ended:
             self.step()
         return self.kept
 
     def finished(self) -> Try:
-        """Play to the end with a person's velocity of 0, and return the try with results."""
+        """Play to the end, with a person's velocity of 0; return the try with its `result`."""
         done = self.to_end()
         trace, info, *_ = replayed(done)
         motion = corners(trace)

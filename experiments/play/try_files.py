@@ -1,4 +1,4 @@
-"""Files of tries, one JSON file for each try, and an operator that replays tries."""
+"""Files of tries (a JSON file for each try), and an operator that replays tries."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -13,14 +13,14 @@ from impact_gym.teleop.operators import KINDS
 from impact_gym.validation import choice, number, numbers, one_of
 
 RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "taken", "missed"
-SLOWEST = 16.0  # times slower than real time
-MAX_TEXT, MAX_NUMBER = 4096, 2.0**64  # characters of a text, size of a number
+SLOWEST = 16.0  # largest `Try.slow`
+MAX_TEXT, MAX_NUMBER = 4096, 2.0**64  # largest number of characters of a text; largest absolute value of a number
 FORMAT = "impact_gym try 2"
-SPARE = 3  # ticks between the end (horizon) of one recording and the begin of the next
+SPARE = 3  # number of ticks between the end of one recording and the begin of the next one
 
 
 def from_text(text: str) -> Try:
-    """Return the try in a file's text; ValueError, TypeError, LookupError: no try of this version, or out of range."""
+    """Return the try in a file's text; ValueError, TypeError, LookupError: another format, or a number out of range."""
     content = json.loads(text, parse_float=_finite, parse_constant=_finite, parse_int=lambda text: int(_finite(text)))
     if content.pop("format", None) != FORMAT:
         raise ValueError(f"its format is not {FORMAT!r}")
@@ -64,7 +64,7 @@ def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
 
 
 def of_persons(folder: Path, marked: bool = False) -> list[Try]:
-    """Return persons' tries in a folder, `marked` ones only on request; ValueError: none, or environments differ."""
+    """Return persons' tries in a folder, with marked ones if `marked`; ValueError: none, or environments differ."""
     every = [this for _, this in folder_of(folder) if this.operator["type"] == "Replay"]
     found = [this for this in every if marked or not this.marks]
     if not found:
@@ -81,7 +81,7 @@ def operator_of(found: Sequence[Try]) -> dict[str, Any]:
     for place, this in enumerate(found):
         given = this.operator["velocity"][: ticks - 1]
         begin = place * (ticks * PERIOD)
-        times += [begin + k * PERIOD for k in (*range(len(given)), ticks - 1)]  # the last velocity is held
+        times += [begin + k * PERIOD for k in (*range(len(given)), ticks - 1)]
         velocities += [*given, given[-1]]
     drawn = {"length": ticks * PERIOD, "recording": [0, len(found)]}
     return {"type": "Replay", "time": times, "velocity": velocities} | drawn

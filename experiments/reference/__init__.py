@@ -1,20 +1,12 @@
-"""The slow, simple and independent solver, with which the solver of `impact_gym` is compared.
+"""The independent solver (slow and simple), with which tests and studies compare the solver of `impact_gym`.
 
-It shares no code with `impact_gym` and only reads the attributes of a scene and a motion. Events divide the motion into
-phases with smooth equations:
+It shares no code with `impact_gym`, and only reads the attributes of a scene and a motion. Events divide a motion into
+phases with smooth equations, see `chain.System.switches`. Flight is integrated in SI units, a contact in units of
 
-- touch and separation,
-- the contact force passes the brake's threshold, peaks, or begins or ceases to be clamped at zero,
-- a stop begins or ceases to push, or the slider passes its alignment,
-- the object begins or ceases to slide,
-- the commanded acceleration changes, or the commanded position reaches a node of a table of robot parameters.
+    length: delta0 = (M v_in^2/k_c)^(1/(m+1)),    time: t0 = delta0/v_in,    force: F0 = k_c delta0^m = M v_in/t0,
 
-A contact is integrated in its own scales,
-
-    tau = t/t0,  lengths in delta0,  forces in F0,
-    delta0 = (M v_in^2/k_c)^(1/(m+1)),  t0 = delta0/v_in,  F0 = k_c delta0^m = M v_in/t0,
-
-and flight in SI units.
+with the reduced mass M of tool and object, the approach velocity v_in, and the stiffness k_c and exponent m of the
+contact.
 """
 
 from dataclasses import dataclass, field
@@ -24,7 +16,7 @@ from experiments.reference.chain import Chain
 from experiments.reference.integration import SOLVERS
 from experiments.reference.motion import ContactRecord, Motion
 
-STIFF_RATES = 1e5  # -: if decay rate of a stop times duration is larger, an implicit method integrates flight
+STIFF_RATES = 1e5  # decay rate of a stop * duration, above which an implicit method integrates flight
 
 
 @dataclass(frozen=True)
@@ -34,29 +26,25 @@ class Reference:
     object_velocity: float
     peak_object_velocity: float
     tool_velocity: float
-    flange_velocity: float  # of the robot's mass; without a compliant robot, of the imposed motion
+    flange_velocity: float
     peak_force: float  # N
     detection_time: float | None  # s; None: the force never exceeded the brake's threshold
     contacts: tuple[ContactRecord, ...]
-    coupling_impulse: float  # N s, of the coupling on the tool during the contacts (paper, eq. 21)
+    coupling_impulse: float  # N s, impulse of the coupling on the tool during the contacts (paper, eq. 21)
     snap_through: tuple[float, ...]  # s, times at which the slider passes its alignment
-    object_position: float  # of the object's face; 0 is the tool's face at the start
-    tool_position: float
+    object_position: float  # position of the object's face; 0 is the tool's face at the start
+    tool_position: float  # position of the tool's face
     flange_position: float  # 0 at the start
-    stop_hits: int  # number of times a stop begins to push
+    stop_hits: int  # how often a stop began to push
     contact_seconds: float = field(compare=False)  # processor time of all contacts
 
 
 def simulate(scene: Any, motion: Any, duration: float, rtol: float = 1e-11, method: str = "DOP853") -> Reference:
     """Simulate `scene` under `motion` for `duration` seconds.
 
-    `method`, a name that SciPy's `solve_ivp` accepts, and `rtol` apply only to contacts. Flight is exact to rounding,
-    or integrated at rtol 1e-12 if it has no closed form.
-
-    Raises:
-        ValueError: the method or the law of dissipation is unknown.
-        NotImplementedError: the kind of coupling is unknown.
-        RuntimeError: SciPy's integration fails, or a `Switch` changes without end.
+    `method`, a name that SciPy's `solve_ivp` accepts, and `rtol` are used only in contacts. Flight is computed by its
+    closed form, or integrated at rtol 1e-12 if there is none. ValueError: method or law of dissipation is unknown.
+    NotImplementedError: the coupling is unknown. RuntimeError: SciPy fails, or a `Switch` changes again and again.
     """
     if method not in SOLVERS:
         raise ValueError(f"method must be one of {list(SOLVERS)}, got {method!r}")

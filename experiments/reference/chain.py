@@ -1,8 +1,9 @@
 """Forces and accelerations of object, tool and flange.
 
-The state is y = (delta, delta', u, u', w, w', impulse of F, impulse of T). delta = x_t - x_p is the penetration,
-u = x_f - x_t the deflection of the coupling, and w = x_r - x_f the deflection of the robot. F is the force of the tool
-on the object, T the force of the coupling on the tool, and R the force of the robot on its mass.
+The positions are x_p of the object, x_t of the tool, x_f of the flange, and x_r of the commanded motion. The state is
+y = (delta, delta', u, u', w, w', impulse of F, impulse of T), with the penetration delta = x_t - x_p, the deflection of
+the coupling u = x_f - x_t, and that of the robot w = x_r - x_f. F is the force of the tool on the object, T that of the
+coupling on the tool, and R that of the robot's stiffness and damping on its mass.
 """
 
 from dataclasses import dataclass
@@ -15,16 +16,16 @@ from experiments.reference.command import Command
 from experiments.reference.integration import Switch, Vector
 from experiments.reference.laws import BistableForce, StoppedSpring, damping_factor, robot_law
 
-# Slacks of switches, in the scales of the contact, see `Switch`: without a slack, rounding would cause changes.
-SLACK = 1e-12  # for the sign and the slope of the contact force, which tend to zero if the restitution is small
-STEADY = 1e-9  # for the contact force minus friction, while an object is pushed along
+# Values of `Switch.slack`, in the scales of the contact, without which rounding would change switches
+SLACK = 1e-12  # for the sign and the slope of the contact force
+STEADY = 1e-9  # for the contact force minus friction
 POSITION_SLACK = 1e-16  # m, for the position of the slider
 G = 9.80665  # m/s^2
 
 
 @dataclass(frozen=True)
 class Scales:
-    """Units of a contact, in SI; `UNITS` are those of flight."""
+    """Units (SI) in which a contact is integrated; flight has `UNITS`."""
 
     length: float  # delta0
     time: float  # t0
@@ -32,7 +33,7 @@ class Scales:
 
     @property
     def state(self) -> Vector:
-        """Units of penetration and deflections, each with its rate (m, m/s)."""
+        """Units of the first six elements of the state (m, m/s, ...)."""
         return np.tile([self.length, self.length / self.time], 3)
 
 
@@ -44,10 +45,7 @@ class StiffError(Exception):
 
 
 class Chain:
-    """The bodies and laws of a scene (SI units), and the state of its switches, `on`.
-
-    `motion` is a `Command`, or has the attributes of `impact_gym.Trapezoid`.
-    """
+    """The bodies and laws of a scene (SI units), and which switches are `on`; `motion` may be a `Command`."""
 
     def __init__(self, scene: Any, motion: Any) -> None:
         coupling, contact, robot = scene.coupling, scene.contact, getattr(scene, "robot", None)
@@ -55,7 +53,7 @@ class Chain:
         self.m = float(getattr(contact, "stiffness_exponent", 1.5))
         self.n = float(getattr(contact, "damping_exponent", 1.5))
         self.d = damping_factor(getattr(contact, "dissipation", "hu-guo"), contact.restitution, self.m, self.n)
-        self.reference_velocity = getattr(contact, "reference_velocity", None)  # m/s, for a fixed chi
+        self.reference_velocity = getattr(contact, "reference_velocity", None)  # m/s, for "fixed" dissipation
         self.friction = (getattr(scene.object, "friction", None) or 0.0) * self.m_p * G  # N
         self.on = dict.fromkeys(("pressed", "loading", "alignment", "gaining"), True)
         self.on |= {"rear": False, "sliding": False, "front": hasattr(coupling, "free_length")}
@@ -75,7 +73,7 @@ class Chain:
         nodes = getattr(robot, "position", ())  # of a table of robot parameters
         self.command.nodes = np.array(nodes)
         self.linear = self.bistable is None and not len(nodes) and not self.friction
-        slow, fast = [0.0], [0.0]  # 1/s, rates of the chain's oscillations; of its stops' motion
+        slow, fast = [0.0], [0.0]  # 1/s, rates of the chain's oscillations; rates of the stops' motion
         if robot is not None:
             slow.append(float(np.sqrt(np.max(np.divide(robot.stiffness, robot.mass)))))
         if self.bistable is not None:
@@ -86,7 +84,7 @@ class Chain:
         self.slow_rate, self.stop_rate, self.stop_decay = max(slow), max(fast[:2]), max(fast)
 
     def damping(self, t: float, v_in: float) -> float:
-        """Return the damping factor d of a contact that begins at t (s) with v_in (m/s)."""
+        """Return the damping factor d of a contact that begins at t (s) with the approach velocity v_in (m/s)."""
         if self.reference_velocity is None:
             return self.d
         there, here = (self.contact_scales(t, v).length for v in (self.reference_velocity, v_in))
@@ -94,7 +92,7 @@ class Chain:
         return float(chi * v_in / (self.k_c * here ** (self.m - self.n)))
 
     def contact_scales(self, t: float, v_in: float) -> Scales:
-        """Return the scales of a contact that begins at t (s) with v_in (m/s)."""
+        """Return the scales of a contact that begins at t (s) with the approach velocity v_in (m/s)."""
         m_t = self.m_t
         if self.rigid:
             m_t = inf if self.robot is None else m_t + self.robot(self.command.at(t)[0])[0]
@@ -104,7 +102,7 @@ class Chain:
 
 
 class System:
-    """The equations of one flight or one contact, in the scales of this flight or contact."""
+    """The equations of one flight or one contact, scaled by `scales`."""
 
     def __init__(self, chain: Chain, scales: Scales, touching: bool, damping: float = 0.0) -> None:
         self.chain, self.scales, self.touching, self.on = chain, scales, touching, chain.on
@@ -115,16 +113,16 @@ class System:
         self.mass_unit = self.damping_unit * scales.time
         self.m_t, self.m_p = chain.m_t / self.mass_unit, chain.m_p / self.mass_unit
         self.k_t, self.c_t = chain.k_t / self.stiffness_unit, chain.c_t / self.damping_unit
-        self.patience = inf  # number of calls of `rates` that are left
+        self.patience = inf  # number of calls of `rates` before a StiffError
 
     def enter(self, t: float) -> float:
-        """Begin a phase at t (s); return the time of the next change of the commanded motion (s)."""
+        """Begin a phase at t (s); return the time (s) of the next piece or node of the command."""
         self.x_r, self.v_r, self.a, cut = self.chain.command.at(t)
         self.alpha = self.a * self.scales.time**2 / self.scales.length
         return cut
 
     def robot(self, tau: float) -> tuple[float, float, float]:
-        """Return the robot's m_r, k_r, c_r (scaled) for the commanded position at the time tau."""
+        """Return the robot's mass, stiffness and damping at the time tau, all scaled."""
         assert self.chain.robot is not None
         s = tau * self.scales.time
         m_r, k_r, c_r = self.chain.robot(self.x_r + (self.v_r + self.a * s / 2) * s)
@@ -145,7 +143,7 @@ class System:
         return self.chain.bistable.force(length * u, length / time * u_dot, self.on) / self.scales.force
 
     def derivatives(self, tau: float, y: list[float], alpha: float) -> list[float]:
-        """Return the derivative of the state at a commanded acceleration, scaled (paper, eq. 8-9 and 17-18)."""
+        """Return the derivative of y at the commanded acceleration alpha, all scaled (paper, eq. 8-9 and 17-18)."""
         _, rate, u, u_dot, w, w_dot, _, _ = y
         F, T = self.force(y), self.coupling_force(u, u_dot)
         x_t_ddot = x_f_ddot = alpha
@@ -170,7 +168,7 @@ class System:
         return float(v_r * self.scales.time / self.scales.length - y[5] - y[3] - y[1])
 
     def rates(self, tau: float, y: Vector) -> list[float]:
-        """Return `derivatives` for an integrator; nan if a trial step overflows; StiffError after `patience` calls."""
+        """Return `derivatives`, or nan after an overflow in a trial step; StiffError: after `patience` calls."""
         self.patience -= 1
         if self.patience < 0:
             raise StiffError
@@ -180,14 +178,14 @@ class System:
             return [nan] * 8
 
     def matrix(self) -> Vector:
-        """Return A of z' = A z, z = (delta, delta', u, u', w, w', 1) of a linear chain in flight (eq. 8 and 17)."""
+        """Return A of z' = A z for a linear chain in flight, with z = (delta, delta', u, u', w, w', 1)."""
         A = np.zeros((7, 7))
         A[:6, 6] = self.derivatives(0.0, [0.0] * 8, self.alpha)[:6]
         A[:6, :6] = np.array([self.derivatives(0.0, unit, 0.0) for unit in np.eye(8)[:6].tolist()]).T[:6]
         return A
 
     def switches(self) -> list[Switch]:
-        """Return the switches to watch in this phase."""
+        """Return the switches that may change in this phase."""
         chain, on = self.chain, self.on
         watched = [Switch("touching", self.touching, lambda _, y: y[0])]
         if self.touching and self.d > 0:
@@ -217,12 +215,12 @@ class System:
         return watched
 
     def _sign_of_force(self, _: float, y: list[float]) -> float:
-        """Return a number with the sign of the contact force: the force divided by delta^m or delta^n."""
+        """Return the contact force divided by delta^min(m, n)."""
         u, m, n = max(y[0], 0.0), self.m, self.n
         return float(u ** (m - n) + self.d * y[1] if n < m else 1 + self.d * u ** (n - m) * y[1])
 
     def _slope_of_force(self, tau: float, y: list[float]) -> float:
-        """Return a number with the sign of the contact force's rate: the rate divided by a power of delta."""
+        """Return the rate of the contact force divided by a power of delta."""
         u, v, m, n, d = max(y[0], 0.0), y[1], self.m, self.n, self.d
         if d == 0:
             return v

@@ -1,4 +1,4 @@
-"""The imposed motion x_r in pieces of constant acceleration, planned (paper, Fig. 11) or steered."""
+"""The commanded motion x_r in pieces of constant acceleration: planned (paper, Fig. 11), or changed by `steer`."""
 
 from math import copysign, inf, sqrt
 from typing import Any
@@ -8,16 +8,12 @@ from numpy.typing import NDArray
 
 
 class Command:
-    """The commanded motion as pieces (start s, position m, velocity m/s, acceleration m/s^2).
-
-    With a `motion`, the command accelerates from rest to the motion's speed and holds it until the motion brakes.
-    Without a motion, it is at rest until `steer` is called. A contact force above `threshold` (N) is detected.
-    """
+    """The commanded motion (None: at rest) as pieces: start (s), position (m), velocity (m/s), acceleration (m/s^2)."""
 
     def __init__(self, motion: Any = None, threshold: float = inf) -> None:
         self.pieces = [(0.0, 0.0, 0.0, 0.0)]
-        self.nodes: NDArray[np.float64] = np.array(())  # m, positions at which a phase must also end
-        self.detection_time: float | None = None  # s, when the contact force first exceeds the threshold
+        self.nodes: NDArray[np.float64] = np.array(())  # m, positions at which the robot's parameters have nodes
+        self.detection_time: float | None = None  # s, when the contact force first exceeds `threshold` (N)
         self.threshold, self.brake = threshold, None if motion is None else motion.brake
         if motion is not None:
             v, a = float(motion.speed), float(motion.acceleration)
@@ -32,15 +28,15 @@ class Command:
         s = t - start
         x, v = x + (v + a * s / 2) * s, v + a * s
         cut = min((p[0] for p in self.pieces if p[0] > t), default=inf)
-        # a node that was just reached counts as passed, even if x is smaller by rounding
+        # without 1e-12 m, a node that was just reached would follow again, by rounding
         for node in self.nodes[self.nodes > x + 1e-12][:1].tolist():
-            square = v * v + 2 * a * (node - x)  # of the velocity at the node
+            square = v * v + 2 * a * (node - x)  # square of the velocity at the node
             if square >= 0 and v + sqrt(square) > 0:
                 cut = min(cut, t + 2 * (node - x) / (v + sqrt(square)))
         return x, v, a, cut
 
     def steer(self, t: float, velocity: float, acceleration: float) -> None:
-        """Change to `velocity` (m/s) at `acceleration` (m/s^2) from t (s) on, then hold this velocity."""
+        """From t (s) on, change the velocity at `acceleration` (m/s^2) to `velocity` (m/s), and keep it there."""
         x, v, _, _ = self.at(t)
         ramp = abs(velocity - v) / acceleration
         there = (t + ramp, x + (v + velocity) / 2 * ramp, velocity, 0.0)
@@ -48,7 +44,7 @@ class Command:
         self.pieces += [(t, x, v, copysign(acceleration, velocity - v)), there]
 
     def detect(self, t: float) -> None:
-        """Record that the force passed the threshold at t (s). A motion with a brake brakes from t + delay on."""
+        """Record that the contact force exceeds the threshold at t (s). With a brake, brake from t + delay on."""
         self.detection_time = t
         if self.brake is not None:
             self.steer(t + self.delay, 0.0, self.deceleration)

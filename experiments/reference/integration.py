@@ -1,8 +1,8 @@
 """Integration of one smooth phase by SciPy's integrators, or of the flight of a linear chain by the exact solution.
 
-`solve_ivp` compares the signs of an event function at the two ends of a step, so it misses two zeros in one step. Here
-the inside of each step is searched, too: first the cubic through the states and slopes at its ends, and if a gauge is
-near zero there, the interpolant of the integrator.
+`solve_ivp` compares the signs of an event function at both ends of a step, so it misses two zeros in one step. Here
+the event functions (gauges) are also computed inside each step: on the cubic through the states and slopes at its ends,
+and on the integrator's interpolant if a gauge is near zero on the cubic.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from scipy.optimize import brentq, minimize_scalar
 Vector = NDArray[np.float64]
 SOLVERS: dict[str, Any] = {s.__name__: s for s in (RK23, RK45, DOP853, Radau, BDF, LSODA)}
 
-# fractions of a step at which gauges are computed; the points close to both ends show an extremum near an end
+# fractions of a step at which gauges are computed; those near the ends show an extremum near an end
 POINTS = np.array([0.0, 0.001, 0.3, 0.7, 0.999, 1.0])
 LEFT, RIGHT = (1 - POINTS) ** 2, POINTS**2
 HERMITE = np.array([(1 + 2 * POINTS) * LEFT, POINTS * LEFT, RIGHT * (3 - 2 * POINTS), RIGHT * (POINTS - 1)]).T
@@ -29,15 +29,15 @@ TIGHT = {"rtol": 4 * np.finfo(float).eps}  # tolerance of brentq
 
 @dataclass
 class Switch:
-    """A state of the model that is on while its gauge, a function of time and state, is positive."""
+    """A part of the model that is on while `gauge`, a function of time and state, is positive."""
 
     name: str
     on: bool
     gauge: Callable[[float, list[float]], float]
-    slack: float = 0.0  # amount by which the gauge must pass zero for a change
+    slack: float = 0.0  # the switch changes when the gauge has passed zero by this amount
 
     def margin(self, t: float, y: list[float]) -> float:
-        """Return the distance of the gauge from a change; negative: the switch has changed."""
+        """Return a number that is negative if the switch has changed."""
         return (self.gauge(t, y) if self.on else -self.gauge(t, y)) + self.slack
 
 
@@ -45,17 +45,14 @@ def advance(
     equations: Any, end: float, y: Vector, switches: list[Switch], method: str, rtol: float, atol: Vector,
     longest_step: float,
 ) -> tuple[float, Vector, Switch | None]:  # fmt: skip
-    """Integrate `equations.rates` from time 0 to `end` or to the first change of a switch; return time, state, switch.
-
-    RuntimeError: SciPy's integration fails.
-    """
+    """Integrate from 0 to `end`, or to the first change of a switch; return time, state, and the switch or None."""
     options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": longest_step}
 
     def begin(start: float, y: Vector, end: float) -> Any:
         return SOLVERS[method](equations.rates, start, y, end, **options)
 
     def step(solver: Any) -> None:
-        with np.errstate(over="ignore", invalid="ignore"):  # a trial step that overflows is rejected
+        with np.errstate(over="ignore", invalid="ignore"):  # a trial step may overflow
             message = solver.step()
         if solver.status == "failed":
             raise RuntimeError(f"reference: {message}")
@@ -80,7 +77,7 @@ def advance(
 def _first_turn(
     solver: Any, y_old: Vector, slope_old: Vector, slope: Vector, switches: list[Switch]
 ) -> tuple[float, Switch] | None:
-    """Return the time of the first change of a switch in the solver's last step, and this switch; None: no change."""
+    """Return time and switch of the first change in the solver's last step; None: no switch changes."""
     start, h = solver.t_old, solver.t - solver.t_old
     points = (HERMITE @ np.array([y_old, h * slope_old, solver.y, h * slope])).tolist()
     times = (start + h * POINTS).tolist()
@@ -96,12 +93,12 @@ def _first_turn(
 
 
 def _turns(left: float, middle: float, right: float) -> bool:
-    """Return whether `middle` is a minimum so close to zero that the margin may be negative near it."""
+    """Return whether three successive margins have a minimum, near which the margin may be negative."""
     return middle < left and middle <= right and middle < 2 * (max(left, right) - middle)
 
 
 def _root(switch: Switch, dense: Any, times: list[float], g: list[float]) -> float | None:
-    """Return the first time at which a switch changes on the interpolant; g are approximate margins at `times`."""
+    """Return the time of a switch's first change on the interpolant `dense`; g: margins on the cubic at `times`."""
 
     def gauge(s: float) -> float:
         return switch.margin(s, dense(s).tolist())
@@ -117,7 +114,7 @@ def _root(switch: Switch, dense: Any, times: list[float], g: list[float]) -> flo
                 continue
             low = float(lowest.x)
         high = next((s for s in times[j - 1 :: -1] if gauge(s) > 0), None)
-        if high is None:  # the gauge is negative from the beginning
+        if high is None:
             return times[0]
         if gauge(low) < 0:
             return float(brentq(gauge, high, low, xtol=1e-300, **TIGHT))
@@ -127,7 +124,7 @@ def _root(switch: Switch, dense: Any, times: list[float], g: list[float]) -> flo
 
 
 def fly(A: Vector, z: Vector, t: float, t_end: float) -> tuple[float, Vector, bool]:
-    """Solve z' = A z from t until z[0] rises through zero, or to `t_end`; return time, state and whether z[0] rose."""
+    """Solve z' = A z from t until z[0] rises through zero or until `t_end`; return time, state, whether z[0] rose."""
     n = ceil(max(8, 5 * (t_end - t) * np.abs(np.linalg.eigvals(A)).max()))  # 5 steps per time constant
     h = (t_end - t) / n
     P = expm(A * h)
@@ -141,7 +138,6 @@ def fly(A: Vector, z: Vector, t: float, t_end: float) -> tuple[float, Vector, bo
 
 
 def _first_rise(A: Vector, z: Vector, z_next: Vector, h: float) -> float | None:
-    """Return the first s in (0, h] at which z[0] rises through zero; None: it does not."""
 
     def state(s: float, i: int) -> float:
         return float((expm(A * s) @ z)[i])

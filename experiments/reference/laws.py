@@ -1,4 +1,4 @@
-"""Laws of a contact's dissipation, of the robot's parameters, and of couplings with stops."""
+"""Laws: the dissipation of a contact, the parameters of the robot, and the forces of couplings with stops."""
 
 from collections.abc import Callable, Mapping
 from functools import cache, cached_property
@@ -21,34 +21,31 @@ CLOSURES: dict[str, Callable[[float], float]] = {
 }
 STIFF = 1e3  # d above which an isolated contact is integrated by an implicit method
 RobotLaw = Callable[[float], tuple[float, float, float]]
-"""m_r (kg), k_r (N/m), c_r (N s/m) at the commanded position x_r (m)."""
+"""Function from the commanded position (m) to the robot's mass (kg), stiffness (N/m) and damping (N s/m)."""
 
 
 def damping_factor(name: str, e: float, m: float, n: float) -> float:
-    """Return d of the contact force u^m + d u^n u' in the contact's own scales, for restitution e and exponents m, n.
+    """Return the factor d of the contact force u^m + d u^n u', for the restitution e and the law `name`.
 
-    The damping coefficient is chi = d k_c delta0^(m-n) / v_in; for m = n, d is the usual chi v_in / k_c. With "exact"
-    an isolated contact has restitution e exactly.
-
-    Raises:
-        ValueError: no law has this name.
+    Penetration u and force are in the scales of the contact, see `experiments.reference`. With "exact" the restitution
+    of an isolated contact is exactly e. ValueError: no law has this name.
     """
     if name in CLOSURES:
         return CLOSURES[name](e)
-    if name not in ("exact", "fixed"):  # "fixed": "exact" at its reference velocity
+    if name not in ("exact", "fixed"):  # "fixed" is "exact" at the reference velocity
         raise ValueError(f"reference: dissipation must be one of {[*CLOSURES, 'exact', 'fixed']}, got {name!r}")
     if e == 1:
         return 0.0
     if m == n:
         return _equal_exponents(e)
     if (m, n) == (1, 0):
-        # the restitution falls from 1 at zeta = 0 to 1/(4 zeta^2) at large zeta
+        # the damping ratio is zeta = d/2; the restitution falls from 1 at zeta = 0 to 1/(4 zeta^2) at large zeta
         return 2 * exp(brentq(lambda x: log(_linear_restitution(exp(x)) / e), -40.0, 1.0 - log(e), xtol=1e-15))
     return _unequal_exponents(e, m, n)
 
 
 def _equal_exponents(e: float) -> float:
-    """Return the root d > 0 of ln((1+d)/(1-d e)) = d (1+e), that is, phi(d) = e^2 phi(-d e) without the root d = 0."""
+    """Return the root d > 0 of ln((1+d)/(1-d e)) = d (1+e), or phi(d) = e^2 phi(-d e), which has no root d = 0."""
 
     def phi(z: float) -> float:  # (ln(1+z) - z)/z^2
         if abs(z) > 0.1:
@@ -59,12 +56,12 @@ def _equal_exponents(e: float) -> float:
         return phi(d) - e**2 * phi(-d * e)
 
     limit = (1 - 1e-15) / e
-    # 1 - d e is about exp(-1/e): below e = 0.03 the root is 1/e to rounding
+    # at the root 1 - d e is about exp(-1/e), so that for e below 0.03 the root is 1/e within rounding
     return float(brentq(excess, 0.0, limit, xtol=1e-300, rtol=1e-15)) if excess(limit) > 0 else 1 / e
 
 
 def _linear_restitution(zeta: float) -> float:
-    """Return the restitution of linear spring and damper, whose contact ends at x'' = 0, where the force is 0."""
+    """Return the restitution of a contact with a linear spring and damper, which ends when the force is 0."""
     critical = abs(zeta - 1) < 1e-9
     ratio = 1 - (zeta - 1) / 3 if critical else abs(emath.arccos(zeta) / emath.sqrt(1 - zeta**2))
     return exp(-2 * zeta * ratio)
@@ -72,7 +69,6 @@ def _linear_restitution(zeta: float) -> float:
 
 @cache
 def _unequal_exponents(e: float, m: float, n: float) -> float:
-    """Return the factor d with which an isolated contact has the restitution e, by integration."""
     upper = 1.0
     while _isolated_restitution(upper, m, n) > e:
         upper *= 4
@@ -82,11 +78,7 @@ def _unequal_exponents(e: float, m: float, n: float) -> float:
 
 
 def _isolated_restitution(d: float, m: float, n: float) -> float:
-    """Return the speed of separation, which is the restitution, of u'' = -max(0, u^m + d u^n u'), u(0) = 0, u'(0) = 1.
-
-    For n < m the force is clamped once and stays zero, because u^(m-n) + d u' falls while u returns at constant speed.
-    For n >= m the force is never clamped.
-    """
+    """Return -u' at the end of u'' = -max(0, u^m + d u^n u'), u(0) = 0, u'(0) = 1: at u = 0, or at force 0 if n < m."""
 
     def rates(_: float, y: list[float]) -> tuple[float, float]:
         u = max(float(y[0]), 0.0)
@@ -102,7 +94,7 @@ def _isolated_restitution(d: float, m: float, n: float) -> float:
 
 
 def robot_law(robot: Any) -> RobotLaw:
-    """Return the robot's parameters as a function of x_r: constant, or a spline, constant beyond its ends (eq. 16)."""
+    """Return the law of a robot: constant, or the spline of a table that is constant beyond its ends (eq. 16)."""
     if not hasattr(robot, "position"):
         constant = (float(robot.mass), float(robot.stiffness), float(robot.damping))
         return lambda _: constant
@@ -118,10 +110,9 @@ def robot_law(robot: Any) -> RobotLaw:
 
 
 class BistableForce:
-    """The bistable mechanism (paper, eq. 23-24) and its stops, linear springs and dampers that only push.
+    """The bistable mechanism (paper, eq. 23-24), and its stops: linear springs and dampers that only push.
 
-    Forces on the tool (N) are functions of the deflection u = x_f - x_t (m) and its rate. u is 0 at rest against the
-    front stop.
+    The force on the tool (N) depends on the deflection u (m), which is 0 at rest at the front stop, and on its rate.
     """
 
     def __init__(self, coupling: Any, tool_mass: float) -> None:
@@ -129,25 +120,25 @@ class BistableForce:
         self.k_s = float(coupling.stop_stiffness)
         self.c_s = float(2 * coupling.stop_damping_ratio * sqrt(self.k_s * tool_mass))
         tight = {"xtol": 1e-300, "rtol": 4 * np.finfo(float).eps}
-        # the spring force is below k L0 everywhere, so the stop balances it at some p < k L0 / k_s
+        # the force of the spring is below k L0 everywhere, so the stop balances it at a penetration below k L0 / k_s
         limits = (0.0, self.k * self.L0 / self.k_s)
         held = brentq(lambda p: self.spring(coupling.front_stop + p) - self.k_s * p, *limits, **tight)
         self.p_front = float(held)  # m, penetration of the front stop at rest
         self.x0 = float(coupling.front_stop + self.p_front)  # m, distance of the slider from its alignment at rest
-        self.p_rear = float(coupling.rear_stop - self.x0)  # m, penetration of the rear stop at rest: negative
+        self.p_rear = float(coupling.rear_stop - self.x0)  # m, penetration of the rear stop at rest, below 0
 
     def spring(self, x: float) -> float:
-        """Return F_T (N) of the slider at x (m) from the vertical alignment."""
+        """Return the force (N) of the spring on the tool, with the slider at x (m) from its alignment."""
         L = hypot(self.H, x)
         return self.k * (self.L0 - L) * x / L
 
     def front(self, u: float, u_dot: float) -> float:
-        """Return a gauge that is positive while the front stop pushes: p > 0 and k_s p + c_s p' > 0."""
+        """Return a number that is positive while penetration and force of the front stop are positive."""
         p = self.p_front - u
         return min(self.k_s * p, self.k_s * p - self.c_s * u_dot)
 
     def rear(self, u: float, u_dot: float) -> float:
-        """Return a gauge that is positive while the rear stop pushes."""
+        """Return a number that is positive while penetration and force of the rear stop are positive."""
         p = self.p_rear + u
         return min(self.k_s * p, self.k_s * p + self.c_s * u_dot)
 
@@ -167,13 +158,13 @@ class BistableForce:
 
     @cached_property
     def rests(self) -> tuple[float, float]:
-        """Deflections at rest against the front and the rear stop (m)."""
+        """Deflections (m) at rest at the front stop and at the rear stop."""
         rear = brentq(lambda u: self.spring(self.x0 - u) + self.k_s * (self.p_rear + u), -self.p_rear, 1 - self.p_rear)
         return 0.0, float(rear)
 
 
 class StoppedSpring(BistableForce):
-    """A linear spring and damper whose travel ends at stops, with the stops of `BistableForce`."""
+    """A linear spring and damper with stops at both ends of the travel, like those of `BistableForce`."""
 
     rests = (0.0, 0.0)
 

@@ -1,4 +1,4 @@
-"""The motion of a chain, from event to event, and its results."""
+"""The motion of a chain, integrated from event to event."""
 
 from dataclasses import dataclass
 from math import inf, sqrt
@@ -10,13 +10,13 @@ from experiments.reference.chain import UNITS, Chain, Scales, StiffError, System
 from experiments.reference.integration import Switch, Vector, advance, fly
 
 FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # tolerances (-, m) of flights without a closed form
-STIFF_RTOL = 1e-8  # smallest rtol of the implicit method, whose low order would need too many steps below it
-MOST_STALLED = 16  # largest number of phases of zero duration in a row
+STIFF_RTOL = 1e-8  # least rtol of Radau, which has a low order and would need too many steps at a smaller rtol
+MOST_STALLED = 16  # largest number of successive phases without duration
 
 
 @dataclass(frozen=True)
 class ContactRecord:
-    """One contact. Times in s, velocities in m/s; `end` and `separation_velocity` of an unfinished one are None."""
+    """One contact (times in s, velocities in m/s). If it is unfinished, `end` and `separation_velocity` are None."""
 
     start: float
     end: float | None
@@ -28,11 +28,11 @@ class ContactRecord:
 
 
 class Motion:
-    """A motion that starts at rest, `distance` (m) before the object. Contacts are integrated by `method` to `rtol`.
+    """A motion that starts at rest, `distance` (m) before the object. `method` integrates contacts at `rtol`.
 
-    Scales and damping of a contact are computed with a v_in of at least `floor` (m/s). A step of flight takes at most
-    `flight_stride` sixths of the period of the fastest oscillation, a step of a contact at most one sixth. If a phase
-    of a contact takes more than `patience` evaluations, Radau integrates the rest of the contact.
+    Scales and damping of a contact are computed with an approach velocity of at least `floor` (m/s). A step lasts at
+    most 1 / `fastest` in a contact, and `flight_stride` / `fastest` in flight. If a phase of a contact takes more than
+    `patience` evaluations, Radau integrates the rest of the contact.
     """
 
     flight_method = "DOP853"
@@ -45,24 +45,24 @@ class Motion:
         self.floor, self.flight_stride, self.patience = floor, flight_stride, patience
         self.t = 0.0  # s
         self.peak_force = 0.0  # N
-        self.unread_force = 0.0  # N, largest since the sensor was last read
-        self.records: list[ContactRecord] = []  # of finished contacts
+        self.unread_force = 0.0  # N, largest force since the last reading of the sensor
+        self.records: list[ContactRecord] = []  # finished contacts
         self.past_impulse = self.coupling_impulse = (
-            0.0  # N s, of past contacts: on the object, of the coupling on the tool
+            0.0  # N s, in past contacts: impulse on the object; impulse of the coupling on the tool
         )
         self.snap_through: list[float] = []  # s
-        self.contacts, self.first_contact = 0, inf  # number of contacts begun; start of the first, s
-        self.contact_seconds = 0.0  # processor time in contacts
-        self.top_speed = 0.0  # m/s, of the object
+        self.contacts, self.first_contact = 0, inf  # number of contacts begun; start of the first contact, s
+        self.contact_seconds = 0.0  # processor time in contacts, s
+        self.top_speed = 0.0  # m/s, largest velocity of the object
         self.stop_hits = 0
         self.fastest = max(chain.slow_rate, chain.stop_rate)  # 1/s
-        # a stop turns the rounding of a position into an error of velocity; no tolerance may be below this error
+        # at a stop, rounding of the position causes an error of the velocity; the tolerance must be above this error
         self.flight_atol = FLIGHT_ATOL * np.tile([1.0, max(1.0, chain.stop_rate)], 4)
         self._go_on(UNITS, np.array([-distance, 0.0, 0.0, 0.0, 0.0, 0.0]), touching=False)
 
     @property
     def state(self) -> Vector:
-        """Penetration, deflections of coupling and robot, each with its rate; SI."""
+        """The first six elements of the state y of `experiments.reference.chain`, SI."""
         return self._y[:6] * self._system.scales.state
 
     @property
@@ -77,7 +77,7 @@ class Motion:
 
     @property
     def object_velocity(self) -> float:
-        """Velocity of the object (m/s), from the impulse on it; with friction, from the state."""
+        """Velocity of the object, m/s."""
         if self.chain.friction:
             _, rate, _, u_dot, _, w_dot = self.state.tolist()
             return float(self.command.at(self.t)[1] - w_dot - u_dot - rate) if self.chain.on["sliding"] else 0.0
@@ -85,16 +85,13 @@ class Motion:
         return float((self.past_impulse + scales.force * scales.time * self._y[6]) / self.chain.m_p)
 
     def over(self) -> bool:
-        """Return whether no contact can follow: the chain's energy cannot bring the tool to the object's speed.
-
-        While the commanded motion is at rest, this energy only falls.
-        """
+        """Return whether no contact can follow, because the chain has too little energy and the command is at rest."""
         x_r, v_r, a, cut = self.command.at(self.t)
         if self.touching or v_r or a or cut < inf:  # a contact, or the command moves now or later
             return False
         chain, law = self.chain, self.chain.bistable
         delta, _, u, u_dot, w, w_dot = self.state.tolist()
-        if chain.friction:  # a sliding object never returns, so only the distance to it counts
+        if chain.friction:  # the object never moves backwards
             swing = 0.0 if chain.rigid else sqrt(u**2 + u_dot**2 * chain.m_t / chain.k_t)
             return not chain.on["sliding"] and swing + u < -delta
         m_r, k_r, _ = (0.0, 0.0, 0.0) if chain.robot is None else chain.robot(x_r)
@@ -108,7 +105,7 @@ class Motion:
         return self.object_velocity >= sqrt(2 * max(energy, 0.0) / m_t)
 
     def advance(self, until: float) -> None:
-        """Advance to `until` (s), or to the first time at which the contact force passes the threshold."""
+        """Advance to `until` (s), or to the time at which the contact force first exceeds the threshold."""
         unfelt = self.command.detection_time is None
         stalled = 0
         while self.t < until and unfelt == (self.command.detection_time is None):
@@ -117,10 +114,10 @@ class Motion:
             self.contact_seconds += 0.0 if began is None else thread_time() - began
             stalled = stalled + 1 if self.t == before else 0
             if stalled > MOST_STALLED:
-                raise RuntimeError(f"reference: a part goes on and off without end at {self.t:.9g} s")
+                raise RuntimeError(f"reference: a switch changes again and again at {self.t:.9g} s")
 
     def note_contact(self, end: float | None) -> None:
-        """Record the current contact, which ends at `end` (s); None: it is unfinished."""
+        """Record the current contact, which ends at `end` (s), or is unfinished (None)."""
         v_out = None if end is None else -float(self.state[1])
         scales = self._system.scales
         impulse, coupling_impulse = (scales.force * scales.time * self._y[6:]).tolist()
@@ -131,7 +128,6 @@ class Motion:
         self.records.append(ContactRecord(start, end, v_in, v_out, self._peak, impulse, v_p))
 
     def _go_on(self, scales: Scales, z: Vector, touching: bool, damping: float = 0.0) -> None:
-        """Begin a flight or a contact in its scales, from the state z (SI)."""
         self._system = System(self.chain, scales, touching, damping)
         self._y = np.append(z / scales.state, [0.0, 0.0])
 
@@ -143,7 +139,6 @@ class Motion:
         self._go_on(self.chain.contact_scales(self.t, v_in), z, touching=True, damping=self.chain.damping(self.t, v_in))
 
     def _advance_phase(self, until: float) -> None:
-        """Advance to `until` (s), or to the first time at which the equations change."""
         system = self._system
         t_stop = min(system.enter(self.t), until)
         if self.chain.linear and not self.touching:
@@ -155,7 +150,7 @@ class Motion:
         before = self.force
         tau, self._y, switch = self._integrate((t_stop - self.t) / system.scales.time)
         self.t = t_stop if switch is None else self.t + tau * system.scales.time
-        if self.touching:  # between two switches the force is monotonic
+        if self.touching:  # in a phase the force only rises or only falls
             self._peak = max(self._peak, before, self.force)
             self.peak_force = max(self.peak_force, self._peak)
             self.unread_force = max(self.unread_force, before, self.force)
@@ -174,7 +169,7 @@ class Motion:
             return
         on = self.chain.on
         if name == "sliding" and on[name]:
-            self._y[1] += self.object_velocity * self._system.scales.time / self._system.scales.length  # to rest
+            self._y[1] += self.object_velocity * self._system.scales.time / self._system.scales.length  # at rest
         if name in on:
             on[name] = not on[name]
             self.stop_hits += name in ("front", "rear") and on[name]
@@ -188,7 +183,6 @@ class Motion:
             on["gaining"] = True
 
     def _integrate(self, end: float) -> tuple[float, Vector, Switch | None]:
-        """Integrate the equations to `end` or to a switch, in their scales; a stiff contact by an implicit method."""
         if not self.touching:
             return self._by(self.flight_method, end, FLIGHT_RTOL, self.flight_atol)
         if not self._stiff:

@@ -1,10 +1,7 @@
-"""Episodes of the environment by the independent solver, written from the specification in `impact_gym.envs.single`.
+"""The environment, computed with the independent solver and written from the specification in `impact_gym.envs.single`.
 
-This module imports from `impact_gym` only data: the options and constants of the task, the scales of the observation,
-the frozen scenarios. `experiments.reference` computes the motion. Sensors, clock and settling are written here.
-
-With OPENBLAS_NUM_THREADS=1 an episode takes 10 to 60 ms. With more threads, products of 7 x 7 matrices wait for other
-threads, and an episode with a linear chain takes up to 25 times as long.
+From `impact_gym` it imports only data: options and constants of the task, scales of observations, frozen scenarios.
+Set OPENBLAS_NUM_THREADS=1: with more threads, small products of matrices make an episode up to 25 times as long.
 """
 
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -28,16 +25,16 @@ SERVED = (
     "range_noise", "range_bias", "observe_range_noise", "deflection_sensor", "privileged", "velocity_range",
     "acceleration_range", "friction", "reference_velocity", "horizon", "after_alarm",
 )  # fmt: skip
-RTOL = 1e-10  # tolerance in contacts
-FLOOR = 1e-12  # m/s, least v_in, as in the environment
-PATIENCE = 3000  # largest number of evaluations by an explicit method in a phase of a contact, see `Motion`
+RTOL = 1e-10  # rtol in contacts
+FLOOR = 1e-12  # m/s, `Motion.floor`, as in the environment
+PATIENCE = 3000  # `Motion.patience`
 ROUNDING = 1e-9  # s, rounding of the clock
-SETTLE_SLICE = 0.05  # s, between two checks whether a contact is still possible
-CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}  # of a scale
+SETTLE_SLICE = 0.05  # s, time between two calls of `Motion.over` after the episode
+CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}  # curves of scales
 
 
 class Outcome(NamedTuple):
-    """Result of an episode, as in the environment's final `info`."""
+    """Result of an episode; the fields have the same meaning as in the environment's last `info`."""
 
     object_velocity: float  # m/s, V_p
     approach_time: float  # s
@@ -49,9 +46,9 @@ class Outcome(NamedTuple):
 def play(controller: Any, scenario: Mapping[str, float], *, options: Mapping[str, Any], time_weight: float) -> Outcome:
     """Play one episode of a scenario: object_mass (kg), contact_stiffness (N/m^1.5), restitution, distance (m).
 
-    The controller has `predict` as in stable-baselines3 and gets a batch of one. `options` are arguments of the
-    environment; ValueError: one is not supported. `time_weight` (m/s per s) has an effect only on the observation. The
-    estimate of the distance has no error.
+    The controller has the method `predict` of stable-baselines3. `options` are arguments of the environment; a
+    ValueError says that one is not supported. `time_weight` (m/s per s) is only observed. The distance estimate has no
+    error.
     """
     return _together(controller, [_episode(task_of(options), scenario, time_weight, scenario["distance"])])[0]
 
@@ -59,11 +56,7 @@ def play(controller: Any, scenario: Mapping[str, float], *, options: Mapping[str
 def rescore(
     controller: Any, frozen: str, numbers: Sequence[int], options: Mapping[str, Any], time_weight: float
 ) -> dict[str, NDArray[Any]]:
-    """Play the scenarios `numbers` of a frozen set in one batch, as `ScenarioBatch` does.
-
-    Returns an array (numbers,) for each field of `Outcome`; ValueError: an option is not supported, or the
-    set does not have a scenario.
-    """
+    """Play the scenarios `numbers` of a frozen set; return an array (numbers,) for each field of `Outcome`."""
     task, scenarios = task_of(options), evaluation_sets.load(frozen)
     episodes = []
     for k in numbers:
@@ -71,7 +64,7 @@ def rescore(
             raise ValueError(f"numbers must be scenarios of the set, 0 to {scenarios.count - 1}, got {k}")
         scenario = {name: float(scenarios.scenario[name][k]) for name in FIELDS}
         uniforms = first_uniforms(scenarios.seed + k, 1)[0]
-        normal = sqrt(-2 * log1p(-uniforms[5])) * cos(2 * pi * uniforms[6])  # Box and Muller
+        normal = sqrt(-2 * log1p(-uniforms[5])) * cos(2 * pi * uniforms[6])  # Box-Muller transform
         estimate = scenario["distance"] + task.range_bias + (task.range_noise or 0.0) * normal
         episodes.append(_episode(task, scenario, time_weight, estimate))
     outcomes = _together(controller, episodes)
@@ -79,7 +72,7 @@ def rescore(
 
 
 def task_of(options: Mapping[str, Any]) -> Task:
-    """Return the task with these options; ValueError: the reference does not support one."""
+    """Return the task with these options; ValueError: the reference does not support an option."""
     other = [name for name in options if name not in SERVED]
     if other:
         raise ValueError(f"the reference does not support the options {other}; it supports {list(SERVED)}")
@@ -95,7 +88,6 @@ Episode = Generator[NDArray[np.float32], Sequence[float], Outcome]
 
 
 def _together(controller: Any, episodes: Sequence[Episode]) -> list[Outcome]:
-    """Play episodes together, with one call of the controller for each step."""
     outcomes: dict[int, Outcome] = {}
     observations = np.array([next(episode) for episode in episodes])
     start, state = np.ones(len(episodes), np.bool_), None
@@ -112,7 +104,6 @@ def _together(controller: Any, episodes: Sequence[Episode]) -> list[Outcome]:
 
 
 def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate: float) -> Episode:
-    """Yield each observation and receive the action for it; return the outcome."""
     motion = _at_rest(task, scenario)
     command, delay, now = motion.command, task.reaction_delay, 0.0
     sensed = {0.0: (0.0, 0.0, 0.0)}  # (force, peak force, deflection) by time
@@ -188,7 +179,6 @@ def _observe(
     spec: ObservationSpec, task: Task, scenario: Mapping[str, float], weight: float, estimate: float, now: float,
     alarm: float, reading: tuple[float, float, float], flange: Sequence[float],
 ) -> NDArray[np.float32]:  # fmt: skip
-    """Return the observation, in which each number is scaled as its entry in `spec` says."""
     heard = now > alarm - ROUNDING
     x, v = flange
     force, peak, deflection = reading

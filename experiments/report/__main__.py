@@ -28,10 +28,8 @@ from impact_gym.task import Task, evaluation_sets
 from impact_gym.validation import number, whole
 
 RESULTS = "results.json"
-MARK = ".impact_gym"
-"""Lock file, which also marks the folder of a report: another report may overwrite this folder."""
-DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")
-"""Packages whose change makes the page outdated."""
+MARK = ".impact_gym"  # lock file; a report may be written to an empty folder, or to a folder with this file
+DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")  # if one changes, the page is outdated
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "matplotlib", "polars", "jinja2")
 
 
@@ -44,38 +42,38 @@ class ReportOptions:
     """
 
     setups: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Names of shipped set-ups, or files of set-ups. The page compares the policy of each set-up with
-    its baselines, controllers that are not learned."""
+    """Names of shipped set-ups, or files of set-ups. The page compares the policy of each set-up with the set-up's
+    baselines, which are controllers that are not learned."""
 
     folder: Path | None = None
-    """Folder with the subfolders `policies` and `tuned`. Default: the folder to which `impact-gym train --seeds` and
-    `impact-gym tune` write these subfolders for the set-up."""
+    """Folder with the subfolders `policies` and `tuned`. Without this option, the command uses the folder into which
+    `impact-gym train --seeds` and `impact-gym tune` write these subfolders."""
     policy: tuple[str, ...] = ()
-    """Policies to compare, if you name no set-ups: files of policies, folders of trainings, or names of shipped
-    policies. The page compares each policy with the paper's rule and with the baselines."""
+    """Policies to compare: files of policies, folders of trainings, or names of shipped policies. With this option,
+    name no set-ups. The page compares each policy with the paper's rule and with the baselines."""
     baseline: tuple[str, ...] = ()
     """With --policy: baselines to compare in addition to the paper's rule. Give the name of a tuned baseline, or
     module:object. The object must have the method `predict`, or be a function or class that returns such an object.
-    Default: the baselines of the policy's set-up."""
+    Without this option, the baselines are those of the policy's set-up."""
     scenarios: str | None = None
-    """Scenarios to use instead of those of the set-ups. Give the name or the CSV file of a frozen set of scenarios, or
-    a JSON file {"ranges": {...}, "seed": s, "count": n, "environment": {...}}. The JSON file may leave out any key. Its
-    key "environment" holds arguments of gym.make, for example your tool and coupling."""
+    """Scenarios that replace the scenarios of the set-ups. Give the name or the CSV file of a frozen set of scenarios,
+    or a JSON file {"ranges": {...}, "seed": s, "count": n, "environment": {...}}. The JSON file may leave out any key.
+    "environment" holds arguments of gym.make, for example your tool and coupling."""
     count: int | None = None
-    """Number of scenarios. Default: the number in the set-up. With --scenarios or --policy, the default is all
-    scenarios of the frozen set, or "count" in the JSON file."""
+    """Number of scenarios. Without this option, the number comes from the set-up. If --scenarios or --policy is given,
+    the number comes from the frozen set, or from "count" in the JSON file."""
     time_weight: float | None = None
-    """Cost of a second of approach, in m/s of the object's final velocity. The page recommends the controller with the
-    lowest total cost. Default: `evaluation.typical` of the set-up, which is 2 unless the file of the
-    set-up changes it."""
+    """Cost of a second until the touch, in m/s of the object's final velocity. The page recommends the controller with
+    the lowest mean cost. Without this option, the value is `evaluation.typical` of the set-up (2, if the file does not
+    contain another value)."""
     out: Path = REPORTS / "latest"
-    """Folder for the page. A hidden folder next to this folder keeps the results of all episodes. After an
-    interruption, repeat the command to continue."""
+    """Folder for the page. A hidden folder beside this folder keeps the results of all episodes. If you repeat the
+    command after an interruption, it continues."""
     force: bool = False
     """Play all episodes and write the page again, even if the page is up to date."""
     processes: int | None = None
-    """Number of processes on this machine that play episodes at the same time. Default: one process for each core. 0:
-    all episodes are played in the process of the command."""
+    """Number of processes on this machine that play episodes. Without this option, there is one process for each core.
+    With 0, all episodes are played in the process of the command."""
     cluster: str | None = None
     """Play on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster. The module
     of each module:object must be installed on the nodes of the cluster."""
@@ -94,10 +92,7 @@ class ReportOptions:
 
 
 def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return scenarios as JSON, and changes of the environment, from `ReportOptions.scenarios`.
-
-    ValueError: there is no such set or file, a key in the file is unknown, or a value is out of range.
-    """
+    """Return scenarios, and changes of the environment, from `source`, see `ReportOptions`; ValueError: invalid."""
     path = Path(source)
     if path.suffix == ".json":
         content = parsed(path, "scenarios, JSON", json.loads)
@@ -130,7 +125,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
         return of_policies(options.policy, options.baseline, scenarios, changes, options.time_weight)
     setups = list(map(load_setup, options.setups or README))
     if len({setup.name for setup in setups}) < len(setups):
-        raise ValueError(f"two set-ups would have the same name: {', '.join(options.setups)}")
+        raise ValueError(f"two set-ups have the same name: {', '.join(options.setups)}")
     matchups = []
     for setup in setups:
         count = options.count or (setup.evaluation.scenarios if options.scenarios is None else None)
@@ -142,10 +137,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
 
 
 def write(options: ReportOptions) -> Path:
-    """Play the missing jobs, write the folder unless it is up to date, print the answers, return the page's path.
-
-    ValueError: an option is invalid, or `out` is a file, below a file, or a folder with other content.
-    """
+    """Write the report unless it is up to date, print answers, return its path; ValueError: an option is invalid."""
     there = next(path for path in (options.out, *options.out.absolute().parents) if path.exists())
     if not there.is_dir():
         raise ValueError(f"out must be a folder, but {there} is a file")
@@ -155,7 +147,7 @@ def write(options: ReportOptions) -> Path:
 
 
 def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
-    """Play and write the report of these matchups, as `write` does, and return the path of the page."""
+    """Write the report of `matchups` as `write` does; `options` has the folder."""
     begun = time.perf_counter()
     own = {each.controller["object"].partition(":")[0]
            for matchup in matchups for each in matchup.baselines if "object" in each.controller}  # fmt: skip
@@ -163,12 +155,12 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
     made_from = hashlib.sha256(repr(inputs).encode()).hexdigest()
     page = options.out / "index.html"
     if options.force or not page.is_file() or results_of(options.out).get("made from") != made_from:
-        from experiments.report.jobs import PLAYING, play_matchups  # takes seconds to import
+        from experiments.report.jobs import PLAYING, play_matchups  # the import takes seconds
 
         playing = f"{compiled_from()} {digest_of(*PLAYING)}"
         kept = options.out.with_name(f".{options.out.name}.episodes")
         current = kept / hashlib.sha256(playing.encode()).hexdigest()[:16]
-        for folder in kept.glob("*"):  # results of other versions of the sources
+        for folder in kept.glob("*"):  # delete results of other versions of the sources
             if options.force or folder != current:
                 shutil.rmtree(folder, ignore_errors=True)
         depends = f"{playing} {digest_of(*own)}"
@@ -181,14 +173,14 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
 
 
 def results_of(folder: Path) -> dict[str, Any]:
-    """Return results.json of a folder; empty if it is missing or damaged."""
+    """Return the content of a folder's results.json; empty if the file is missing or damaged."""
     with suppress(OSError, ValueError):
         return dict(json.loads((folder / RESULTS).read_text()))
     return {}
 
 
 def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, begun: float) -> None:
-    """Write the files of the report, results.json last; delete only the folder `figures` of an earlier report."""
+    """Write the files of the report over those of an earlier report; write results.json last."""
     from experiments.report import page
     from experiments.report.played import episodes
 
@@ -231,7 +223,6 @@ def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, 
 
 
 def _limits(matchups: Sequence[Matchup]) -> str:
-    """Return a sentence with the largest acceleration and velocity of each arm."""
     names = defaultdict(list)
     for matchup in matchups:
         task = Task(**matchup.environment)

@@ -1,8 +1,8 @@
-"""Ablation: the gain from the arm's limits, known distances, the profile's shape, the estimate, and learning.
+"""Ablation: contestants from the paper's rule to the policy, each with one ability more than the contestant before.
 
-Each step adds one ability to the step before, so the gains add up to the difference between the paper's rule and the
-policy. In another order each gain could be different. The step of the arm's limits is the paper's rule with a constant
-speed and a deceleration that are tuned for each weight.
+The abilities are: the arm's limits (constant speed and deceleration, tuned for each weight), known distances, the shape
+of the speed profile, the distance estimate, and learning. A gain is the difference in V_p, or in cost, from the
+contestant before; in another order the gains could be different.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,12 +21,12 @@ from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
-"""Words for a gain, by whether the step before and the step itself are faster than the paper's rule at all weights.
-V_p at the rule's time would then be lower than the compared value."""
+"""Words before a gain. Key: whether the contestant before, and the contestant itself, approach faster than the paper's
+rule at every weight. V_p of such a contestant at the rule's time would be lower than the value that is compared."""
 
 
 class Link(NamedTuple):
-    """A contestant, and what it adds to the contestant before it."""
+    """A contestant, and the ability that it has in addition to those of the contestant before."""
 
     added: str
     contestant: str
@@ -35,10 +35,10 @@ class Link(NamedTuple):
 
 @dataclass(frozen=True)
 class Gain:
-    """A measure of a contestant (lower is better), and its gain over the contestant before it."""
+    """V_p or cost of a contestant, and the gain over the contestant before."""
 
     value: Estimate  # m/s
-    less: Estimate | None  # m/s; None for the first contestant, or if no gain can be claimed
+    less: Estimate | None  # m/s, the gain; None for the first contestant, or if no gain can be claimed
     share: Estimate | None  # gain / difference between paper's rule and policy; None if this difference may be 0
 
 
@@ -49,17 +49,17 @@ class Step:
     added: str
     contestant: str
     scenarios: int
-    later: float  # time at the nearest end of its front minus the paper's mean approach time, s; 0 if reached
-    limit: str  # bound on the gain of `velocity`, from LIMITS
-    velocity: Gain  # V_p at the paper's mean approach time, or at the nearest end of its front
+    later: float  # s, time of `velocity` minus the mean approach time of the paper's rule
+    limit: str  # words from LIMITS
+    velocity: Gain  # V_p at the mean approach time of the paper's rule, or at the nearest end of the front
     weight: float  # typical time weight w, m/s per s
     loss: Gain  # V_p + w T + cost of misses
 
 
 def links(played: Played) -> list[Link]:
-    """Return the sequence up to the policy; an ability that no baseline adds alone is merged into the next step."""
+    """Return the sequence of links; a link adds several abilities if no baseline has one of them alone."""
     tuned = [baseline for baseline in played.matchup.baselines if "tuned" in baseline.controller]
-    by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}  # the first wins
+    by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}
     task = Task(**played.matchup.environment)
     stronger = task.acceleration_range[1] > PaperTrapezoid()["deceleration"]
     sources = {"ConstantSpeed": "the arm's limits" if stronger else "the choice of speed"}
@@ -76,7 +76,7 @@ def links(played: Played) -> list[Link]:
 
 
 def steps_of(played: Played) -> list[Step]:
-    """Return the steps; the last step is the clairvoyant search, if there is one, on the scenarios that it searched."""
+    """Return the steps; if there is a clairvoyant search, it is the last step, on the scenarios of the search."""
     sequence, weight = links(played), played.matchup.typical
     steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
     if played.bound is None or weight not in played.bound.weights:
@@ -87,7 +87,7 @@ def steps_of(played: Played) -> list[Step]:
 
 
 def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy: int) -> list[Step]:
-    """Return the steps on the first `resamples.scenarios` scenarios; `policy` is the policy's index."""
+    """Return the steps on the first `resamples.scenarios` scenarios; `policy` is the policy's index in `sequence`."""
     fronts: list[Front] = [front(resamples, link.runs) for link in sequence]
     time = fronts[0][0][0, 0]  # of the paper's rule
     later = [float(np.clip(time, times[0].min(), times[0].max()) - time) for times, _ in fronts]
@@ -105,7 +105,7 @@ def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy
 
 
 def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[Gain]:
-    """Return the gain of each step from resampled values (1 + n,), m/s; if not `claimed`, only the values."""
+    """Return the gains between successive resampled `values` (1 + n,), m/s; if not `claimed`, the gains are None."""
     total = Comparison(values[policy], values[0])
     shared = claimed and total.less.low > 0.0
     steps = [Gain(estimate(values[0]), None, None)]
@@ -116,7 +116,7 @@ def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[G
 
 
 def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
-    """Return the table of a matchup's ablation, with labels of its contestants."""
+    """Return the table of the steps; `labels` has the contestants' labels, by name."""
     body = []
     for step in steps:
         subset = "" if step.scenarios == steps[0].scenarios else f", the first {step.scenarios} scenarios"
@@ -139,10 +139,7 @@ def _cells(gain: Gain, limit: str = "") -> list[str]:
 
 
 def sentence(steps: Sequence[Step]) -> str:
-    """Return a sentence with the share of each step in the policy's gain; "" if a step has no share.
-
-    The gain is the reduction of V_p; if a step needs more time than the paper's rule, the reduction of V_p + w T.
-    """
+    """Return a sentence with the steps' shares in the reduction of V_p (of V_p + w T, if a step is `later`), or ""."""
     first, *gained = (step for step in steps if step.contestant != BOUND)
     if any(step.later > 0.0 for step in gained):
         before, after = first.loss.value.value, gained[-1].loss.value.value

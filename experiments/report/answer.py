@@ -1,6 +1,7 @@
-"""The answer of a set-up in numbers and sentences.
+"""The report's answer for a set-up, in numbers and sentences: by how much the policies lower V_p.
 
-The main measure, fixed before the test set was played, is V_p at the mean approach time of the paper's rule.
+The main measure was fixed before the test set was played: V_p at the paper's time, the mean approach time of the
+paper's rule. A front is the mean approach time and the mean V_p of a controller at each of its time weights.
 """
 
 from collections.abc import Sequence
@@ -20,23 +21,23 @@ FRONT = ("approach_time", "object_velocity")
 class Answer:
     """Gain of the policies of one set-up over the paper's rule."""
 
-    reduction: Estimate  # reduction of V_p at the mean approach time of the paper's rule, as a fraction
-    each: tuple[float, ...]  # reduction of each seed; empty if a seed's front does not reach the paper's time
-    reached: bool  # whether the policy's front reaches that time; if not, `reduction` is at the front's nearest end
-    later: float  # (time at that end - the paper's time) / the paper's time; below 0: less time
-    needed: float  # time weight, m/s per s, at which the extrapolated front would reach that time; or nan
-    sooner: Estimate  # reduction of the approach time at the paper's mean V_p, as a fraction
-    beyond: str  # "": the front reaches that V_p; "slower", "faster": V_p is below, above it at every weight
-    velocity: Estimate  # m/s, V_p of the policy at the paper's mean approach time
-    rival: str  # name of the best tuned baseline, or ""
-    rival_reduction: Estimate | None  # the rival's reduction of V_p; None if no weight is as fast as the rule
-    improvement: Estimate  # share of scenarios in which the policy touches the object and lowers V_p
-    missed: int  # objects, of all episodes of all seeds at all weights
-    episodes: int
+    reduction: Estimate  # 1 - V_p of all seeds / V_p of the rule, at the paper's time
+    each: tuple[float, ...]  # `reduction` for each seed; empty if the front of a seed does not reach the paper's time
+    reached: bool  # whether the policy's front reaches the paper's time; if not, `reduction` is at the nearest end
+    later: float  # (time at the nearest end of the policy's front - the paper's time) / the paper's time
+    needed: float  # m/s per s, time weight at which the extrapolated front would reach the paper's time; nan: none
+    sooner: Estimate  # 1 - the policy's mean approach time / the paper's time, at the rule's mean V_p
+    beyond: str  # "": the front reaches the rule's V_p; "slower": it is below this V_p at all weights; "faster": above
+    velocity: Estimate  # m/s, V_p of the policy at the paper's time
+    rival: str  # name of the best tuned baseline; "": there is none
+    rival_reduction: Estimate | None  # `reduction` of the rival; None: it takes longer than the rule at all weights
+    improvement: Estimate  # share of scenarios with a touch and a lower V_p than the rule's; an equal V_p counts half
+    missed: int  # number of missed objects in all episodes: all seeds, all weights
+    episodes: int  # number of these episodes
 
 
 def answer(played: Played) -> Answer:
-    """Return the gain of a set-up's policies; its intervals come from resampled seeds and scenarios."""
+    """Return the answer, with intervals from resampled seeds and scenarios."""
     resamples = played.resamples
     contestants = [played.paper], list(played.seeds.values()), [played.rival]
     paper, policy, rival = (front(resamples, runs) for runs in contestants)
@@ -69,10 +70,7 @@ def answer(played: Played) -> Answer:
 
 
 def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
-    """Return the time weight at which the mean approach times (k,) would reach `time` (s), nan outside 0.01 ... 100.
-
-    The time is extrapolated linearly in the logarithm of the weight.
-    """
+    """Extrapolate times (k,) linearly in the log of the weight; return the weight at `time`, nan beyond 0.01 to 100."""
     order = np.argsort(weights)[-2:] if times.min() > time else np.argsort(weights)[:2]
     (first, last), ends = np.log(np.asarray(weights)[order]), times[order]
     slope = (ends[1] - ends[0]) / (last - first)
@@ -81,16 +79,13 @@ def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
 
 
 def front(resamples: Resamples, runs: Sequence[Run]) -> Front:
-    """Return mean approach time (s) and V_p (m/s) of runs, a run for each seed, in the scenarios of `resamples`."""
+    """Return the front of `runs`, one for each seed, in the first `resamples.scenarios` scenarios."""
     times, velocities = (np.array([run[name][:, : resamples.scenarios] for run in runs]) for name in FRONT)
     return resamples.means(times), resamples.means(velocities)
 
 
 def reductions(played: Played) -> Floats:
-    """Return the reduction of V_p by each seed at the paper's mean approach time, as a fraction (seeds,).
-
-    The array is empty if the front of a seed does not reach this time.
-    """
+    """Return `Answer.each` as an array (seeds,)."""
     ((time, velocity),) = played.paper.front
     times, velocities = np.moveaxis(np.array([run.front for run in played.seeds.values()]), 2, 0)
     if times.min(axis=1).max() > time or times.max(axis=1).min() < time:
@@ -99,7 +94,7 @@ def reductions(played: Played) -> Floats:
 
 
 def at_least(answer: Answer) -> str:
-    """Return the reduction that 95 % of trainings reach."""
+    """Return in words the reduction of V_p that 95 % of all trainings exceed; "-" for a single seed."""
     return f"{100 * tolerated(np.array(answer.each)):.1f} %" if len(answer.each) > 1 else "-"
 
 
@@ -121,7 +116,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
     if answer.beyond == "faster":
         text += "; at every weight the object leaves faster than with the paper's rule."
     else:
-        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # even at the fastest approach V_p is lower
+        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # if V_p is below the rule's at every weight
         bound = f"{limit} " if answer.beyond == "slower" else ""
         text += f"; at the paper's V_p the approach takes {bound}{_compared(answer.sooner, 'less', 'more')} time."
     if answer.rival_reduction:
@@ -131,7 +126,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
 
 
 def at_rule_time(answer: Answer, played: Played) -> str:
-    """Return the policy's gain at the paper's mean approach time, or the weight at which it would take that time."""
+    """Return in words, without intervals, by how much the policy lowers V_p at the paper's time."""
     if answer.missed > MISSED_TOO_OFTEN * answer.episodes:
         return (f"The learned policy misses {answer.missed:,} of {answer.episodes:,} objects, so nothing is claimed "
                 "for it at the time of the paper's rule.")  # fmt: skip
@@ -154,7 +149,7 @@ def at_rule_time(answer: Answer, played: Played) -> str:
 
 
 def assisted(played: Played, intervals: bool = False) -> str:
-    """Return the slide of the object and the time until all is done, for each assistance of an operator."""
+    """Return in words the object's slide and the time until all is done, for each assistance."""
     weight, plain = played.matchup.typical, {each.name: each.plain for each in played.matchup.baselines}
     contestants = {f"the {POLICY}": list(played.seeds.values())}
     contestants |= {plain[name]: [run] for name, run in played.baselines.items()}

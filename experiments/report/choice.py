@@ -1,7 +1,8 @@
-"""Recommend a controller for one time weight, on other scenarios than those of the report.
+"""The recommended controller at one time weight. It is chosen on other scenarios than those of the report.
 
-Among controllers whose costs do not differ clearly, the simplest is recommended. The order is: baselines without tuned
-numbers, tuned baselines by their number of parameters, objects of the user, the learned policy.
+It is the simplest controller whose mean cost is not clearly above the lowest mean cost: the 95 % interval of the
+difference includes 0. From simple to complex: baselines without tuned numbers, tuned baselines by their number of
+parameters, objects of the user, the learned policy.
 """
 
 from collections.abc import Mapping
@@ -15,8 +16,8 @@ from experiments.report.matchups import PAPER, POLICY, Contestant
 from experiments.report.played import Played
 from impact_gym.task.scenario import NAMED
 
-SEED = 60_000_000  # of the first scenario; not used in training, tuning or evaluation
-COUNT = 2000
+SEED = 60_000_000  # seed of the first scenario; training, tuning and evaluation use other seeds
+COUNT = 2000  # number of scenarios
 
 
 @dataclass(frozen=True)
@@ -26,14 +27,14 @@ class Choice:
     controller: str  # name of the contestant
     time_weight: float  # w, m/s per s
     cost: Estimate  # mean of V_p + w T + cost of a miss, m/s
-    below_rule: Estimate  # cost of the paper's rule minus `cost`, as a fraction of the rule's cost
-    above: Mapping[str, Estimate]  # by other contestant: its cost minus `cost`, as a fraction of `cost`
-    missed: int  # number of objects
+    below_rule: Estimate  # (cost of the paper's rule - `cost`) / cost of the paper's rule
+    above: Mapping[str, Estimate]  # for each other contestant, by name: (its cost - `cost`) / `cost`
+    missed: int  # number of missed objects
     sentence: str
 
 
 def scenarios(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the scenarios of the choice: drawn from the ranges of the report's; a table is returned unchanged."""
+    """Return the scenarios of the choice: from the ranges of `given` with other seeds, or the table in `given`."""
     if "table" in given:
         return dict(given)
     ranges = given["ranges"] if "ranges" in given else pairs(given["set"] if given["set"] in NAMED else "test")
@@ -41,13 +42,13 @@ def scenarios(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def simplicity(contestant: Contestant) -> tuple[int, int]:
-    """Return the rank of a contestant; the simplest has the lowest."""
+    """Return a rank by which contestants are sorted, the simplest first."""
     (kind,), tuned = contestant.controller, contestant.controller.get("tuned", {})
     return ("baseline", "tuned", "object", "policy").index(kind), len(tuned.get("parameters", ()))
 
 
 def simplest(costs: Mapping[str, Floats]) -> str:
-    """Return the first name whose cost (scenarios,) is not clearly above the lowest; `costs` has the simplest first."""
+    """Return the first name whose mean cost is not clearly above the lowest; `costs` (scenarios,): simplest first."""
     least = min(costs.values(), key=lambda cost: float(cost.mean()))
     return next(name for name, cost in costs.items() if Comparison.of_means(least, cost).less.low <= 0.0)
 
@@ -84,7 +85,7 @@ def choice(played: Played) -> Choice:
 
 
 def table(result: Choice, played: Played) -> Table:
-    """Return cost, V_p, T and misses of each contestant at the typical weight, the simplest first."""
+    """Return the table of cost, V_p, T and misses of each contestant at the typical weight, the simplest first."""
     matchup, weight = played.matchup, result.time_weight
     runs, rows = {**played.baselines, matchup.chosen: played.policy}, []
     for each in sorted((*matchup.baselines, matchup.policy), key=simplicity):

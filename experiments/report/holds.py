@@ -1,4 +1,4 @@
-"""Robustness: one argument is changed at a time; policy and baselines are neither trained nor tuned again."""
+"""Robustness: results with one changed argument of the environment, without a new training or tuning."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -15,13 +15,12 @@ from experiments.report.played import MISSED_TOO_OFTEN, Played
 from impact_gym.quantities import QUANTITIES
 from impact_gym.task import evaluation_sets
 
-WORDS = {
+WORDS = {  # plain names of changed arguments; an argument that is not here has `words` in QUANTITIES
     "force_noise": "noise of the force sensor",
     "range_noise": "error of the distance estimate",
     "robot": "compliant robot",
     "scenario": "objects outside the training ranges",
 }
-"""Plain names of changed arguments; other arguments have the name of their quantity."""
 SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # unit and factor with which a quantity is printed
 Row = dict[str, Any]
 
@@ -29,13 +28,13 @@ Row = dict[str, Any]
 class Failing(NamedTuple):
     """Changes under which a controller fails."""
 
-    controller: str  # with its article
+    controller: str  # plain name with its article
     worst: str  # the worst change, in one line
-    details: str  # all these changes
+    details: str  # all changes under which it fails
 
 
 def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
-    """Yield the cells of the grid: paper's rule, rival and policy under each change, at the typical time weight."""
+    """Yield a cell for each change with each of paper's rule, rival and policy, at the typical time weight."""
     places = []
     for change in variants(matchup.evaluation, matchup.environment):
         own = None
@@ -54,14 +53,14 @@ def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
 
 
 def factor(argument: str, by_reading: bool = False) -> str:
-    """Return an argument of the environment in plain words; `by_reading`: whether the force sensor raises the alarm."""
+    """Return the plain name of an argument; `by_reading`: whether readings of the force sensor raise the alarm."""
     words = WORDS.get(argument) or (QUANTITIES[argument].words if argument in QUANTITIES else argument)
     alarm = "which raises the alarm" if by_reading else "the alarm is a switch without noise"
     return f"{words} ({alarm})" if argument == "force_noise" else words
 
 
 def setting(change: Change) -> str:
-    """Return the changed value with its unit, or its label."""
+    """Return the changed value with its unit, or the label of the change."""
     if not np.isfinite(change.value):
         return change.label
     unit = "%" if change.multiple else QUANTITIES[change.argument].unit
@@ -75,11 +74,11 @@ def words(change: Change) -> str:
 
 
 def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
-    """Return a row for each contestant under each change; the median seed is the policy.
+    """Return a row for each contestant under each change; the median seed is called POLICY.
 
     Columns: means of V_p (m/s), T (s) and the cost `loss` (m/s); the number of objects `missed`, and the number `of`
-    objects played; `more`, the cost of `controller` minus that of this contestant (m/s), 0 if it is within two standard
-    errors; `off`, the size of the change.
+    objects played; `more` (m/s), by how much `controller` costs more than this contestant, 0 if it is not above two
+    standard errors; `off`, the difference from the unchanged value.
     """
     if not played.varied:
         numbers = dict.fromkeys(("value", "off", "missed", "of", "more"), float)
@@ -99,11 +98,9 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
 
 
 def where_it_fails(played: Played, name: str) -> Failing:
-    """Return the changes under which a contestant is worse than paper's rule, rival or policy, or misses objects.
+    """Return the changes under which a contestant costs more than paper's rule, rival or policy, or misses objects.
 
-    Only rule, rival and policy play under changes; for any other `name` the result is about the policy. If misses are
-    too many, the worst change has the most misses. Else it has the largest advantage of the rule; if the rule has none
-    at any change, of the rival; and if the rival has none, of the policy.
+    Only rule, rival and policy play under changes; for any other `name`, the result is about the policy.
     """
     rival, shown = played.matchup.rival, {each.name for each in played.matchup.rivals}
     controller = POLICY if name == played.matchup.chosen or name not in shown else name
@@ -137,13 +134,13 @@ def where_it_fails(played: Played, name: str) -> Failing:
 
 
 def heat_map(played: Played) -> HeatMap:
-    """Return the worst cost of each contestant under each kind of change, relative to the unchanged paper's rule."""
+    """Return the heat map of the highest cost of each contestant over all values of each changed argument."""
     weight, frame, rival = played.matchup.typical, outcomes(played), played.matchup.rival
     contestants = {PAPER: PAPER, rival.name: rival.label, POLICY: POLICY}
     usual = {row["contestant"]: row for row in frame.filter("same").unique("contestant", keep="first").to_dicts()}
     for name, run in {PAPER: played.paper, rival.name: played.rival, POLICY: played.policy}.items():
         means = {**run.means(weight), "loss": float(run.loss(weight).mean()), "of": played.count}
-        usual.setdefault(name, means)  # needed if no change has the unchanged value among its values
+        usual.setdefault(name, means)  # if no cell was played without a change
     measure = usual[PAPER]["loss"]
 
     def cell(mean: Row, note: str) -> Heat:
@@ -166,7 +163,7 @@ def heat_map(played: Played) -> HeatMap:
 
 
 def table(played: Played) -> Table:
-    """Return loss, V_p, T and misses of each contestant under each change."""
+    """Return the table of cost, V_p, T and misses of each contestant under each change."""
     labels = pl.col("contestant").replace(played.matchup.labels)
     columns = {
         "changed": "{factor}", "to": "{setting}", "contestant": "{contestant}",

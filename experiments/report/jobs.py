@@ -1,4 +1,4 @@
-"""The jobs of a report, functions with plain data as arguments, and their results for each matchup."""
+"""The jobs of a report: each measures a controller in the scenarios of a matchup. Their arguments are JSON."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,19 +20,19 @@ from impact_gym.scene import SpringDamper
 from impact_gym.task import Task
 
 JSON = Mapping[str, Any]
-PLAYING = (*grid.PLAYED, __name__, grid.__name__)
-"""Modules on which results depend. Set-ups, policies and tuned baselines are arguments of the jobs."""
-FEWER = 500  # scenarios for each change of the environment, and for deflections
-HALVINGS = 9  # number of bisections of the range of weights, on a logarithmic scale; finds a weight to 1 %
+PLAYING = (*grid.PLAYED, __name__, grid.__name__)  # modules on which results depend
+FEWER = 500  # number of scenarios for each change of the environment, and for deflections
+HALVINGS = 9  # number of bisections of the range of weights, on a logarithmic scale: enough for an error of 1 %
 CALIBRATION_SCENARIOS = 500  # largest number of scenarios on which a weight is found
 
 
 def play_matchups(
     matchups: Sequence[Matchup], folder: Path, depends: str, processes: int | None, cluster: str | None
 ) -> list[Played]:
-    """Play the jobs whose results are not in `folder` with the digest `depends`; return the results of each matchup."""
+    """Return the results of each matchup; `folder` keeps results of jobs, as long as the text `depends` is the same."""
     played = [Played(matchup) for matchup in matchups]
-    jobs = [(each, *job) for each in reversed(played) for job in jobs_of(each.matchup)]  # the last set-up takes longest
+    # the jobs of the last set-up take longest, so they start first
+    jobs = [(each, *job) for each in reversed(played) for job in jobs_of(each.matchup)]
     calls = [{"where": where, "arguments": arguments} for _, where, _, arguments in jobs]
     print(f"results are kept in {folder}", flush=True)
     results = cached(measured, calls, folder, depends=depends, title="playing", processes=processes, cluster=cluster)
@@ -59,7 +59,7 @@ def jobs_of(matchup: Matchup) -> Iterator[tuple[str, Any, dict[str, Any]]]:
         for where in ("seeds", "as_late")
     ]
     for baseline in matchup.baselines:
-        tuned = len(baseline.weights) > 1  # between its tuned weights, its parameters are interpolated
+        tuned = len(baseline.weights) > 1  # a tuned baseline can play at any weight
         weights = sorted({*baseline.weights, *matchup.weights, typical}) if tuned else list(baseline.weights)
         jobs.append(("baselines", baseline, {"scenarios": scenarios, "weights": weights}))
     chosen_on = {"scenarios": choice.scenarios(scenarios), "weights": [typical]}
@@ -79,16 +79,13 @@ def jobs_of(matchup: Matchup) -> Iterator[tuple[str, Any, dict[str, Any]]]:
 
 
 def measured(where: str, arguments: JSON) -> Any:
-    """Return the result of a job, arrays or a frame."""
+    """Return the result of a job: arrays by name, or a frame."""
     measure: Callable[..., Any] = MEASURES.get(where, play)
     return measure(**arguments)
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return the results (1, scenarios) at the weight with the mean approach time of the paper's rule, and `weight`.
-
-    The weight is found by bisection between the ends of `weights`, on `calibration_scenarios`.
-    """
+    """Return the `weight` at which the mean approach time is that of the rule, and results (1, scenarios) at it."""
     choosing, task = calibration_scenarios(scenarios), Task(**environment)
 
     def mean_time(weight: float, player: Controller) -> float:
@@ -106,7 +103,7 @@ def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: 
 
 
 def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
-    """Return the scenarios to find a weight: the validation set, the same ranges with other seeds, or the table."""
+    """Return the scenarios in which `play_as_late` finds a weight: not `scenarios`, unless these are a table."""
     count = min(CALIBRATION_SCENARIOS, scenarios["count"])
     if "set" in scenarios:
         return {"set": "validation", "count": count}
@@ -116,7 +113,7 @@ def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
 
 
 def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return the largest deflections (1, scenarios) at a single weight, m: `before` the first touch, and `in_all`."""
+    """Return arrays (1, scenarios) of the largest deflections (m): `before` the first touch, and `in_all`."""
     (weight,), task = weights, Task(**environment)
     batch = scenario_batch_of(scenarios, weight, task)
     travel = Travel(batch.count)
@@ -124,7 +121,6 @@ def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Seq
     return {"before": travel.deflection[None], "in_all": travel.stroke[None]}
 
 
-MEASURES: Mapping[str, Callable[..., Any]] = {
+MEASURES: Mapping[str, Callable[..., Any]] = {  # by field of `Played`; other fields: `play`
     "as_late": play_as_late, "varied": grid.play, "travelled": travelled,
 }  # fmt: skip
-"""The measurement of a field of `Played`; `play` measures the other fields."""

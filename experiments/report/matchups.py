@@ -1,4 +1,4 @@
-"""Matchups: comparisons of a set-up's policies, one for each training seed, with baselines in the same scenarios."""
+"""Matchups: the policies of a set-up, one for each training seed, and the baselines that play the same scenarios."""
 
 import base64
 import hashlib
@@ -26,7 +26,7 @@ RULE = "paper-trapezoid"  # name of the paper's rule among the baselines
 POLICY = "learned policy"
 IMITATES = "its training begins by imitating"
 BOUND = "clairvoyant search"
-PLAIN = {
+PLAIN = {  # plain names of baselines, by the class of a tuned baseline or the name of another one
     "BlindProfile": "tuned profile",
     "ConstantDeceleration": "tuned even braking",
     "ConstantSpeed": "tuned constant speed",
@@ -39,7 +39,6 @@ PLAIN = {
     "local-brake": "the local brake",
     "operator-alone": "the operator alone",
 }
-"""Plain names of baselines, by the class of a tuned baseline or the name of another baseline."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class Contestant:
     name: str
     controller: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
     weights: tuple[float, ...]
-    checksum: str  # of the policy's file, the tuned parameters or the module
+    checksum: str  # SHA-256 of the policy's file, the tuned parameters or the module; "": the paper's rule
 
     @property
     def plain(self) -> str:
@@ -58,7 +57,7 @@ class Contestant:
 
     @property
     def label(self) -> str:
-        """Plain name with the name in brackets."""
+        """Plain name, then `name` in brackets."""
         return self.name if self.plain == self.name else f"{self.plain} ({self.name})"
 
 
@@ -67,20 +66,20 @@ class Matchup:
     """Policies and baselines that play the same scenarios in one environment."""
 
     name: str
-    environment: Mapping[str, Any]  # arguments, JSON, without scenario and time weight
+    environment: Mapping[str, Any]  # arguments of the environment, JSON, without scenario and time weight
     seeds: tuple[Contestant, ...]  # one for each training seed
-    chosen: str  # name of the median seed
+    chosen: str  # name of the median seed: its policy has the median validation score
     baselines: tuple[Contestant, ...]  # first the paper's rule, then the rival if there is one
     scenarios: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
-    provenance: Mapping[str, Any]  # of the median seed
+    provenance: Mapping[str, Any]  # provenance of the median seed's policy
     note: str  # remarks for the reader
     evaluation: Evaluation = field(default_factory=Evaluation)
-    bound: Contestant | None = None  # the best approaches that a search found, for a controller that knows the object
+    bound: Contestant | None = None  # the clairvoyant search: a controller that knows the object
     title: str = ""
 
     @property
     def operated(self) -> bool:
-        """Whether an operator commands; T is then the time until all is done."""
+        """Whether there is an operator; T is then the time until the object rests again."""
         return Task(**self.environment).operator is not None
 
     @property
@@ -90,7 +89,7 @@ class Matchup:
 
     @property
     def labels(self) -> dict[str, str]:
-        """Labels of the contestants, by name: the median seed is the policy."""
+        """Labels of the baselines and of the median seed, by name."""
         return {baseline.name: baseline.label for baseline in self.baselines} | {self.chosen: POLICY}
 
     @property
@@ -115,7 +114,7 @@ class Matchup:
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Weights of the evaluation at which the policy is played (m/s per s), or all its weights if there is none."""
+        """Weights (m/s per s) that both evaluation and policy have; if there are none, those of the policy."""
         weights = tuple(weight for weight in self.evaluation.weights if weight in self.policy.weights)
         return weights or self.policy.weights
 
@@ -123,15 +122,12 @@ class Matchup:
 def of_setup(
     setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = None, time_weight: float | None = None
 ) -> Matchup:
-    """Return the matchup of a set-up, with policies and tuned baselines from `folder`, by default the set-up's own.
+    """Return the matchup of a set-up, with policies and tuned baselines from `folder` (None: the set-up's folder).
 
-    `time_weight` (m/s per s) replaces the set-up's typical weight.
-
-    Raises:
-        ValueError: there are no policies yet, a baseline was not tuned, or no policy was trained for the time weight.
+    `time_weight` (m/s per s) replaces the typical weight. ValueError: no policy or baseline, or none for the weight.
     """
     folder = setup.folder if folder is None else folder
-    if time_weight is not None:  # also the weight at which the paper's rule plays
+    if time_weight is not None:  # at the typical weight the paper's rule plays, too
         setup = replace(setup, evaluation=replace(setup.evaluation, typical=time_weight))
     path = folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
@@ -153,11 +149,7 @@ def of_setup(
 
 
 def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight: float | None) -> Matchup:
-    """Return a matchup with its policies, each at the weights of the evaluation for which it was trained.
-
-    `time_weight` (m/s per s) replaces the typical weight of the evaluation, unless it is None; ValueError: the policies
-    were not trained for this weight.
-    """
+    """Return the matchup with `policies` at those weights of the evaluation that are in the range of their training."""
     policy, evaluation = policies[matchup.chosen], matchup.evaluation
     trained = policy.environment.get("time_weight", evaluation.typical)
     low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
@@ -175,7 +167,7 @@ def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
-    """Return the clairvoyant bound of a set-up; None: there is none for the first of these scenarios."""
+    """Return the clairvoyant search of a set-up; None: it did not search the first of these scenarios."""
     its_own = setup.bound == setup.name
     parameters_at = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
     searched = min(map(len, parameters_at.values()), default=0)
@@ -189,7 +181,7 @@ def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED
 
 
 def quick_look_note(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Contestant]) -> str:
-    """Return a note if training or tuning was shorter than in the set-up, else an empty text."""
+    """Return a note if training or tuning was shorter than the set-up says; else ""."""
     shortfalls = []
     steps, wanted = about["settings"]["steps"], setup.training.steps
     if steps < wanted:
@@ -205,13 +197,10 @@ def of_policies(
     paths: Sequence[str], names: Sequence[str], scenarios: Mapping[str, Any], changes: Mapping[str, Any],
     time_weight: float | None = None,
 ) -> list[Matchup]:  # fmt: skip
-    """Return a matchup for each policy, a name or a file, against the paper's rule and the baselines `names`.
+    """Return a matchup for each policy in `paths` (names or files), with the paper's rule and the baselines `names`.
 
-    Without `names`, the baselines are those of the shipped set-up for which the policy was trained, if any. `changes`
-    replace arguments of the environment in which the policy was trained.
-
-    Raises:
-        ValueError: a policy takes other observations than this environment has, or two policies have the same name.
+    If `names` is empty, a policy of a shipped set-up is compared with the baselines of the set-up. `changes` replace
+    arguments of the environment. ValueError: a policy does not fit the environment, or two have the same name.
     """
     matchups: dict[str, Matchup] = {}
     for path in map(Path, paths):
@@ -219,12 +208,12 @@ def of_policies(
         trained_in = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
         arguments = {**trained_in, **changes}
         environment, of_environment = environment_and_scenarios(arguments, scenarios)
-        Policy(loaded.network, Task(**environment), {})  # raises if network and environment do not fit
+        Policy(loaded.network, Task(**environment), {})  # ValueError: the network does not fit the environment
         setup = next((setup for setup in map(load_setup, shipped()) if setup.describes(loaded.task)), None)
         called = path.parent.name if path.name in ("best.npz", "final.npz") else path.stem
         name = identifier("policy", re.sub(r"[^A-Za-z0-9.-]+", "-", called)[:100].strip("-.") or "policy")
         if name in matchups:
-            raise ValueError(f"two policies would be called {name!r}: give them files or folders of different names")
+            raise ValueError(f"two policies have the name {name!r}: give them files or folders of different names")
         note = f"your policy {name}"
         if setup and not setup.describes(Task(**arguments)):
             note += f"; its baselines were tuned for {setup.name}, not for this environment"
@@ -241,11 +230,8 @@ def baselines(
 ) -> tuple[Contestant, ...]:
     """Return the paper's rule and the baselines `names`: tuned baselines, or objects with `predict` as module:object.
 
-    Tuned baselines of a `setup` are read from `folder`, others are shipped.
-
-    Raises:
-        ValueError: there is no such baseline, it is named twice, it is the paper's rule, or it does not fit this
-        environment.
+    `folder` has the tuned baselines of `setup`; all others are shipped. ValueError: a name is unknown, repeated or that
+    of the paper's rule, or a baseline does not fit this environment.
     """
     typical = (setup.evaluation if setup else Evaluation()).typical
     contestants = [Contestant(PAPER, {"baseline": RULE}, (typical,), "")]
@@ -266,6 +252,6 @@ def baselines(
             raise ValueError(f"{known} (your own baseline is named module:object)")
         else:
             controller = controller_of({"object": name}, typical)
-            try_out(name, controller, observations, len(ActionSpec(task)))  # raises now, not in a worker
+            try_out(name, controller, observations, len(ActionSpec(task)))  # an error is raised here, not in a worker
             contestants.append(Contestant(name, {"object": name}, (typical,), digest_of(name.partition(":")[0])))
     return tuple(contestants)

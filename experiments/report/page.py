@@ -1,4 +1,4 @@
-"""The page: a tab for each set-up, with the answer on the first screen and two parts with details below."""
+"""The page: a tab for each set-up, with the answer on the first screen and the details below."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,17 +17,15 @@ from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
 from impact_gym.task import Task
 
-CHOSEN_ON = {
+CHOSEN_ON = {  # scenarios on which the weight at the paper's approach time is chosen, by a key of `Matchup.scenarios`
     "table": "these scenarios themselves", "set": "the first half of the validation set",
     "ranges": "other scenarios from the same ranges",
 }  # fmt: skip
-"""Scenarios on which the weight for the paper's approach time is chosen, by the kind of the report's scenarios."""
 
-ABOUT = {
+ABOUT = {  # captions of the contestants in the film
     PAPER: "constant speed; brakes once it senses the touch",
     POLICY: "neural network, trained to touch soon and gently",
 }
-"""Captions of the contestants in the film."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class Tab:
     headline: str  # the recommended controller, and the answer without intervals
     fails: holds.Failing
     chart: Picture
-    summary: str  # the answer with its intervals, in a sentence or two
+    summary: str  # the answer with intervals
     engineer: Sequence[Section]
     statistician: Sequence[Section]
     film: Markup
@@ -52,7 +50,7 @@ def tab(played: Played) -> Tab:
     matchup, steps, result = played.matchup, ablation.steps_of(played), answer.answer(played)
     chosen = choice.choice(played)
     engineer = [Section("Which controller to take", [choice.table(chosen, played)], key="choice")]
-    if matchup.operated:  # the ablation has no step for an operator
+    if matchup.operated:  # there is no ablation for an operator
         short = answer.assisted(played)
         summary = f"{matchup.name} ({matchup.note}): {answer.assisted(played, intervals=True)}"
     else:
@@ -84,7 +82,7 @@ def tab(played: Played) -> Tab:
 
 
 def policies_table(all_played: Sequence[Played]) -> Table:
-    """Return the median policies of all set-ups."""
+    """Return the table of the median seeds of all set-ups."""
     body = []
     for played in all_played:
         matchup, (weight,) = played.matchup, played.as_late[played.matchup.chosen].weights
@@ -97,7 +95,7 @@ def policies_table(all_played: Sequence[Played]) -> Table:
 
 
 def watch(played: Played) -> dict[str, Any]:
-    """Return the films of a dozen scenarios: the rule, and the policy at the paper's mean approach time."""
+    """Return films of notable scenarios with the paper's rule, and with the policy at the rule's mean approach time."""
     matchup, as_late = played.matchup, played.as_late[played.matchup.chosen]
     (weight,) = as_late.weights
     runs = {PAPER: played.paper.at(weight), POLICY: as_late.at(weight)}
@@ -122,7 +120,7 @@ def watch(played: Played) -> dict[str, Any]:
 
 
 def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> None:
-    """Write the page, and its pictures into `folder`/figures."""
+    """Write the page into `folder`, and the page's pictures into `folder`/figures."""
     for tab in tabs:
         for part in (tab.chart, *(part for section in tab.statistician for part in section.parts)):
             if isinstance(part, Picture):

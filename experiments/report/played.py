@@ -1,4 +1,4 @@
-"""Results of a matchup: arrays, and quantities computed from them."""
+"""The results of a matchup."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -30,9 +30,9 @@ class Run:
         return self.arrays[name]
 
     def at(self, weight: float) -> Episodes:
-        """Return the results at a weight (m/s per s); a contestant with one weight has them at all weights."""
+        """Return the results at a weight (m/s per s); if there is only one weight, return those at this weight."""
         if len(self.weights) > 1 and weight not in self.weights:
-            raise ValueError(f"it was not played at a weight of {weight:g}, only at {self.weights}")
+            raise ValueError(f"the contestant was not played at a weight of {weight:g}, only at {self.weights}")
         place = self.weights.index(weight) if weight in self.weights else 0
         results = {name: self[name][place] for name in MEASURED if name in self.arrays}
         return Episodes(**results, scenario={name: self[name] for name in FIELDS}, missed_cost=self.missed_cost)
@@ -55,16 +55,16 @@ class Run:
 
 @dataclass
 class Played:
-    """All results of one matchup; the keys of runs are the names of contestants."""
+    """All results of one matchup; the keys of the dicts are names of contestants."""
 
     matchup: Matchup
     seeds: dict[str, Run] = field(default_factory=dict)
-    as_late: dict[str, Run] = field(default_factory=dict)  # each seed at the paper's mean approach time
+    as_late: dict[str, Run] = field(default_factory=dict)  # of each seed, at the rule's mean approach time
     baselines: dict[str, Run] = field(default_factory=dict)
-    choosing: dict[str, Run] = field(default_factory=dict)  # baselines and median seed, in the scenarios of `choice`
-    bound: Run | None = None
-    varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # labels, rows: `holds.cells`
-    travelled: dict[str, Run] = field(default_factory=dict)  # only with a tool on a spring
+    choosing: dict[str, Run] = field(default_factory=dict)  # results in `experiments.report.choice.scenarios`
+    bound: Run | None = None  # the clairvoyant search
+    varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # labels, rows of `holds.cells`
+    travelled: dict[str, Run] = field(default_factory=dict)  # deflections, if the coupling is a spring
 
     @property
     def paper(self) -> Run:
@@ -73,7 +73,7 @@ class Played:
 
     @property
     def rival(self) -> Run:
-        """The main baseline for comparison."""
+        """The baseline `Matchup.rival`."""
         return self.baselines[self.matchup.rival.name]
 
     @property
@@ -88,7 +88,7 @@ class Played:
 
     @property
     def resamples(self) -> Resamples:
-        """The resamples of these scenarios, the same for all contestants."""
+        """Resamples of the scenarios; they are the same for all contestants."""
         return Resamples(self.count)
 
     def losses(self, weight: float) -> Floats:

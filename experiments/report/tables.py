@@ -1,4 +1,4 @@
-"""Tables and the chart of the report: the answer with its intervals, and results of each contestant."""
+"""Tables and charts of the report."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,11 +12,10 @@ from experiments.report.played import Played
 from impact_gym.task.task import VELOCITY_RANGE
 
 LOOKS = (("-", "X"), ("-", "o"), ("--", "s"), (":", "D"), ("-.", "^"), ((0, (8, 2, 1, 2)), "v"), ((0, (1, 3)), ">"))
-"""Line and marker of each contestant: first the paper's rule, then the policy, then the others."""
 
 
 def answered(answer: Answer, played: Played) -> Table:
-    """Return the answer with its intervals."""
+    """Return the table of the answer, with intervals."""
     rival = "-" if answer.rival_reduction is None else percent(answer.rival_reduction)
     sooner = {"": "", "slower": "at least ", "faster": "(not reached) "}[answer.beyond] + percent(answer.sooner)
     reduction = percent(answer.reduction) + ("" if answer.reached else " (at the nearest time it reaches)")
@@ -35,10 +34,7 @@ def answered(answer: Answer, played: Played) -> Table:
 
 
 def at_one_time(played: Played) -> Table:
-    """Return mean and 95th percentile of T, V_p, peak force and, with friction, the time of rest of each contestant.
-
-    Each contestant plays at the weight whose mean approach time is nearest to that of the paper's rule.
-    """
+    """Return the table of means and 95th percentiles at the weights whose mean time is nearest to that of the rule."""
     goal, labels = played.paper.front[0][0], played.matchup.labels
     contestants = {labels[name]: run for name, run in played.baselines.items()} | {
         POLICY: played.as_late[played.matchup.chosen]
@@ -56,7 +52,7 @@ def at_one_time(played: Played) -> Table:
 
 
 def by_weight(played: Played) -> Table:
-    """Return V_p + w T of policy, rival and clairvoyant search at each weight, and the tolerance bound of trainings."""
+    """Return the table that compares the cost of policy, rival and clairvoyant search at each weight."""
     body = []
     for weight in played.matchup.weights:
         ours, theirs, chosen = played.losses(weight), played.rival.loss(weight), played.policy.loss(weight)
@@ -76,7 +72,7 @@ def by_weight(played: Played) -> Table:
 
 
 def measures(played: Played) -> Table:
-    """Return times, velocities, forces and impulses of each contestant in the same scenarios."""
+    """Return the table of times, velocities, forces and impulses of each contestant."""
     matchup, weight, as_late = played.matchup, played.matchup.typical, played.as_late[played.matchup.chosen]
     runs = {PAPER: (PAPER, played.paper.at(weight))}
     if matchup.rival.name != PAPER:
@@ -116,7 +112,7 @@ def measures(played: Played) -> Table:
 
 
 def trade_off(played: Played, first_screen: bool = False) -> Picture:
-    """Return the chart with all seeds and baselines; on the first screen with rule, median seed and rival only."""
+    """Return the chart of V_p against time: for the first screen only rule, median seed and rival, else all runs."""
     matchup = played.matchup
     names = (PAPER, matchup.rival.name) if first_screen else played.baselines
     labels = {each.name: each.plain if first_screen else each.label for each in matchup.baselines}

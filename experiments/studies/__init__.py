@@ -1,4 +1,4 @@
-"""Studies of this project. `impact-gym study NAME` runs the object `STUDY` of the module or package NAME."""
+"""Studies of this project. `impact-gym study NAME` runs `STUDY` of the module `experiments.studies.NAME`."""
 
 import importlib
 
@@ -8,6 +8,6 @@ NAMES = ("paper", "speed", "stability", "gain", "teleop", "bench")
 
 
 def load(name: str) -> Study:
-    """Return the study of this name."""
+    """Return the study `name`, one of NAMES."""
     study: Study = importlib.import_module(f"experiments.studies.{name}").STUDY
     return study

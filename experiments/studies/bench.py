@@ -1,10 +1,4 @@
-"""`impact-gym study bench`: steps per second of our environments and of Gymnasium's.
-
-For each set-up three rates are measured. *environment*: Gymnasium's own benchmark with random actions. *environment
-with inference*: the shipped policy acts. *training*: from the first rollout to the end of a training, with updates and
-validation, as in `metrics.json`. Episodes of random actions differ from those of a policy, so the first rate is not
-always the highest.
-"""
+"""`impact-gym study bench`: steps per second of our environments and of environments of Gymnasium."""
 
 import io
 import json
@@ -33,13 +27,13 @@ ID, SCALE, BATCH_SCALE, BATCH = "ImpactApproach-v0", "Pendulum-v1", "CartPole-v1
 SIZES = (64, 256, 1024, 4096, 16384)  # environments in a batch
 SETUPS = ("linear-blind", "bistable-blind")
 STEPS = 1_000_000  # steps of a training
-RTOL = 1e-6  # rtol of the batch: the largest power of ten with an error in V_p below 1e-6 m/s
-MIX = 80  # steps before a measurement: episodes begin together, take 20 to 75 steps, and are then in different phases
+RTOL = 1e-6  # rtol of the environments: the largest power of ten with an error of V_p below 1e-6 m/s
+MIX = 80  # number of steps before a measurement, after which episodes of 20 to 75 steps no longer begin together
 Step = Callable[[], Any]
 
 
 def rate(call: Step, steps: int, seconds: float, clock: Callable[[], float] = time.perf_counter) -> float:
-    """Return the steps per second of `call`, which makes `steps` steps and is called for `seconds`."""
+    """Call `call`, which makes `steps` steps, for `seconds`; return the steps per second."""
     calls, spent, begun = 0, 0.0, clock()
     while spent < seconds or calls == 0:
         call()
@@ -49,8 +43,8 @@ def rate(call: Step, steps: int, seconds: float, clock: Callable[[], float] = ti
 
 
 def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
-    """Return a function that steps `env` once, with the action `act(last return value of env)` or a random action."""
-    actions = cycle([env.action_space.sample() for _ in range(32)])  # drawn before anything is timed
+    """Return a function that steps `env`. The action is random, or `act` of the last return value of `env`."""
+    actions = cycle([env.action_space.sample() for _ in range(32)])  # drawn before the timing
     last = env.reset()
 
     def step() -> None:
@@ -63,7 +57,7 @@ def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
 
 
 def stepped(quick: bool) -> pl.DataFrame:
-    """Return step rates of our and Gymnasium's environments, the highest of some rounds."""
+    """Return the step rates of our environments and of Gymnasium's; each is the highest of several rounds."""
     batched, rule = gym.make_vec(ID, num_envs=BATCH, rtol=RTOL), PaperTrapezoid()
     steps = [
         (f"{ID}, the paper's rule", BATCH, stepping(batched, lambda last: rule.predict(last[0])[0])),
@@ -80,12 +74,12 @@ def stepped(quick: bool) -> pl.DataFrame:
 
 
 def three_rates(name: str, quick: bool) -> list[Row]:
-    """Return the three rates of a set-up, in batches as large as those of its training."""
+    """Return the three rates of a set-up, with as many environments in a batch as in its training."""
     setup, policy, seconds = load_setup(name), load_policy(name), 0.1 if quick else 3.0
     count = setup.training.envs
     envs: list[Any] = [setup.make_vec(count) for _ in range(2)]
     row: dict[str, Any] = {"environments": count}
-    row["environment"] = benchmark_vector_step(envs[0], seconds, seed=0)  # type: ignore[arg-type]  # accepts 0.1 s, too
+    row["environment"] = benchmark_vector_step(envs[0], seconds, seed=0)  # type: ignore[arg-type]  # a fraction of a second works
     acting = stepping(envs[1], lambda last: policy.predict(last[0])[0])
     row["environment with inference"] = max(rate(acting, count, seconds / 3) for _ in range(3))
     run = Run(setup, replace(setup.training, steps=STEPS // 100 if quick else STEPS, threads=1))
@@ -108,7 +102,7 @@ def table(caption: str, frame: pl.DataFrame) -> Table:
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
-    """Return the measured tables and the highest rate."""
+    """Return the tables, and in words the highest rate."""
     sections, answer = [], "Step rates, see below."
     if "environments" in frames:
         steps = frames["environments"]
@@ -131,7 +125,7 @@ STUDY = Study(
     name="bench",
     question="How many steps per second do the environments make?",
     measurements=(
-        # one after the other in this process, whose threads are not limited to one
+        # processes=0, because other processes are limited to one thread
         Measurement(
             "environments", lambda quick, _: [Cell({}, {"quick": quick})], stepped, ("impact_gym",), processes=0
         ),

@@ -1,10 +1,8 @@
-"""Causes of the gain over the paper's rule.
+"""Causes of the reduction of V_p below that of the paper's rule.
 
-For each distribution of the object's distance, the paper's rule is compared with the best constant speed and with the
-best profile of speed over position. Constant speed and profile have the same limits of the arm and the same choice of
-reactions to the alarm, so the gain of the profile over the constant speed is the value of known distances. In theory
-V_p is proportional to the speed, and the best speed to the square root of the fraction of objects that are still ahead.
-For a memoryless distribution a constant speed is best.
+For each distribution (prior) of the object's distance, the paper's rule is compared with the best constant speed and
+with the best profile of speed over position. Both have the same limits of the arm and the same choice of reactions to
+the alarm, so the difference between them is the value of known distances.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -27,7 +25,7 @@ from impact_gym.task.task import VELOCITY_RANGE
 
 
 class Steady(ReactingRule):
-    """Rule with one speed at every position until the alarm, and then the reactions of a profile."""
+    """Rule with the same speed at every position until the alarm; after it, the rule reacts like a profile."""
 
     PARAMETERS = (Parameter("speed", "m/s", 0.01, VELOCITY_RANGE[1], 0.6), ACCELERATION, *REACTION)
 
@@ -40,7 +38,7 @@ class Prior(NamedTuple):
     """Distribution of the object's distance."""
 
     near: float  # m, from the tool
-    far: float  # m, from the tool; if memoryless, the 95 % quantile
+    far: float  # m, from the tool; of a memoryless distribution, the 95 % quantile
     memoryless: bool = False  # whether the distribution is exponential
 
     @property
@@ -56,7 +54,7 @@ class Prior(NamedTuple):
         return f"{100 * self.near:.3g} to {100 * self.far:.3g} cm"
 
     def distances(self, seed: int, count: int) -> Floats:
-        """Return `count` distances (m) in random order: the medians of `count` equally likely intervals."""
+        """Return `count` distances (m) in random order: the quantiles at (k + 0.5) / `count` for k = 0, 1, ..."""
         share = (np.random.default_rng(seed).permutation(count) + 0.5) / count
         away = -np.log1p(-share) / np.log(20.0) if self.memoryless else share
         return self.near + (self.far - self.near) * away
@@ -88,7 +86,7 @@ def searched(
 ) -> pl.DataFrame:
     """Optimise the parameters of a rule on tuning scenarios; return the rule's results in test scenarios."""
     place, kind = Prior(*prior), RULES[rule]
-    horizon = 1.2 if place.far < 0.5 else 6.0  # s, long enough for all rules
+    horizon = 1.2 if place.far < 0.5 else 6.0  # s
 
     def played(numbers: Any, seed: int, count: int, copies: int, rtol: float) -> Any:
         made = kind() if rule == "rule" else kind.of(np.repeat(numbers, count, axis=0))

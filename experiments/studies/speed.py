@@ -19,13 +19,12 @@ from experiments.studies.solvers import contenders
 from experiments.studies.solvers.approaches import Solution, named
 from experiments.studies.solvers.contenders import CAREFUL, JUDGES, OURS, PEER, power
 
-COMPARED = (1e-4, 1e-6, 1e-8, 1e-10)  # m/s in V_p, at which contenders are compared
-FINE = 1e-6  # m/s, the error in COMPARED for the study's answer
+COMPARED = (1e-4, 1e-6, 1e-8, 1e-10)  # m/s, errors of V_p at which contenders are compared
+FINE = 1e-6  # m/s, the error of COMPARED that the answer names
 RTOLS = tuple(float(f"1e-{k}") for k in range(3, 14))
 RIVALS = {CAREFUL: tuple(f"{CAREFUL} {method}" for method in contenders.METHODS), PEER: (PEER,)}
-"""Each rival with its contenders (SciPy: one for each method)."""
-LONGEST = 400.0  # s, limit of a cell, compilation included
-EDGES = (1e-16, 1e1)  # errors outside are drawn at the edge
+LONGEST = 400.0  # s, time limit of a cell, in which heyoka also compiles
+EDGES = (1e-16, 1e1)  # m/s; errors outside these limits are drawn at the limit
 STYLES: dict[str, dict[str, Any]] = {
     OURS: {"color": SERIES[0], "marker": "o", "linestyle": "-", "linewidth": 2.4, "markersize": 4, "zorder": 3},
     CAREFUL: {"color": OTHERS, "marker": "s", "linestyle": "--", "linewidth": 1.2, "markersize": 4},
@@ -50,14 +49,14 @@ def cells_of_times(quick: bool, frames: Frames) -> Iterator[Cell]:
 
 
 def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row | None:
-    """Return the fastest row whose error of V_p is at most `error` (m/s), at its setting and at all finer settings."""
+    """Return the fastest row of those with an error of at most `error` (m/s) at their setting and at all finer ones."""
     keeps = (pl.col("velocity_error") <= error).fill_null(value=False).cast(pl.Int8).cum_min().over("contender") == 1
     kept = rows.filter(pl.col("contender").is_in(names)).sort("setting").filter(keeps).sort("microseconds")
     return kept.row(0, named=True) if kept.height else None
 
 
 def ratios(times: pl.DataFrame, errors: Sequence[float] = COMPARED) -> pl.DataFrame:
-    """Return each rival's time and ours at each error, and their ratio; times in µs of an approach."""
+    """Return the times (µs for an approach) of each rival and of our solver at each error, and the ratio of both."""
     rows = []
     for (scene, rival), cell in times.group_by("scene", "rival", maintain_order=True):
         failed = cell.filter(pl.col("contender") != OURS)["failure"].unique().to_list()
@@ -71,7 +70,7 @@ def ratios(times: pl.DataFrame, errors: Sequence[float] = COMPARED) -> pl.DataFr
 
 
 def answer(found: pl.DataFrame) -> str:
-    """Return in words where rivals are faster than impact_gym, and the best rivals' times over ours at FINE."""
+    """Return in words where a rival is faster than impact_gym, and how long the best rival takes at the error FINE."""
     known = found.filter(pl.col("ratio").is_not_null()).sort("ratio", maintain_order=True)
     faster = [
         f"{row['rival']} takes {row['ratio']:.2f} times as long as impact_gym on '{row['scene']}' at "
@@ -128,7 +127,7 @@ def analyse(frames: Frames, quick: bool) -> Findings:
 
 
 def drawn(times: pl.DataFrame, truths: pl.DataFrame) -> Picture:
-    """Draw the error of V_p against time, a panel for each approach; grey: below the error of the reference."""
+    """Draw the error of V_p against time, a panel for each approach."""
     lines, columns = ceil(truths.height / 3), min(truths.height, 3)
     figure = Figure(figsize=(3.6 * columns, 3.7 * lines))
     panels: Any = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
@@ -138,7 +137,7 @@ def drawn(times: pl.DataFrame, truths: pl.DataFrame) -> Picture:
     shown = times.filter(pl.col("microseconds").is_finite()).sort("setting", descending=True).with_columns(error)
     for axes, truth in zip(panels.flat, truths.iter_rows(named=True), strict=False):
         for (name,), curve in shown.filter(scene=truth["scene"]).group_by("contender", maintain_order=True):
-            curve = curve.filter(rival=curve["rival"][0])  # ours was timed with each rival; one curve is enough
+            curve = curve.filter(rival=curve["rival"][0])  # of impact_gym, one curve is enough
             style, wrong = STYLES[str(name).partition(" ")[0]], curve.filter(pl.col("failure") != "")
             axes.plot(curve["microseconds"], curve["velocity_error"], **style)
             axes.plot(wrong["microseconds"], wrong["velocity_error"], **style | {"linestyle": ""}, mfc="white")

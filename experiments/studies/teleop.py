@@ -1,9 +1,4 @@
-"""Compares assistances for an operator whose commands arrive late, with several couplings, delays and operators.
-
-An operator steers towards an object over a channel with a delay. The place of the object that the operator assumes has
-an error of up to 5 cm. The operator stops one reaction time after the picture shows the touch. An assistance at the arm
-senses the touch without delay.
-"""
+"""Comparison of assistances, which are controllers at the arm that correct late commands of an operator."""
 
 import base64
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,28 +20,26 @@ from experiments.lab.statistics import Resamples, estimate
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
 
 COUPLINGS = ("rigid", "spring", "bistable")
-DELAYS, TYPICAL = (0.0, 0.05, 0.1, 0.2, 0.4), 0.2  # s, there and back
+DELAYS, TYPICAL = (0.0, 0.05, 0.1, 0.2, 0.4), 0.2  # s, of the round trip
 BELIEF = {"place_error": [-0.05, 0.05], "creep": [0.05, 0.15]}
 
 
 REACH, SEEN = "reach", "training's recordings"
-HELD_OUT: Mapping[str, Mapping[str, Any]] = {
+HELD_OUT: Mapping[str, Mapping[str, Any]] = {  # operators with which no policy was trained
     "tracker": {"type": "Tracker", **BELIEF},
     "hand": {"type": "SecondOrderLag", **BELIEF},
     "steady": {"type": "Trapezoid", "speed": [0.1, 0.4]},
 }
-"""Operators with which no policy was trained."""
 OPERATORS = (REACH, SEEN, *HELD_OUT)
 ALONE, RULE, BRAKE, POLICY = "operator alone", "paper's rule", "local brake", "policy"
 ASSISTANCE = (ALONE, RULE, BRAKE, POLICY)
 MEASURES = ("object_velocity", "slide", "done_time", "taken", "missed")
 COLOURS = {ALONE: SERIES[3], BRAKE: SERIES[4], POLICY: SERIES[1]}
-SHOWN = {"slide": (100.0, "slide (cm)"), "done_time": (1.0, "done (s)")}
-"""Rows of the figure: for each column of the table a factor and a label."""
+SHOWN = {"slide": (100.0, "slide (cm)"), "done_time": (1.0, "done (s)")}  # factor and label of each row of panels
 
 
 def environment_of(coupling: str, operator: str, delay: float) -> dict[str, Any]:
-    """Return the environment of a cell, in which commands and pictures both take half of `delay` (s)."""
+    """Return the arguments of the environment; each channel has half of `delay` (s)."""
     setup = load_setup(f"teleop-{coupling}")
     operators = {REACH: setup.environment["operator"], SEEN: setup.mixed[0][1]["operator"], **HELD_OUT}
     link = {"delay": 0.5 * delay}
@@ -63,7 +56,7 @@ def places(quick: bool) -> Iterator[Place]:
 
 
 def contestants(setup: str) -> list[Contestant]:
-    """Return the assistances."""
+    """Return the assistances as contestants."""
     fixed = {ALONE: "operator-alone", RULE: "paper-trapezoid", BRAKE: "local-brake"}
     everybody = [Contestant(name, {"baseline": baseline}) for name, baseline in fixed.items()]
     for policy in load_ensemble(setup).policies:
@@ -83,7 +76,7 @@ LABELS = ("coupling", "delay", "operator")
 
 
 def table_of_cells(frames: Frames) -> list[dict[str, Any]]:
-    """Return a row for each assistance in each cell: means over scenarios and seeds, differences from the brake."""
+    """Return a row for each assistance in each cell: means, and by how much slide and cost are below the brake's."""
     found = list[dict[str, Any]]()
     for labels, rows in grid.groups(frames["episodes"], *LABELS):
         setup = load_setup(f"teleop-{labels[0]}")
@@ -107,12 +100,12 @@ def table_of_cells(frames: Frames) -> list[dict[str, Any]]:
 
 
 def words_of(row: Row) -> str:
-    """Return coupling, operator and delay of a cell in words."""
+    """Return the name of a cell: coupling, operator and delay."""
     return f"{row['coupling']}, {row['operator']}, {1e3 * row['delay']:.0f} ms"
 
 
 def duel(found: Sequence[Row]) -> str:
-    """Return in words in how many cells the policy costs clearly less or more than the brake, and the extremes."""
+    """Return in words how the costs of policy and brake differ; 'clearly': the interval does not include 0."""
     ours, column = [row for row in found if row["contestant"] == POLICY], "brake_cost"
     less, more = (sum(sign * row[f"{column}_{end}"] > 0.0 for row in ours) for sign, end in ((1, "low"), (-1, "high")))
     share = 100.0 * sum(row[column] for row in ours) / sum(row["cost"] + row[column] for row in ours)
@@ -130,7 +123,7 @@ tracker of the displayed object, a pointing hand, a steady speed."""
 
 
 def chart(found: Sequence[Row]) -> Figure:
-    """Return a figure of slide, and of the time until all is done, against delay: means over operators, intervals."""
+    """Return a figure of SHOWN against the delay: means over the operators, with intervals."""
     figure = Figure(figsize=(9.0, 5.4))
     panels = figure.subplots(len(SHOWN), len(COUPLINGS), sharey="row", sharex=True)
     frame = pl.DataFrame(found, infer_schema_length=None)
@@ -153,12 +146,12 @@ def chart(found: Sequence[Row]) -> Figure:
 
 
 def form(name: str, digits: int) -> str:
-    """Return the format string of a column with its interval."""
+    """Return a format string for a column and its interval."""
     return f"{{{name}:.{digits}f}} [{{{name}_low:.{digits}f}}, {{{name}_high:.{digits}f}}]"
 
 
 def in_cm(row: Row) -> dict[str, Any]:
-    """Return a row with its slides in cm, and its cell in words."""
+    """Return a row with slides in cm, and with the name of the cell."""
     return {name: 100.0 * value if "slide" in name else value for name, value in row.items()} | {"cell": words_of(row)}
 
 

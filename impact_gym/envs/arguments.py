@@ -47,7 +47,7 @@ def observation_table() -> Rows:
         words = f"{row.words} minus flange position" if row.from_flange else row.words
         scaled = f"[{scaled_low:g}, 1]"
         rows.append((str(place) if always else "then", words, unit, f"{low:g}", f"{high:g}", scaled, argument))
-    rows.insert(-6, ("then", "force and deflection, 1, 2, 3 before", "", "", "", "", "only with `past_readings`"))
+    rows.insert(-6, ("then", "earlier readings of force and displacement", "", "", "", "", "only with `past_readings`"))
     return rows
 
 

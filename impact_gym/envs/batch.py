@@ -43,7 +43,7 @@ class Bodies(NamedTuple):
     flange: NDArray[np.float64]  # m
     tool: NDArray[np.float64]  # m
     object: NDArray[np.float64]  # m
-    deflection: NDArray[np.float64]  # m, of the tool against its flange
+    deflection: NDArray[np.float64]  # m, of the tool relative to its flange
     deflection_rate: NDArray[np.float64]  # m/s
     touched: NDArray[np.bool_]
 
@@ -289,7 +289,7 @@ class Batch:
         return Bodies(chains["time"].copy(), flange, tool, place, deflection, rate, chains["contacts"] > 0)
 
     def history(self, row: int) -> "History":
-        """Return the episode of `row` so far, from its trace, as the object that `impact_gym.render` draws."""
+        """Return the episode of `row` so far as the object that `impact_gym.render` draws."""
         from impact_gym.render.film import History
 
         task, ended = self.tasks[row % len(self.tasks)], bool(self.episodes["terminated"][row])

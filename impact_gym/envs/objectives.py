@@ -38,7 +38,7 @@ def vector_rewards(batch: Batch) -> Rewards:
 def described(tasks: Sequence[Task]) -> tuple[Box, int, Rewards]:
     """Return reward space, reward dimension and reference point for a batch of `tasks`.
 
-    The reference point is a lower bound of the sum of an episode's rewards; for the force it is -inf.
+    The reference point is a lower bound of an episode's sums, if V_p is below `missed_cost`; for the force it is -inf.
     """
     worst = [max(task.horizon for task in tasks), max(task.missed_cost for task in tasks)]
     worst += [np.inf] if any(task.force_weight > 0.0 for task in tasks) else []
@@ -52,7 +52,7 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`. In each step the first number is -T (s), the time that is
     charged. In the last step of an episode the second number is -V_p or -`missed_cost` (m/s), and with a `force_weight`
     the third is -(largest contact force) (N). With an operator, time is charged until the task is done.
-    The sum of an episode's rewards is at least `reference_point`, (reward_dim,): -horizon, -`missed_cost` and -inf.
+    If V_p is below `missed_cost`, an episode's sums are at least `reference_point`: -horizon, -`missed_cost` and -inf.
 
     ## Version History
     * v0: first version

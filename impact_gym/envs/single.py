@@ -36,114 +36,115 @@ def steps_per_second(task: Task) -> int:
 
 
 class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """A teleoperated tool approaches an object that it cannot see.
+    """A teleoperated tool approaches an object at an unknown distance.
 
     ## Description
-    A robot flange follows a commanded motion and carries a tool of 0.125 kg. Ahead of the tool is an object of unknown
-    distance, mass, contact stiffness and restitution. The tool should touch the object early and softly, so that the
-    object leaves slowly. After the touch, the controller gets an *alarm*, the report of a contact. The task is from the
-    paper of Tommasino, Cipriani, Doria, Rosati (2020), 'Effect of End-Effector Compliance on Collisions in Robotic
-    Teleoperation'. The controller in their paper moves at 1 m/s and brakes 16 ms after the contact force exceeds 1 N.
+    A robot's flange follows a commanded motion, and carries a tool of 0.125 kg. Ahead of the tool is an object. The
+    controller does not know the object's distance, mass, contact stiffness and restitution. The tool should touch the
+    object early, and the object should then leave slowly. After the touch, the controller gets an *alarm*, the report
+    of a contact. The task is from the paper of Tommasino, Cipriani, Doria, Rosati (2020), 'Effect of End-Effector
+    Compliance on Collisions in Robotic Teleoperation'. The controller of this paper moves at 1 m/s, and brakes 16 ms
+    after the contact force exceeds 1 N.
 
     ## Action Space
-    `Box(-1, 1, (2,), float32)`: a velocity, and the acceleration towards it. The flange ramps to this velocity, and
-    then holds it. Values outside the box are clipped.
+    `Box(-1, 1, (2,), float32)`: an action is a velocity and an acceleration. The flange accelerates to this velocity,
+    and then keeps it. Values outside the box are clipped.
 
     | Num | Action                     | at -1 | at +1 | Unit  | Argument             |
     |-----|----------------------------|-------|-------|-------|----------------------|
     | 0   | velocity to go to          | -0.5  | 1.5   | m/s   | `velocity_range`     |
     | 1   | acceleration to use for it | 1     | 20    | m/s^2 | `acceleration_range` |
 
-    Commands are rounded to 1e-6 m/s and 1e-6 m/s^2, so an action can command exactly the motion of the paper's
-    controller (1 m/s at 8 m/s^2). `action_spec` of the unwrapped environment converts both ways: `decode(action)` to SI
-    units, `encode(velocity, acceleration)` to an action.
+    The environment rounds the velocity to 1e-6 m/s and the acceleration to 1e-6 m/s^2. So an action can command exactly
+    the motion of the paper's controller (1 m/s at 8 m/s^2). `action_spec` of the unwrapped environment has two methods:
+    `decode(action)` returns SI units, and `encode(velocity, acceleration)` returns an action.
 
     ## Observation Space
-    `Box(..., (8,), float32)`. Some arguments of the environment add numbers or change a scale. The last column of the
-    table names these arguments. Each number is scaled to [-1, 1] or [0, 1] by constants, and clipped. Position and
-    velocity are those of the commanded motion. The flange of a rigid robot follows this motion exactly, that of a
-    compliant `robot` does not. `sensors()` of the unwrapped environment returns the sensor values in SI units.
+    `Box(..., (8,), float32)`. The last column of the table names the arguments that add a number or change its scale.
+    Each number is scaled to [-1, 1] or [0, 1] by constants, and clipped. Position and velocity are values of the
+    commanded motion. The flange of a rigid robot follows this motion exactly, and the flange of a compliant `robot`
+    deviates from it. `sensors()` of the unwrapped environment returns the sensor values in SI units.
 
-    `observation_spec` of the unwrapped environment finds a number by its id: `index(id)` returns the index of the
-    number in the observation, `decode(observation, id)` returns its value in SI units. The slice
-    `observation_spec.actor` selects the numbers for a controller, the slice `observation_spec.critic` selects all
-    numbers. `privileged=True` appends numbers for a critic: the true scenario, the reaction delay, all numbers in the
-    second table of Starting State that are drawn per episode, and with `alarm="reading"` the time since a switch would
-    have raised the alarm. The scale of an appended number does not depend on the range from which episodes draw this
-    number.
+    `observation_spec` of the unwrapped environment describes the observation. Its list `ids` has an id for each number,
+    such as "alarm". `index(id)` returns the index of the number in the observation. `decode(observation, id)` returns
+    the number in SI units. The slice `observation_spec.actor` selects the numbers for a controller. The slice
+    `observation_spec.critic` selects all numbers.
+
+    `privileged=True` appends numbers for a critic: the object's true mass, contact stiffness, restitution and distance,
+    the reaction delay, and all numbers in the second table of Starting State that are drawn per episode. If `alarm` is
+    "reading", `privileged=True` also appends the time since a switch would have raised the alarm.
 
     OBSERVATION_TABLE
 
-    A step lasts one control period, 16 ms. The step in which the alarm reaches the controller is shorter: it ends at
-    this moment, which is `reaction_delay` after the contact force first exceeds `alarm_threshold`. The solver computes
-    this moment exactly. The alarm comes from a switch, so the noise and the bias of the force readings do not affect
-    the alarm. Once raised, the alarm stays on.
+    A step lasts one control period, 16 ms. But when the alarm reaches the controller, the step ends at once. The alarm
+    reaches the controller `reaction_delay` after the contact force first exceeds `alarm_threshold`. The alarm comes
+    from a switch, so the noise and the bias of the force readings do not affect the alarm. The alarm then stays on.
 
     With `alarm="reading"` there is no switch. Each force reading is then the largest force since the previous reading,
-    with noise and bias. A reading above `alarm_threshold` raises the alarm. This alarm does not shorten a step, and can
-    be false. It ends after 0.15 s, and a later reading can raise it again. The episode ends 0.15 s after the moment
-    when a switch would have raised the alarm. False alarms do not change this end.
+    with noise and bias. A reading above `alarm_threshold` raises the alarm, which ends after 0.15 s. A later reading
+    can raise the alarm again. This alarm does not shorten a step. Noise can raise a false alarm. The episode ends 0.15
+    s after the moment when a switch would have raised the alarm.
 
     With `range_sensor` the tool carries a proximity sensor, see `RangeSensor`. At every control step the sensor
-    measures the gap to the object, with noise and a bias. Some readings are lost, the others arrive late. The
-    observation has the newest reading that has arrived, and the age of this reading. Before the first reading has
-    arrived, gap and age are infinite, and the observation has 1 for both. The argument `range_noise` adds another
-    estimate of the distance, made once before the episode. With `range_sensor`, `range_noise` must be None.
+    measures the gap to the object. A reading can have noise and a bias, be lost, or arrive late. The controller
+    observes the newest reading that has arrived, and the age of this reading. Before the first reading has arrived,
+    `sensors()` returns inf for both numbers, and the observation contains 1 for both. The argument `range_noise` adds
+    an estimate of the distance, which is made once before the episode. With `range_sensor`, `range_noise` must be None.
 
     ## Rewards
     Each step gives `-time_weight * dt` until the first contact begins. Here dt is the duration of the step, or of the
     part of the step before the contact. If the object was touched, the final step adds `-V_p - force_weight * peak
-    force`. V_p is the object's final velocity. With `friction` the object stops, so V_p is its largest velocity. If the
-    object was not touched, the final step adds `-missed_cost` (-2). If V_p is below 2 m/s and `force_weight` is 0, the
-    sum of an episode's rewards lies in [-time_weight * 1.2 - 2, 0].
+    force`. V_p is the object's final velocity. With `friction` the object stops, so V_p is the object's largest
+    velocity. If the object was not touched, the final step adds `-missed_cost` (-2). If V_p is below 2 m/s and
+    `force_weight` is 0, the sum of an episode's rewards lies in [-time_weight * 1.2 - 2, 0].
 
     ## Starting State
     Flange, tool and object are at rest. The flange is at position 0. The coupling is relaxed, but a bistable coupling
-    rests on its front stop. Each episode takes eleven uniform random numbers from `np_random`. They determine the
-    scenario:
+    rests on its front stop. Each episode takes eleven uniform random numbers from `np_random`. These numbers determine
+    the scenario:
 
     SCENARIO_TABLE
 
-    If the arguments ask for it, these eleven numbers also determine the time weight (log-uniform), the reaction delay
-    (uniform), the errors of distance estimate and force (normal), and the seed of the force noise. Each of the
-    following numbers of arm, sensors, operator and channels may also be a pair (low, high). Then every episode draws
-    the number from this range:
+    The eleven numbers also determine the time weight (log-uniform), the reaction delay (uniform), the errors of
+    distance estimate and force (normal), and the seed of the force noise, if the arguments make them random.
+
+    Each number in the next table may be a pair (low, high). Every episode then draws the number from this range:
 
     SET_UP_TABLE
 
-    The numbers of this second table come from a separate random stream, seeded by the last of the eleven numbers. So
-    drawing one of them does not change any other draw.
+    The numbers of this second table come from a separate random stream, seeded by the last of the eleven numbers. Each
+    number has a fixed place in this stream. So drawing one number does not change the other drawn numbers.
 
     `reset(options=...)` applies to one episode:
 
-    - `{"scenario": {...}}` fixes any of the scenario fields above.
-    - `{"record": {...}}` fixes any drawn number. To repeat an episode, give the final `info["record"]` of this episode.
-      The reaction delay must not exceed the largest reaction delay of the environment. A number of the second table
-      must lie in the environment's range for this number.
+    - `{"scenario": {...}}` fixes some or all of the scenario fields above.
+    - `{"record": {...}}` fixes some or all of the drawn numbers. To repeat an episode, give the final `info["record"]`
+      of this episode. The reaction delay must not exceed the largest reaction delay of the environment. A number of the
+      second table must lie in the environment's range for this number.
 
     ## Episode End
     An episode terminates 0.15 s (`after_alarm`) after the alarm. The flange then brakes to rest at the largest
-    acceleration of an action, and the simulation continues until tool and object do not touch and cannot touch again.
-    V_p is the velocity of the object after this, so a contact after the last step changes V_p, too. If the simulation
-    would have to continue for more than 10 s, as with an object of several tonnes, `info["status"]` says "not settled",
-    and V_p is the velocity at that time.
+    acceleration of an action. The simulation continues until tool and object do not touch and cannot touch again. V_p
+    is the velocity of the object at the end of this simulation. The simulation continues for at most 10 s. If tool and
+    object can still touch then, as with an object of several tonnes, `info["status"]` is "not settled".
 
     Without an alarm an episode terminates at 1.2 s (`horizon`). If the object was touched too softly to raise the
     alarm, the reward contains V_p. If the object was not touched, the episode is `missed`. An episode also terminates
-    if the solver fails. The reward is then that of a missed episode, and `info["status"]` gives the cause. An episode
-    is truncated only by Gymnasium's wrapper `TimeLimit` (`max_episode_steps`).
+    if the solver fails. Then the reward is the same as for a missed episode, and `info["status"]` gives the cause. An
+    episode is truncated only by Gymnasium's wrapper `TimeLimit` (`max_episode_steps`).
 
     The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
     `time_weight`, `reward_terms` (time, velocity, force, missed; their sum is the return), `scenario`, `record` (all
     drawn numbers; those of the second table have dotted names such as `coupling.stiffness`) and `status`. With
-    `friction` it also has `slide` and `rest_time`. `slide` (m) is the distance from the object's first position to its
-    last position. `rest_time` (s) is the time from which on the object rests and the tool is slower than 1 mm/s, or
-    inf. Its error is at most 1 ms after the last control step, and at most two control steps before it. After a
-    truncation, `env.unwrapped.episode_info()` returns these values so far.
+    `friction` the final `info` also has `slide` and `rest_time`. `slide` (m) is the distance from the object's first
+    position to its last position. `rest_time` (s) is the time at which the object has stopped and the tool stays slower
+    than 1 mm/s. If this never happens, `rest_time` is inf. If this happens after the last control step, the error of
+    `rest_time` is at most 1 ms. Otherwise the error is at most two control steps. During an episode and after a
+    truncation, `env.unwrapped.episode_info()` returns the present values.
 
     ## Arguments
-    Each number in the second table of Starting State may be a pair (low, high). For a number of a coupling or a robot,
-    give the coupling or robot as a dict: `coupling={"type": "SpringDamper", "stiffness": (40, 60)}`.
+    To draw a number of a coupling or a robot from a range, give the coupling or robot as a dict:
+    `coupling={"type": "SpringDamper", "stiffness": (40, 60)}`.
 
     ARGUMENT_TABLE
 
@@ -151,16 +152,17 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     `record_trace` (True: keep the time histories of the episode, which `trace()` returns).
 
     ## Rendering
-    Rendering needs the packages of the extra `render`. A picture shows flange, coupling, tool and object to scale, the
-    gap, the object's velocity, and an alarm on its way to the controller. At the end of the episode a picture also
-    shows the result. Pictures are drawn from the time histories of the episode, which a `render_mode` keeps. Rendering
-    does not change any result. A contact lasts only a few steps, so "human" and "rgb_array_list" show the episode in
-    slow motion, with many pictures per step. Each picture states the factor of the slow motion.
-    `impact_gym.render.film.SlowMotionVideo` writes all pictures as a film of 6 to 10 s. "rgb_array" gives one picture
-    at the end of each step. From these pictures Gymnasium's `RecordVideo` makes a film in slow motion with a constant
-    factor (`render_fps` in the metadata). A batch of at most 16 environments also has "rgb_array": `render` returns a
-    picture of each environment, and Gymnasium's `RecordVideo` for vector environments shows these pictures side by side
-    in one film.
+    Rendering needs the packages of the extra `render`, and does not change any result. A picture shows flange,
+    coupling, tool and object to scale, the gap, the object's velocity, and the state of the alarm. At the end of the
+    episode a picture also shows the result.
+
+    - "human" and "rgb_array_list" show the episode in slow motion, because a contact is short. There are many
+      pictures per step, and each picture states the factor of the slow motion.
+      `impact_gym.render.film.SlowMotionVideo` writes all pictures as a film of 6 to 10 s.
+    - "rgb_array" gives one picture at the end of each step. From these pictures Gymnasium's `RecordVideo` makes a film
+      in slow motion with a constant factor (`render_fps` in the metadata). In a batch of at most 16 environments,
+      `render` returns a picture of each environment. Gymnasium's `RecordVideo` for vector environments shows these
+      pictures side by side.
 
     ## Version History
     * v0: first version; it may still change until version 0.1.0 of the package is released
@@ -168,8 +170,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     As in Gymnasium, an id gets a higher version number if new results cannot be compared with old results. This is the
     case if the same seed and actions give other observations, rewards or ends than before (by more than `rtol` allows),
     or if a default changes. All ids then get the new version number together. An old id raises an error that names the
-    new id. To use the old id, install a version of the package that has it. New arguments that are off by default, and
-    faster code, do not change the version number.
+    new id.
     """
 
     metadata = {  # noqa: RUF012  # as in gymnasium.Env

@@ -62,7 +62,7 @@ def identify(
     lightest = {number.name: number.searched[0] for number in coordinates if number.name.endswith(".mass")}
     for each, imposed in zip(logs, motions, strict=True):
         logs_of.check(each, replaced(scene, lightest), imposed, sensors)
-    model = Model.of(logs, scene, motions, sensors, coordinates)
+    model = Model(logs, scene, motions, sensors, coordinates)
     if model.size >= model.samples:
         unknown = f"{model.size} unknowns with starts and biases"
         raise ValueError(f"free must leave more samples than unknowns, got {unknown}, but {model.samples} samples")

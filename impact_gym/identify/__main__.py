@@ -23,13 +23,16 @@ from impact_gym.task import Task
 from impact_gym.task.nested import record_from
 from impact_gym.validation import numbers, one_of, shown
 
-DESCRIPTION = "Fit numbers such as a stiffness to measured blows, and write their 95 % intervals as ranges of a set-up."
+DESCRIPTION = (
+    "Fit numbers, such as a stiffness, to measured blows. "
+    "The command writes a set-up in which the 95 % intervals of these numbers are ranges."
+)
 
 FILE = """
 the log of a blow: a CSV file with the column time (s) and one or more of these columns: force (N), flange_velocity,
 tool_velocity, object_velocity (m/s), tool_acceleration, object_acceleration (m/s^2 or g). If a column has another unit,
-the header gives this unit, as in "t [ms]", or the line below the header gives it. The command prints how it read each
-file. If you give several logs, the fitted numbers are the same for all logs, but the start of the motion is fitted for
+write the unit in the header, as in "t [ms]", or in the line below the header. The command prints how it read each file.
+If you give several logs, the fitted numbers are the same for all logs, but the start of the motion is fitted for
 each log.
 
 the scene, my.toml: a set-up (see agents/setups) with two more tables, [motion] and [sensor]. Give a guess for each
@@ -55,12 +58,12 @@ number to fit. For each other number give its value during the measurement, not 
     cell = { mass = 0.02, frequency = 5000.0 }           # if it is a load cell: kg, Hz; also damping_ratio
 
 the output: the set-up with the 95 % intervals as ranges, without the tables [motion] and [sensor]. If the interval of a
-number has no limit on one side, the number keeps its value, and a comment says so.
+number has no limit on one side, the number keeps its value, and the set-up contains a comment about this.
 
---hold-out checks the fit on blows to which it was not fitted. The command fits the numbers to every second log and
+--hold-out checks the fit on other blows. The command fits the numbers to every second log and
 predicts the other logs. Then it swaps the two halves of the logs. For each blow it prints the errors of V_p (the
-object's final velocity), peak force, impulse and duration. It also prints how much blows with the same motion differ
-from each other. With --out setup.toml, the measured and predicted values are also written to setup.held-out.csv.
+object's final velocity), peak force, impulse and duration. It also prints how much the measured blows with the same
+motion differ. With --out setup.toml, the measured and predicted values are also written to setup.held-out.csv.
 """
 
 PLACES = {row.path: ("scenario", row.id) for row in SCENARIO} | {row.path: (row.id,) for row in SET_UP if row.path}
@@ -108,11 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def parse(
     content: Mapping[str, Any], free: Sequence[str], count: int = 1
 ) -> tuple[Scene, list[Trapezoid], dict[str, Sensor]]:
-    """Return the scene, the motion of each of `count` logs, and the sensors, from the tables of the scene's file.
-
-    Raises:
-        ValueError: a table is missing or has unknown keys, or a value is a range where a number is needed.
-    """
+    """Return the scene, the motion of each of `count` logs, and the sensors, from the tables of the scene's file."""
     for name in ("environment", "motion"):
         if not isinstance(content.get(name), Mapping):
             raise ValueError(f"the scene's file must have a table [{name}], got {shown(content.get(name))}")
@@ -120,31 +119,26 @@ def parse(
         if name not in PLACES and not name.startswith(("coupling.", "robot.")):
             raise ValueError(f"free: {name} has no place in a set-up; have {', '.join(PLACES)}, coupling.*, robot.*")
     task = Task.of("environment", content["environment"])
-    scenario = content["environment"].get("scenario", {})
-    for name, place in PLACES.items():
-        known = scenario.get(place[-1]) if isinstance(scenario, Mapping) else None
-        if place[0] == "scenario" and name not in free and not isinstance(known, (int, float)):
-            raise ValueError(
-                f"environment.scenario.{place[-1]} must be a number, as it was measured, got {shown(known)}"
-            )
-    for name, values in task.drawn.items():
-        fitted = "tool.mass" if name == "tool_mass" else name
-        if name.startswith(("tool_mass", "coupling.", "robot.")) and fitted not in free:
-            raise ValueError(f"environment.{name} must be a number, as it was measured, got the range {values}")
+    paths = {place[-1]: path for path, place in PLACES.items()}
+    for name, (low, high) in task.ranges.items():
+        path = paths.get(name, name)
+        of_scene = path in PLACES or path.startswith(("coupling.", "robot."))
+        if of_scene and low < high and path not in free:
+            place = ".".join(("environment", *PLACES.get(path, (name,))))
+            raise ValueError(f"{place} must be a number, as it was measured, got the range {low:g} to {high:g}")
     middles = (QUANTITIES[name].middle(*ends) for name, ends in task.scenario.by_id().items())
     mass, stiffness, restitution, distance = middles
     contact = Contact(stiffness, restitution, task.dissipation)  # type: ignore[arg-type]  # checked by the task
-    scene = Scene(Tool(task.tool_mass), Object(mass, distance), contact, task.coupling, task.robot)
+    scene = Scene(Tool(task.tool_mass), Object(mass, distance, task.friction), contact, task.coupling, task.robot)
     motion, sensors = content["motion"], content.get("sensor", {})
     one_of("sensor", sensors, Mapping)
-    known_sensors = {name: _record(f"sensor.{name}", known, Sensor, cell=LoadCell) for name, known in sensors.items()}
-    speeds = motion.get("speed")
-    if not isinstance(speeds, list):
-        return scene, [_record("motion", motion, Trapezoid, brake=Brake)] * count, known_sensors
-    if len(numbers("motion.speed", speeds, "m/s")) != count:
+    tables = [motion] * count
+    if isinstance(speeds := motion.get("speed"), list):
+        tables = [{**motion, "speed": speed} for speed in numbers("motion.speed", speeds, "m/s")]
+    if len(tables) != count:
         raise ValueError(f"motion.speed must be a number in m/s, or one for each of {count} logs, got {shown(speeds)}")
-    motions = [_record("motion", {**motion, "speed": speed}, Trapezoid, brake=Brake) for speed in speeds]
-    return scene, motions, known_sensors
+    motions = [_record("motion", table, Trapezoid, brake=Brake) for table in tables]
+    return scene, motions, {name: _record(f"sensor.{name}", sensors[name], Sensor, cell=LoadCell) for name in sensors}
 
 
 def _record(name: str, table: Any, kind: type[Any], **inner: type[Any]) -> Any:

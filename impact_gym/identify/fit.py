@@ -1,6 +1,6 @@
 """Find the best fit from several starting points, and the interval of each free number by its profile likelihood.
 
-`Fit.of` takes the best of the local minima found. `intervals` moves one number at a time away from its best value and
+The best fit is the best of the local minima found. `intervals` moves one number at a time away from its best value and
 fits all other numbers again. The misfit of a fit is the sum of (residual / noise)^2 over all samples.
 """
 
@@ -41,15 +41,6 @@ class Fit:
     others: Sequence[Point]
     improvement: float = MIN_IMPROVEMENT
 
-    @classmethod
-    def of(cls, model: Model) -> "Fit":
-        """Return the best fit from several starting points; unknown noise is estimated from the residuals.
-
-        Raises:
-            ValueError: no starting point leads to a blow, or a free number does not change the residuals.
-        """
-        return cls.polished(model, as_good(model, _minima(model, 0)))
-
     def again(self) -> "Fit":
         """Fit STARTS more starting points; return the best fit, or this fit if no new minimum is good enough."""
         model, known = self.model, [Point(self.misfit, self.x), *self.others]
@@ -89,13 +80,8 @@ class Fit:
 
 
 def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
-    """Return the best fit and the intervals of its free numbers; a wide interval causes a second search for minima.
-
-    Raises:
-        ValueError: no starting point leads to a blow, a free number does not change the residuals, or a log has more
-            blows than the fit.
-    """
-    fit = Fit.of(model)
+    """Return the best fit and the intervals of its free numbers; a wide interval causes a second search for minima."""
+    fit = Fit.polished(model, as_good(model, _minima(model, 0)))
     if searched_again := bool(_extra_blows(fit) or _is_vague(fit)):
         fit = fit.again()
     if refusal := _extra_blows(fit):
@@ -119,9 +105,7 @@ def _minima(model: Model, after: int) -> list[Point]:
     if not after:
         slopes = np.sum([np.abs(model.jacobian(x)).max(axis=0) for x in starts], axis=0)
         for number in (number for number, slope in zip(model.free, slopes, strict=False) if slope == 0.0):
-            raise ValueError(
-                f"free: the log does not depend on {number.name}; leave it out, or record a column that does"
-            )
+            raise ValueError(f"free: the log does not depend on {number.name}; leave it out or record another column")
     if first.samples < model.samples:
         starts += [point.x for point in race(first, scatter(first)[which])]
     return race(model, starts)
@@ -138,14 +122,15 @@ def _extra_blows(fit: Fit) -> str:
         signal = (force - level(force, sensor)) / model.noise["force"]
         deviations, share = MIN_LEFTOVER
         blows = bursts(force, sensor)
-        parts = [slice(first, last + 1) for first, last in blows]
-        extra = [
-            left[part].sum() > max(deviations * len(left[part]) ** 0.5, share * signal[part].sum()) for part in parts
-        ]
-        if any(extra) and len(blows) > 1:
+        extra = 0
+        for first, last in blows:
+            part = slice(first, last + 1)
+            least = max(deviations * (last + 1 - first) ** 0.5, share * signal[part].sum())
+            extra += bool(left[part].sum() > least)
+        if extra and len(blows) > 1:
             times = ", ".join(f"{log.time[first]:g}" for first, _ in blows)
             return (f"{log.name} has {len(blows)} blows, at {times} s, but the scene makes no more than "
-                    f"{len(blows) - sum(extra)} of them: cut the log to one, or make one log of each")  # fmt: skip
+                    f"{len(blows) - extra} of them: cut the log to one, or make one log of each")  # fmt: skip
     return ""
 
 
@@ -239,9 +224,6 @@ def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
 
     The search starts at the minimum `begin`. Its first step goes to where the curvature at the best fit predicts the
     end, and ends the search if the misfit there agrees to END_TOLERANCE.
-
-    Raises:
-        _BetterError: a point on the way is better than the best fit.
     """
     first, last = float(begin.x[i]), fit.model.free[i].reach[side > 0]
     inner, outer = (first, math.sqrt(fit.excess(begin) / fit.quantile**2), begin), None

@@ -7,7 +7,6 @@ the start of the motion and an unknown bias are fitted to the log itself.
 import csv
 import io
 import math
-from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -94,26 +93,21 @@ def hold_out(
     if not {"force", "object_velocity"} & columns:
         raise ValueError(f"hold-out compares force or object_velocity, got {', '.join(columns)}")
     motions = motion_of_each(motion, len(logs))
-    found: dict[int, list[Prediction]] = {}
-    for begin in (0, 1):
-        fitted = slice(begin, None, 2)
-        fit = identify(list(log[fitted]), scene, motions[fitted], free, sensor)
-        seen: dict[tuple[Trapezoid, str], list[float]] = defaultdict(list)
-        for each, imposed in zip(logs[fitted], motions[fitted], strict=True):
-            for quantity, value in _quantities(each, fit).items():
-                seen[imposed, quantity].append(value)
-        for k in range(1 - begin, len(logs), 2):
-            made = _quantities(_predicted(logs[k], motions[k], fit), fit)
-            found[k] = []
-            for quantity, value in _quantities(logs[k], fit).items():
-                equal = float(np.median(np.array(seen.get((motions[k], quantity), [math.nan]))))
-                found[k].append(Prediction(logs[k].name, quantity, value, made[quantity], equal))
-    return HeldOut(tuple(each for k in range(len(logs)) for each in found[k]))
+    fits = [identify(logs[half::2], scene, motions[half::2], free, sensor) for half in (0, 1)]
+    measured = [_quantities(each, fits[0]) for each in logs]
+    predictions = []
+    for k, each in enumerate(logs):
+        fitted = range(1 - k % 2, len(logs), 2)  # the other half
+        made = _quantities(_predicted(each, motions[k], fits[fitted.start]), fits[0])
+        for quantity, value in measured[k].items():
+            equal = [measured[other][quantity] for other in fitted if motions[other] == motions[k]] or [math.nan]
+            predictions.append(Prediction(each.name, quantity, value, made[quantity], float(np.median(equal))))
+    return HeldOut(tuple(predictions))
 
 
 def _predicted(log: Log, motion: Trapezoid, fit: Identified) -> Log:
     """Return a log with the readings that a fit predicts at the times of `log`."""
-    model = Model.of([log], fit.scene, [motion], fit.fit.model.sensors, ())
+    model = Model([log], fit.scene, [motion], fit.fit.model.sensors, ())
     x = descend(model, start_at(model, np.empty(0), 0.5).x).x
     samples = model.predicted(x)[0] + model.biases(x)
     return Log(log.name, log.time, {name: samples[slot] for (_, name), slot in model.slots.items()})

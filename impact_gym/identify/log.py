@@ -66,13 +66,7 @@ class Log:
 
 
 def read(source: Any, name: str) -> Log:
-    """Return a log from a mapping of columns or from a CSV file, see `impact_gym.csv_files`; a `Log` is returned as is.
-
-    Raises:
-        TypeError: the source has another type.
-        ValueError: columns are missing, unknown or of different lengths; a value is not finite; time does not increase,
-            or more than MAX_LOST samples in a row are lost.
-    """
+    """Return a log from a mapping of columns or a CSV file, see `impact_gym.csv_files`; return a `Log` as it is."""
     if isinstance(source, Log):
         return source
     said = ""
@@ -100,15 +94,12 @@ def read(source: Any, name: str) -> Log:
         k = int(np.argmax(steps <= 0.0))
         raise ValueError(f"{name}, time must increase, but sample {k + 1} is at {time[k + 1]:g} s after {time[k]:g} s")
     if usual > MAX_STEP:
-        raise ValueError(
-            f"{name}, time must have at most {MAX_STEP:g} s between samples, got {usual:g} s: is it in ms, not in s?"
-        )
+        raise ValueError(f"{name}, time must have steps of at most {MAX_STEP:g} s, got {usual:g} s: is it in ms?")
     log = Log(name, time, columns)
     if log.lost.max() > MAX_LOST:
         k = int(np.argmax(log.lost))
-        raise ValueError(f"{name}, time must have no gaps of more than {MAX_LOST} samples, but {steps[k]:g} s lie "
-                         f"between samples {k} and {k + 1}, at {time[k]:g} s, where the usual step is {usual:g} s"
-                         )  # fmt: skip
+        raise ValueError(f"{name}, time must have no gaps of more than {MAX_LOST} samples, each {usual:g} s, but "
+                         f"{steps[k]:g} s lie between samples {k} and {k + 1}, at {time[k]:g} s")  # fmt: skip
     if not said:
         return log
     rate, count = 1.0 / log.step, int(log.lost.sum())
@@ -118,25 +109,18 @@ def read(source: Any, name: str) -> Log:
 
 
 def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
-    """Refuse a log that cannot be a blow of this scene.
-
-    Raises:
-        ValueError: units, sampling rate or sign of the force seem wrong, a column is constant 0 or saturated, or there
-            is no blow. The message names column, value, unit and allowed range.
-    """
+    """Refuse a log that cannot be a blow of this scene: the message names column, value, unit and allowed range."""
     for name, values in log.columns.items():
+        what = f"{log.name}, {name}"
         limits = {"N": (MAX_FORCE, "mN"), "m/s": (MAX_SPEED_RATIO * motion.speed, "mm/s")}
         limit, other = limits.get(UNITS[name], (MAX_ACCELERATION, "mm/s^2"))
         largest, unit, rate = float(np.abs(values).max()), UNITS[name], sensors[name].rate
         if largest > limit:
-            raise ValueError(
-                f"{log.name}, {name} must be below {limit:g} {unit}, got {largest:g} {unit}: is it in {other}?"
-            )
+            raise ValueError(f"{what} must be below {limit:g} {unit}, got {largest:g} {unit}: is it in {other}?")
         if largest == 0.0:
-            raise ValueError(f"{log.name}, {name} must not be 0 {unit} in all {len(values)} samples: leave it out")
+            raise ValueError(f"{what} must not be 0 {unit} in all {len(values)} samples: leave it out")
         if rate is not None and not 0.99 < rate * log.step < 1.01:
-            raise ValueError(f"{log.name}, time has a sample every {log.step:g} s, but Sensor.rate of {name} is "
-                             f"{rate:g} Hz, one every {1 / rate:g} s")  # fmt: skip
+            raise ValueError(f"{what} has {1 / log.step:g} samples per s, but Sensor.rate of {name} is {rate:g} Hz")
         _refuse_clipped(log, name)
     noise = {name: max(noise_of(values, sensors[name]), 1e-12) for name, values in log.columns.items()}
     if not any(float(np.ptp(values)) > MIN_SWING * noise[name] for name, values in log.columns.items()):
@@ -156,8 +140,7 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
     force = log.columns["force"] - level(log.columns["force"], sensor)
     most, least = float(force.max()), float(force.min())
     if sensor.bias != "estimated" and -least > most:
-        raise ValueError(f"{log.name}, force must be above 0 N where the tool presses, got {least:g} to {most:g} N: "
-                         "is its sign reversed?")  # fmt: skip
+        raise ValueError(f"{log.name}, force must be above 0 N in a blow, got {least:g} N: is its sign reversed?")
     speed = min(motion.speed, math.sqrt(2.0 * motion.acceleration * scene.object.distance))
     usual = speed / (1.0 / tool_mass(scene) + 1.0 / scene.object.mass)
     blows = bursts(log.columns["force"], sensor)

@@ -31,6 +31,8 @@ LARGEST_LOGIT = 14.0  # largest ln(e/(1-e)): e within 1e-6 of 0 or 1
 RTOL = 1e-8
 STEP = 2e-3
 """Step of a coordinate for derivatives by forward differences; their error of 0.1 % is far below a noise of 1 %."""
+Column = tuple[int, str]
+"""Index of a log, and the name of one of its columns."""
 IMPOSSIBLE = 1e3  # if the scene cannot be simulated, each residual is this times the range of the log's column
 
 
@@ -75,11 +77,7 @@ class Coordinate:
 
 
 def free_coordinates(scene: Scene, free: Iterable[str]) -> tuple[Coordinate, ...]:
-    """Return the coordinates of the numbers whose names are in `free`.
-
-    Raises:
-        ValueError: a name is unknown or given twice, or a number is 0.
-    """
+    """Return the coordinates of the numbers whose names are in `free`."""
     if isinstance(free, str):
         raise WrongTypeError(f"free must be a sequence of names, got the text {free!r}")
     known, names = list(flatten(parts(scene))), list(free)
@@ -107,48 +105,34 @@ def tool_acceleration(scene: Scene, trace: Trace) -> Array:
     return np.asarray((trace.coupling_force - trace.contact_force) / mass)
 
 
-@dataclass(eq=False)
 class Model:
     """Residuals of all logs as a function of x: coordinates of the free numbers, start of each motion (s), biases.
 
-    `noise` has the standard deviation of the noise of each column; it is the same in all logs.
+    `noise` has the standard deviation of the noise of each column, which is the same in all logs and above 0: the
+    sensor's, or else an estimate from the logs.
     """
 
-    logs: Sequence[Log]
-    scene: Scene
-    motions: Sequence[Trapezoid]
-    sensors: Mapping[str, Sensor]
-    free: Sequence[Coordinate]
-    noise: dict[str, float]
-    simulations: int = 0
-
-    def __post_init__(self) -> None:
-        columns = [(k, name) for k, log in enumerate(self.logs) for name in log.columns]
-        biased = [(k, name) for k, name in columns if self.sensors[name].bias == "estimated"]
-        first = len(self.free) + len(self.logs)
-        self.bias_places = {
-            key: first + place for place, key in enumerate(biased)
-        }  # (log, column): index of its bias in x
-        self.size = first + len(biased)
-        ends = np.cumsum([len(self.logs[k].time) for k, _ in columns])
-        self.samples = int(ends[-1])
-        begins = [0, *ends[:-1]]
-        self.slots = {key: slice(begin, end) for key, begin, end in zip(columns, begins, ends, strict=True)}
-        self.measured = np.concatenate([values for log in self.logs for values in log.columns.values()])
-        self._cache: tuple[bytes, tuple[Array, Array]] = (b"", (np.empty(0), np.empty(0)))
-
-    @classmethod
-    def of(
-        cls, logs: Sequence[Log], scene: Scene, motions: Sequence[Trapezoid], sensors: Mapping[str, Sensor],
+    def __init__(
+        self, logs: Sequence[Log], scene: Scene, motions: Sequence[Trapezoid], sensors: Mapping[str, Sensor],
         free: Sequence[Coordinate],
-    ) -> "Model":  # fmt: skip
-        """Return the model; a column's noise is the sensor's, or else estimated from the logs; it is always above 0."""
-        noise = {}
+    ) -> None:  # fmt: skip
+        self.logs, self.scene, self.motions, self.sensors, self.free = logs, scene, motions, sensors, free
+        self.simulations, self.samples, self.size = 0, 0, len(free) + len(logs)
+        self.slots, self.bias_places = dict[Column, slice](), dict[Column, int]()  # places in the residuals, in x
+        for k, log in enumerate(logs):
+            for name in log.columns:
+                self.slots[k, name] = slice(self.samples, self.samples + len(log.time))
+                self.samples += len(log.time)
+                if sensors[name].bias == "estimated":
+                    self.bias_places[k, name] = self.size
+                    self.size += 1
+        self.measured = np.concatenate([values for log in logs for values in log.columns.values()])
+        self.noise = dict[str, float]()
         for name, sensor in sensors.items():
             columns = [log.columns[name] for log in logs if name in log.columns]
             least = 1e-6 * max(float(np.ptp(values) or np.abs(values).max()) for values in columns)
-            noise[name] = max(float(np.mean([noise_of(values, sensor) for values in columns])), least)
-        return cls(logs, scene, motions, sensors, free, noise)
+            self.noise[name] = max(float(np.mean([noise_of(values, sensor) for values in columns])), least)
+        self._cache: tuple[bytes, tuple[Array, Array]] = (b"", (np.empty(0), np.empty(0)))
 
     def of_first_blow(self) -> "Model":
         """Return the model with each log cut after its first blow; a log without a force column is not cut."""
@@ -158,7 +142,9 @@ class Model:
             end = (blows[0][1] + blows[1][0]) // 2 + 1 if len(blows) > 1 else len(log.time)
             columns = {name: values[:end] for name, values in log.columns.items()}
             logs.append(Log(log.name, log.time[:end], columns))
-        return Model(logs, self.scene, self.motions, self.sensors, self.free, dict(self.noise))
+        model = Model(logs, self.scene, self.motions, self.sensors, self.free)
+        model.noise = dict(self.noise)
+        return model
 
     def scene_at(self, x: Array) -> Scene:
         """Return the scene with its free numbers set to those of x."""

@@ -20,7 +20,7 @@ def hertz(
 
     R is the radius, delta the penetration, and 1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2, with Young's moduli E and
     Poisson's ratios nu of both bodies (H. Hertz, J. reine angew. Math. 92 (1882) 156-171; K. L. Johnson, Contact
-    Mechanics, eq. 4.23). This holds for small strains of thick bodies. A thin pad on a hard tool is stiffer.
+    Mechanics, eq. 4.23). This holds for small strains of bodies thicker than the contact. A thin pad is stiffer.
 
     Args:
         radius: radius of the sphere, m; for two spheres 1 / (1/R_1 + 1/R_2).

@@ -71,7 +71,7 @@ def from_urdf(
     rng = np.random.default_rng(whole("seed", seed, at_least=0))
     remarks = list[str]()
     arm = parsed(
-        Path(path), "URDF", lambda xml: Arm(*urdf.read(xml, base, tip, inertia == "balanced", remarks)), decode=bytes
+        Path(path), "URDF", lambda xml: Arm(*urdf.read(xml, base, tip, remarks), inertia == "balanced"), decode=bytes
     )
     for remark in remarks:
         warnings.warn(remark, UserWarning, stacklevel=2)
@@ -89,9 +89,7 @@ def _per_joint(name: str, given: Any, count: int, rng: np.random.Generator, unit
         return np.full(count, number(name, given, unit, **limits))
     each = [given] * count if len(given) == 2 != count else given
     if len(each) != count:
-        raise ValueError(
-            f"{name} must be a number or {count} of them, one for each joint, or pairs, in {unit}, got {given!r}"
-        )
+        raise ValueError(f"{name} must be a number or {count} of them, one a joint, or pairs, in {unit}, got {given!r}")
     if not all(hasattr(pair, "__len__") and len(pair) == 2 for pair in each):
         return np.array(numbers(name, each, unit, **limits))
     low, high = (numbers(name, ends, unit, **limits) for ends in zip(*each, strict=True))

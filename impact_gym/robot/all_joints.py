@@ -20,8 +20,7 @@ from impact_gym.motion import Motion, Trapezoid
 from impact_gym.physics.dissipation import damping_factor
 from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.arm import Arm
-from impact_gym.robot.drive import Path, Servo
-from impact_gym.robot.equations import MOST_EVALUATIONS, Equations, Unfinished
+from impact_gym.robot.equations import MOST_EVALUATIONS, Equations, Path, Servo, Unfinished
 from impact_gym.scene import Scene, SpringDamper
 from impact_gym.validation import flag, number, one_of
 
@@ -93,7 +92,7 @@ def _run(equations: Equations, duration: float, rtol: float) -> Blow:
     """Integrate from event to event, and return the result."""
     arm, path, servo, law = equations.arm, equations.path, equations.servo, equations.scene.contact
     y, t, touching, status, impact = equations.first, 0.0, False, "ok", None
-    touches, parted, undetected, peak, sideways = list[float](), list[float](), True, 0.0, 0.0
+    touches, parted, peak, sideways = list[float](), list[float](), 0.0, 0.0
     due = 0.0 if servo else math.inf  # s, time of the servo's next sample
     late = deque[tuple[float, Array]]()  # times at which commanded torques will begin to act, and these torques
     try:
@@ -105,7 +104,7 @@ def _run(equations: Equations, duration: float, rtol: float) -> Blow:
                 equations.torque = late.popleft()[1]
             changes = [change for change in path.times if change > t]
             until = min(duration, *changes, due, late[0][0] if late else math.inf)
-            found = equations.piece(t, until, y, touching, undetected and path.threshold < math.inf, rtol)
+            found = equations.piece(t, until, y, touching, rtol)
             if not found.success:
                 raise Unfinished(f"the integration failed: {found.message}")
             if touching:
@@ -122,7 +121,6 @@ def _run(equations: Equations, duration: float, rtol: float) -> Blow:
                 raise Unfinished(f"the motion leaves the line at {t:.4g} s")
             if fired == 2:
                 path.brake(t)
-                undetected = False
             elif fired == 0 and touching:
                 parted.append(t)
                 touching, y[-5] = False, y[-3] - 1e-15

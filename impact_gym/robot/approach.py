@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from impact_gym.files import parsed, write_file
 from impact_gym.parameters import SI, Parameters
 from impact_gym.scene import Robot, RobotTable
-from impact_gym.validation import WrongTypeError, choice, numbers
+from impact_gym.validation import array, choice, shown
 
 Array = NDArray[np.float64]
 SHIPPED = Path(__file__).with_name("default_approach.json")
@@ -54,22 +54,13 @@ class Approach(Parameters):
         rows = len(self.position)
         if rows < 4 or np.any(np.diff(self.position) <= 0) or self.position[0] != 0:
             raise ValueError(f"Approach.position must be at least 4 numbers in m rising from 0, got {self.position!r}")
-        for name in COLUMNS:
-            if len(getattr(self, name)) != rows:
-                raise ValueError(f"Approach.{name} must have a value for each of the {rows} places of position")
-        if len(self.start) != 3 or len(self.direction) != 3:
-            raise ValueError("Approach.start and Approach.direction must be three numbers each")
-        wanted = f"Approach.joint_angles must be {rows} rows of {len(self.joints)} numbers in rad"
-        if not hasattr(given := self.joint_angles, "__len__"):
-            raise WrongTypeError(f"{wanted}, got {given!r}")
-        angles = [numbers(f"Approach.joint_angles[{row}]", q, "rad") for row, q in enumerate(given)]
-        if len(angles) != rows or any(len(q) != len(self.joints) for q in angles):
-            raise ValueError(wanted)
-        object.__setattr__(self, "joint_angles", angles)
-        for name in (*COLUMNS, "joint_angles", "start", "direction"):
-            array = np.array(getattr(self, name))
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+        shapes = dict.fromkeys(COLUMNS, (rows,)) | {"start": (3,), "direction": (3,)}
+        for name, shape in (shapes | {"joint_angles": (rows, len(self.joints))}).items():
+            values = array(f"Approach.{name}", getattr(self, name), shape).astype(np.float64)
+            if not np.isfinite(values).all():
+                raise ValueError(f"Approach.{name} must be finite, in rad, got {shown(values)}")
+            values.flags.writeable = False
+            object.__setattr__(self, name, values)
 
     def robot_table(self, mass: Mass | None = None) -> RobotTable:
         """Return the robot with parameters that vary along the line; `mass` names one of three kinds of mass.

@@ -39,47 +39,40 @@ class Arm:
     damping: Array  # N m s/rad or N s/m, (n,)
     rotors: Array  # kg m^2 or kg, inertia of the motors' rotors as seen at the joints, after the gear, (n,)
 
-    def __init__(self, bodies: Sequence[Body], tip: Array) -> None:
-        self._mujoco, self._specification = specification(bodies, tip)
-        self.joints, self.units = tuple(body.joint for body in bodies), tuple(body.unit for body in bodies)
-        self.lower, self.upper = (np.array([getattr(body, end) for body in bodies]) for end in ("low", "high"))
-        self.count = len(bodies)
+    def __init__(self, bodies: Sequence[Body], tip: Array, balanced: bool) -> None:
+        self._mujoco, self._specification = specification(bodies, tip, balanced)
+        self.joints, self.units, lower, upper, *_ = zip(*bodies, strict=True)
+        self.lower, self.upper, self.count = np.array(lower), np.array(upper), len(bodies)
         self.holds_orientation = self.count >= 6  # with fewer joints only the position of the flange is prescribed
-        self._compile()
+        self._compile(self._specification)
 
-    def _compile(self) -> None:
-        self._model = self._specification.compile()
+    def _compile(self, specification: Any) -> None:
+        self._model = specification.compile()
         self._data = self._mujoco.MjData(self._model)
         self._tip = self._model.body("tip").id
 
     def moving(self, load: float, gravity: bool) -> "Arm":
         """Return the arm for `move`: with a point mass `load` (kg) at its flange, and with or without gravity."""
-        arm = copy(self)
-        arm._specification = self._specification.copy()
-        arm._specification.option.gravity = (0.0, 0.0, -9.80665 if gravity else 0.0)
+        arm, changed = copy(self), self._specification.copy()
+        changed.option.gravity = (0.0, 0.0, -9.80665 if gravity else 0.0)
         if load:
-            body = arm._specification.body("tip").add_body(mass=load, ipos=[0.0, 0.0, 0.0])
-            body.inertia, body.explicitinertial = [1e-15] * 3, True
-        arm._compile()
+            changed.body("tip").add_body(mass=load, ipos=[0.0] * 3, inertia=[1e-15] * 3, explicitinertial=True)
+        arm._compile(changed)
         return arm
-
-    def _move(self, q: ArrayLike) -> None:
-        """Set the joint angles without checks."""
-        self._data.qpos[:] = q
-        self._mujoco.mj_kinematics(self._model, self._data)
-        self._mujoco.mj_comPos(self._model, self._data)
 
     def _place(self, angles: ArrayLike) -> None:
         """Check and set the joint angles."""
         q = numbers("angles", angles, "rad")
         if len(q) != self.count:
             raise ValueError(f"angles must be {self.count} numbers in rad, got {angles!r}")
-        self._move(q)
+        self._data.qpos[:] = q
+        self._mujoco.mj_kinematics(self._model, self._data)
+        self._mujoco.mj_comPos(self._model, self._data)
 
     @cached_property
     def length(self) -> float:
         """Largest distance between neighbouring joints, m; rotations are scaled by it."""
-        self._move(np.zeros(self.count))
+        self._place(np.zeros(self.count))
         anchors = np.vstack([self._data.xanchor, self._data.xpos[self._tip]])
         return float(np.linalg.norm(np.diff(anchors, axis=0), axis=1).max())
 

@@ -1,21 +1,72 @@
-"""The equations of motion of an arm with all its joints, a tool and an object, for `all_joints.simulate`."""
+"""The equations of motion of an arm with all its joints, its motors, a tool and an object; see `all_joints.simulate`.
+
+The motors follow a commanded motion along a line, exactly or by a sampled servo.
+"""
 
 import math
-from typing import Any
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import fsolve
 
+from impact_gym.motion import Motion, Trapezoid
+from impact_gym.parameters import SI, Parameters
 from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.arm import Arm
-from impact_gym.robot.drive import Path, Servo
 from impact_gym.scene import Bistable, Rigid, Scene, SpringDamper
 
 LOST = 0.05  # rad or m; if a motor deviates more from its command, the servo is considered to have failed
 MOST_EVALUATIONS = 400_000  # default: most evaluations of the equations in a run; so many take about 15 s
 STIFF = 1e5  # 1/s; if the joints' fastest mode is faster, an implicit integration method is used
+
+
+class Path:
+    """The commanded motion along the line; its velocity is linear between `times` (s), and the last one is held."""
+
+    def __init__(self, motion: Trapezoid | Motion) -> None:
+        self._motion, self.threshold = motion, math.inf  # N, force that triggers the brake
+        if isinstance(motion, Motion):
+            self._set(motion.times, motion.velocities)
+        else:
+            self._set((0.0, motion.speed / motion.acceleration), (0.0, motion.speed))
+            self.threshold = motion.brake.threshold if motion.brake else math.inf
+
+    def _set(self, times: Sequence[float], velocities: Sequence[float]) -> None:
+        self.times, self._velocities = [*times], [*velocities]
+        steps, means = np.diff(times), (np.array(velocities[1:]) + velocities[:-1]) / 2.0
+        self._places = [0.0, *np.cumsum(steps * means).tolist()]
+        self._rates = [*(np.diff(velocities) / steps).tolist(), 0.0]
+
+    def at(self, t: float) -> tuple[float, float, float]:
+        """Return commanded position (m), velocity (m/s) and acceleration (m/s^2) at time `t` (s)."""
+        k = bisect_right(self.times, t) - 1
+        since, speed, rate = t - self.times[k], self._velocities[k], self._rates[k]
+        return self._places[k] + (speed + 0.5 * rate * since) * since, speed + rate * since, rate
+
+    def brake(self, detection: float) -> None:
+        """Add the braking; it begins the brake's delay after `detection` (s), when the force exceeded the threshold."""
+        assert isinstance(self._motion, Trapezoid)
+        assert self._motion.brake
+        t = detection + self._motion.brake.delay
+        k, speed = bisect_left(self.times, t), self.at(t)[1]
+        end = t + speed / self._motion.deceleration
+        self._set([*self.times[:k], t, end], [*self._velocities[:k], speed, 0.0])
+        self.threshold = math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class Servo(Parameters):
+    """A sampled PD control of the motors' positions, with the torques of the elastic joints as feedforward."""
+
+    frequency: Annotated[float, SI("rad/s", above=0)] = 300.0  # natural frequency of a rotor without its link
+    damping_ratio: Annotated[float, SI("-", above=0)] = 1.0
+    period: Annotated[float, SI("s", at_least=1e-4, at_most=0.1)] = 1e-3  # between samples
+    delay: Annotated[float, SI("s", at_least=0, at_most=0.1)] = 1e-3  # from a sample until its torque acts
 
 
 class Unfinished(Exception):  # noqa: N818 a status, not an error
@@ -125,13 +176,13 @@ class Equations:
         tool, v_t = self.flange(y)[:2] if self.rigid else y[-5:-3]
         return float(tool - y[-3]), float(v_t - y[-2])
 
-    def piece(self, t: float, until: float, y: Array, touching: bool, undetected: bool, rtol: float) -> Any:
+    def piece(self, t: float, until: float, y: Array, touching: bool, rtol: float) -> Any:
         """Integrate to `until` (s) or the first event: touch or parting, end of the line, force above the threshold."""
         events: list[Any] = [
             lambda _, y: self.penetration(y)[0],
             lambda t, _: min((s := self.path.at(t)[0]) + 1e-9, self.end - s),
             lambda _, y: self.contact(*self.penetration(y)) - self.path.threshold,
-        ][: 3 if undetected and touching else 2]
+        ][: 3 if touching and self.path.threshold < math.inf else 2]
         for event, direction in zip(events, (-1.0 if touching else 1.0, -1.0, 1.0), strict=False):
             event.terminal, event.direction = True, direction
         longest, law = until - t, self.scene.contact

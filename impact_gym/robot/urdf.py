@@ -7,7 +7,7 @@ MuJoCo's own URDF reader is not used: it needs the mesh files, ignores mimic joi
 the link whose inertia is wrong.
 """
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from impact_gym.robot.approach import Array
-from impact_gym.robot.bodies import Body, pseudo_inertia, welded_body
+from impact_gym.robot.bodies import Body
 from impact_gym.validation import number, unit_text
 
 UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
@@ -25,7 +25,6 @@ UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 MOST_MASS, MOST_INERTIA, FARTHEST, MOST_TURN = 1e6, 1e12, 100.0, 10.0
 """Largest numbers allowed in a file, in kg, kg m^2, m and rad; larger ones are probably in other units."""
 MOST_JOINTS = 1000  # most joints of an arm; MuJoCo recurses from joint to joint
-
 Element = ElementTree.Element
 
 
@@ -40,10 +39,10 @@ class Joint(NamedTuple):
     element: Element
 
 
-def read(content: bytes, base: str, tip: str, balanced: bool, remarks: list[str]) -> tuple[list[Body], Array]:
+def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[Body], Array]:
     """Return the bodies from the link `base` to the link `tip`, and the pose of `tip` in the last body (4, 4).
 
-    Warnings are appended to `remarks`. For `balanced` see `bodies.welded_body`.
+    Warnings are appended to `remarks`.
 
     Raises:
         ValueError: the content is not a URDF of such an arm; the message names link or joint.
@@ -51,47 +50,49 @@ def read(content: bytes, base: str, tip: str, balanced: bool, remarks: list[str]
     robot = _parsed(content)
     links = _named(robot, "link")
     joints = _downwards(links, _named(robot, "joint"))
-    for name in (base, tip):
-        if name not in links:
-            raise ValueError(f"no link {name!r}, there are {sorted(links)}")
-    held, way = _path(joints, base), _path(joints, tip)
-    for joint in held:
-        if joint.kind in ("floating", "planar"):
-            raise ValueError(f"the base {base!r} is not fixed: joint {joint.name!r} above it is {joint.kind}")
-    if base != tip and base not in [joint.parent for joint in way]:
-        raise ValueError(f"the tip {tip!r} is not below the base {base!r}")
-    way = way[len(held) :]
-    moving = [joint for joint in way if joint.kind != "fixed"]
-    chain, on_way = {joint.name for joint in moving}, {joint.name for joint in way}
+    way = _way(links, joints, base, tip)
+    chain = {joint.name for joint in way if joint.kind != "fixed"}
     if not 2 <= len(chain) <= MOST_JOINTS:
         wanted = "two joints or more" if len(chain) < 2 else f"at most {MOST_JOINTS} joints"
         raise ValueError(f"an arm has {wanted}, between {base!r} and {tip!r} there are {len(chain)}")
-    places = {base: (0, np.eye(4))}  # for each link: number of its body (0: fixed), and its pose in the body's frame
-    begins, welded = [np.eye(4)], [dict[str, Array]()]
+    bodies, fixed = list[Body](), (None, np.eye(4))
+    places: dict[str, tuple[Body | None, Array]] = {base: fixed}  # for each link its body, and its pose in the body
     for joint in joints:
-        behind, place = places.get(joint.parent, (0, np.eye(4)))
-        if not behind and joint.name not in on_way:
+        body, place = places.get(joint.parent, fixed)
+        if not body and joint not in way:
             continue  # a fixed link
         if joint.kind not in (*UNITS, "fixed"):
             kinds = f"{joint.kind or 'of no type'}, allowed are {', '.join(UNITS)} and fixed"
             raise ValueError(f"joint {joint.name!r} is {kinds}")
         place = place @ _place(joint.name, joint.element)
         if joint.name in chain:
-            begins.append(place)
-            welded.append({})
-            behind, place = len(welded) - 1, np.eye(4)
+            body, place = Body(joint.name, *_limits(joint, remarks), place, _axis(joint), {}), np.eye(4)
+            bodies.append(body)
         elif joint.mimics in chain:
             remarks.append(f"joint {joint.name!r} mimics {joint.mimics!r}, a joint of the arm, but is held at zero")
-        places[joint.child] = behind, place
-        if behind:
-            welded[behind][joint.child] = place @ _inertia(links[joint.child], remarks) @ place.T
-    reach = sum(float(np.linalg.norm(place[:3, 3])) for place in (*begins, places[tip][1]))
-    return [
-        Body(
-            joint.name, *_limits(joint, remarks), begin, _axis(joint), *welded_body(joint.name, parts, reach, balanced)
-        )
-        for joint, begin, parts in zip(moving, begins[1:], welded[1:], strict=True)
-    ], places[tip][1]
+        places[joint.child] = body, place
+        if body:
+            body.links[joint.child] = place @ _inertia(links[joint.child], remarks) @ place.T
+    return bodies, places[tip][1]
+
+
+def _way(links: Collection[str], joints: Sequence[Joint], base: str, tip: str) -> list[Joint]:
+    """Return the joints from the link `base` down to the link `tip`."""
+    for name in (base, tip):
+        if name not in links:
+            raise ValueError(f"no link {name!r}, there are {sorted(links)}")
+    above = {joint.child: joint for joint in joints}
+    held, way = list[Joint](), list[Joint]()
+    for path, link in ((held, base), (way, tip)):
+        while link in above:
+            path.insert(0, above[link])
+            link = above[link].parent
+    for joint in held:
+        if joint.kind in ("floating", "planar"):
+            raise ValueError(f"the base {base!r} is not fixed: joint {joint.name!r} above it is {joint.kind}")
+    if base != tip and base not in [joint.parent for joint in way]:
+        raise ValueError(f"the tip {tip!r} is not below the base {base!r}")
+    return way[len(held) :]
 
 
 def _parsed(content: bytes) -> Element:
@@ -150,15 +151,6 @@ def _downwards(links: Collection[str], elements: Mapping[str, Element]) -> list[
     except CycleError as loop:
         raise ValueError(f"link {loop.args[1][0]!r} hangs on itself, a loop, which is not allowed") from None
     return [above[link] for link in order if link in above]
-
-
-def _path(joints: Iterable[Joint], link: str) -> list[Joint]:
-    """Return the joints from the root of the tree down to a link."""
-    above, path = {joint.child: joint for joint in joints}, list[Joint]()
-    while link in above:
-        path.insert(0, above[link])
-        link = above[link].parent
-    return path
 
 
 def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, most: float) -> tuple[float, ...]:
@@ -220,7 +212,11 @@ def _axis(joint: Joint) -> Array:
 
 
 def _inertia(link: Element, remarks: list[str]) -> Array:
-    """Return the pseudo-inertia of a link in its frame, (4, 4)."""
+    """Return the pseudo-inertia J (4, 4) of a link: the integral of r r' over its mass, r = (x, y, z, 1) in its frame.
+
+    In a frame in which the link has the pose T, the pseudo-inertia is T J T'. In a common frame the pseudo-inertias of
+    welded links add up (Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3, 2018).
+    """
     name = link.get("name", "")
     if (inertial := _only(link, "inertial", name)) is None:
         return np.zeros((4, 4))
@@ -237,4 +233,6 @@ def _inertia(link: Element, remarks: list[str]) -> Array:
         if tensor.any():
             remarks.append(f"link {name!r} has inertia but no mass: its inertia is left out")
         return np.zeros((4, 4))
-    return pseudo_inertia(mass, tensor, _place(name, inertial))
+    own, place = np.zeros((4, 4)), _place(name, inertial)
+    own[:3, :3], own[3, 3] = np.trace(tensor) / 2 * np.eye(3) - tensor, mass
+    return place @ own @ place.T

@@ -25,7 +25,7 @@ class Action(NamedTuple):
 
 
 class ActionSpec:
-    """The numbers of an action: velocity and acceleration; with an operator gain, acceleration and withdrawal."""
+    """The numbers of an action: velocity and acceleration; with an operator, gain, acceleration and withdrawal."""
 
     def __init__(self, task: "Task") -> None:
         velocity = Action("velocity", "m/s", *task.velocity_range, "velocity to go to")

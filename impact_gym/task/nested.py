@@ -58,7 +58,7 @@ def grouped(numbers: Mapping[str, Any]) -> dict[str, Any]:
 def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, dict[str, Range]]:
     """Return the record of one of the classes `kinds` that `value` describes, and its ranges by dotted path.
 
-    In the record, the median of the draw (`Quantity.middle`) replaces a range. All combinations of ends must be valid.
+    In the record, the median (`Quantity.middle`) replaces a range. Each combination of the ranges' ends must be valid.
 
     Raises:
         TypeError, ValueError: a range is malformed, or the record is invalid for a combination of ends.

@@ -60,13 +60,13 @@ class Task:
     velocity_range: Range = argument(VELOCITY_RANGE, "")
     acceleration_range: Range = argument(
         ACCELERATION_RANGE,
-        "range of the second number of an action; after the episode the flange brakes at the largest",
+        "range of the second number of an action; after the episode the flange brakes at the range's upper end",
     )
     alarm: str = argument("force", 'or "reading": source of the alarm, see Observation Space')
     alarm_threshold: Any = argument(1.0, "")
     dissipation: str = argument("hu-guo", 'or "exact" or "fixed": how damping follows from restitution, see `Contact`')
-    reference_velocity: float | None = argument(None, 'at which "fixed" gives the restitution, 1 if None')
-    friction: Any = argument(None, "under the object; None: no friction, the object never stops")
+    reference_velocity: float | None = argument(None, 'm/s, velocity at which "fixed" gives the restitution; None: 1')
+    friction: Any = argument(None, "coefficient of friction under the object; None: no friction")
     range_noise: Any = argument(None, "standard deviation of a distance estimate; None: no estimate")
     range_bias: Any = argument(0.0, "added to every distance estimate")
     observe_range_noise: bool = argument(False, "observe `range_noise`, which may differ from episode to episode")
@@ -138,7 +138,7 @@ class Task:
 
     @classmethod
     def of(cls, field: str, given: Any, *others: str) -> "Task":
-        """Return the task with the arguments `given`; messages call them `field`, and list `others` as allowed, too."""
+        """Return the task with the arguments `given`; messages call the mapping `field`, and list `others`, too."""
         one_of(field, given, Mapping)
         if unknown := [name for name in given if name not in ARGUMENTS]:
             allowed = ", ".join([*others, *ARGUMENTS])
@@ -255,8 +255,8 @@ class Task:
     def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
         """Return the task as a record (1,), TASK; the fields of DRAW for each drawn number; the task's tables (n,).
 
-        `first_draw` and `table_at` are the indices at which they begin among the draws and the tables' numbers of all
-        tasks.
+        Among those of all tasks, the draws begin at index `first_draw`, and the numbers of the tables at index
+        `table_at`.
         """
         held, no_table = mount_to_kernel(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)
@@ -295,4 +295,3 @@ class Task:
 
 
 ARGUMENTS = {item.name: item for item in fields(Task) if item.init}
-"""The fields of `Task` that are arguments of the environment, by name."""

@@ -65,7 +65,7 @@ class Channel(Parameters, path="uplink"):
 
     @property
     def table(self) -> NDArray[np.float64]:
-        """The trace for the compiled program: n times (s), then n delays (s); next to a loss the nearest row counts."""
+        """The trace as n times (s), then n delays (s); between a delay and a loss, the nearer row is used."""
         times, delays = np.array(self.trace or np.empty((0, 2)), np.float64).T
         lost = delays >= LOST
         if not lost.any():

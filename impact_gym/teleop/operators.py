@@ -1,9 +1,9 @@
 """Operators: persons, models of persons, and recordings, which command the velocity of an arm over a channel.
 
-Models of persons do not know where the object is. They assume it `place_error` farther away than it is, and search it
-from there on at the speed `creep`. `Replay` and `Person` do not stop by themselves; all other operators stop a reaction
-time after the display shows a touch. In a dict, as in the file of a set-up, each number may be a pair, from which
-episodes draw. A number for which no source was found has no default.
+Operators do not know where the object is. Those with a `place_error` assume it this much farther away than it is, and
+search it from there on at the speed `creep`. All operators except `Replay` and `Person` stop a reaction time after the
+display shows a touch. In a dict, as in the file of a set-up, each number may be a pair, from which episodes draw. A
+number without a published source has no default.
 """
 
 from dataclasses import dataclass
@@ -79,8 +79,8 @@ class Searcher(Commander):
 class Reach(Searcher):
     """A motion of minimum jerk to the assumed place (Flash and Hogan 1985, J. Neurosci. 5, 1688-1703).
 
-    The peak velocity is 1.875 times the mean velocity, and at most `speed`. Delay makes the motion longer: the sum of
-    the channels' mean delays multiplies its duration, by 1.64 at 225 ms (MacKenzie and Ware 1993, CHI '93, 488-493).
+    The peak velocity is 1.875 times the mean velocity, and at most `speed`. The duration of the motion is multiplied by
+    1 + `lag_slope` x (sum of the channels' mean delays), 1.64 at 225 ms (MacKenzie and Ware 1993, CHI '93, 488-493).
     Motor noise is proportional to the control, and passes two lags of 40 ms (Todorov 2005, as in the code of
     RothkopfLab/inverse-optimal-control).
     """

@@ -123,12 +123,12 @@ def test_copy_setup_keeps_a_folder_for_its_set_up(mine, tmp_path):
     assert copy_setup(load_setup(mine), out) == copy
     change(mine, "A slow arm", "A slower arm")
     assert "slower" in copy_setup(load_setup(mine), out).read_text()
-    with pytest.raises(ValueError, match="holds a full run: name another folder"):
+    with pytest.raises(ValueError, match="holds results of a run without --quick: name another folder"):
         copy_setup(load_setup(mine), out, quick=True)
     change(mine, "0.7", "0.8")
     with pytest.raises(ValueError, match=r"earlier mine\.toml.*name another folder"):
         copy_setup(load_setup(mine), out)
-    with pytest.raises(ValueError, match=r"holds something else \(mine\.toml\)"):
+    with pytest.raises(ValueError, match=r"has files, but no linear-blind\.toml \(mine\.toml\): name another folder"):
         copy_setup(load_setup("linear-blind"), out)
     assert "0.7" in copy.read_text()
     with pytest.raises(ValueError, match="out must be a folder"):

@@ -83,7 +83,7 @@ def test_arm_stops_0_1_s_after_the_last_good_packet_and_says_why(tmp_path, line,
     assert -0.01 < stop["at"] - good_at - SILENCE < LATE
     assert 0.5 < stop["velocity"] <= 1.0
     assert abs(stop["rest"] - stop["at"] - stop["velocity"] / 20.0) < LATE
-    assert f"arm: stopped, no good packet for 0.1 s: {stop['packets']}" in capfd.readouterr().out
+    assert f"arm: stopped, no valid packet for 0.1 s: {stop['packets']}" in capfd.readouterr().out
     assert reason.partition(",")[0] in stop["packets"]
 
 

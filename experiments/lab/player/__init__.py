@@ -1,7 +1,4 @@
-"""Slow-motion films of contestants side by side in the same scenario, for a page that opens from disk.
-
-`choose` selects scenarios, `films` plays them and thins their traces, `fragment` returns the HTML of these films.
-"""
+"""Slow-motion films that show contestants side by side in the same scenario, on a page without a server."""
 
 from pathlib import Path
 from typing import Any
@@ -18,10 +15,7 @@ SCRIPTS = ("svg.js", "chain.js", "loupe.js", "strips.js", "player.js")
 
 
 def fragment(films: dict[str, Any], name: str = "watch") -> str:
-    """Return the HTML section of the result of `films`; `name` is its id, unique on the page.
-
-    A page needs `style` once before its first section, and `script` once after its last section.
-    """
+    """Return the result of `films` as HTML with the id `name`; the page needs `style` before, and `script` after."""
     pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
     content = htmlsafe_json_dumps(films, separators=(",", ":"), allow_nan=False)
     return pages.get_template("player.html.jinja").render(
@@ -30,11 +24,11 @@ def fragment(films: dict[str, Any], name: str = "watch") -> str:
 
 
 def style() -> str:
-    """Return the CSS, including the palette."""
+    """Return the CSS of the player and of the palette."""
     return f"{colours.css()}\n{(HERE / 'player.css').read_text()}"
 
 
 def script(*more: Path) -> str:
-    """Return the JavaScript with the files `more`; its only global name is the element <slow-motion>."""
+    """Return the JavaScript of the player and of the files `more`, which see the player's functions."""
     parts = "\n".join(part.read_text() for part in (*(HERE / name for name in SCRIPTS), *more))
     return f'(() => {{\n"use strict";\n{parts}\n}})();'

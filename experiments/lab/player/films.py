@@ -1,4 +1,4 @@
-"""Films of notable scenarios: replays with thinned traces on a common clock."""
+"""Films of notable scenarios: replays, with fewer points of the time histories, and with a common clock."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,17 +16,16 @@ from impact_gym.scene import Bistable, Rigid, SpringDamper
 from impact_gym.task import Task
 from impact_gym.task.evaluation_sets import EvaluationSet
 
-MOST = 200  # points of a history
-POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005
-"""Allowed errors of thinned traces, as fractions of the largest position, speed, force and penetration."""
+MOST = 200  # largest number of points of a time history
+POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005  # errors that `thin` allows / largest value in a film
 
 
 def thin(
     columns: Mapping[str, NDArray[np.float64]], limits: Mapping[str, float], coarse: float = 1.0
 ) -> NDArray[np.int64]:
-    """Return the rows to keep, in order: linear interpolation between them is within `coarse` times the allowed errors.
+    """Return the indices of the rows to keep, which include the rows around begins and ends of contacts.
 
-    At most MOST rows are kept, and always those at begins and ends of contacts.
+    Rows are added until linear interpolation has at most `coarse` times the allowed errors, or until there are MOST.
     """
     depth = limits["depth"]
     penetration = columns["tool_position"] - columns["object_position"]
@@ -49,10 +48,7 @@ def thin(
 
 
 def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
-    """Return the numbers of the scenarios to show, each once, by a phrase with the reason.
-
-    ValueError: baseline and policy did not play the same scenarios.
-    """
+    """Return the numbers of notable scenarios, by the reason in words; ValueError: the scenarios of both differ."""
     ours, theirs = played_policy.scenario, played_baseline.scenario
     if any(not np.array_equal(ours[name], theirs[name]) for name in ours):
         raise ValueError("baseline and policy must have played the same scenarios")
@@ -64,7 +60,6 @@ def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]
 
 
 def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, int]]:
-    """Yield reasons to show a scenario, and its number."""
     touched_by_both = ~(baseline.missed | policy.missed)
     touched = np.flatnonzero(touched_by_both) if touched_by_both.any() else np.arange(len(touched_by_both))
     ours, gain = policy.object_velocity, baseline.object_velocity - policy.object_velocity
@@ -75,7 +70,7 @@ def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, in
         return int(touched[np.argmax(values[touched])])
 
     if touched_by_both.any():
-        median = touched[np.argsort(ours[touched], kind="stable")][(len(touched) - 1) // 2]  # the lower of two
+        median = touched[np.argsort(ours[touched], kind="stable")][(len(touched) - 1) // 2]
         yield "a typical scenario: the policy's V_p is the median", int(median)
         yield "the policy's largest gain on the baseline", largest(gain)
         worst = largest(-gain)
@@ -99,14 +94,14 @@ def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, in
 
 
 BODIES = ("flange", "tool", "object")
-DECIMALS = {  # s, m, m/s, N: a stiff contact lasts 0.1 ms and is 1 um deep
+DECIMALS = {  # of s, m, m/s and N: a stiff contact lasts 0.1 ms, with a penetration of 1 um
     "time": 7,
     **{f"{body}_position": 7 for body in BODIES},
     **{f"{body}_velocity": 5 for body in BODIES},
     "contact_force": 5,
 }
 COLUMNS = tuple(DECIMALS)
-AFTER = 0.15  # s, shown after the last contact
+AFTER = 0.15  # s, length of the film after the last contact
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -120,7 +115,7 @@ class Run:
 
     @property
     def contacts(self) -> list[tuple[float, float]]:
-        """Start and end of each contact, s; an unfinished contact ends with the trace."""
+        """Start and end (s) of each contact; an unfinished contact ends with the trace."""
         ends = np.minimum(self.history.partings, self.history.now)
         return list(zip(self.history.touches.tolist(), ends.tolist(), strict=True))
 
@@ -132,16 +127,13 @@ class Run:
         return {name: np.append(column[before], np.interp(end, time, column)) for name, column in columns.items()}
 
     def farthest(self, end: float) -> float:
-        """Return the object's position (m) at `end` (s); after the trace it keeps its velocity."""
+        """Return the object's position (m) at `end` (s); after the trace, the object moves at constant velocity."""
         last = self.history.at(self.history.now)
         return last.object_position + last.object_velocity * max(end - last.time, 0.0)
 
 
 def clock(runs: Sequence[Run], end: float, coarse: float = 1.0) -> list[list[float]]:
-    """Return [start (s), slow-motion factor] of each stretch of a film until `end` (s): the largest factor of all runs.
-
-    The factors are those of the environment's films, read at each picture, or at each `coarse`-th picture.
-    """
+    """Return [start (s), slow-motion factor] of each part of a film until `end` (s): the largest of all `runs`."""
     time, stretches = 0.0, list[list[float]]()
     while time < end:
         slower = max(run.history.factor(time) for run in runs)
@@ -156,19 +148,11 @@ def films(
     seed: int = TEST_SEED, frozen: EvaluationSet | None = None, environment: Mapping[str, Any] | None = None,
     time_weight: float = 2.0,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the argument of `fragment`: for each scenario the clock and the contestants' thinned traces, as JSON.
+    """Return the argument of `fragment`, as JSON. RuntimeError: a replay differs from the result in `played`.
 
-    Args:
-        contestants: controllers by name, the baseline first.
-        numbers: scenario numbers by phrase, as `choose` returns them.
-        played: results of `ScenarioBatch.play` by the same names.
-        seed: seed of scenario 0, if there is no `frozen` set.
-        frozen: the set that holds the scenarios; None: they were drawn.
-        environment: arguments of the environment; a time weight in them is ignored.
-        time_weight: m/s per s.
-
-    Raises:
-        RuntimeError: a replay differs from the played result.
+    The first of `contestants` is the baseline. `numbers` is the result of `choose`; `played` has the results of
+    `ScenarioBatch.play`, by contestant. Scenario k is that of the set `frozen`, or is drawn with `seed` + k.
+    `time_weight` (m/s per s) replaces that of `environment`.
     """
     scenes = []
     options = {"scenario": "test", **(environment or {})}
@@ -189,7 +173,7 @@ def films(
 def play(
     controller: Controller, seed: int, number: int, record: Mapping[str, float], options: Mapping[str, Any]
 ) -> Run:
-    """Play scenario `number` as `ScenarioBatch` does, with its trace until all has settled."""
+    """Play scenario `number` as `ScenarioBatch` does, and return the run with its trace."""
     env = ImpactApproachEnv(record_trace=True, **options)
     observation, info = env.reset(seed=seed + number, options={"record": dict(record)})
     state, start, ended = None, np.ones(1, np.bool_), False
@@ -203,7 +187,7 @@ def play(
 
 
 def scene_of(runs: Mapping[str, Run], coarse: float = 1.0) -> dict[str, Any]:
-    """Return one scenario: clock, common scales of all panels, and histories; `coarse` as in `thin`."""
+    """Return one scenario for `fragment`: clock, limits of the axes, and time histories; `coarse` as in `thin`."""
     ends = [run.contacts[-1][1] + AFTER if run.contacts else run.history.now for run in runs.values()]
     end = round(max(ends), DECIMALS["time"])
     histories = {name: run.until(end) for name, run in runs.items()}
@@ -231,7 +215,7 @@ def scene_of(runs: Mapping[str, Run], coarse: float = 1.0) -> dict[str, Any]:
 def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float], coarse: float) -> dict[str, Any]:
     alarm, digits = float(run.history.events.alarm), DECIMALS["time"]
     operated = {}
-    if run.history.task.operator:  # delay of the operator's view, s
+    if run.history.task.operator:
         delay = run.info["record"].get("downlink.delay", run.history.task.downlink.delay)
         operated = {"late": delay, **{name: run.info[name] for name in ("slide", "done_time")}}
     rows = thin(columns, limits, coarse)
@@ -248,7 +232,7 @@ def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float], coa
 
 
 def chain_of(task: Task) -> dict[str, Any]:
-    """Return the kind and the dimensions (m) of the tool's mount."""
+    """Return the kind and the dimensions (m) of the coupling."""
     coupling = task.coupling
     kind = {SpringDamper: "spring", Bistable: "bistable", Rigid: "rigid"}[type(coupling)]
     chain = {"coupling": kind, "rest": rest_length(task), "compliant_robot": task.robot is not None}

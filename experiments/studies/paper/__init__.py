@@ -1,7 +1,7 @@
-"""The study `paper`: computes the paper's figures with our model, and judges the paper's statements about them.
+"""The study `paper`: the paper's figures, computed with our model, and verdicts on the paper's statements.
 
-Each section of the paper has a module. For each figure the module computes a table (figure_05) and the numbers that
-statements.toml names (_numbers_figure_05). A function _draw_figure_05 draws what statements.toml does not describe.
+Each section of the paper has a module with two functions for each figure. `figure_05` returns the table of Fig. 5, and
+`_numbers_figure_05` the numbers that statements.toml names. `_draw_figure_05`, if it exists, draws additional curves.
 """
 
 from collections import Counter
@@ -19,8 +19,8 @@ from experiments.studies.paper.statements import AGREEING, DATA, Basis, Verdict,
 from impact_gym.render.palette import LIGHT
 
 ABOUT = DATA["figures"]
-SCALE = 0.8  # factor on the size of all figures, so that text is legible if two figures are side by side
-WIDE = 11.0  # inches, before scaling; a wider figure is alone in its row of the page
+SCALE = 0.8  # factor on the size of all figures; the text is then legible in two figures side by side
+WIDE = 11.0  # inches, before the factor SCALE; a wider figure is alone in its row of the page
 MADE: dict[str, Any] = {
     name: made for module in (section_2, section_3, section_4, section_5, beyond) for name, made in vars(module).items()
 }
@@ -28,7 +28,6 @@ DEPENDS = (*SOLVER, "experiments.lab.scenes", "experiments.studies.paper.runs")
 
 
 def _words(row: dict[str, Any]) -> tuple[str, str, str, str]:
-    """Return a row of a page's table: statement, verdict with the agreeing digits, our result, rule and reason."""
     place = f"section {row['section']}" + f", {ABOUT[row['figure']]['heading']}" * row["figure"].startswith("figure")
     digits = "" if row["digits"] is None else f", {row['digits']} digit{'s' * (row['digits'] != 1)}"
     basis = f" ({row['basis']})" * (row["basis"] != Basis.TEST)
@@ -46,7 +45,7 @@ def table(caption: str, statements: pl.DataFrame) -> Table:
 
 
 def draw_curves(frame: pl.DataFrame, axes: Any, curves: str | list[dict[str, Any]], where: dict[str, Any]) -> None:
-    """Draw the curves that statements.toml describes, from the rows whose columns have the values `where`."""
+    """Draw the curves that statements.toml describes, from the rows whose columns have the values in `where`."""
     for curve in DATA["curves"][curves] if isinstance(curves, str) else curves:
         style = {"scale": 1.0, "color": "rule"} | curve
         x, y, scale, colour = (style.pop(name) for name in ("x", "y", "scale", "color"))
@@ -63,7 +62,7 @@ def draw_curves(frame: pl.DataFrame, axes: Any, curves: str | list[dict[str, Any
 
 
 def picture(name: str, frame: pl.DataFrame) -> Picture:
-    """Return a figure drawn from its table. statements.toml describes its curves, texts and layout."""
+    """Return the figure `name`, drawn from the table `frame`; statements.toml has its curves, texts and layout."""
     about = DATA["figures"][name]
     figure = Figure(figsize=tuple(SCALE * length for length in about["size"]))
     grid: Any = figure.subplots(**about.get("panels", {}))
@@ -83,7 +82,7 @@ def picture(name: str, frame: pl.DataFrame) -> Picture:
 
 
 def answer(statements: pl.DataFrame) -> str:
-    """Return the number of statements with each verdict, in words."""
+    """Return in words how many statements have each verdict."""
     bases = Counter(Basis(basis).name for basis in statements["basis"])
     tests = Counter(Verdict(verdict).name for verdict in statements.filter(basis=Basis.TEST)["verdict"])
     agree, others = sum(tests[verdict.name] for verdict in AGREEING), len(statements) - bases["TEST"]
@@ -112,7 +111,7 @@ def analyse(frames: Frames, quick: bool) -> Findings:
 STUDY = Study(
     name="paper",
     question="Does the model agree with the paper?",
-    measurements=[  # a table of one cell for each figure, so fast that it runs in this process
+    measurements=[  # each figure takes so little time that no other process is started
         Measurement(name, lambda quick, frames: [Cell({}, {})], MADE[name], DEPENDS, processes=0)
         for section in DATA["sections"]
         for name in section["figures"]

@@ -1,4 +1,4 @@
-"""Claims of the paper's sections 1 and 6 that no figure shows: other speeds, objects and delays, sensing the impact."""
+"""Claims of the paper's sections 1 and 6 about other speeds, objects and delays, and about detection of the touch."""
 
 from dataclasses import replace
 from functools import partial
@@ -19,23 +19,20 @@ OBJECTS = {"light": 0.25, "heavy": 1.0}  # kg
 DELAYS = np.array([0, 4, 8, 12, 16, 20, 30, 40, 50, 75, 100, 125, 150, 200, 250, 300, 400, 500]) / 1000  # s
 STIFFNESS = np.logspace(2, 8, 25)  # N/m^1.5
 RESTITUTIONS = np.round(np.arange(0.1, 1.001, 0.05), 2)
-MIDDLE_STIFFNESS, SMALL_RESTITUTION = 1e5, 0.1  # N/m^1.5, -: the value of one while the other varies
+MIDDLE_STIFFNESS, SMALL_RESTITUTION = 1e5, 0.1  # N/m^1.5, -; each is constant while the other varies
 NEVER = -1.0  # s, the value of `delay` in rows without a brake
-PERSON = 0.2  # s, reaction time of a person to one expected signal
+PERSON = 0.2  # s, reaction time of a person to an expected signal
 FROM_TOUCH = np.round(np.arange(0.002, 0.1001, 0.002), 3)  # s, from the touch to the start of braking
 MASSES = np.unique(np.append(np.geomspace(0.1, scenes.HEAVY_MASS, 41), OBJECT_MASS))  # kg
-SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # radius, as a multiple of that of the paper's object: k_c (N/m^1.5)
+SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # radius / radius of the paper's object: k_c (N/m^1.5)
 CHANGES = np.linspace(0.9, 1.1, 9)  # factors of H and of the front stop
-ENOUGH = 40.0  # %, a reduction that counts as 'about 50 %'
+ENOUGH = 40.0  # %, least reduction that we accept as 'about 50 %'
 SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s
-CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s at constant speed in Fig. 23
+CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s, at constant speed in Fig. 23
 
 
 def beyond_delay() -> pl.DataFrame:
-    """Simulate each coupling and object, over contact stiffness and over restitution, with all DELAYS and no brake.
-
-    `of_rigid` and `of_free` are V_p divided by that of the rigid tool, and by V_p without a brake.
-    """
+    """Simulate each coupling and object, over contact stiffness and over restitution, with DELAYS and without brake."""
     rows: list[Row] = []
     braking = replace(MOTION, brake=replace(BRAKE, delay=0.0))
     lines = {
@@ -79,19 +76,19 @@ def _numbers_beyond_delay(frame: pl.DataFrame) -> Numbers:
 
 
 def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
-    """Return when (s after the touch) the contact force first exceeds 1 N, and the coupling's force differs by 1 N."""
+    """Return when (s after the touch) contact force, and change of the coupling's force, first exceed THRESHOLD."""
     outcome, trace = scenes.simulate_with_trace(approach, STEADY)
     time = trace.time - outcome.contacts[0].start
     change = np.abs(trace.coupling_force - np.interp(0.0, time, trace.coupling_force))
     if isinstance(approach.coupling, ig.Rigid):
-        change = trace.contact_force  # a robot with a fixed tool feels the contact force
+        change = trace.contact_force  # a fixed tool transmits the contact force to the robot
     felt = [force > scenes.THRESHOLD for force in (trace.contact_force, change)]
     by_tool, by_robot = (float(time[(time >= 0.0) & above][0]) for above in felt)
     return by_tool, by_robot
 
 
 def beyond_detection() -> list[Row]:
-    """Simulate a grid of delays from touch to braking, and braking 16 ms after tool or robot notices the touch."""
+    """Simulate braking after each delay FROM_TOUCH, and 16 ms after sensors at tool and robot notice the touch."""
     rows: list[Row] = []
     for name, coupling in COUPLINGS.items():
         approach = scene(1e3, 0.1, coupling)
@@ -119,10 +116,7 @@ def _numbers_beyond_detection(frame: pl.DataFrame) -> Numbers:
 
 
 def beyond_objects() -> pl.DataFrame:
-    """Simulate the fixed tool, the mechanism, and all CHANGES of the mechanism with which it holds the tool.
-
-    `as_it_is_less` and `changed_less` are the reductions from the V_p of the fixed tool (%).
-    """
+    """Simulate the fixed tool, the mechanism, and the mechanism with those CHANGES with which it holds the tool."""
     height, stop = MECHANISM.height, MECHANISM.front_stop
     candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
     holding = [coupling for coupling in candidates if coupling.holding_force >= scenes.HOLD]
@@ -147,7 +141,7 @@ def _numbers_beyond_objects(frame: pl.DataFrame) -> Numbers:
         "changed": changed.to_numpy(), "changed_ends": [changed.min(), changed.max()],
         "unchanged_ends": [unchanged.min(), unchanged.max()],
         "stuck": frame.filter(pl.col("snap_count") != 1)["object_mass"].max() or 0.0,
-        "lightest": frame.filter(pl.col("changed_less") >= ENOUGH)["object_mass"].min(),  # kg, smallest over all sizes
+        "lightest": frame.filter(pl.col("changed_less") >= ENOUGH)["object_mass"].min(),  # kg
         "least": frame["changed_less"].min(),
     }  # fmt: skip
 
@@ -159,13 +153,13 @@ def _row(coupling: str, speed: float) -> Row:
     return {
         "coupling": coupling, "speed": float(speed), "object_velocity": outcome.object_velocity,
         "ratio": outcome.object_velocity / speed,
-        "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),  # passes of the alignment
+        "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),
         "alarm": int(outcome.detection_time is not None),
     }  # fmt: skip
 
 
 def beyond_speed() -> list[Row]:
-    """Simulate all couplings over the speed; bisection encloses each change of contacts, passes and alarm."""
+    """Simulate all couplings over the speed, with rows close to each change of contacts, passes or alarm."""
     counts = ("contacts", "passes", "alarm")
     return [row for name in COUPLINGS for row in enclose_changes(SPEEDS, partial(_row, name), "speed", *counts)]
 
@@ -180,7 +174,7 @@ def _numbers_beyond_speed(frame: pl.DataFrame) -> Numbers:
     fixed = where(frame, coupling="rigid", speed=MOTION.speed)["object_velocity"][0]
     return {
         "fixed": fixed, "faster": speed[velocity <= fixed].max(),
-        "fails_below": speed[(speed < MOTION.speed) & (rows["passes"] % 2 == 0)].max(initial=0.0),  # ends in front
+        "fails_below": speed[(speed < MOTION.speed) & (rows["passes"] % 2 == 0)].max(initial=0.0),
         "turns": "".join(f"; {before} to {after} passes of the alignment at {v:.3f} m/s" for v, before, after in turns),
         "better": [better.min(), better.max()] if better.size else [np.nan, np.nan],
         "slowest": speed[0], "fastest": speed[-1],

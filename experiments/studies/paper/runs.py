@@ -1,4 +1,4 @@
-"""Functions for the figures: columns of a table, changes of a count, runs with time histories, layouts."""
+"""Functions that several figures of the study `paper` use."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise, product
@@ -15,21 +15,17 @@ from experiments.lab.study import Row
 from impact_gym.physics import impact
 
 Array = NDArray[np.float64]
-Numbers = dict[str, Any]
-"""Numbers, arrays or words by the name that the statements about a figure use."""
-WIDTH = 1e-6  # width of an interval of `enclose_changes`, in the unit of the parameter
+Numbers = dict[str, Any]  # numbers, arrays or words, by the names that statements.toml uses
+WIDTH = 1e-6  # distance of two rows of `enclose_changes`, in the unit of the parameter
 
 
 def where(frame: pl.DataFrame, **values: float | str) -> dict[str, NDArray[Any]]:
-    """Return the columns of the rows in which the named columns have these values."""
+    """Return the columns, by name, of the rows that have these `values`."""
     return {column.name: column.to_numpy() for column in (frame.filter(**values) if values else frame)}
 
 
 def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parameter: str, *counts: str) -> list[Row]:
-    """Return the rows at rising `values` of a parameter; around each change of a count add two rows, WIDTH apart.
-
-    `row` computes the row at a value of the parameter. Between two values each of `counts` may change at most once.
-    """
+    """Return `row(value)` for rising `values`, and two rows, WIDTH apart, where one of `counts` changes."""
     rows = [row(value) for value in values]
     enclosing: list[Row] = []
     for count, (low, high) in product(counts, pairwise(rows)):
@@ -43,7 +39,7 @@ def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parame
 
 
 def changes(rows: dict[str, NDArray[Any]], parameter: str, count: str) -> list[tuple[float, int, int]]:
-    """Return for each change of the column `count` the parameter just below it, and the count below and above it."""
+    """Return for each change of the column `count` the last parameter before it, and the counts before and after."""
     places, counts = np.flatnonzero(np.diff(rows[count])), rows[count].astype(int).tolist()
     return [(float(rows[parameter][i]), counts[i], counts[i + 1]) for i in places]
 
@@ -51,8 +47,7 @@ def changes(rows: dict[str, NDArray[Any]], parameter: str, count: str) -> list[t
 def histories(cases: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION) -> pl.DataFrame:
     """Simulate scenes for `duration` (s); return one table of their traces, with a column `case`.
 
-    The column `contact` is the number of the current contact, from 1, and 0 in flight. `impulse` is that of the
-    coupling during all contacts (N s; eq. 21), the same in all rows of a case.
+    `contact`: number of the current contact, 0 in flight. `impulse`: coupling's impulse in all contacts (N s; eq. 21).
     """
     parts = []
     for case, scene in cases.items():
@@ -67,10 +62,9 @@ def histories(cases: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, dura
 
 
 class Run:
-    """One case in a table of `histories`: its trace, and numbers computed from it."""
+    """One case in a table of `histories`: the trace of the case, and numbers from this trace."""
 
     def __init__(self, frame: pl.DataFrame, case: str) -> None:
-        """Read the rows of `case`."""
         rows = where(frame, case=case)
         self.trace = ig.Trace(*(rows[name] for name in ig.Trace._fields))
         self.contact = rows["contact"]  # number of the current contact, 0 in flight
@@ -78,27 +72,24 @@ class Run:
         self.first_contact = first = self.part(self.contact == 1)
         self.during_contact = during = self.part(self.contact > 0)
         self.felt_contact = self.part((self.contact == 1) & (self.trace.contact_force > THRESHOLD))
-        self.impulse = rows["impulse"][-1]  # N s, eq. 21, integrated by the simulation
+        self.impulse = rows["impulse"][-1]  # N s, impulse of the coupling (eq. 21)
         self.final_velocity = self.trace.object_velocity[-1]  # m/s, V_p
         self.peak_force = self.trace.contact_force.max()  # N
         self.impact_velocity = first.tool_velocity[0]  # m/s, velocity of the tool at the first touch
         self.duration = 1e3 * np.ptp(first.time)  # ms, duration of the first contact
         self.deceleration = (during.contact_force - during.coupling_force).max() / TOOL_MASS  # m/s^2; paper, eq. 17
         rate = first.tool_velocity - first.object_velocity
-        self.restitution = -rate[-1] / rate[0]  # of the first contact: separation over approach velocity
+        self.restitution = -rate[-1] / rate[0]  # of the first contact
         behind = first.command_position - first.tool_position
         self.deflection = 1e3 * (behind.max() - behind[0])  # mm, deflection of the robot caused by the contact
-        self.way = 1e3 * np.ptp(first.command_position)  # mm, path of the imposed motion during the contact
+        self.way = 1e3 * np.ptp(first.command_position)  # mm, length of the imposed motion during the contact
 
     def part(self, rows: NDArray[np.bool_]) -> ig.Trace:
         """Return the points of the trace at which `rows` is true."""
         return ig.Trace(*(column[rows] for column in self.trace))
 
     def running_impulse(self) -> tuple[Array, Array]:
-        """Return the time since the first contact began (s) and the impulse of the coupling so far (N s; eq. 21).
-
-        During contacts the force is integrated by the trapezoidal rule; between contacts the impulse is constant.
-        """
+        """Return times (s) since the first touch, and the coupling's impulse in contacts until then (N s; eq. 21)."""
         time, force, contact = self.trace.time, self.trace.coupling_force, self.contact
         within = (contact[1:] > 0) & (contact[1:] == contact[:-1])
         pieces = np.where(within, 0.5 * (force[1:] + force[:-1]) * np.diff(time), 0.0)
@@ -107,7 +98,7 @@ class Run:
         return time[begin : end + 1] - time[begin], total
 
     def equation_22(self, restitution: float, impulse: float) -> float:
-        """Return V_p (m/s) by eq. 22, for a restitution and an impulse of the coupling (N s)."""
+        """Return V_p (m/s) by eq. 22, from a restitution and an impulse of the coupling (N s)."""
         at_rest = float(self.first_contact.object_velocity[0])
         return float(impact.free_tool(TOOL_MASS, OBJECT_MASS, self.impact_velocity, at_rest, restitution, impulse)[1])
 
@@ -118,7 +109,7 @@ def runs_of(frame: pl.DataFrame) -> tuple[Run, Run]:
 
 
 def impulses(frame: pl.DataFrame, axes: Any, cases: Sequence[str]) -> None:
-    """Draw the impulse of the coupling since the contact began: the layout of Fig. 20 and 24."""
+    """Draw the impulse of the coupling over time, as in Fig. 20 and 24."""
     for colour, run, case in zip(SERIES, runs_of(frame), cases, strict=False):
         time, impulse = run.running_impulse()
         axes.plot(time, impulse, color=colour, label=f"{case}: {impulse[-1]:.4f} N s")

@@ -1,9 +1,9 @@
 """Section 2, instantaneous and non-instantaneous impact.
 
-The instantaneous impact is computed in closed form at v_t = 1 m/s, v_p = 0 (paper, eq. 1-4), without simulation. The
-non-instantaneous impact is simulated as an approach at 1 m/s without a brake, with the tool fixed to the robot (a) or
-free (b). The contact of two free masses has the same penetration and force as the contact of a tool of imposed motion
-with an object of the reduced mass of both, so (b) is simulated in this way.
+The instantaneous impact of a tool at 1 m/s on an object at rest is computed in closed form (paper, eq. 1-4). The
+non-instantaneous impact is simulated as an approach at 1 m/s without a brake. Case (a): the tool is fixed to the robot.
+Case (b): the tool is free. The contact of two free masses has the same penetration and force as the contact of a tool
+with imposed motion and an object with the reduced mass of both, so (b) is simulated as such a contact.
 """
 
 from collections.abc import Iterable
@@ -24,16 +24,16 @@ MASSES = np.logspace(-2.0, 1.0, 121)  # kg
 STIFFNESS, RESTITUTION = 1e5, 0.5  # contact of Fig. 5
 STIFFNESSES = np.logspace(3.0, 6.0, 25).tolist()  # N/m^1.5
 RESTITUTIONS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)  # nominal: arguments of eq. 7
-CUT = 1e5  # N/m^1.5, stiffness at which more restitutions are simulated
+CUT = 1e5  # N/m^1.5, stiffness at which CUT_RESTITUTIONS or VANISHING are simulated, too
 CUT_RESTITUTIONS = np.round(np.arange(0.05, 1.0001, 0.025), 3)
-VANISHING = (0.05, 0.02, 0.01, 0.005)  # restitutions below those of the curves
+VANISHING = (0.05, 0.02, 0.01, 0.005)  # restitutions close to 0
 CONTACTS = {
     "linear": ig.Contact(5e3, RESTITUTION, "exact", stiffness_exponent=1.0, damping_exponent=0.0),
     "paper": ig.Contact(1e5, RESTITUTION),
 }
 SPEEDS = (0.5, 1.0, 2.0)  # m/s, of the tool
 NOMINAL = np.round(np.linspace(0.01, 1.0, 100), 2)
-SMALL = 0.3  # a small restitution; the paper does not define it
+SMALL = 0.3  # restitutions below are called small; the paper gives no number
 LAWS: tuple[Dissipation, ...] = ("hu-guo", "hunt-crossley")
 
 
@@ -56,7 +56,7 @@ def _numbers_figure_02(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_03() -> pl.DataFrame:
-    """Evaluate eq. 3 and 4 over restitution and tool mass; the masses include the paper's tool, and tool plus robot."""
+    """Evaluate eq. 3 and 4 over restitution and tool mass."""
     every_mass = np.sort(np.append(MASSES, (TOOL_MASS, scenes.ROBOT_AND_TOOL)))
     restitution, mass = (axis.ravel() for axis in np.meshgrid(OF_MASSES, every_mass, indexing="ij"))
     tool, hit = (np.asarray(velocity) for velocity in impact.free_tool(mass, OBJECT_MASS, 1.0, 0.0, restitution))
@@ -91,16 +91,12 @@ def _numbers_figure_05(frame: pl.DataFrame) -> Numbers:
 
 
 def _sweep(pairs: Iterable[tuple[float, float]]) -> list[Row]:
-    """Simulate the fixed and the free tool for every pair of contact stiffness and restitution.
-
-    The free tool is simulated as in Fig. 5: the impulse on an object of the reduced mass equals that on the real one.
-    """
     rows: list[Row] = []
     for stiffness, restitution in pairs:
         for free, mass in enumerate((OBJECT_MASS, REDUCED_MASS)):
             outcome, trace = simulate_with_trace(scene(stiffness, restitution, object_mass=mass), STEADY, 2.0)
             (contact,) = outcome.contacts
-            assert contact.end is not None  # the run is long enough
+            assert contact.end is not None  # the contact ends before the run
             penetration = np.max(trace.tool_position - trace.object_position)
             rows.append({
                 "free": free, "contact_stiffness": stiffness, "restitution": restitution,
@@ -112,14 +108,14 @@ def _sweep(pairs: Iterable[tuple[float, float]]) -> list[Row]:
 
 
 def _grids(frame: pl.DataFrame, column: str) -> Array:
-    """Return `column` as an array (fixed or free tool, restitution, contact stiffness)."""
+    """Return `column` as an array (2, restitutions, stiffnesses), first for the fixed tool, then for the free tool."""
     on_grid = frame.filter(pl.col("restitution").is_in(RESTITUTIONS), pl.col("contact_stiffness").is_in(STIFFNESSES))
     ordered = on_grid.sort("free", "restitution", "contact_stiffness")[column]
     return ordered.to_numpy().reshape(2, len(RESTITUTIONS), len(STIFFNESSES))
 
 
 def figure_06() -> list[Row]:
-    """Simulate the grid of panels (a) and (b), and more restitutions at k_c = CUT."""
+    """Simulate the grid of panels (a) and (b), and CUT_RESTITUTIONS at k_c = CUT."""
     grid = {(k, e) for e in RESTITUTIONS for k in STIFFNESSES}
     return _sweep(sorted(grid | {(CUT, float(e)) for e in CUT_RESTITUTIONS}))
 
@@ -138,7 +134,7 @@ def _numbers_figure_06(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_07() -> list[Row]:
-    """Simulate the grid of Fig. 6, and restitutions near zero at k_c = CUT."""
+    """Simulate the grid of Fig. 6, and VANISHING at k_c = CUT."""
     return _sweep([(k, e) for e in RESTITUTIONS for k in STIFFNESSES] + [(CUT, e) for e in VANISHING])
 
 
@@ -158,12 +154,12 @@ def _numbers_figure_07(frame: pl.DataFrame) -> Numbers:
 
 
 def _contact(case: str, speed: float) -> pl.DataFrame:
-    """Simulate one contact; return its rows, with the time since the touch (s)."""
+    """Simulate one contact; return a row for each point of the trace in the contact; `time` (s) begins at the touch."""
     contact = CONTACTS[case]
     approach = ig.Scene(ig.Tool(TOOL_MASS), ig.Object(OBJECT_MASS, speed**2 / STEADY.acceleration), contact)
     outcome, trace = simulate_with_trace(approach, ig.Trapezoid(speed, STEADY.acceleration))
     (record,) = outcome.contacts
-    assert record.end is not None  # a contact without coupling ends
+    assert record.end is not None
     depth = np.maximum(trace.tool_position - trace.object_position, 0.0)
     elastic = contact.stiffness * depth**contact.stiffness_exponent
     columns = {"time": trace.time - record.start, "force": trace.contact_force, "elastic": elastic}
@@ -174,7 +170,7 @@ def _contact(case: str, speed: float) -> pl.DataFrame:
 
 
 def beyond_contact() -> pl.DataFrame:
-    """Simulate a linear and the paper's contact at every speed; evaluate the restitution that each of LAWS delivers."""
+    """Simulate CONTACTS at SPEEDS, and evaluate the restitution of a contact by LAWS for NOMINAL restitutions."""
     contacts = [_contact(case, speed) for case in CONTACTS for speed in SPEEDS]
     delivered = {law: np.asarray(ig.effective_restitution(law, NOMINAL)) for law in LAWS}
     laws = [pl.DataFrame({"nominal": NOMINAL, "delivered": e, "case": law}) for law, e in delivered.items()]
@@ -182,7 +178,7 @@ def beyond_contact() -> pl.DataFrame:
 
 
 def _ends(rows: dict[str, Array]) -> tuple[float, float]:
-    """Return the force at the touch and the spring's force at the separation, both divided by the largest force."""
+    """Return the force at the touch, and the elastic force at the separation, both divided by the largest force."""
     pushing = np.flatnonzero(rows["force"] > 0.0)
     return rows["force"][pushing[0]] / rows["force"].max(), rows["elastic"][pushing[-1]] / rows["force"].max()
 

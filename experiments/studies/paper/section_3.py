@@ -8,12 +8,12 @@ from experiments.studies.paper.runs import Numbers, Run, histories, where
 from impact_gym.physics.impact import GRAVITY, sliding_distance
 from impact_gym.robot import IMPACT, default_approach
 
-FRICTION = 0.3  # between object and plane; the paper prints none
-COMPONENTS = {"held": "effective", "damping": None, "stiffness": "effective_stiffness"}  # curve: ours beside it
+FRICTION = 0.3  # between object and plane; the paper gives no number
+COMPONENTS = {"held": "effective", "damping": None, "stiffness": "effective_stiffness"}  # curve: our variant of it
 
 
 def figure_11() -> pl.DataFrame:
-    """Simulate the approach of Fig. 13b; positions in the base frame of our robot model."""
+    """Simulate the approach of Fig. 13b; `position` is in the base frame of our robot model."""
     outcome, trace = scenes.simulate_with_trace(scenes.scene(1e5, 1.0, robot=scenes.ROBOT))
     position = default_approach().start[0] + trace.command_position
     columns = {"time": trace.time, "position": position, "velocity": trace.command_velocity}
@@ -48,24 +48,17 @@ def _numbers_figure_12(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_13() -> pl.DataFrame:
-    """Simulate Fig. 13a and 13b, and 13b with our robot model: frozen as at the impact, and varying along the line.
-
-    Two of these are simulated without an object as well.
-    """
+    """Simulate Fig. 13a and 13b, and 13b with our robot model, whose parameters are constant ("frozen") or vary."""
     approach = default_approach()
     robots = {"a": None, "b": scenes.ROBOT, "frozen": approach.at(IMPACT), "along": approach.robot_table()}
     approaches = {case: scenes.scene(1e5, 1.0, robot=robot) for case, robot in robots.items()}
-    for case in ("b", "along"):  # the object is out of reach
+    for case in ("b", "along"):  # with the object out of reach
         approaches[f"{case}, unhindered"] = scenes.scene(1e5, 1.0, robot=robots[case], distance=10.0)
     return histories(approaches)
 
 
 def _nearest_minimum(frame: pl.DataFrame, case: str) -> Numbers:
-    """Return the local minimum of the tool's velocity nearest to the impact (m/s), and its time from the impact (ms).
-
-    The velocity is that of the same approach without an object. `order`: whether the impact is before or after the
-    minimum.
-    """
+    """Return, of the approach without a touch, the minimum of the tool's velocity that is nearest to the impact."""
     impact_time = Run(frame, case).during_contact.time[0]
     unhindered = where(frame, case=f"{case}, unhindered")
     time, velocity = unhindered["time"], unhindered["tool_velocity"]
@@ -95,14 +88,14 @@ def _numbers_figure_13(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_14() -> pl.DataFrame:
-    """Simulate Fig. 14a and 14b, Fig. 13b for comparison, and 14a and 14b again without braking."""
+    """Simulate Fig. 14a and 14b with and without a brake, and Fig. 13b."""
     soft, stiff = (scenes.scene(k_c, 1.0, robot=scenes.ROBOT, object_mass=scenes.HEAVY_MASS) for k_c in (1e5, 1e6))
     braking = histories({"a": soft, "b": stiff, "13b": scenes.scene(1e5, 1.0, robot=scenes.ROBOT)})
     return pl.concat([braking, histories({"a, no brake": soft, "b, no brake": stiff}, scenes.STEADY)])
 
 
 def _ranges(run: Run) -> tuple[float, float]:
-    """Return largest minus smallest x_t' - x_r' (m/s) in the 50 ms before the first contact, and in the 50 ms after."""
+    """Return the range of x_t' - x_r' (m/s) in the 50 ms before the first contact, and in the 50 ms after it."""
     relative, time = run.trace.tool_velocity - run.trace.command_velocity, run.trace.time
     start, end = run.first_contact.time[[0, -1]]
     before, after = (time > start - 0.05) & (time < start), (time > end) & (time < end + 0.05)

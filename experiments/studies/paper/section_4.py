@@ -1,10 +1,4 @@
-"""Section 4, the tool on spring and damper.
-
-Fig. 16 and 18 show V_p against the stiffness of the coupling. If the number of contacts changes between two points of
-the grid, the change is enclosed by bisection, and the ends of the interval become points of the curve. A second curve
-is for an object so far ahead that the tool no longer swings at the touch. Fig. 17, 19 and 20 are runs at k_t = 150 N/m,
-zeta = 1.
-"""
+"""Section 4, the tool on spring and damper (stiffness k_t): Fig. 16 to 20."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -25,9 +19,9 @@ from experiments.studies.paper.runs import Array, Numbers, Run, histories, runs_
 CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
 COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
 SETTLED_STIFFNESSES = COUPLING_STIFFNESSES[::5]  # N/m
-SETTLED = 4.0  # m, distance at which the swing from the acceleration has decayed at every k_t
-CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m: fixed along a curve
-RESTITUTION = 0.1  # restitution in Fig. 18 to 20
+SETTLED = 4.0  # m, distance at which the tool's oscillation after the acceleration has decayed at every k_t
+CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m; constant along a curve
+RESTITUTION = 0.1  # of Fig. 18 to 20
 SPRING = ig.SpringDamper(150.0)  # of Fig. 17, 19 and 20
 INELASTIC = {"a": scene(1e5, RESTITUTION, SPRING), "b": scene(1e3, RESTITUTION, SPRING)}  # Fig. 19 and 20
 
@@ -45,7 +39,7 @@ def _point(
 
 
 def _sweep(restitution: float) -> list[Row]:
-    """Simulate the paper's curves, and the curves of a tool that has stopped swinging before the touch."""
+    """Simulate the paper's curves, and the curves at the distance SETTLED."""
     rows: list[Row] = []
     for k_c in CONTACT_STIFFNESSES:
         along = partial(_point, k_c=k_c, restitution=restitution)
@@ -56,12 +50,12 @@ def _sweep(restitution: float) -> list[Row]:
 
 def figure_16() -> list[Row]:
     """Simulate the curves of `_sweep`, and several damping ratios at k_t = 150 N/m."""
-    ratios = [zeta for zeta in np.round(np.arange(0.1, 2.0001, 0.05), 2).tolist() if zeta != 1.0]  # 1 is on the curves
+    ratios = [zeta for zeta in np.round(np.arange(0.1, 2.0001, 0.05), 2).tolist() if zeta != 1.0]  # `_sweep` has 1
     return _sweep(1.0) + [_point(150.0, k_c, 1.0, zeta) for k_c in CONTACT_STIFFNESSES for zeta in ratios]
 
 
 def figure_18() -> list[Row]:
-    """Simulate the curves of `_sweep`, and some of their points without a brake."""
+    """Simulate the curves of `_sweep`, and SETTLED_STIFFNESSES without a brake."""
     pairs = product(CONTACT_STIFFNESSES, SETTLED_STIFFNESSES)
     return _sweep(RESTITUTION) + [_point(k_t, k_c, RESTITUTION, braked=False) for k_c, k_t in pairs]
 
@@ -69,13 +63,13 @@ def figure_18() -> list[Row]:
 def curves(
     frame: pl.DataFrame, distance: float = DISTANCE, braked: bool = True, at: Mapping[str, float] = CRITICAL
 ) -> list[dict[str, Array]]:
-    """Return a curve for each contact stiffness: the rows at the damping ratio or coupling stiffness `at`."""
+    """Return a curve for each contact stiffness: the columns of the rows with these arguments."""
     rows = frame.sort("damping_ratio", maintain_order=True).filter(braked=braked, distance=distance, **at)
     return [where(rows, contact_stiffness=k_c) for k_c in CONTACT_STIFFNESSES]
 
 
 def _velocities(frame: pl.DataFrame, **line: Any) -> Array:
-    """Return V_p as an array (contact stiffness, coupling stiffness of the grid); `line`: arguments of `curves`."""
+    """Return V_p as an array (contact stiffnesses, coupling stiffnesses); `line`: arguments of `curves`."""
     points = frame.filter(pl.col("coupling_stiffness").is_in(COUPLING_STIFFNESSES.tolist()))
     return np.array([rows["object_velocity"] for rows in curves(points, **line)])
 
@@ -87,7 +81,7 @@ def _rising_from(frame: pl.DataFrame) -> Array:
 
 
 def _places(holds: NDArray[np.bool_]) -> str:
-    """Return in words the number of values of k_t at which a condition holds, and the range of the other values."""
+    """Return in words at how many values of k_t a condition holds, and where it does not."""
     broken = COUPLING_STIFFNESSES[~holds]
     where_not = f"; not at {broken.min():g} to {broken.max():g} N/m" if broken.size else ""
     return f"holds at {holds.sum()} of {holds.size} values of k_t{where_not}"
@@ -138,11 +132,11 @@ def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
     ahead = (before.tool_velocity - before.flange_velocity)[before.time > MOTION.speed / MOTION.acceleration]
     times = [1e3 * (run.first_contact.time - run.first_contact.time[0]) for run in both]
     compressions = [1e3 * (run.first_contact.flange_position - run.first_contact.tool_position) for run in both]
-    reached = [np.interp(a.duration, *points) for points in zip(times, compressions, strict=True)]  # when (a) ends
+    reached = [np.interp(a.duration, *points) for points in zip(times, compressions, strict=True)]  # when (a) separates
     return {
         "a": a, "b": b, "peaks": [len(find_peaks(run.trace.contact_force, 0.1 * run.peak_force)[0]) for run in both],
         "lag": -stretch.min(), "ahead_most": stretch.max(),
-        "faster_share": 100 * np.mean(ahead > 0.0),  # in flight the trace has one point per millisecond
+        "faster_share": 100 * np.mean(ahead > 0.0),  # the points of a flight are 1 ms apart
         "faster_most": ahead.max(), "faster_last": ahead[-1],
         "compressions": [values.max() for values in compressions], "reached": reached,
         "restitution_error": max(abs(run.restitution - 1.0) for run in both),
@@ -150,7 +144,7 @@ def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_19() -> pl.DataFrame:
-    """Simulate Fig. 19a and 19b, 19a and 19b with e = 1, and all four again without a brake."""
+    """Simulate Fig. 19a and 19b with their restitution and with restitution 1, each with and without a brake."""
     cases = INELASTIC | {"a, e = 1": scene(1e5, 1.0, SPRING), "b, e = 1": scene(1e3, 1.0, SPRING)}
     never = {f"{case}, no brake": approach for case, approach in cases.items()}
     return pl.concat([histories(cases), histories(never, STEADY)])
@@ -163,11 +157,7 @@ def _share_before_the_brake(run: Run) -> float:
 
 
 def _coupling(touching: ig.Trace) -> Numbers:
-    """Return numbers and words about the coupling during a contact.
-
-    `push`, `gain` and `slower` are for the time after the tool has become slower than the flange.
-    """
-    behind = int(np.argmax(touching.tool_velocity < touching.flange_velocity))
+    behind = int(np.argmax(touching.tool_velocity < touching.flange_velocity))  # from here on slower than the flange
     stretch = np.max(touching.tool_position - touching.flange_position)
     gain, time = touching.tool_velocity[behind:] - touching.flange_velocity[behind:], touching.time
     slower = "throughout"

@@ -1,4 +1,4 @@
-"""Section 5, the bistable mechanism: Fig. 22 to 25; e = 0.1, k_c = 1e3."""
+"""Section 5, the bistable mechanism: Fig. 22 to 25. Restitution 0.1, contact stiffness 1e3 N/m^1.5."""
 
 import math
 
@@ -20,7 +20,7 @@ def figure_22() -> list[Row]:
     rows: list[Row] = []
     for height in HEIGHTS:
         mechanism = ig.Bistable(MECHANISM.stiffness, MECHANISM.free_length, height)
-        peak = math.sqrt((mechanism.free_length * height**2) ** (2 / 3) - height**2)  # where L^3 = L0 H^2
+        peak = math.sqrt((mechanism.free_length * height**2) ** (2 / 3) - height**2)  # m
         for x in sorted({*POSITIONS.tolist(), peak, -peak, MECHANISM.front_stop}):
             rows.append({"height": height, "position": x, "force": float(mechanism.force(x))})
     return rows
@@ -45,7 +45,7 @@ def figure_23() -> pl.DataFrame:
 
 def _slider(trace: ig.Trace) -> tuple[Array, float]:
     """Return the slider's positions, measured from the alignment (m), and the time of its first passage (s)."""
-    # at t = 0 the preload presses the slider slightly into its stop; the trace begins there
+    # the trace begins with the slider at rest, slightly in its elastic front stop
     start = MECHANISM.front_stop + float(MECHANISM.force(MECHANISM.front_stop)) / MECHANISM.stop_stiffness
     x = start + trace.tool_position - trace.flange_position
     passed = np.flatnonzero((x[:-1] > 0.0) & (x[1:] <= 0.0))
@@ -59,7 +59,7 @@ def _numbers_figure_23(frame: pl.DataFrame) -> Numbers:
     first_phase = (time >= time[touch]) & (time < snap)
     slowed = int(np.argmax(first_phase & (tool <= 0.4)))
     settling = first_phase & (time >= time[slowed])  # between 0.4 m/s and the alignment
-    steady = settling & np.append(np.diff(time) > 0.0, False)  # the trace has two points at an event
+    steady = settling & np.append(np.diff(time) > 0.0, False)  # an event has two points in the trace
     rate = np.abs(np.diff(tool)[steady[:-1]] / np.diff(time)[steady[:-1]])
     plateau = tool[steady][np.argmin(rate)]  # m/s, tool velocity where it changes least
     at_stop = int(np.argmax((time > snap) & (x <= MECHANISM.rear_stop)))
@@ -93,7 +93,7 @@ def _numbers_figure_24(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_25() -> pl.DataFrame:
-    """Simulate the tool fixed to the robot, and on the mechanism."""
+    """Simulate a tool that is fixed to the robot, and a tool on the mechanism."""
     return histories({"rigid": scene(1e3, 0.1), "bistable": scene(1e3, 0.1, MECHANISM)})
 
 

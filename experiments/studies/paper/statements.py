@@ -1,8 +1,7 @@
-"""Compares statements of the paper with our results, and judges them by stated rules.
+"""Verdicts on statements of the paper, by comparison with our results. The file statements.toml has the statements.
 
-Our number agrees with a printed number to n digits if it differs by at most half a unit of the n-th significant digit.
-If the text says 'about', it may differ by one unit of the last printed digit. A trend or a comparison has its own rule.
-The statements are in statements.toml; the first lines of that file explain the format.
+Our number agrees with a printed number to n digits if the difference is at most half a unit of the n-th significant
+digit. If the text says 'about', a difference of one unit of the last printed digit is allowed.
 """
 
 import re
@@ -38,42 +37,41 @@ AGREEING = (Verdict.DIGITS, Verdict.AGREES)
 
 
 class Basis(StrEnum):
-    """Basis of a verdict: only a TEST could have failed."""
+    """Basis of a verdict. Only a TEST can disagree."""
 
     TEST = "test"
-    IDENTIFIED = "used to identify"  # a value that the paper does not print was chosen to make this true
-    GIVEN = "identity, scale law or input"  # an evaluated equation or an input, true for any numbers
-    REPEATED = "repeats another statement"  # follows from another statement of the list
+    IDENTIFIED = "used to identify"  # we chose a value that the paper does not print, so that the statement is true
+    GIVEN = "identity, scale law or input"  # the statement is true for all numbers, or is an input of the model
+    REPEATED = "repeats another statement"  # the statement follows from another one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Said:
     """A statement of the paper about a figure, as in statements.toml."""
 
-    text: str  # a short quotation, or the content of the passage
+    text: str  # quotation or summary of the passage
     section: str
     basis: str = "test"  # name of a Basis
     printed: str | None = None  # a number with its unit, "0.98 m/s"; None for a trend
     value: str = ""  # name of our number, which is compared with `printed`
     holds: tuple[str, ...] = ()  # conditions of a trend
-    agree: tuple[str, ...] = ()  # instead of these: statements, FIGURE.KEY, which must all agree
+    agree: tuple[str, ...] = ()  # instead of conditions: statements, as FIGURE.KEY, whose verdicts must be AGREEING
     rule: str = "none"  # the conditions in words; "none": the statement cannot be decided
     ours: str = ""  # format string of our result
-    why: str = ""  # format string: reason of a disagreement, or remark
-    source: str = ""  # where numbers come from that this study does not compute
-    reading: Mapping[str, Any] = field(default_factory=dict)  # another reading of the passage: its text, holds, ours
+    why: str = ""  # format string of the reason of a disagreement, or of a remark
+    source: str = ""  # source of numbers that this study does not compute
+    reading: Mapping[str, Any] = field(default_factory=dict)  # text, holds and ours of another reading of the passage
 
 
-SAID = {
+SAID = {  # statements by FIGURE.KEY
     f"{figure}.{key}": Said(**said)
     for figure, about in DATA["figures"].items()
     for key, said in about["statements"].items()
 }
-"""All statements, by FIGURE.KEY."""
 
 
 def agreeing_digits(printed: str, ours: float) -> tuple[int, int]:
-    """Return the number of significant digits to which `ours` agrees with `printed`, and the digits of `printed`."""
+    """Return to how many significant digits `ours` agrees with `printed`, and how many `printed` has."""
     value = Decimal(printed)  # "5e1" is 50 with one significant digit
     count = len(value.as_tuple().digits)
     error = abs(Decimal(ours) - value)
@@ -82,7 +80,7 @@ def agreeing_digits(printed: str, ours: float) -> tuple[int, int]:
 
 
 def number(name: str, numbers: Numbers) -> Any:
-    """Return the number with the name of a replacement field, such as "a.impulse" or "ends[0]"."""
+    """Return the number with a name as in a format string, such as "a.impulse" or "ends[0]"."""
     return Formatter().get_field(name, (), numbers)[0]
 
 
@@ -108,10 +106,7 @@ def compared(said: Said, ours: float) -> tuple[Verdict, str, int]:
 
 
 def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) -> dict[str, Any]:
-    """Judge the statement `said` about a figure, and return its row; `others_agree`: whether those in `said.agree` do.
-
-    For a trend `printed` and `digits` (the number of agreeing significant digits) are None.
-    """
+    """Return the row of a statement about a figure; `others_agree`: whether all statements in `said.agree` agree."""
     printed, unit, digits, rule, ours = None, "", None, said.rule, said.ours.format(**numbers)
     verdict = holding(said.holds, numbers) if others_agree else Verdict.DISAGREES
     if said.printed:
@@ -135,10 +130,7 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
 
 
 def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> pl.DataFrame:
-    """Judge the statements, by FIGURE.KEY, about the figures in `numbers`; return a row for each, as `judge` does.
-
-    A statement with `agree` is left out if a statement named there is not judged.
-    """
+    """Return rows of `judge` for `statements` about figures in `numbers`, if all in `agree` are about these, too."""
     found = dict[str, dict[str, Any]]()
     for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # statements with `agree` last
         figure = name.partition(".")[0]

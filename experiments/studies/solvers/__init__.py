@@ -1,1 +1,1 @@
-"""Shared by the studies `speed` and `stability`: approaches, the solvers that compute them, solutions and errors."""
+"""Approaches, and solvers that compute them, for the studies `speed` and `stability`."""

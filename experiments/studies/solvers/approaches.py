@@ -1,7 +1,4 @@
-"""The approaches of the studies `speed` and `stability`: six named ones, and the storm, random scenes.
-
-The storm covers the ranges in which the solver must work. Scene k of the storm depends on the number k alone.
-"""
+"""Approaches for the studies `speed` and `stability`: six with a name, and random ones, the storm."""
 
 import math
 from collections.abc import Callable
@@ -15,20 +12,19 @@ from experiments.lab.scenes import DISTANCE, MOTION, scene
 from impact_gym.robot import default_approach
 from impact_gym.scene import Coupling, Dissipation
 
-CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # an alarm is recorded, but nothing brakes
+CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # brakes only after the end of each run
 STORM_SEED = 4
 
-RANGES = {
+RANGES = {  # ranges of random numbers of a scene, in which the solver must work
     "contact stiffness": (1e2, 1e10),  # N/m^m
     "restitution": (1e-3, 1.0),
-    "mass ratio": (1e-3, 1e3),  # object over tool
+    "mass ratio": (1e-3, 1e3),  # mass of the object / mass of the tool
     "speed": (0.01, 5.0),  # m/s
     "coupling stiffness": (1.0, 1e5),  # N/m, of a spring and damper or of a mechanism
     "damping ratio": (0.0, 3.0),  # of a spring and damper or of a stop
     "deceleration": (0.5, 50.0),  # m/s^2, of the brake
 }
-"""Random numbers of a scene, with the ranges that the storm must cover."""
-OTHERS = {
+OTHERS = {  # ranges of further random numbers of a scene; we chose these ranges
     "tool mass": (0.01, 10.0),  # kg
     "acceleration": (0.5, 50.0),  # m/s^2
     "distance": (0.05, 0.35),  # m
@@ -40,19 +36,18 @@ OTHERS = {
     "robot stiffness": (1e3, 1e6),  # N/m
     "robot damping": (1.0, 1e3),  # N s/m
     "friction": (1e-3, 3.0),  # between object and ground
-    "reference velocity": (0.01, 5.0),  # m/s, at which a fixed damping has its restitution
-    "stroke over rest": (1.01, 30.0),  # travel of a tool on a spring, divided by its deflection at the acceleration
+    "reference velocity": (0.01, 5.0),  # m/s, of a contact with "fixed" dissipation
+    "stroke over rest": (1.01, 30.0),  # limit of a spring's deflection / deflection at the acceleration
 }
-"""The other random numbers of a scene, with ranges that we chose."""
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
-ROUGH = 0.25  # probability of friction, of fixed damping, and of limited travel of a spring
+ROUGH = 0.25  # probability of each change by `roughened`
 AT_AN_END = 0.05  # share of the draws from RANGES that are an end of the range
-AFTERMATH = 0.5  # s, duration of a run after the flange would reach the object
+AFTERMATH = 0.5  # s, duration of a run after the flange, without a brake, has reached the object
 
 
 @dataclass(frozen=True)
 class Approach:
-    """One approach from rest, over `duration` s."""
+    """An approach from rest, simulated for `duration` (s)."""
 
     name: str
     description: str
@@ -77,15 +72,15 @@ class Solution:
 
     velocity: float  # m/s, V_p
     peak_force: float = math.nan  # N
-    contact_duration: float = math.nan  # s, sum over all contacts; an unfinished one counts up to the end
-    detection_time: float = math.nan  # s, nan if there was no alarm
+    contact_duration: float = math.nan  # s, sum over all contacts, up to the end of the run
+    detection_time: float = math.nan  # s; nan: there was no alarm
     contacts: int = 0
-    passes: int = 0  # times that the slider passes its alignment
+    passes: int = 0  # number of times that the slider passes its alignment
     steps: int = 0  # steps of the integrator, 0 if unknown
 
     @classmethod
     def of(cls, outcome: Any, duration: float) -> "Solution":
-        """Return the answer in an outcome of our solver or of the reference, for a run of `duration` (s)."""
+        """Return the solution from an outcome of `ig.simulate` or `reference.simulate` after `duration` (s)."""
         lasted = sum((duration if contact.end is None else contact.end) - contact.start for contact in outcome.contacts)
         detection = math.nan if outcome.detection_time is None else outcome.detection_time
         counts = len(outcome.contacts), len(outcome.snap_through), getattr(outcome, "steps", 0)
@@ -93,7 +88,7 @@ class Solution:
 
 
 def kind(of: ig.Scene) -> str:
-    """Return the coupling and the robot of a scene in words."""
+    """Return the names of the coupling and of the robot of a scene."""
     couplings = {ig.Rigid: "rigid", ig.SpringDamper: "spring", ig.Bistable: "bistable"}
     robots = {ig.Robot: ", robot", ig.RobotTable: ", robot table", type(None): ""}
     return couplings[type(of.coupling)] + robots[type(of.robot)]
@@ -107,8 +102,7 @@ def approach_of(name: str) -> Approach:
 def named() -> tuple[Approach, ...]:
     """Return the six named approaches."""
     soft, spring = ig.SpringDamper(50.0), ig.SpringDamper(150.0)
-    # Fig. 23 just below the speed, between 0.9772 and 0.9773 m/s, from which on the slider stays behind its alignment;
-    # the object is placed as in the study `paper`
+    # Fig. 23 at a lower speed, just below that at which the slider stays behind its alignment (below 0.9773 m/s)
     speed = 0.9772  # m/s
     at_threshold = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))
@@ -132,7 +126,7 @@ class _Draw:
         self.share = self.rng.uniform
 
     def value(self, name: str) -> float:
-        """Draw from a named range: log-uniform, or uniform if the range begins at 0."""
+        """Draw from a range: log-uniform, or uniform if the range begins at 0. Some draws are an end of the range."""
         low, high = RANGES.get(name) or OTHERS[name]
         u, end = map(float, self.rng.random(2))
         if name in RANGES and end < AT_AN_END:
@@ -153,7 +147,7 @@ class _Draw:
         return [self.value(f"robot {name}") for name in ("mass", "stiffness", "damping")]
 
     def robot_table(self, distance: float) -> ig.RobotTable:
-        """Draw the shipped robot, or one whose parameters vary by up to a factor of two along the way to the object."""
+        """Return the shipped robot, or one whose parameters change by up to a factor of two along the path."""
         if self.share(0, 1) < 0.25:
             return default_approach().robot_table()
         way = np.linspace(0.0, 1.0, 6)
@@ -164,7 +158,7 @@ class _Draw:
 
 
 def storm(number: int) -> Approach:
-    """Return scene `number` of the storm. Any nine successive scenes combine every coupling with every robot."""
+    """Return scene `number` of the storm; nine successive scenes have all combinations of coupling and robot."""
     draw = _Draw(number)
     tool = ig.Tool(draw.value("tool mass"))
     target = ig.Object(tool.mass * draw.value("mass ratio"), draw.value("distance"))

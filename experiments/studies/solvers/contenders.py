@@ -1,4 +1,4 @@
-"""The contenders: all solvers that compute an approach, their answers, errors and processor times (one thread)."""
+"""Contenders, solvers that compute an approach: errors and processor times (one thread)."""
 
 import math
 import signal
@@ -14,15 +14,15 @@ from experiments.lab.study import Row
 from experiments.studies.solvers.approaches import Approach, Solution, approach_of
 from experiments.studies.solvers.taylor import Run
 
-OURS, CAREFUL, PEER = "impact_gym", "SciPy", "heyoka"  # SciPy's integrators inside the reference
+OURS, CAREFUL, PEER = "impact_gym", "SciPy", "heyoka"  # "SciPy": `experiments.reference` with METHODS of SciPy
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
+# modules on which the rows of contenders depend, in addition to SOLVER
 JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studies.solvers")
-"""Modules besides our solver on which the rows of contenders depend."""
 MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
-TOO_WRONG = 1e-2  # m/s in V_p: an answer with a larger error is a failure
-TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, which gives the truth, and of Radau, which is compared with it
-LEAST, MOST_CALLS = 5e-3, 10_000  # least duration of a timing (s), so that the clock is exact enough; most calls in it
-SLOW = 0.2  # s; longer calls are timed only in the first round
+TOO_WRONG = 1e-2  # m/s, error of V_p above which a contender has failed
+TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, which computes the truth, and of Radau, which checks it
+LEAST, MOST_CALLS = 5e-3, 10_000  # s, least sum of the times of a contender's calls; limit of their number
+SLOW = 0.2  # s; a longer call is timed only in the first round
 
 
 def power(value: float) -> str:
@@ -31,7 +31,7 @@ def power(value: float) -> str:
 
 
 def failure(solution: Solution, truth: Solution, allowed: float) -> str:
-    """Return why a solution is wrong; "": V_p is within `allowed` (m/s) of the truth, and the counts are equal."""
+    """Return why a solution is wrong; "": V_p is within `allowed` (m/s) of the truth, and the counts are right."""
     if not math.isfinite(solution.velocity):
         return NOT_FINITE
     if not abs(solution.velocity - truth.velocity) <= allowed:
@@ -41,7 +41,7 @@ def failure(solution: Solution, truth: Solution, allowed: float) -> str:
 
 
 def true_row(approach: str) -> list[Row]:
-    """Return the reference solution of a named approach (DOP853), and its difference from Radau's solution."""
+    """Return the truth for a named approach, computed by DOP853, and the difference of a solution by Radau from it."""
     found = approach_of(approach)
     best, second = (
         Solution.of(reference.simulate(*found.run, rtol=rtol, method=method), found.duration)
@@ -54,7 +54,7 @@ def true_row(approach: str) -> list[Row]:
 
 @contextmanager
 def limited(seconds: float) -> Iterator[None]:
-    """Raise TimeoutError after `seconds` more of this process's processor time."""
+    """Raise TimeoutError when this process has used `seconds` of processor time."""
 
     def late(*_: Any) -> None:
         raise TimeoutError
@@ -70,11 +70,10 @@ def limited(seconds: float) -> Iterator[None]:
 
 
 def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, float]:
-    """Return a contender's solution at a tolerance, and its processor time (s).
+    """Return a contender's solution at the rtol `setting`, and the processor time (s).
 
-    Our time is that of the whole call of `simulate`. SciPy's time counts only the contacts: the reference computes
-    flights without SciPy's methods, by the matrix exponential, or by integration at rtol 1e-12 where there is no closed
-    form. The time of heyoka counts only the calls of its library.
+    impact_gym: time of the call of `simulate`. SciPy: time of the contacts, because the reference computes flights
+    without METHODS. heyoka: time of the calls of its library.
     """
     kind, _, method = name.partition(" ")
     if kind == CAREFUL:
@@ -90,12 +89,12 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
 
 
 def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Row:
-    """Return the row of a contender: mean processor time of a call (µs), error of V_p (m/s), counts and failure.
+    """Return the row of a contender; if the contender raises an error, the row has only time and failure.
 
-    If the contender raises an error, the row has only a failure. heyoka compiles in a first call, which is not timed.
+    Columns: mean processor time of a call (µs), error of V_p (m/s), failure, and the counts of `Solution`.
     """
     try:
-        if name == PEER:
+        if name == PEER:  # a first call, which compiles
             solved(approach, name, setting)
         solution, seconds = solved(approach, name, setting)
         calls = 1
@@ -110,9 +109,9 @@ def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Ro
 
 
 def timed(approach: str, truth: Mapping[str, Any], settings: Sequence[tuple[str, float]], rounds: int) -> list[Row]:
-    """Return a row for each setting (contender, tolerance) on a named approach: the shortest time of some rounds."""
+    """Return a row of `judged` for each setting (contender, rtol), with the shortest time of `rounds` rounds."""
     found, true = approach_of(approach), Solution(**truth)
-    solved(found, OURS, 1e-8)  # a first call, which loads modules and tables, before anything is timed
+    solved(found, OURS, 1e-8)  # a first call, which loads modules and tables, is not timed
     rows: dict[tuple[str, float], Row] = {}
     for _ in range(rounds):
         for contender, setting in settings:

@@ -1,10 +1,9 @@
-"""Whole approaches by heyoka: Taylor series, compiled by LLVM (Biscani, Izzo 2021). No code is shared with our solver.
+"""Approaches by heyoka: Taylor series, compiled by LLVM (Biscani, Izzo 2021). No code is shared with our solver.
 
-A contact is integrated in its own scales delta0 = (M v_in^2/k_c)^0.4, v_in and t0 = delta0/v_in. As in our solver, the
-penetration is replaced by its square root s, and the time by sigma with dt = t0 s dsigma. Hertz' law is a polynomial in
-s, so methods of high order keep their order from onset to separation. Flight is integrated in SI units, with the
-penetration itself. The terminal events are onset and separation, a change of the flange's acceleration, the alarm, the
-peak of the force, the begin or end of the clamping at zero, the begin or end of a stop's push, the slider's alignment.
+The units in a contact are the length delta0 = (M v_in^2/k_c)^0.4, the velocity v_in and the time t0 = delta0/v_in, with
+the reduced mass M, the approach velocity v_in and the contact stiffness k_c. As in our solver, the state has the root s
+of the penetration, and the time is replaced by sigma with dt = t0 s dsigma. Hertz' law is a polynomial in s, so Taylor
+series keep their order at onset and separation. Flight is integrated in SI units, with the penetration itself.
 """
 
 import math
@@ -20,8 +19,8 @@ from experiments.studies.solvers.approaches import Solution
 LAW = ("m_t", "m_p", "k_c", "d", "k_t", "c_t", "L0", "H", "x0", "front", "rear", "k_s", "c_s")
 PARAMETERS = (*LAW, "a", "cut", "alarm", "length", "speed", "pressed", "front_on", "rear_on")
 STATE = ("s", "w", "v", "tau", "y", "q")
-FOREVER = 1e6  # time limit of a contact in its own units, which no contact reaches
-BESIDE = 1e-20  # penetration at which a piece begins, because an event at exactly zero might be missed
+FOREVER = 1e6  # time limit of a contact, in its scale, which no contact reaches
+BESIDE = 1e-20  # penetration at which a flight or contact begins: heyoka could miss an event at exactly zero
 ROUNDING = 1e-12  # m, rounding of the slider's position
 
 
@@ -41,13 +40,10 @@ def law_of(scene: ig.Scene) -> dict[str, float]:
 
 @cache
 def integrator(kind: str, touching: bool, tolerance: float) -> tuple[Any, dict[int, str]]:
-    """Compile a flight or a contact; return heyoka's integrator, and the event of each of its outcomes.
+    """Compile flight or contact for the coupling class `kind`; return heyoka's integrator and the names of its events.
 
-    `kind` is the name of the coupling's class.
-
-    In a contact s is the root of the penetration, in flight the penetration itself; w is the rate of the penetration, v
-    the object's velocity, tau the time since the piece began. y is the tool's deflection from the flange and q its
-    rate, both zero with a rigid coupling.
+    s is the root of the penetration (in flight the penetration), w the rate of the penetration, v the object's
+    velocity, tau the time since flight or contact began, y the tool's deflection from the flange and q the rate of y.
     """
     hy = import_module("heyoka")
     symbols, zero = hy.make_vars(*STATE), hy.expression(0.0)
@@ -74,7 +70,7 @@ def integrator(kind: str, touching: bool, tolerance: float) -> tuple[Any, dict[i
     rising, falling, both = (getattr(hy.event_direction, name) for name in ("positive", "negative", "any"))
     events = [("touching", falling if touching else rising, s)]
     if touching:
-        slope = 1.5 * w * clamped + d * s * w_dot  # of F, without s^2
+        slope = 1.5 * w * clamped + d * s * w_dot  # slope of F divided by s^2
         events += [("peak", falling, slope), ("pressed", both, clamped)]
         events += [("alarm", rising, alarm * F - 1.0), ("cut", rising, tau - cut)]
     if kind == "Bistable":
@@ -93,7 +89,7 @@ class Run:
     """One approach, integrated at a tolerance. The first run compiles the integrators."""
 
     def __init__(self, scene: ig.Scene, motion: ig.Trapezoid, duration: float, tolerance: float) -> None:
-        assert motion.brake is not None  # its threshold is that of the alarm
+        assert motion.brake is not None
         self.brake, self.motion = motion.brake, motion
         self.distance, self.duration = scene.object.distance, duration
         self.integrators = [
@@ -103,7 +99,7 @@ class Run:
         self.M = m_p if isinstance(scene.coupling, ig.Rigid) else m_t * m_p / (m_t + m_p)  # kg
         numbers = (motion.acceleration, 0.0, 1.0 / self.brake.threshold, 1.0, 1.0, 1.0, 1.0, 0.0)
         self.par = law_of(scene) | dict(zip(PARAMETERS[len(LAW) :], numbers, strict=True))
-        self.changes = [(motion.speed / motion.acceleration, 0.0), (duration, math.nan)]  # s, m/s^2 from then
+        self.changes = [(motion.speed / motion.acceleration, 0.0), (duration, math.nan)]  # s, m/s^2
         self.seconds = 0.0  # processor time of heyoka
         self.peak, self.detection, self.passes = 0.0, math.nan, 0
 
@@ -125,7 +121,7 @@ class Run:
         return Solution(v_p, self.peak, lasted, self.detection, contacts, self.passes)
 
     def _move(self, touching: bool, begun: float, state: list[float]) -> tuple[float, list[float]]:
-        """Integrate one flight or contact from `begun` (s); return the time at its end and the state there."""
+        """Integrate one flight or contact from `begun` (s) to its end; return time (s) and state at the end."""
         (made, events), par = self.integrators[touching], self.par
         unit, event = par["length"] / par["speed"], ""
         made.time, made.state[:] = 0.0, state
@@ -141,7 +137,6 @@ class Run:
         return begun + unit * state[3], state
 
     def _note(self, event: str, t: float, state: list[float], touching: bool) -> None:
-        """Record an event at t (s) and change the parameters that it changes."""
         motion, par = self.motion, self.par
         if touching:
             F = par["pressed"] * par["k_c"] * par["length"] ** 1.5 * state[0] ** 3 * (1.0 + par["d"] * state[1])

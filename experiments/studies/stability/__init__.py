@@ -1,10 +1,4 @@
-"""`impact-gym study stability`: robustness on 10,000 random scenes.
-
-    `storm`     a row for each scene: our run, and physical checks of it
-    `promises`  promises about these runs, and whether they are kept; agreement with the independent solver
-
-A scene on which a solver hangs or crashes has a row, too.
-"""
+"""`impact-gym study stability`: robustness of the solver on 10,000 random scenes, the storm."""
 
 from collections.abc import Iterator
 
@@ -16,14 +10,14 @@ from experiments.studies.stability import promises
 from experiments.studies.stability.storm import storm_row, truth_row
 
 SCENES, QUICK_SCENES = 10_000, 200
-HANG = 120.0  # s, limit of one scene
-EVERY, FIRST = 50, 17  # the independent solver judges scenes 17, 67, 117, ...: the scenes are random already
-PATIENCE = 60.0  # s of processor time for each method of the independent solver
-SHOWN = 200  # failures on the page
+HANG = 120.0  # s, time limit of one scene
+EVERY, FIRST = 50, 17  # the independent solver judges scenes 17, 67, 117, ...
+PATIENCE = 60.0  # s, limit of the processor time of each method of the independent solver
+SHOWN = 200  # largest number of failures on the page
 
 
 def unknown_row(labels: Row) -> Row:
-    """Return the columns that describe a scene whose run did not finish."""
+    """Return the row of a scene whose run did not finish."""
     return approaches.storm(labels["scene"]).about
 
 

@@ -1,4 +1,4 @@
-"""Promises about the runs of the storm, and whether they are kept. Every failure is listed with its scene."""
+"""Promises about the runs of the storm, and functions that find the scenes that break them."""
 
 from typing import NamedTuple
 
@@ -6,16 +6,16 @@ import numpy as np
 import polars as pl
 
 SLOWEST = 50.0  # ms
-MOMENTUM = 1e-9  # share of the contact's impulse
-ENERGY = 1e-6  # share of the energy exchanged in the contact, beyond the doubt of the quadrature
-PULL = 1e-12  # share of the peak force, or of the tool's speed: rounding
+MOMENTUM = 1e-9  # error of momentum / impulse of the contact
+ENERGY = 1e-6  # (energy that a contact created - its doubt) / energy exchanged, see CHECKS in `storm`
+PULL = 1e-12  # rounding, see `pull` in CHECKS
 AGREEMENT = 1e-6  # relative difference of V_p
 FINISHED = pl.col("failure") == ""
 TRACED = FINISHED & pl.col("traced")
 
 
 class Promise(NamedTuple):
-    """A promise about rows of the storm. A row in which the number is missing breaks it."""
+    """A promise about rows of the storm. A row in which `kept` is null breaks the promise."""
 
     text: str
     number: pl.Expr  # shown for each row that breaks the promise
@@ -23,14 +23,14 @@ class Promise(NamedTuple):
     about: pl.Expr = FINISHED  # rows to which the promise applies
 
     def broken(self, rows: pl.DataFrame) -> pl.DataFrame:
-        """Return scene, promise, reason and coupling of the rows that break the promise."""
+        """Return scene, promise, reason and coupling for each row that breaks the promise."""
         wrong = rows.filter(self.about, ~self.kept.fill_null(value=False))
         number = self.number.map_elements(lambda value: f"{value:.3g}", pl.String)
         reason = pl.when(FINISHED).then(number).otherwise("failure")
         return wrong.select("scene", promise=pl.lit(self.text), reason=reason, coupling="coupling")
 
     def finding(self, rows: pl.DataFrame) -> str:
-        """Return in words how many rows break the promise, and the median and the largest number."""
+        """Return in words how many rows break the promise, and median and largest value of `number`."""
         count = self.broken(rows).height
         broken = [f"{count} of {rows.height} scenes do not"] if count else []
         numbers = rows.filter(self.about).select(number=self.number)["number"].drop_nulls().to_numpy()
@@ -40,7 +40,7 @@ class Promise(NamedTuple):
 
 
 CREATED = pl.col("energy_created") - pl.col("energy_doubt")
-TIME = pl.col("milliseconds")  # missing if the run was ended from outside
+TIME = pl.col("milliseconds")  # null if the run was stopped at the time limit
 PROMISES = (
     Promise("every run ends by itself, with an outcome", pl.col("steps"), FINISHED, pl.lit(value=True)),
     Promise("every number is finite", pl.col("finite"), pl.col("finite")),
@@ -61,11 +61,11 @@ def failures(rows: pl.DataFrame) -> pl.DataFrame:
 
 
 def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
-    """Return the storm's rows that the independent solver solved; `apart`: the solutions do not agree."""
+    """Return the rows of scenes that the independent solver solved; `apart`: V_p, or number of passes, differs."""
     true = {f"true_{name}": name for name in ("velocity", "contacts", "passes")}
     empty = pl.DataFrame(schema=dict.fromkeys(true.values(), pl.Float64))  # if no truth is known, columns are missing
     known = pl.concat([truths.filter(FINISHED), empty], how="diagonal_relaxed").select("scene", **true)
-    size = pl.max_horizontal(pl.col("true_velocity").abs(), 1e-6 * pl.col("speed"))  # V_p = 0: only rounding is left
+    size = pl.max_horizontal(pl.col("true_velocity").abs(), 1e-6 * pl.col("speed"))  # V_p may be 0
     error = (pl.col("object_velocity") - pl.col("true_velocity")).abs() / size
     alike = (pl.col("velocity_error") <= AGREEMENT) & (pl.col("passes") == pl.col("true_passes"))
     apart = ~(FINISHED & alike.fill_null(value=False))
@@ -73,10 +73,7 @@ def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
 
 
 def over_agreement(judged: pl.DataFrame, unknown: int) -> tuple[str, str, bool]:
-    """Return the promise of agreement with the independent solver, the finding, and whether the promise is kept.
-
-    `unknown` is the number of scenes that the independent solver did not solve.
-    """
+    """Return the promise about the independent solver, which failed in `unknown` scenes: text, finding, and if kept."""
     apart, errors = judged.filter("apart").height, judged["velocity_error"].drop_nans().to_numpy()
     words = f"{apart} of {judged.height} do not, the independent solver failed in {unknown}"
     words += f", median {np.median(errors):.1e}" if errors.size else ""

@@ -1,17 +1,16 @@
-"""A row of numbers for each scene of the storm: our run, and physical checks of it.
+"""Simulation of each scene of the storm, and physical checks of the result.
 
-Energy. With M the reduced mass of tool and object and a the acceleration of the tool by all forces but the contact
-force, the contact force is F = M (a - delta''), so the contact takes from the bodies
+Energy. Let M be the reduced mass of tool and object, delta the penetration, v_in and v_out the velocities of approach
+and separation, and a the acceleration of the tool by all forces except the contact force. The contact force is
+F = M (a - delta''), so the contact takes from the bodies the energy
 
     integral of F d(delta) = (M v_in^2 - M v_out^2) / 2 + M integral of a d(delta)
 
-This must not be negative: a finished contact has returned less than it took, and an unfinished contact stores energy.
-The first term is known to rounding from a `ContactRecord`. The second is a sum over the points of a `Trace`. There M a
-follows from the velocities at two points and from friction, so that a may jump. The doubt of the sum is its change when
-every second point is left out. M varies if the tool is fixed to a robot whose mass varies.
+This energy must not be negative. The first term is computed from a `ContactRecord`, the second as a sum over the points
+of a `Trace`. The doubt of the sum is its change if every second point is left out.
 
-Friction decelerates the object by at most mu g: the contact's impulse may exceed the object's gain in momentum by the
-impulse of friction.
+Momentum. Friction decelerates the object by at most mu g (mu: coefficient of friction), so the contact's impulse may
+exceed the object's gain in momentum by at most the impulse of friction.
 """
 
 import math
@@ -31,18 +30,18 @@ from experiments.studies.solvers.contenders import limited
 from impact_gym.physics.impact import GRAVITY
 
 NEVER = 1e6  # s, stands for the end of an unfinished contact
-AGAIN_OVER = 20.0  # ms; a longer run is repeated, because a first run also loads modules and tables
-LONGEST_TRACE = 50_000  # steps; a longer trace would fill the memory
+AGAIN_OVER = 20.0  # ms; a longer run is timed again, because a first run also loads modules and tables
+LONGEST_TRACE = 50_000  # steps; a longer run has no trace, which would fill the memory
 FINER = 1e-10  # rtol of a second run of each scene with a trace
-STIFF = 20.0  # d above which the independent solver begins with the implicit method
+STIFF = 20.0  # damping factor d above which the independent solver tries Radau first
 TRUE_RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
 CHECKS = ("momentum_error", "impulse_error", "energy_created", "energy_doubt", "pull")
-"""The worst values of a run, each without unit; all zero if there was no contact.
+"""Columns with the checks of a run, without units; each is that of the worst contact, and 0 without a contact.
 
-`momentum_error` and `impulse_error`, from one contact: the residual of eq. 20, and the impulse minus the momentum that
-the object gained, both divided by the impulse. `energy_created` and `energy_doubt`, from one contact: the energy that
-the contact created (negative: lost; nan without a trace) and its doubt, both divided by all energy exchanged. `pull`: a
-contact force below 0 divided by the peak force, or a fall of V_p in a contact divided by the tool's speed.
+`momentum_error`: residual of eq. 20 / impulse. `impulse_error`: (impulse - gain of the object's momentum) / impulse,
+beyond what friction explains. `energy_created`: energy that the contact created (below 0: lost) / energy exchanged; nan
+without a trace. `energy_doubt`: the doubt of this energy / energy exchanged. `pull`: contact force below 0 / peak
+force, or decrease of V_p in a contact / approach velocity.
 """
 
 Array = NDArray[np.float64]
@@ -50,17 +49,17 @@ EPS = float(np.finfo(float).eps)
 
 
 def run(approach: Approach, rtol: float = 1e-8) -> tuple[ig.Outcome | None, str, float]:
-    """Return the outcome, the error if there is none, and the processor time of one `simulate` (ms)."""
+    """Return the outcome or None, the error or "", and the processor time (ms) of a call of `simulate`."""
     begun, outcome, problem = thread_time(), None, ""
     try:
         outcome = ig.simulate(*approach.run, rtol)
-    except Exception as error:  # a failure is a result
+    except Exception as error:  # reported as a broken promise
         problem = f"{type(error).__name__}: {error}".replace("\n", " ")
     return outcome, problem, 1e3 * (thread_time() - begun)
 
 
 def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate) -> Row:
-    """Return the row of a scene; `simulate` computes its trace."""
+    """Return the row of a scene; `simulate` computes the trace."""
     outcome, problem, milliseconds = run(approach)
     if milliseconds >= AGAIN_OVER:
         milliseconds = min(milliseconds, run(approach)[2])
@@ -84,10 +83,7 @@ def storm_row(number: int) -> list[Row]:
 
 
 def truth_row(number: int, patience: float) -> list[Row]:
-    """Return the independent solver's answer for scene `number`; each method has `patience` (s of processor time).
-
-    The first method is Radau for a stiff scene, DOP853 for another; if it fails, the other method follows.
-    """
+    """Return the independent solver's solution of scene `number`; each method may take `patience` (s)."""
     approach = storm(number)
     law = approach.scene.contact
     d = damping_factor(law.dissipation, law.restitution, law.stiffness_exponent, law.damping_exponent)
@@ -106,7 +102,7 @@ def truth_row(number: int, patience: float) -> list[Row]:
 
 def finite(outcome: ig.Outcome) -> bool:
     """Return whether all numbers of an outcome are finite."""
-    outcome = outcome._replace(rest_time=None)  # inf if something still moves
+    outcome = outcome._replace(rest_time=None)  # it is inf if a body moves at the end
     records = [record for record in (outcome, *outcome.contacts, outcome.trace) if record is not None]
     values = [value for record in records for value in record]
     return all(bool(np.all(np.isfinite(value))) for value in values if isinstance(value, float | np.ndarray))
@@ -122,7 +118,7 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
     for contact in outcome.contacts:
         after, striking = contact.object_velocity, before + contact.approach_velocity
         until = NEVER if contact.end is None else contact.end
-        rubbed = slowing * (until - since)  # m/s, at most
+        rubbed = slowing * (until - since)  # m/s, largest change of V_p by friction
         lost = contact.impulse - m_p * (after - before)
         impulse_error = max(-lost, lost - m_p * rubbed, 0.0) / max(contact.impulse, 1e-300)
         budgets.append((abs(contact.momentum_error), impulse_error))
@@ -138,12 +134,11 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
 
 
 def _worst(*values: float) -> float:
-    """Return the largest value; nan counts as infinite."""
     return math.inf if any(map(math.isnan, values)) else max(values)
 
 
 def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple[float, float]:
-    """Return the energy that a contact has created, and its doubt, both divided by all energy exchanged in it."""
+    """Return `energy_created` and `energy_doubt` of CHECKS for one contact."""
     first = int(np.searchsorted(trace.time, contact.start, side="right")) - 1
     last = np.searchsorted(trace.time, math.inf if contact.end is None else contact.end, side="left")
     inside = slice(first, int(last) + 1)
@@ -165,12 +160,8 @@ def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple
 def _work(
     target: ig.Object, time: Array, mass: Array, delta: Array, rate: Array, velocity: Array, force: Array
 ) -> tuple[Array, Array]:
-    """Return M a d(delta) between each two points (J), and the impulse of the contact up to each point (N s).
-
-    M a = M delta'' + F is taken as constant between two points. The impulse of the contact is the object's momentum
-    plus the impulse of friction, which is mu m g while the object slides. While the object sticks, friction balances
-    the contact force.
-    """
+    """Return M a d(delta) between successive points (J), for M a constant in between, and the impulses so far (N s)."""
+    # impulse = momentum of the object + impulse of friction; without sliding, friction equals the contact force
     friction, passed = GRAVITY * target.mass * (target.friction or 0.0), np.diff(time)
     slides = velocity[1:] + velocity[:-1] != 0.0
     held = np.where(slides, friction * np.sign(velocity[1:] + velocity[:-1]), (force[1:] + force[:-1]) / 2)
@@ -181,7 +172,7 @@ def _work(
 
 
 def _reduced_mass(scene: ig.Scene, command: Array) -> Array:
-    """Return M (kg) at each commanded position (m); a tool fixed to a rigid robot counts as infinitely heavy."""
+    """Return M (kg) at each commanded position (m); a tool that is fixed to a rigid robot has an infinite mass."""
     mass, m_p, robot = np.full_like(command, scene.tool.mass), scene.object.mass, scene.robot
     if isinstance(scene.coupling, ig.Rigid):
         if robot is None:
