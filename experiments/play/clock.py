@@ -91,7 +91,7 @@ class Clock:
             self.server.send(message)
 
     def play(self, wanted: Try, path: Path, seen: bool) -> None:
-        """Play a try in real time, save it, send its result; `seen`: the object is visible before the touch."""
+        """Play a try in real time, save and send it; `seen`: whether the object is visible before the touch."""
         try:
             live = Live(wanted)
             self.send(kind="began", setup=wanted.setup, radius=object_radius(live.kept.record["object_mass"]))
