@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.baselines.bound import FROZEN, bound_of
-from agents.baselines.tuned import FIXED, read_tuned
-from agents.evaluate.controllers import controller_of, try_out
-from agents.evaluate.play import environment_and_scenarios, pairs
+from agents.baselines.tuned import BOUND_SET, FIXED, bound_of, read_tuned
+from agents.evaluate.play import controller_of, environment_and_scenarios, pairs, try_out
 from agents.evaluate.scenario_batch import TEST_SEED
 from agents.policies import Policy, load_ensemble, load_policy
 from agents.provenance import digest_of
@@ -48,7 +46,7 @@ class Contestant:
     """A controller, and the time weights (m/s per s) at which it plays."""
 
     name: str
-    controller: Mapping[str, Any]  # JSON, see `agents.evaluate.controllers`
+    controller: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
     weights: tuple[float, ...]
     checksum: str  # SHA-256 of the policy's file, the tuned parameters or the module; "": the paper's rule
 
@@ -175,7 +173,7 @@ def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED
     searched = min(map(len, parameters_at.values()), default=0)
     own = pairs(setup.environment.get("scenario", "test"))
     same = its_own and scenarios.get("seed") == TEST_SEED and scenarios.get("ranges") == own
-    if not (same or scenarios.get("set") == FROZEN) or not 0 < searched <= scenarios["count"]:
+    if not (same or scenarios.get("set") == BOUND_SET) or not 0 < searched <= scenarios["count"]:
         return None
     spec = {f"{weight:g}": parameters[:searched].tolist() for weight, parameters in parameters_at.items()}
     checksum = hashlib.sha256(json.dumps(spec).encode()).hexdigest()
