@@ -167,7 +167,7 @@ def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
-    """Return the clairvoyant search of a set-up; None: the scenarios that it searched are not the first of `scenarios`."""
+    """Return the clairvoyant search of a set-up; None: it searched other scenarios than the first of these."""
     its_own = setup.bound == setup.name
     parameters_at = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
     searched = min(map(len, parameters_at.values()), default=0)
