@@ -160,8 +160,8 @@ def _layout(lines: Sequence[str]) -> _Layout:
                 most = sum(shares)
     if best is None:
         written = next((line for line in reversed(lines) if line.strip()), "")
-        first = f"no line has two numbers among the first {len(lines)}, e.g. {shown(written)}"
-        raise ValueError(first if written else "it is empty")
+        reason = f"no line has two numbers among the first {len(lines)}, e.g. {shown(written)}"
+        raise ValueError(reason if written else "it is empty")
     return best
 
 
