@@ -18,7 +18,7 @@ FLAGS = [
     "-O3",
     "-g0",  # debug information would take a quarter of the build's time and three quarters of the file
     "-fno-math-errno",  # no code reads errno
-    "-fno-trapping-math",  # no code traps floating-point exceptions; inf and nan are computed as before
+    "-fno-trapping-math",  # no code traps floating-point exceptions
     "-ffp-contract=off",  # a * b + c is rounded twice on every processor, so all processors give the same bits
 ]
 BELOW = ("agents", "experiments")
@@ -31,15 +31,15 @@ NAMED = re.compile(r"""((?:^|\n)\s*(?:from|import)\s+|["'])(agents|experiments)(
 
 
 def placed(package: str) -> str:
-    """Return the name in a wheel of a package of the checkout."""
+    """Return the name that a package of the checkout has in a wheel."""
     return f"impact_gym.{package}" if package.partition(".")[0] in BELOW else package
 
 
 class Build(build_py):
-    """Copies modules into a wheel, and renames the packages BELOW that their sources name."""
+    """Copies modules into a wheel; in their sources, the packages BELOW get their new names."""
 
     def build_module(self, module: str, module_file: str, package: Any) -> Any:
-        """Copy a module; a module of BELOW gets new names, unless the installation is editable."""
+        """Copy a module; in a module of BELOW, rename imports and strings, unless the installation is editable."""
         out, copied = super().build_module(module, module_file, package)
         if not self.editable_mode and any(f".{name}." in f"{package}." for name in BELOW):
             text = Path(out).read_text()

@@ -7,7 +7,7 @@ import griffe
 
 
 class Comments(griffe.Extension):
-    """Extension of griffe, which mkdocs.yml loads by the path of this file."""
+    """Extension of griffe, which mkdocs.yml names by the path of this file."""
 
     def on_attribute(self, *, attr: griffe.Attribute, **_: Any) -> None:
         """Give an attribute without docstring the comment at the end of its last line as docstring."""

@@ -1,8 +1,8 @@
 """Write the generated parts of the pages (tables, listings, pictures), and convert formulas to MathML for MkDocs.
 
-`python docs/generated.py` writes the text between `<!-- generated: NAME -->` and `<!-- end -->`, which is the return
-value of TEXTS[NAME] or the content of the file NAME, and the pictures in docs/pictures. tests/test_documentation.py
-fails if a page is outdated. MkDocs calls the functions `on_page_content` and `on_post_build`.
+`python docs/generated.py` writes the pictures in docs/pictures, and the text between the comments in a page,
+`<!-- generated: NAME -->` and `<!-- end -->`: the return value of TEXTS[NAME], or the content of the file NAME. MkDocs
+calls the functions `on_page_content` and `on_post_build`.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""`impact-gym controller SETUP --out DIR`: tune, train, report, and export the controller that is recommended."""
+"""`impact-gym controller SETUP --out DIR`: tune, train, report, export the controller that the report recommends."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -25,7 +25,7 @@ from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from agents.baselines.tuned import read_tuned
 from agents.command_line import run_command
-from agents.evaluate.controllers import controller_of
+from agents.evaluate.play import controller_of
 from agents.policies import Controller, load_policy
 from agents.provenance import revision
 from agents.setups import FIXED, Setup, load_setup, shipped_baselines
@@ -198,7 +198,7 @@ class Given:
 
 
 def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
-    """Make a dataset's environment; ValueError: the metadata name an environment or code of others, or a file."""
+    """Make a dataset's environment; ValueError: it is not of this package, or metadata name other code or files."""
     spec = json.loads(about["env_spec"])
     if spec["id"] not in IDS:
         raise ValueError(f"its id must be one of {', '.join(IDS)}, got {shown(spec['id'])}")

@@ -9,12 +9,6 @@ def mine(tmp_path):
     return own_set_up(tmp_path)
 
 
-@pytest.fixture
-def no_display(monkeypatch):
-    """Draw without a display."""
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-
-
 @pytest.fixture(scope="module")
 def browser():
     """Chromium, once for all tests of a file."""

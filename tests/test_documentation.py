@@ -2,7 +2,7 @@
 
 The blocks of a page share one folder and one namespace, from top to bottom. A block with a title is a file. Python
 runs. Shell commands run; for those of SLOW only the options are parsed. A block of text is the output of the block
-above it.
+above it. Scripts of docs/examples print the numbers of `simulate`, set-ups hold what their texts say.
 """
 
 import doctest
@@ -16,20 +16,28 @@ import sys
 import tomllib
 from pathlib import Path
 
+import gymnasium as gym
+import numpy as np
 import pytest
 from commands import MODULES, read_options, read_printed
 from pages import chromium, opened
+from scenes import MOTION, scene
 
+import impact_gym as ig
 from agents.policies import SHIPPED
+from agents.setups import feasible, load_setup
 from experiments import policies
+from experiments.design.options import DRAWN
+from experiments.design.pads import on_pad
+from impact_gym.task import ScenarioRanges, Task
 from impact_gym.task.task import ARGUMENTS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w*)(?: title=\"(.+?)\")?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-LISTED = {file.read_text() for file in (ROOT / "docs/examples").glob("*.py")}
-"""Listings of docs/examples, which have tests of their own."""
-FILES = ("toml", "json", "c", "python")
+EXAMPLES = ROOT / "docs" / "examples"
+LISTED = {file.read_text() for file in EXAMPLES.glob("*.py")}
+"""Listings, which have tests of their own below."""
 SLOW = {module for name, module in MODULES.items() if name not in ("check", "policies")}
 SLOW.add("experiments.loop")
 """Modules that run for minutes, which have tests of their own."""
@@ -46,15 +54,6 @@ NEEDS = {
 }  # fmt: skip
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
 ALIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-
-
-def blocks(page):
-    """The language, title, code and first line of each block of a page."""
-    text = page.read_text()
-    assert text.count("```") == 2 * len(BLOCK.findall(text)), f"{page}: not all blocks are understood"
-    for block in BLOCK.finditer(text):
-        language, title, code = block.groups()
-        yield language, title, code, text[: block.start()].count("\n") + 2
 
 
 def run_shell(code, monkeypatch):
@@ -85,11 +84,14 @@ def test_examples_of_a_page_run_and_print_what_the_page_shows(page, tmp_path, mo
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     namespace, printed = {"__name__": "__main__"}, None
-    for language, title, code, line in blocks(page):
+    text = page.read_text()
+    assert text.count("```") == 2 * len(BLOCK.findall(text)), f"{page}: not all blocks are understood"
+    for block in BLOCK.finditer(text):
+        (language, title, code), line = block.groups(), text[: block.start()].count("\n") + 2
         where = f"{page.relative_to(ROOT)}, line {line}"
         assert max(map(len, code.splitlines())) <= 88, f"{where}: wider than a column"
         if title:
-            assert language in FILES, where
+            assert language in ("toml", "json", "c", "python"), where
             (tmp_path / title).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / title).write_text(code)
             if language == "python":
@@ -111,11 +113,11 @@ def test_examples_of_a_page_run_and_print_what_the_page_shows(page, tmp_path, mo
             assert language == "diff", f"{where}: no test of {language!r}"
 
 
-CARDS = {path.stem: [*policies.card(path.stem)] for path in SHIPPED.glob("*.npz")}
 PRINTED = {
     *(command for page in PAGES for earlier, command in re.findall(
         r"(8fc14f9 \W*(?:with\s+)?)?`(impact-gym [a-z][^`]*)`", page.read_text()) if not earlier),
-    *(command for card in CARDS.values() for command in re.findall(r"made by: (impact-gym [^(]*)", "\n".join(card))),
+    *(command for path in SHIPPED.glob("*.npz") for command in re.findall(
+        r"made by: (impact-gym [^(]*)", "\n".join(policies.card(path.stem)))),
 }  # fmt: skip
 """Commands in texts and on cards, except those of an earlier commit."""
 
@@ -137,7 +139,7 @@ def test_generated_parts_of_pages_are_current():
 def test_notebook_prints_the_outputs_that_it_contains(capsys):
     pytest.importorskip("matplotlib").use("Agg")
     namespace = {}
-    for cell in json.loads((ROOT / "docs/examples/first_steps.ipynb").read_text())["cells"]:
+    for cell in json.loads((EXAMPLES / "first_steps.ipynb").read_text())["cells"]:
         if cell["cell_type"] == "code":
             exec("".join(cell["source"]), namespace)
             shown = [line for output in cell["outputs"] for line in output.get("text", ())]
@@ -175,3 +177,55 @@ def test_site_has_all_pages_and_its_search_works_without_a_network(tmp_path):
             page.locator(".md-search__input").press_sequentially(word)
             page.locator(".md-search-result__item h1", has_text=title).first.wait_for(timeout=120_000)
         assert problems == []
+
+
+def printed_by(name, *arguments):
+    """The numbers in each line that an example prints; a warning is an error."""
+    command = [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return [[float(number) for number in re.findall(r"-?\d+(?:\.\d+)?", line)] for line in done.stdout.splitlines()]
+
+
+@pytest.mark.parametrize("name", ["designed-mechanism.toml", "designed-foam.toml"])
+def test_designed_end_effector_is_a_set_up_with_the_training_of_its_original(name):
+    setup = load_setup(EXAMPLES / name)
+    sentences = feasible.warnings(Task(**setup.environment))  # its controller stays below that acceleration
+    assert [sentence for sentence in sentences if "the front stop holds the tool up to" not in sentence] == []
+    assert setup.training.steps == load_setup("linear-blind").training.steps
+
+
+def test_contact_of_the_padded_design_is_that_of_the_usual_scenarios_behind_its_pad():
+    setup, usual = load_setup(EXAMPLES / "designed-foam.toml"), ScenarioRanges()
+    corners = np.array([on_pad("memory-foam", k, e) for k in usual.contact_stiffness for e in usual.restitution])
+    for name, values in zip(("contact_stiffness", "restitution"), corners.T, strict=True):
+        assert setup.environment["scenario"][name] == pytest.approx([values.min(), values.max()])
+    assert "on a pad of memory-foam" in setup.about
+    assert DRAWN in setup.about
+
+
+def test_mechanism_is_held_in_every_corner_of_its_ranges():
+    task = Task(**load_setup(EXAMPLES / "bistable-robust.toml").environment)
+    assert feasible.warnings(task) == []
+    assert len([*feasible.corners(task)]) == 64
+
+
+def test_loops_print_what_simulate_gives():
+    lines = printed_by("gymnasium_loop.py")
+    ((*means, scenarios),) = printed_by("vector_loop.py")
+    envs = gym.make_vec("ImpactApproach-v0", 1000)
+    envs.reset(seed=0)
+    paths = "object.mass", "contact.stiffness", "contact.restitution", "object.distance"
+    drawn = dict(zip(paths, envs.unwrapped.batch.info()["scenario"].values(), strict=True))
+    outcomes = ig.sweep(scene(coupling=ig.SpringDamper(50.0)), MOTION, drawn, duration=3.0)
+    expected = np.column_stack([outcomes.first_contact, outcomes.object_velocity])
+    assert [line[0] for line in lines] == list(range(5))
+    assert np.array([line[1:3] for line in lines]) == pytest.approx(expected[:5], rel=0, abs=0.51e-4)  # four decimals
+    assert means == pytest.approx(expected.mean(axis=0), rel=0, abs=0.51e-4)
+    assert scenarios == 1000
+
+
+def test_stable_baselines3_script_learns():
+    (untrained,), (steps, trained) = printed_by("stable_baselines3_ppo.py", "32768")
+    assert steps == 32768
+    assert untrained + 0.05 < trained < 0.0

@@ -91,6 +91,8 @@ def test_row_of_a_sweep_depends_on_neither_threads_nor_order():
         first = getattr(single, field.name)
         for other in (getattr(many, field.name), getattr(back, field.name)[::-1]):
             assert np.array_equal(first, other, equal_nan=first.dtype.kind == "f")
+    for nothing, shape in (({"object.mass": []}, (0,)), ({}, ())):
+        assert ig.sweep(template, MOTION, nothing).object_velocity.shape == shape
 
 
 def test_run_that_cannot_finish_says_why_and_does_not_affect_other_rows():
@@ -104,11 +106,6 @@ def test_run_that_cannot_finish_says_why_and_does_not_affect_other_rows():
         ig.simulate(endless, MOTION)
     assert_row(outcomes, 0, ig.simulate(first, MOTION))
     assert_row(outcomes, 2, ig.simulate(last, MOTION))
-
-
-def test_sweep_of_no_rows_has_none():
-    assert ig.sweep(scene(1e4), MOTION, {"object.mass": []}).object_velocity.shape == (0,)
-    assert ig.sweep(scene(1e4), MOTION, {}).object_velocity.shape == ()
 
 
 def test_advise_simplifies_by_the_largest_error_between_two_runs_of_any_scene():

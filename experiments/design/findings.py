@@ -62,7 +62,7 @@ def reduction(line: pl.DataFrame, paper: pl.DataFrame) -> Estimate:
 
 
 def chart(rows: Sequence[dict[str, Any]]) -> Figure:
-    """Return a figure of mean V_p against mean approach time, with largest deflections (mm) at the designs of FRONT."""
+    """Return a figure of mean V_p against mean approach time, with the largest deflection of each design of FRONT."""
     figure, others = Figure(figsize=(8.4, 4.8)), iter(SERIES[2:])
     axes = figure.subplots()
     styles = {PAPER: ("*", "k"), FRONT: ("s", SERIES[0]), CHOSEN: ("o-", SERIES[1])}

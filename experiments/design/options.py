@@ -71,7 +71,7 @@ class DesignOptions:
         if self.pad:
             pad_of(self.pad)
         options = replace(self, times=tuple(sorted(self.times)))
-        _ = options.searched, options.others  # raises ValueError for invalid designs
+        _ = options.searched, options.others  # computing both raises ValueError for invalid designs
         return options
 
     @cached_property

@@ -22,7 +22,7 @@ from impact_gym.validation import number, whole
 
 RTOL = 1e-5  # rtol of the simulation in a search: the error of V_p is below 1e-6 m/s
 PENALTY = 2.0  # m/s, cost of exceeding a limit by 100 %; it is larger than any gain in V_p by exceeding the limit
-MARGIN = 1.2  # factor on the tolerance in a search, which has fewer scenarios than the test set
+MARGIN = 1.2  # factor on the tolerance in a search, because of rare scenarios that a search does not contain
 CONTACT = ("contact_stiffness", "restitution")
 WITHIN = 0.95  # share of the episodes in which the peak force must be within its limit
 UNITS = {"deflection": "m", "stroke": "m", "peak_force": "N", "touched_once": "-"}
@@ -132,7 +132,7 @@ def objective(
     stage = ScenarioBatch(TUNING_SEED, scenarios, task, copies=population, lenient=True, threads=1)
     contact = candidate.contact(ScenarioBatch(TUNING_SEED, scenarios, task, threads=1))
     off, rng = MARGIN * budget.tolerance, np.random.default_rng((TUNING_SEED, 1))
-    errors = rng.uniform(1.0 - off, 1.0 + off, (len(variables), scenarios))  # factors on the designed numbers
+    errors = rng.uniform(1.0 - off, 1.0 + off, (len(variables), scenarios))  # factors on the numbers of the design
 
     def losses(candidates: Floats) -> Floats:
         searched, of_rule = np.split(candidates[:, 0], [len(variables)], axis=1)
@@ -155,15 +155,11 @@ def search(
     candidate: Mapping[str, Any], variables: Sequence[Sequence[Any]], approach_time: float,
     limits: Mapping[str, float | None], budget: Mapping[str, Any], seed: int,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Search, and return one row: the best `design` and the `parameters` of its rule as JSON, and the `loss` (m/s).
+    """Search, and return one row: the best `design` and the rule's `parameters` as JSON, and the `loss` (m/s).
 
-    Args:
-        candidate: fields of a `Candidate`. `environment` has a range for each variable; `parameters` is the start.
-        variables: fields of each `SearchVariable`; if empty, only the controller is searched.
-        approach_time: largest mean approach time over the scenarios, s.
-        limits: fields of `Limits`.
-        budget: fields of `SearchBudget`.
-        seed: seed of CMA-ES.
+    `candidate`, `limits` and `budget` have the fields of `Candidate`, `Limits` and `SearchBudget`, each of `variables`
+    those of `SearchVariable`. The candidate's environment has a range for each variable; its `parameters` are the start
+    of the search. Without variables, only the controller is searched. `approach_time` (s) limits the mean time.
     """
     begin, free, much = Candidate(**candidate), [SearchVariable(*each) for each in variables], SearchBudget(**budget)
     of_rule = zip(RULES[begin.rule].PARAMETERS, begin.parameters, strict=True)
@@ -181,7 +177,7 @@ def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapp
     """Play a candidate on the frozen set `name`; return a row for each scenario, with numbers and results.
 
     `candidate` has the fields of `Candidate`, `limits` those of `Limits`. In each scenario, each number of the design
-    has a relative error of at most `tolerance`. `Limits.excess` over all scenarios is in each row.
+    has a relative error of at most `tolerance`. Each row has the `Limits.excess` of all scenarios.
     """
     player = Candidate(**candidate)
     task = player.task.changed(as_built(player.design, tolerance))

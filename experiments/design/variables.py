@@ -50,7 +50,7 @@ class SearchVariable(NamedTuple):
 def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]:
     """Return a variable for each text `NAME=LOW:HIGH`; the search starts at the set-up's value.
 
-    ValueError: there is no text, or a text has another form, a NAME that is unknown or repeated, or a LOW above HIGH.
+    ValueError: there is no text, a text has another form, a NAME is unknown or repeated, or LOW is not below HIGH.
     """
     if not texts:
         raise ValueError("--free must name a number of the design, such as coupling.stiffness=10:300")
@@ -84,7 +84,7 @@ def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[fl
 
 
 def searched_environment(setup: Setup, variables: Sequence[SearchVariable], deflection: float | None) -> dict[str, Any]:
-    """Return the set-up's environment with the range of each variable, as if the number were drawn in each episode.
+    """Return the set-up's environment with the range of each variable, as if each number were drawn in each episode.
 
     ValueError: the coupling is invalid at an end of a range, or all designs deflect by more than `deflection` (m).
     """

@@ -1,1 +1,1 @@
-"""Shared by the studies and the report: results, tables, pages, charts, statistics, the slow-motion player."""
+"""Modules that the studies and the report share: results, tables, pages, charts, statistics, films."""

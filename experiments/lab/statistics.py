@@ -86,7 +86,7 @@ def tolerated(scores: Floats) -> float:
 def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
     """Return y of n curves (n, k) at x = `at` (n,): linear between points of a curve, constant beyond the ends.
 
-    A controller that draws one of two weights for each episode has its means on the line between their two points.
+    If a controller draws one of two weights for each episode, its means are on the line between both points.
     """
     order = np.argsort(curve_x, axis=1)
     x, y = np.take_along_axis(curve_x, order, 1), np.take_along_axis(curve_y, order, 1)

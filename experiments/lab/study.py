@@ -43,7 +43,7 @@ class Measurement:
     cells: Callable[[bool, Frames], Iterable[Cell]]  # arguments: whether the run is quick, and the earlier tables
     measure: Callable[..., Rows]  # function at the top of a module, so that other processes can import it
     depends: tuple[str, ...] = SOLVER  # modules that rows depend on, in addition to the module of `measure`
-    failed: Callable[[Row], Row] | None = None  # from labels to the row of a failed cell; None: it is an error
+    failed: Callable[[Row], Row] | None = None  # row of a failed cell, from its labels; None: raise an error
     seconds: float | None = None  # s, time limit of a cell
     processes: int | None = None  # limit; 1: cells are timed one after the other; 0: in this process
 
@@ -72,7 +72,7 @@ class Study:
     question: str
     measurements: Sequence[Measurement]
     analyse: Callable[[Frames, bool], Findings]  # arguments: the measured tables, and whether the run is quick
-    packages: tuple[str, ...] = ()  # further packages whose versions the page lists
+    packages: tuple[str, ...] = ()  # packages whose versions the page also lists
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,6 @@ class _Frames(dict[str, pl.DataFrame]):
 
 
 def _write_table(path: Path, frame: pl.DataFrame) -> str:
-    """Write a table as CSV or Parquet, delete an earlier file of the other kind, and return the file's name."""
     large = frame.height > LARGE
     file, other = (path.with_suffix(suffix) for suffix in ((".parquet", ".csv") if large else (".csv", ".parquet")))
     with whole_file(file) as stream:

@@ -18,7 +18,7 @@ NAMES = {  # assistances, with the labels on the page
     "none": "nobody", "brake": "a brake at the arm", "limit": "a tuned speed limit", "policy": "the learned policy",
     "rule": "the paper's rule",
 }  # fmt: skip
-COUPLINGS = {"rigid": "tool fixed", "spring": "on a spring", "bistable": "bistable"}  # with the labels on the page
+COUPLINGS = {"rigid": "tool fixed", "spring": "on a spring", "bistable": "bistable"}  # coupling: label on the page
 PERSON = {"type": "Person"}
 PERIOD: float = Task.control_period  # s
 # unit, least and largest value of the settings: delay of the round trip, jitter of each channel, spring stiffness
@@ -27,7 +27,7 @@ RTOL = 1e-12  # at this rtol `simulate` and the environment agree to 1e-9
 
 
 def playable(name: str) -> Setup:
-    """Return the set-up `name`; ValueError: no such set-up, or it has no operator or another control period."""
+    """Return the set-up `name`; ValueError: no such set-up, no operator in it, or its control period is not PERIOD."""
     setup = load_setup(name)
     if "operator" not in setup.environment:
         operator, others = '{ type = "Reach", place_error = 0.0, creep = 0.1 }', map(load_setup, shipped())
@@ -73,7 +73,7 @@ def usual(setup: Setup) -> dict[str, float]:
 
 
 def about(setup: Setup) -> dict[str, Any]:
-    """Return what the page shows of a set-up: initial settings, coupling, ranges (m; m/s), horizon (s)."""
+    """Return data of a set-up for the page: settings, coupling, ranges of distance (m) and speed (m/s), horizon (s)."""
     task = Task(**environment_of(setup), operator=PERSON)
     return {"usual": usual(setup), "chain": chain_of(task), "distance": task.scenario.distance,
             "horizon": task.horizon, "speeds": task.velocity_range}  # fmt: skip

@@ -15,7 +15,7 @@ from impact_gym.render.film import History
 
 SECONDS = 7.0  # length of a film
 COARSE = 5.0  # factor on the allowed errors of the film, so that the film is computed fast
-BEFORE = 0.4  # s; the film is slow from this time before the first touch on
+BEFORE = 0.4  # s, time before the first touch at which the film becomes slow
 SENTENCES = {
     "brake": "The brake at the arm senses the touch at once; it does not wait for you.",
     "none": "Nobody corrects you: the arm moves on until your command to stop arrives.",

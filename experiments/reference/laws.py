@@ -39,7 +39,7 @@ def damping_factor(name: str, e: float, m: float, n: float) -> float:
     if m == n:
         return _equal_exponents(e)
     if (m, n) == (1, 0):
-        # the damping ratio zeta = d/2; the restitution falls from 1 at zeta = 0 to 1/(4 zeta^2) at large zeta
+        # the damping ratio is zeta = d/2; the restitution falls from 1 at zeta = 0 to 1/(4 zeta^2) at large zeta
         return 2 * exp(brentq(lambda x: log(_linear_restitution(exp(x)) / e), -40.0, 1.0 - log(e), xtol=1e-15))
     return _unequal_exponents(e, m, n)
 

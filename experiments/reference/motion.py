@@ -91,7 +91,7 @@ class Motion:
             return False
         chain, law = self.chain, self.chain.bistable
         delta, _, u, u_dot, w, w_dot = self.state.tolist()
-        if chain.friction:  # friction only slows the object down, but cannot move it backwards
+        if chain.friction:  # the object never moves backwards
             swing = 0.0 if chain.rigid else sqrt(u**2 + u_dot**2 * chain.m_t / chain.k_t)
             return not chain.on["sliding"] and swing + u < -delta
         m_r, k_r, _ = (0.0, 0.0, 0.0) if chain.robot is None else chain.robot(x_r)
@@ -139,7 +139,6 @@ class Motion:
         self._go_on(self.chain.contact_scales(self.t, v_in), z, touching=True, damping=self.chain.damping(self.t, v_in))
 
     def _advance_phase(self, until: float) -> None:
-        """Advance to `until` (s), or to the end of the phase."""
         system = self._system
         t_stop = min(system.enter(self.t), until)
         if self.chain.linear and not self.touching:
@@ -184,7 +183,6 @@ class Motion:
             on["gaining"] = True
 
     def _integrate(self, end: float) -> tuple[float, Vector, Switch | None]:
-        """Integrate to `end`, or to a switch; return the results of `advance`."""
         if not self.touching:
             return self._by(self.flight_method, end, FLIGHT_RTOL, self.flight_atol)
         if not self._stiff:

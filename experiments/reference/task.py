@@ -104,7 +104,6 @@ def _together(controller: Any, episodes: Sequence[Episode]) -> list[Outcome]:
 
 
 def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate: float) -> Episode:
-    """Yield observations, receive an action for each, and return the outcome."""
     motion = _at_rest(task, scenario)
     command, delay, now = motion.command, task.reaction_delay, 0.0
     sensed = {0.0: (0.0, 0.0, 0.0)}  # (force, peak force, deflection) by time

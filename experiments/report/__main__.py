@@ -29,7 +29,7 @@ from impact_gym.validation import number, whole
 
 RESULTS = "results.json"
 MARK = ".impact_gym"  # lock file; a report may be written to an empty folder, or to a folder with this file
-DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")  # a change of these outdates the page
+DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")  # if one changes, the page is outdated
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "matplotlib", "polars", "jinja2")
 
 
@@ -92,7 +92,7 @@ class ReportOptions:
 
 
 def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return scenarios, and changes of the environment, from `ReportOptions.scenarios`; ValueError: it is invalid."""
+    """Return scenarios, and changes of the environment, from `source`, see `ReportOptions`; ValueError: invalid."""
     path = Path(source)
     if path.suffix == ".json":
         content = parsed(path, "scenarios, JSON", json.loads)
@@ -147,7 +147,7 @@ def write(options: ReportOptions) -> Path:
 
 
 def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
-    """Do what `write` does, for these matchups; `options` has the folder."""
+    """Write the report of `matchups` as `write` does; `options` has the folder."""
     begun = time.perf_counter()
     own = {each.controller["object"].partition(":")[0]
            for matchup in matchups for each in matchup.baselines if "object" in each.controller}  # fmt: skip
@@ -160,7 +160,7 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
         playing = f"{compiled_from()} {digest_of(*PLAYING)}"
         kept = options.out.with_name(f".{options.out.name}.episodes")
         current = kept / hashlib.sha256(playing.encode()).hexdigest()[:16]
-        for folder in kept.glob("*"):  # results of other versions of the sources
+        for folder in kept.glob("*"):  # delete results of other versions of the sources
             if options.force or folder != current:
                 shutil.rmtree(folder, ignore_errors=True)
         depends = f"{playing} {digest_of(*own)}"

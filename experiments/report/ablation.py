@@ -35,7 +35,7 @@ class Link(NamedTuple):
 
 @dataclass(frozen=True)
 class Gain:
-    """V_p or cost of a contestant, and the gain."""
+    """V_p or cost of a contestant, and the gain over the contestant before."""
 
     value: Estimate  # m/s
     less: Estimate | None  # m/s, the gain; None for the first contestant, or if no gain can be claimed
@@ -57,7 +57,7 @@ class Step:
 
 
 def links(played: Played) -> list[Link]:
-    """Return the sequence; a link may add several abilities if no baseline has one of them alone."""
+    """Return the sequence of links; a link adds several abilities if no baseline has one of them alone."""
     tuned = [baseline for baseline in played.matchup.baselines if "tuned" in baseline.controller]
     by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}
     task = Task(**played.matchup.environment)
@@ -139,7 +139,7 @@ def _cells(gain: Gain, limit: str = "") -> list[str]:
 
 
 def sentence(steps: Sequence[Step]) -> str:
-    """Return a sentence with the steps' shares in the reduction of V_p (or of V_p + w T, if a step is late), or ""."""
+    """Return a sentence with the steps' shares in the reduction of V_p (of V_p + w T, if a step is `later`), or ""."""
     first, *gained = (step for step in steps if step.contestant != BOUND)
     if any(step.later > 0.0 for step in gained):
         before, after = first.loss.value.value, gained[-1].loss.value.value

@@ -23,14 +23,14 @@ class Answer:
 
     reduction: Estimate  # 1 - V_p of all seeds / V_p of the rule, at the paper's time
     each: tuple[float, ...]  # `reduction` for each seed; empty if the front of a seed does not reach the paper's time
-    reached: bool  # whether the policy's front reaches the paper's time; if not, `reduction` is at its nearest end
+    reached: bool  # whether the policy's front reaches the paper's time; if not, `reduction` is at the nearest end
     later: float  # (time at the nearest end of the policy's front - the paper's time) / the paper's time
-    needed: float  # m/s per s, time weight at which the extrapolated front would reach the paper's time; or nan
+    needed: float  # m/s per s, time weight at which the extrapolated front would reach the paper's time; nan: none
     sooner: Estimate  # 1 - the policy's mean approach time / the paper's time, at the rule's mean V_p
-    beyond: str  # "": the front reaches the rule's V_p; "slower": it is below this V_p everywhere; "faster": above
+    beyond: str  # "": the front reaches the rule's V_p; "slower": it is below this V_p at all weights; "faster": above
     velocity: Estimate  # m/s, V_p of the policy at the paper's time
     rival: str  # name of the best tuned baseline; "": there is none
-    rival_reduction: Estimate | None  # `reduction` of the rival; None: it takes more than the paper's time everywhere
+    rival_reduction: Estimate | None  # `reduction` of the rival; None: it takes longer than the rule at all weights
     improvement: Estimate  # share of scenarios with a touch and a lower V_p than the rule's; an equal V_p counts half
     missed: int  # number of missed objects in all episodes: all seeds, all weights
     episodes: int  # number of these episodes
@@ -79,7 +79,7 @@ def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
 
 
 def front(resamples: Resamples, runs: Sequence[Run]) -> Front:
-    """Return the front of the seeds in `runs` in each resample, in the first `resamples.scenarios` scenarios."""
+    """Return the front of `runs`, one for each seed, in the first `resamples.scenarios` scenarios."""
     times, velocities = (np.array([run[name][:, : resamples.scenarios] for run in runs]) for name in FRONT)
     return resamples.means(times), resamples.means(velocities)
 
@@ -116,7 +116,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
     if answer.beyond == "faster":
         text += "; at every weight the object leaves faster than with the paper's rule."
     else:
-        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # if V_p is lower at every weight
+        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # if V_p is below the rule's at every weight
         bound = f"{limit} " if answer.beyond == "slower" else ""
         text += f"; at the paper's V_p the approach takes {bound}{_compared(answer.sooner, 'less', 'more')} time."
     if answer.rival_reduction:

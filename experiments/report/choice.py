@@ -48,7 +48,7 @@ def simplicity(contestant: Contestant) -> tuple[int, int]:
 
 
 def simplest(costs: Mapping[str, Floats]) -> str:
-    """Return the first name whose mean cost is not clearly above the lowest; `costs`: costs (scenarios,) by name."""
+    """Return the first name whose mean cost is not clearly above the lowest; `costs` (scenarios,): simplest first."""
     least = min(costs.values(), key=lambda cost: float(cost.mean()))
     return next(name for name, cost in costs.items() if Comparison.of_means(least, cost).less.low <= 0.0)
 

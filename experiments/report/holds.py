@@ -60,7 +60,7 @@ def factor(argument: str, by_reading: bool = False) -> str:
 
 
 def setting(change: Change) -> str:
-    """Return the changed value with its unit, or its label."""
+    """Return the changed value with its unit, or the label of the change."""
     if not np.isfinite(change.value):
         return change.label
     unit = "%" if change.multiple else QUANTITIES[change.argument].unit

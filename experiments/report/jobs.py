@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.baselines import PaperTrapezoid
-from agents.evaluate.controllers import controller_of
-from agents.evaluate.play import play, scenario_batch_of
+from agents.evaluate.play import controller_of, play, scenario_batch_of
 from agents.evaluate.scenario_batch import Travel
 from agents.jobs import cached
 from agents.policies import Controller
@@ -104,7 +103,7 @@ def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: 
 
 
 def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
-    """Return the scenarios in which `play_as_late` finds the weight; except for a table, these are other scenarios."""
+    """Return the scenarios in which `play_as_late` finds a weight: not `scenarios`, unless these are a table."""
     count = min(CALIBRATION_SCENARIOS, scenarios["count"])
     if "set" in scenarios:
         return {"set": "validation", "count": count}

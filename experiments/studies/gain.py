@@ -2,7 +2,7 @@
 
 For each distribution (prior) of the object's distance, the paper's rule is compared with the best constant speed and
 with the best profile of speed over position. Both have the same limits of the arm and the same choice of reactions to
-the alarm, so the difference between them is the value of known distances. Without memory a constant speed is best.
+the alarm, so the difference between them is the value of known distances.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -92,7 +92,7 @@ def searched(
         made = kind() if rule == "rule" else kind.of(np.repeat(numbers, count, axis=0))
         task = Task(scenario={"distance": (place.near, place.far)}, horizon=horizon)
         batch: Any = {"copies": copies, "time_weight": [weight] * copies, "threads": 1}
-        stage = ScenarioBatch(seed, count, task.changed({"rtol": rtol}), quiet=True, lenient=True, **batch)
+        stage = ScenarioBatch(seed, count, task.changed({"rtol": rtol}), lenient=True, **batch)
         distances = np.tile(place.distances(seed, count), copies)
         return stage.play(made.for_task(task), {"distance": distances})
 

@@ -1,4 +1,4 @@
-"""Comparison of assistances, controllers at the arm that correct the commands of an operator, which arrive late."""
+"""Comparison of assistances, which are controllers at the arm that correct late commands of an operator."""
 
 import base64
 from collections.abc import Iterator, Mapping, Sequence
@@ -105,7 +105,7 @@ def words_of(row: Row) -> str:
 
 
 def duel(found: Sequence[Row]) -> str:
-    """Return a comparison of the costs of policy and brake in words. Clearly: the interval does not include 0."""
+    """Return in words how the costs of policy and brake differ; 'clearly': the interval does not include 0."""
     ours, column = [row for row in found if row["contestant"] == POLICY], "brake_cost"
     less, more = (sum(sign * row[f"{column}_{end}"] > 0.0 for row in ours) for sign, end in ((1, "low"), (-1, "high")))
     share = 100.0 * sum(row[column] for row in ours) / sum(row["cost"] + row[column] for row in ours)
@@ -146,7 +146,7 @@ def chart(found: Sequence[Row]) -> Figure:
 
 
 def form(name: str, digits: int) -> str:
-    """Return the format string of a column with its interval."""
+    """Return a format string for a column and its interval."""
     return f"{{{name}:.{digits}f}} [{{{name}_low:.{digits}f}}, {{{name}_high:.{digits}f}}]"
 
 

@@ -23,9 +23,9 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     newest packet that has arrived. Two packets do not wait for the next tick: the operator's stop, and the arm's report
     of the first touch. An operator knows of the touch when the first packet arrives that was sent at the touch or
     later. The operator stops `reaction` seconds later, and from then on commands 0. A `Tracker` also reads the position
-    of the flange from the packets. For a `Person`, your code passes a velocity to `command(velocity)` of the unwrapped
-    environment, and each tick sends the last velocity passed. Call `command` before a step to set the velocity that is
-    sent at the tick in this step or at its end. A `Replay` of the sent velocities repeats the episode bit for bit.
+    of the flange from the packets. For a `Person`, your code passes velocities to `command(velocity)` of the unwrapped
+    environment. The tick of a step sends the velocity that was passed last before this step. A `Replay` of the sent
+    velocities repeats the episode bit for bit.
 
     ## Action Space
     `Box(-1, 1, (3,), float32)`. Values outside the box are clipped. Let u be the operator's command. The flange goes to
@@ -64,14 +64,14 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     0 for 0.3 s. (2) The object has been touched and rests, the commanded velocity of the flange is at most 0.01 m/s,
     and the tool is within 5 mm of the object. (3) The operator has commanded a motion, and then commands 0 for 0.3 s
     without a touch. (4) The episode has lasted 8 s (`horizon`). If the object was touched, the flange brakes after the
-    last step, and the simulation continues until the object cannot be touched again and the tool rests.
+    last step, and the simulation continues until V_p is final and the tool rests, for at most 10 s.
 
     The `info` of each step has `command` (m/s, the newest command that has arrived) and `command_age` (s), both at the
     end of the step. Three other entries describe the last command that the flange executed in the step: `teleop_action`
     is u, or 0 if the command was too old. `intervene_action` is v. Both are arrays (1,) in m/s. `is_intervention` is
     true if u and v differ by more than 1 mm/s. Every step has an `intervene_action`; in the library HIL-SERL, only
     steps with an intervention have one. In a batch, these entries are valid for the environments that played in the
-    step. With the autoreset mode SAME_STEP, those of a finished episode are in `final_info`. The final info has
+    step. With the autoreset mode SAME_STEP, `final_info` has the entries of a finished episode. The final info has
     `object_velocity` (m/s), `slide` (m), `touch_time`, `done_time` (s; the horizon if the task was not done), `late`
     (s, mean time from a touch until the operator's stop reaches the arm), `peak_force` (N), `contact_count`, `taken`
     (the fraction of the operator's commanded motion that the assistance withheld before the touch), `missed`, `record`,

@@ -17,7 +17,6 @@ from agents.export.__main__ import Export, judged, judged_replay
 from agents.export.c_header import header
 from agents.export.contract import Subject, of_name
 from agents.export.onnx_graph import write_onnx
-from agents.export.replay import Replay
 from impact_gym.envs import IDS
 from impact_gym.envs.batch import Batch
 from impact_gym.task import ActionSpec, Task
@@ -57,7 +56,7 @@ def test_judged_refuses_a_network_or_controller_with_other_results(tmp_path):
     with pytest.raises(ValueError, match="differs from the policy by 2"):
         judged(tmp_path, computed, "", actions, 1e-6)
     with pytest.raises(ValueError, match=r"commands differ by 2.0e-05 of the range"):
-        judged_replay(tmp_path, Replay(3, 9, 2e-5, 1e-6, 1e-6), 0.016)
+        judged_replay(tmp_path, (2e-5, np.full(9, 1e-6)), 3, 0.016)
 
 
 def entries(text):

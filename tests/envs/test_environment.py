@@ -1,19 +1,21 @@
-"""The environment plays the physics of `simulate`, its actions are commands in SI units, and wrong calls are refused.
+"""The environment plays the physics of `simulate` and of the independent solver; its actions are in SI units."""
 
-All other refusals of bad input are in tests/test_refusals.py.
-"""
-
+import json
 from functools import partial
 from itertools import product
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, PAPERS_SPRING, Always, encode, play, scenes_of
+from episodes import ID, PAPERS_SPRING, ROBOT, Always, Given, encode, play, scenes_of, steps
 
 import impact_gym as ig
+from agents import load_policy
 from agents.baselines import ConstantDeceleration, PaperTrapezoid
+from agents.baselines.tuned import load_baseline
 from agents.evaluate.scenario_batch import ScenarioBatch
+from agents.setups import load_setup
 from experiments.reference import task as slow
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.sb3 import ImpactVecEnv
@@ -25,12 +27,6 @@ PERIODS_AND_DELAYS = [
     (0.016, 0.016), (0.004, 0.016), (0.008, 0.016), (0.011, 0.016), (0.016, 0.0), (0.016, 0.005), (0.016, 0.040),
     (0.011, 0.040),
 ]  # fmt: skip
-RESET_NEEDED = pytest.raises((RuntimeError, gym.error.ResetNeeded), match="reset")
-
-
-def seconds(observation):
-    """The time of an observation."""
-    return 0.75 * (float(observation[2]) + 1.0)
 
 
 @pytest.mark.parametrize("options", [
@@ -58,7 +54,7 @@ def test_papers_rule_played_in_the_environment_equals_simulate(options):
 def test_object_never_reached_is_missed_after_1_2_seconds(velocity, period, steps):
     observations, rewards, info = play(gym.make(ID, control_period=period), Always(velocity, 20.0), seed=1)
     assert (info["approach_time"], info["missed"], info["peak_force"], len(rewards)) == (1.2, True, 0.0, steps)
-    assert seconds(observations[-1]) == pytest.approx(1.2, rel=0, abs=1e-7)
+    assert observations[-1, 2] == pytest.approx(1.2 / 0.75 - 1.0, rel=0, abs=1.3e-7)  # of 0 ... 1.5 s
     assert info["reward_terms"] == {"time": -2.4, "velocity": 0.0, "force": 0.0, "missed": -2.0}
 
 
@@ -120,18 +116,16 @@ def test_flange_moves_with_the_decoded_acceleration_and_reaches_the_decoded_velo
     (partial(gym.make, ID), (2,)), (partial(gym.make_vec, ID), (1, 2)), (partial(ImpactVecEnv, 2), (2, 2)),
     (ImpactApproachEnv, (2,)),
 ], ids=["single", "vector", "stable", "by itself"])  # fmt: skip
-def test_step_before_the_first_reset_is_refused(make, shape):
-    with RESET_NEEDED:
-        make().step(np.zeros(shape, np.float32))
-
-
-def test_step_after_the_end_is_refused():
-    env = gym.make(ID)
-    play(env, PaperTrapezoid())
-    with RESET_NEEDED:
-        env.step(np.zeros(2, np.float32))
+def test_step_before_the_first_reset_and_after_the_end_is_refused(make, shape):
+    env, action = make(), np.zeros(shape, np.float32)
+    with pytest.raises((RuntimeError, gym.error.ResetNeeded), match="reset"):
+        env.step(action)
+    if shape == (2,):  # batches reset their ended slots
+        assert len([*steps(env, PaperTrapezoid())]) > 10
+        with pytest.raises((RuntimeError, gym.error.ResetNeeded), match="reset"):
+            env.step(action)
     env.reset()
-    assert env.step(np.zeros(2, np.float32))[2] is False
+    assert not np.any(env.step(action)[2])
 
 
 @pytest.mark.parametrize(("options", "message"), [({}, "record_trace"), ({"record_trace": True}, "trace points")])
@@ -151,3 +145,87 @@ def test_baseline_commands_the_same_motion_on_an_arm_of_other_ranges():
         info = play(env, rule.for_task(env.unwrapped.task), scenario=scenario).info
         results.append([info["object_velocity"], info["approach_time"], info["peak_force"]])
     assert results[0] == pytest.approx(results[1], rel=1e-4)  # actions and observations are of single precision
+
+
+RIGID = {"coupling": {"type": "Rigid"}}
+RIPPLING = json.loads((Path(__file__).parents[1] / "helpers" / "rippling_scenes.json").read_text("utf-8"))
+"""Draws and actions of two episodes of `ranged-robust`.
+
+In each the force of a soft contact on an oscillating robot falls to 0, rises and falls to 0 again in one step.
+"""
+
+
+def both(controllers, numbers, options, frozen="validation", rtol=1e-8):
+    """The results of the environment and of the reference in these scenarios of a set."""
+    stage = ScenarioBatch.of(frozen, len(numbers), Task(rtol=rtol, **options), time_weight=[1.0])
+    return stage.play(controllers[0]), slow.rescore(controllers[1], frozen, numbers, options, 1.0)
+
+
+def assert_same(ours, theirs, velocity_error):
+    assert np.array_equal(theirs["contact_count"], ours.contact_count)
+    assert np.array_equal(theirs["missed"], ours.missed)
+    assert theirs["object_velocity"] == pytest.approx(ours.object_velocity, rel=0, abs=velocity_error)
+    assert theirs["approach_time"] == pytest.approx(ours.approach_time, rel=0, abs=1e-9)
+    assert theirs["peak_force"] == pytest.approx(ours.peak_force, rel=1e-6)
+
+
+@pytest.mark.parametrize(("setup", "controller", "velocity_error"), [
+    ("linear-blind", PaperTrapezoid(), 1e-8),
+    # if a bit of a float32 observation differs, the command may differ by its resolution of 1e-6 m/s
+    ("linear-blind", load_policy("linear-blind"), 1e-6),
+    ("linear-ranged", load_policy("linear-ranged"), 1e-6),
+    ("bistable-blind", load_baseline("bistable-constant-speed", 1.0), 1e-7),
+], ids=["paper", "blind policy", "ranged policy", "bistable"])  # fmt: skip
+def test_environment_has_the_results_of_the_reference(setup, controller, velocity_error):
+    ours, theirs = both([controller, controller], range(4), load_setup(setup).environment)
+    assert not theirs["missed"].any()
+    assert_same(ours, theirs, velocity_error)
+
+
+@pytest.mark.parametrize(("frozen", "options", "rows", "velocity_error"), [
+    *(("validation", {"alarm": alarm, "control_period": period, "reaction_delay": delay}, 4, 1e-8)
+      for alarm in ("force", "reading")
+      for period, delay in ((0.016, 0.016), (0.011, 0.0), (0.016, 0.04), (0.004, 0.016), (0.008, 0.005), (0.15, 0.04))),
+    ("validation", {"coupling": ig.Bistable(), "deflection_sensor": True, "range_noise": 0.0}, 3, 1e-7),
+    ("validation", {"range_noise": 0.01, "deflection_sensor": True, "privileged": True}, 3, 1e-7),
+    ("validation", {"range_noise": 0.02, "range_bias": -0.01, "observe_range_noise": True, "alarm": "reading"}, 3,
+     1e-7),
+    ("validation", {"reaction_delay": 0.04, "control_period": 0.011, "deflection_sensor": True}, 3, 1e-7),
+    ("validation", {"reaction_delay": 0.0, "alarm_threshold": 5.0, "dissipation": "exact", "tool_mass": 0.2}, 3, 1e-7),
+    ("hard", {"coupling": ig.SpringDamper(150.0, 0.1), "reaction_delay": 0.005}, 3, 1e-7),
+    ("hard", dict(load_setup("bistable-blind").environment), 3, 1e-7),
+    ("validation", {"robot": ROBOT, "deflection_sensor": True}, 3, 1e-7),
+    ("validation", {"velocity_range": (-0.1, 1.0), "acceleration_range": (0.5, 8.0), "privileged": True}, 3, 1e-7),
+    ("validation", {"robot": ROBOT} | RIGID, 3, 1e-7),
+    ("validation", {"friction": 0.3, "after_alarm": 0.2, "horizon": 1.0}, 4, 1e-8),
+    ("validation", {"friction": 0.8, "dissipation": "fixed", "reference_velocity": 0.5} | RIGID, 4, 1e-8),
+], ids=str)  # fmt: skip
+def test_environment_has_the_results_and_observations_of_the_reference_for_random_actions(
+    frozen, options, rows, velocity_error
+):
+    actions = np.random.default_rng(3).uniform([-0.8, -1.0], [1.2, 1.0], (1000, rows, 2)).astype(np.float32)
+    controllers = Given(np.clip(actions, -1.0, 1.0)), Given(np.clip(actions, -1.0, 1.0))
+    assert_same(*both(controllers, range(rows), options, frozen), velocity_error)
+    expected, seen = (np.array(controller.seen) for controller in controllers)
+    assert len(expected) == len(seen)
+    assert seen.dtype == np.float32
+    for row in range(rows):  # after its end, the reference repeats the observation before the last step
+        count = 1 + np.count_nonzero(np.diff(seen[:, row, 2]))
+        assert 0.24 / options.get("control_period", 0.016) < count <= len(seen)
+        assert seen[:count, row] == pytest.approx(expected[:count, row], rel=0, abs=1.3e-7)  # bits of a float32
+
+
+@pytest.mark.parametrize("episode", RIPPLING, ids=["once", "twice"])
+@pytest.mark.parametrize("rtol", [1e-5, 1e-6])
+def test_contact_whose_force_falls_to_0_several_times_in_a_step_ends(episode, rtol):
+    setup, drawn = load_setup("ranged-robust").environment, episode["drew"]
+    env, actions = gym.make(ID, **setup, rtol=rtol), np.array(episode["actions"], np.float32)
+    _, rewards, info = play(env, Given(actions), 0, record=drawn)
+    assert (len(rewards), info["status"]) == (len(actions), "ok")
+    task = Task(**setup).at(drawn)
+    fixed = {name: getattr(task, name) for name in ("tool_mass", "coupling", "robot", "alarm", "alarm_threshold")}
+    scenario = {name: drawn[name] for name in FIELDS}
+    options = fixed | {"reaction_delay": drawn["reaction_delay"]}
+    expected = slow.play(Given([*actions[:, None], actions[-1:]]), scenario, options=options, time_weight=1.0)
+    assert info["object_velocity"] == pytest.approx(expected.object_velocity, abs=0.1 * rtol)
+    assert info["contact_count"] == expected.contact_count

@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import stable_baselines3.common.env_checker as sb3_checker
-from episodes import COMMANDED, ID, IDS, Given, action_table, assert_identical, begin, history
+from episodes import COMMANDED, ID, IDS, TELEOP, Given, action_table, assert_identical, begin, steps
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
@@ -19,7 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
 from stable_baselines3.common.vec_env import DummyVecEnv
-from tasks import CHANNEL, FIXED, OBSERVED, OWN, STORM, WITH_OPERATOR, rows_of_tasks
+from tasks import CHANNEL, FIXED, OBSERVED, OWN, STORM, rows_of_tasks
 
 import impact_gym as ig
 from impact_gym.envs.batch import ROWS_PER_THREAD
@@ -34,8 +34,10 @@ MODES = ["NextStep", "SameStep", "Disabled"]
 FRONT_ENDS = [*MODES, "stable-baselines3", "single"]
 HARD = {"scenario": "hard", "time_weight": (0.5, 8.0), "reaction_delay": 0.03}
 NOISY = {"range_noise": 0.01, "force_noise": 0.2, "force_bias": 0.1, "deflection_sensor": True, "privileged": True}
-TELEOP, UNSURE = "ImpactTeleop-v0", {"uplink": CHANNEL, "privileged": True, "force_noise": (0.1, 1.0)}
-MORE = ("coupling", "range_noise", "range_bias", "range_sensor", "reference_velocity")
+UNSURE = {"uplink": CHANNEL, "privileged": True, "force_noise": (0.1, 1.0)}
+MORE = (
+    "coupling", "range_noise", "range_bias", "range_sensor", "reference_velocity", "operator", "uplink", "downlink",
+)  # fmt: skip
 
 
 class InfoAtTheTimeLimit(gym.Wrapper):
@@ -116,7 +118,7 @@ def twin_of(envs, twin, fresh, actions):
 
 
 def test_every_argument_of_a_task_is_in_the_strategy():
-    assert {*ARGUMENTS} == {*OWN, *OBSERVED, *WITH_OPERATOR, *MORE}
+    assert {*ARGUMENTS} == {*OWN, *OBSERVED, *MORE}
 
 
 @pytest.mark.parametrize("front", FRONT_ENDS)
@@ -153,17 +155,17 @@ def test_episode_is_repeated_from_its_record_and_by_a_task_with_its_numbers(rows
     (options,) = rows
     actions = action_table(seed, 200, 1, lean=(0.3, 0.6), task=options)[:, 0]
     env = gym.make(ID, **options)
-    first = history(env, Given(actions), seed)
+    first = [*steps(env, Given(actions), seed)]
     info = env.unwrapped.episode_info()
     for elsewhere in (env, gym.make(ID, **options | {"scenario": "hard"})):
-        assert_identical(history(elsewhere, Given(actions), record=info["record"])[1:], first[1:])
+        assert_identical([*steps(elsewhere, Given(actions), record=info["record"])][1:], first[1:])
     task = Task(**options).at(info["record"])
     assert task.drawn == {}
     fixed = options | {name: getattr(task, name) for name in {path.partition(".")[0] for path in Task(**options).drawn}}
     assert Task(**fixed) == task
     if not (options["privileged"] and Task(**options).drawn):  # a critic observes what is drawn
         alone, rest = gym.make(ID, **fixed), {name: info["record"][name] for name in RECORD_IDS}
-        again = history(alone, Given(actions), record=rest)
+        again = [*steps(alone, Given(actions), record=rest)]
         assert_identical([step[:4] for step in again[1:]], [step[:4] for step in first[1:]])
         assert_identical(alone.unwrapped.episode_info(), info | {"record": rest})
 
@@ -204,7 +206,7 @@ def test_environment_made_from_its_json_is_the_same(id, rows, mode):
     actions = action_table(3, 200, task=gym.spec(id).kwargs | options)
     env = gym.make(id, **options)
     again = gym.make(EnvSpec.from_json(env.spec.to_json()))
-    assert_identical(*(history(each, Given(actions[:, 0]), seed=3) for each in (env, again)))
+    assert_identical(*([*steps(each, Given(actions[:, 0]), seed=3)] for each in (env, again)))
     envs = gym.make_vec(id, num_envs=4, autoreset_mode=mode, **options)
     again = gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))
     assert again.num_envs == 4
@@ -262,16 +264,15 @@ def test_slot_that_was_never_reset_or_has_ended_without_autoreset_must_be_reset_
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec, ImpactVecEnv])
 def test_set_scenario_applies_from_the_next_episode_on(make):
     env = ImpactVecEnv(2, scenario={"distance": 0.2}) if make is ImpactVecEnv else make(ID, scenario={"distance": 0.2})
-    other = {"distance": 0.3, "object_mass": (1.0, 1.1)}
+    bare, other = getattr(env.unwrapped, "envs", env.unwrapped), {"distance": 0.3, "object_mass": (1.0, 1.1)}
     for expected in (0.2, 0.3, 0.3):
         begin(env, seed=0)
-        if make is ImpactVecEnv:
-            env.env_method("set_scenario", other)
-            info = env.envs.batch.info(0)
-            assert (env.get_attr("render_mode"), env.env_is_wrapped(gym.Wrapper)) == ([None] * 2, [False] * 2)
-            refused(lambda: env.env_method("set_scenario", "hard", indices=[0]), "set_scenario", "indices", "[0]")
-        else:
-            env.unwrapped.set_scenario(other)
-            info = env.unwrapped.episode_info() if make is gym.make else env.unwrapped.batch.info(0)
-        mass, distance = info["scenario"]["object_mass"], info["scenario"]["distance"]
-        assert (distance, 1.0 <= mass <= 1.1) == (expected, expected == 0.3)
+        env.unwrapped.set_scenario(other)
+        scenario = (bare.episode_info() if make is gym.make else bare.batch.info(0))["scenario"]
+        assert (scenario["distance"], 1.0 <= scenario["object_mass"] <= 1.1) == (expected, expected == 0.3)
+    if make is ImpactVecEnv:
+        env.env_method("set_scenario", {"distance": 0.4})
+        env.reset()
+        assert bare.batch.info(0)["scenario"]["distance"] == 0.4
+        assert (env.get_attr("render_mode"), env.env_is_wrapped(gym.Wrapper)) == ([None] * 2, [False] * 2)
+        refused(lambda: env.env_method("set_scenario", "hard", indices=[0]), "set_scenario", "indices", "[0]")

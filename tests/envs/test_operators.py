@@ -6,9 +6,8 @@ from dataclasses import fields
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import scene
+from episodes import AWAY, OWN, STOP, TELEOP, Given, played, scene, sent, steered, steps
 from scipy.signal import lsim
-from steered import AWAY, ID, OWN, STOP, played, sent, steered
 
 import impact_gym as ig
 from impact_gym.teleop.channels import FIFTH_GENERATION
@@ -180,7 +179,7 @@ def test_command_without_assistance_is_never_an_intervention_even_if_the_arm_sto
 
 @pytest.mark.parametrize("delay", [0.0, 0.016, 0.05, 0.096, 0.1])
 def test_velocity_of_the_flange_follows_from_the_recorded_commands_and_actions(delay):
-    rng, env = np.random.default_rng(2), gym.make(ID, uplink={"delay": delay}).unwrapped
+    rng, env = np.random.default_rng(2), gym.make(TELEOP, uplink={"delay": delay}).unwrapped
     for seed in range(5):
         env.reset(seed=seed)
         velocity, ended = 0.0, False
@@ -204,11 +203,8 @@ def test_velocity_of_the_flange_follows_from_the_recorded_commands_and_actions(d
 def test_simulate_with_the_recorded_velocities_gives_the_object_the_same_velocity():
     rng = np.random.default_rng(5)
     for seed in range(10):
-        env = gym.make(ID, record_trace=True, rtol=1e-10).unwrapped
-        env.reset(seed=seed)
-        ended = False
-        while not ended:
-            *_, ended, _, info = env.step(rng.uniform(-0.2, 1.0, 3).astype(np.float32))
+        env = gym.make(TELEOP, record_trace=True, rtol=1e-10).unwrapped
+        *_, (*_, info) = steps(env, Given(rng.uniform(-0.2, 1.0, (600, 3)).astype(np.float32)), seed)
         trace, record = env.trace(), info["record"]
         kept = np.flatnonzero(np.diff(trace.time, append=np.inf) > 1e-12)  # of equal times the last
         times, velocities = trace.time[kept], trace.command_velocity[kept]

@@ -1,23 +1,72 @@
-"""Pictures agree with the trace."""
+"""Pictures agree with the trace; films are in slow motion around contacts, in every mode; drawing changes no result."""
 
+import copy
 import itertools
+import pickle
+import sys
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, ROBOT, encode, task_of
-from rendered import HARD_AND_HEAVY, SHAPE, drawn, history_of, is_colour, play
-from steered import ARM, OWN
-from steered import ID as TELEOP
+from episodes import ARM, ID, OWN, ROBOT, TELEOP, Given, action_table, assert_identical, begin, encode, steps, task_of
+from episodes import IDS as APPROACHES
+from gymnasium.utils.env_checker import check_env
+from tasks import EVERYTHING_DRAWN
 
 import impact_gym as ig
+from agents.baselines import PaperTrapezoid
+from impact_gym.envs import IDS
 from impact_gym.envs.batch import Batch
-from impact_gym.render import LAMP, Renderer, chain
+from impact_gym.render import HOLD, LAMP, Renderer, canvas, chain
+from impact_gym.render.film import FRAME_RATE, FRAMES_PER_IMPACT, LONGEST, SHORTEST, History, SlowMotionVideo
 from impact_gym.render.palette import ALARM, FAINT, FLANGE, FORCE, INK, OBJECT, TOOL
+from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import Task
 
 pytest.importorskip("pygame")
-pytestmark = pytest.mark.usefixtures("no_display")
+HARD_AND_HEAVY = {"object_mass": 1.3, "contact_stiffness": 2e5, "restitution": 0.5, "distance": 0.2}
+SHORT = {"scenario": HARD_AND_HEAVY | {"distance": 0.02}, "after_alarm": 0.03}
+
+
+def play(env, seed=1, scenario=None, stop=None, look=None):
+    """Play the paper's rule; return the results of `look` after the reset and each step, and those of each step.
+
+    The argument of `look` is whether the episode has ended; by default `look` calls `render`.
+    """
+    look = look or (lambda ended: env.render() if env.render_mode else None)
+    seen, results = [], []
+    for result in itertools.islice(steps(env, PaperTrapezoid(), seed, scenario=scenario or {}), stop):
+        results.append(result)
+        seen.append(look(len(result) == 5 and result[2]))
+    return seen, results[1:]
+
+
+def history_of(env, ended=True):
+    own = env.unwrapped
+    return History(own.trace(), own.episode_info(), task_of(env), own.episode_state(), ended)
+
+
+def drawn(env, time):
+    """The picture of any instant of the episode that `env` has played."""
+    return Renderer("rgb_array").draw(history_of(env), time, 8.0).pixels()
+
+
+def is_colour(pixels, name):
+    return np.abs(pixels.astype(int) - [*bytes.fromhex(name.removeprefix("#"))]).max(axis=-1) <= 12
+
+
+@pytest.fixture(autouse=True)
+def no_display(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+
+
+@pytest.fixture
+def no_waiting(monkeypatch):
+    """Pictures are drawn without waiting; the requested rates are returned."""
+    rates = []
+    monkeypatch.setattr("pygame.time.Clock", lambda: SimpleNamespace(tick=rates.append))
+    return rates
 
 
 @pytest.mark.parametrize("options", [
@@ -27,30 +76,23 @@ pytestmark = pytest.mark.usefixtures("no_display")
 def test_tool_flange_and_object_are_drawn_at_their_positions(options):
     env = gym.make(ID, record_trace=True, **options)
     play(env, seed=4, scenario=HARD_AND_HEAVY)
-    history, task = history_of(env), task_of(env)
+    history = history_of(env)
     first, view = history.touches[0], chain.camera(history)  # the camera is fixed
     deflection = history.columns["tool_position"] - history.columns["flange_position"]
     shortest = float(history.time[np.argmin(deflection)])
+    behind = chain.TOOL_LENGTH + chain.rest_length(task_of(env)) + chain.FLANGE_LENGTH
+    diameter = 2.0 * chain.object_radius(HARD_AND_HEAVY["object_mass"])
     for time in (0.5 * first, 0.99 * first, first, shortest, history.events.alarm + 0.02, history.now):
         state, picture = history.at(time), drawn(env, time)
-        row = round(view.axis + 0.4 * chain.TOOL_HEIGHT * view.scale)  # nothing else is drawn in this row
-        tool = np.flatnonzero(is_colour(picture[row], TOOL))
-        mark = 1.0 if is_colour(picture[row], FORCE).any() else 0.0  # the mark of the force covers one pixel
+        rows = [picture[round(view.axis + height * view.scale)]  # nothing else is drawn in these rows
+                for height in (0.4 * chain.TOOL_HEIGHT, 0.45 * chain.FLANGE_HEIGHT, 0.0)]  # fmt: skip
+        colours = TOOL, FLANGE, OBJECT
+        tool, flange, ball = (np.flatnonzero(is_colour(row, name)) for row, name in zip(rows, colours, strict=True))
+        mark = is_colour(rows[0], FORCE).any()  # the mark of the force covers one pixel
         assert tool[-1] + 1 + mark == pytest.approx(view.x(state.tool_position), abs=1.0)
         assert tool[0] == pytest.approx(view.x(state.tool_position - chain.TOOL_LENGTH), abs=1.0)
-        row = round(view.axis + 0.45 * chain.FLANGE_HEIGHT * view.scale)
-        flange = np.flatnonzero(is_colour(picture[row], FLANGE))
-        behind = chain.TOOL_LENGTH + chain.rest_length(task) + chain.FLANGE_LENGTH
         assert flange[0] == pytest.approx(view.x(state.flange_position - behind), abs=1.0)
-        row = round(view.axis)
-        ball = np.flatnonzero(is_colour(picture[row], OBJECT))
-        radius = chain.object_radius(HARD_AND_HEAVY["object_mass"])
-        assert ball[-1] + 1 == pytest.approx(view.x(state.object_position + 2.0 * radius), abs=1.5)
-        gap = np.flatnonzero(is_colour(picture[round(2.0 * view.axis - view.ground) - 14], INK))
-        ends = sorted([state.tool_position if time < first else HARD_AND_HEAVY["distance"], state.object_position])
-        assert gap[[0, -1]] == pytest.approx([view.x(end) for end in ends], abs=2.0)
-    if not options:
-        assert deflection.min() < -0.03
+        assert ball[-1] + 1 == pytest.approx(view.x(state.object_position + diameter), abs=1.5)
 
 
 @pytest.mark.parametrize(("name", "action", "options"), [
@@ -60,14 +102,10 @@ def test_tool_flange_and_object_are_drawn_at_their_positions(options):
 ], ids=["switch", "reading", "operator"])  # fmt: skip
 def test_lamp_is_red_while_the_controller_has_an_alarm_and_settling_begins_at_the_end(name, action, options):
     env, (x, y) = gym.make(name, render_mode="rgb_array", scenario=HARD_AND_HEAVY, **options), map(round, LAMP)
-    env.reset(seed=1)
-    alarms, ended = [], False
-    while not ended:
-        _, _, ended, _, _ = env.step(np.array(action, np.float32))
-        sensors = env.unwrapped.sensors()
-        events = env.unwrapped.episode_state()
-        assert events.end == (sensors["time"] if ended else np.inf)
-        if not ended:  # later pictures are of the settling
+    alarms = []
+    for _ in steps(env, Given(itertools.repeat(np.array(action, np.float32))), seed=1):
+        sensors, events = env.unwrapped.sensors(), env.unwrapped.episode_state()
+        if events.end == np.inf:  # later pictures are of the settling
             assert is_colour(env.render()[y, x], ALARM) == sensors["alarm"]
             alarms.append(sensors["alarm"])
     assert set(alarms) == {0.0, 1.0}
@@ -103,4 +141,139 @@ def test_episode_too_long_for_its_trace_is_drawn_to_the_end_of_the_trace():
         pictures.append(renderer.render(batch.history(0)))
     assert batch.chains["traced"][0] > 400
     assert (pictures[1] != pictures[0]).any()
-    assert pictures[-1].shape == SHAPE
+    assert pictures[-1].shape == (canvas.HEIGHT, canvas.WIDTH, 3)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_every_mode_of_every_id_passes_gymnasiums_check(name, no_waiting):
+    env = gym.make(name, render_mode="rgb_array")
+    assert set(env.metadata["render_modes"]) == {"human", "rgb_array", "rgb_array_list"}
+    task = task_of(env)
+    assert env.metadata["render_fps"] == pytest.approx(task.horizon / task.control_period / 18.0, abs=0.5)
+    assert gym.make(name, render_mode="rgb_array_list").metadata["render_fps"] == FRAME_RATE
+    check_env(env.unwrapped)  # also makes one of every mode and renders it
+    env.close()
+
+
+@pytest.mark.parametrize("name", APPROACHES)
+def test_contact_has_many_pictures_at_the_intervals_of_the_factor(name):
+    env = gym.make(name, record_trace=True)
+    for seed in range(5):
+        _, results = play(env, seed=seed)
+        played = history_of(env)
+        times, factors = np.array(list(played.film(0.0))).T
+        assert np.diff(times, prepend=0.0)[:-1] == pytest.approx(1.0 / (FRAME_RATE * factors[:-1]), rel=1e-6)
+        assert times[-1] == played.now
+        assert len(results) < len(times) < 600
+        inside = (times > played.touches[0]) & (times < played.partings[0])
+        assert inside.sum() >= FRAMES_PER_IMPACT - 2
+        assert factors[inside][1:].min() >= 32.0  # the first may have been chosen before the touch
+        assert 6.0 < len(times) / FRAME_RATE + HOLD < 13.0  # s
+
+
+@pytest.mark.parametrize("mode", ["rgb_array_list", "human"])
+def test_every_mode_shows_each_instant_and_changes_no_result(mode, no_waiting):
+    import pygame
+
+    env = gym.make(ID, record_trace=True, **SHORT)
+    renderer = Renderer("rgb_array")
+    shown, expected = play(env, look=lambda ended: [*renderer.instants(history_of(env, ended))])
+    contact, instants = history_of(env), np.concatenate(shown)
+    assert min(map(len, shown)) > 0
+    assert instants[0, 0] == 0.0
+    assert (np.diff(instants[:, 0]) > 0.0).all()
+    assert instants[-1, 0] == contact.now > contact.events.end
+    last = renderer.draw(contact, *instants[-1]).pixels()
+    env = gym.make(ID, render_mode=mode, **SHORT)
+    pictures, results = play(env)
+    assert_identical(results, expected)
+    if mode == "human":
+        assert pictures == [None] * len(pictures)
+        assert no_waiting == [FRAME_RATE] * len(instants) + [1.0 / HOLD]
+        window = pygame.surfarray.array3d(pygame.display.get_surface()).transpose(1, 0, 2)
+        np.testing.assert_array_equal(window, last)
+    else:
+        held = round(HOLD * FRAME_RATE)
+        assert [*map(len, pictures)] == [*map(len, shown[:-1]), len(shown[-1]) + held]
+        np.testing.assert_array_equal(pictures[-1][-1], last)
+        assert env.render() == []
+    env.close()
+    env.close()
+    assert not pygame.display.get_init()
+    env.reset(seed=2)  # opens another window
+    assert pygame.display.get_init() == (mode == "human")
+    if mode == "rgb_array_list":
+        for _ in range(8):  # not rendered: the next episode begins a new film
+            env.step(encode(0.1, 1.0))
+        assert_identical(play(env, stop=4)[0], pictures[:4])
+    env.close()
+
+
+def test_missing_pygame_and_missing_display_are_named(monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "pygame", None)
+        env = gym.make(ID, render_mode="rgb_array")
+        env.reset(seed=1)
+        with pytest.raises(gym.error.DependencyNotInstalled, match=r"impact-gym\[render\]"):
+            env.render()
+    monkeypatch.setenv("SDL_VIDEODRIVER", "nosuch")
+    with pytest.raises(RuntimeError, match=r"rgb_array.*SDL_VIDEODRIVER"):
+        gym.make(ID, render_mode="human").reset(seed=1)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_batch_draws_the_same_pictures_as_gymnasiums_loop(mode):
+    """Also after its state was copied or pickled."""
+    options = EVERYTHING_DRAWN["spring"] | {"horizon": 0.15, "control_period": 0.05, "scenario": {"distance": 0.01}}
+    options["after_alarm"] = 0.05
+    kinds = {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": mode}}, {"autoreset_mode": mode}
+    loop, envs, elsewhere = (gym.make_vec(ID, 2, render_mode="rgb_array", **kinds[k], **options) for k in (0, 1, 1))
+    silent = gym.make_vec(ID, 2, **kinds[1], **options)
+    for each in (envs, elsewhere, loop, silent):
+        begin(each, seed=4)
+    stable = ImpactVecEnv(2, render_mode="rgb_array", **options)
+    begin(stable, seed=4)
+    for pictures in (envs.render(), tuple(stable.get_images())):
+        assert_identical(pictures, loop.render())
+    ended = 0
+    for row in action_table(3, ticks=9, slots=2, lean=(0.4, 0.6)):
+        results = envs.step(row)
+        assert_identical(results, loop.step(row))
+        assert_identical(results, silent.step(row))
+        assert_identical(envs.render(), loop.render())
+        elsewhere.set_state(pickle.loads(pickle.dumps(envs)).get_state())
+        assert_identical(elsewhere.render(), copy.deepcopy(envs).render())
+        ended += results[2].sum()
+    assert ended > 2
+
+
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+def test_render_before_a_reset_or_without_a_mode_is_refused(make):
+    with pytest.raises(gym.error.ResetNeeded, match="reset"):
+        make(ID, render_mode="rgb_array").unwrapped.render()
+    env = make(ID)
+    env.reset(seed=1)
+    with pytest.warns(UserWarning, match="render_mode"):
+        assert env.render() is None
+
+
+@pytest.mark.parametrize("distance", [0.02, 1.1])
+def test_film_of_an_episode_shows_its_pictures_in_slow_motion_for_6_to_10_seconds(distance, tmp_path):
+    clips, ffmpeg = pytest.importorskip("moviepy"), pytest.importorskip("imageio_ffmpeg")
+    env = gym.make(ID, render_mode="rgb_array_list", coupling={"type": "Rigid"}, after_alarm=0.03)
+    env = SlowMotionVideo(env, str(tmp_path / "films"), lambda _: True)
+    play(env, seed=2, scenario=HARD_AND_HEAVY | {"distance": distance}, look=lambda ended: None)
+    recorded = list(env.recorded_frames)
+    env.close()
+    if distance < 0.1:
+        film = recorded + recorded[-1:] * (round(SHORTEST * FRAME_RATE) - len(recorded))
+    else:
+        assert len(recorded) > LONGEST * FRAME_RATE
+        film = [recorded[k] for k in np.linspace(0, len(recorded) - 1, round(LONGEST * FRAME_RATE)).round().astype(int)]
+    (file,) = (tmp_path / "films").glob("*.mp4")
+    assert len(film) - ffmpeg.count_frames_and_secs(file)[0] in (0, 1)  # moviepy's rounding may lose the last
+    with clips.VideoFileClip(str(file)) as clip:
+        assert clip.fps == FRAME_RATE
+        for place in (0, len(film) // 2, len(film) - 3):
+            picture = clip.get_frame((place + 0.5) / FRAME_RATE)
+            assert np.abs(picture.astype(int) - film[place]).mean() < 5.0  # the codec loses a little

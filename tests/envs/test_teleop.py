@@ -5,10 +5,9 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import scene
+from episodes import AWAY, GENTLE, OWN, STOP, TELEOP, final, played, scene, sent, steered
 from refusals import refused
 from scenes import log_uniform
-from steered import AWAY, GENTLE, ID, OWN, STOP, final, played, sent, steered
 from tasks import CHANNEL, STEERED_DRAWN
 
 import impact_gym as ig
@@ -186,15 +185,15 @@ def test_replay_of_a_persons_commands_is_the_same_episode_to_the_bit_alone_and_a
 
 
 def test_command_of_a_person_is_refused_outside_the_range_of_the_arm_and_sent_at_the_end_of_a_step():
-    env = gym.make(ID, operator={"type": "Person"}).unwrapped
+    env = gym.make(TELEOP, operator={"type": "Person"}).unwrapped
     env.reset(seed=1)
     for wrong in (math.nan, math.inf, 0.51, -0.31, "fast", None):
         refused(lambda wrong=wrong: env.command(wrong), "command", str(wrong))
-    refused(lambda: gym.make(ID).unwrapped.command(0.1), "operator", "Person")
+    refused(lambda: gym.make(TELEOP).unwrapped.command(0.1), "operator", "Person")
     env.command(0.5)
     *_, info = env.step(np.array(OWN, np.float32))
     assert info["command"] == 0.0  # it is sent at the end of the step and arrives 0.1 s later
-    envs = gym.make_vec(ID, 2, operator={"type": "Person"}, uplink=None)
+    envs = gym.make_vec(TELEOP, 2, operator={"type": "Person"}, uplink=None)
     envs.reset(seed=1)
     envs.unwrapped.command([0.1, 0.2])
     *_, infos = envs.step(np.array([OWN, OWN], np.float32))
@@ -203,7 +202,7 @@ def test_command_of_a_person_is_refused_outside_the_range_of_the_arm_and_sent_at
 
 @pytest.mark.parametrize("gain", [1.0, 0.4])
 def test_steered_episode_ends_by_its_rules_and_its_rewards_add_up(gain):
-    batch, total, going = Batch(10, Task(**IDS[ID]), threads=1), np.zeros(10), np.ones(10, bool)
+    batch, total, going = Batch(10, Task(**IDS[TELEOP]), threads=1), np.zeros(10), np.ones(10, bool)
     for each in played(batch, [2.0 * gain - 1.0, 0.5, -1.0]):
         total[going] += each.rewards[going]
         going = ~each.ended

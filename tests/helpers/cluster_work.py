@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.workers import ONE_THREAD
+from agents.jobs import ONE_THREAD
 from impact_gym.files import whole_file
 
 

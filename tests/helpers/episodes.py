@@ -1,4 +1,4 @@
-"""Play episodes; what an observation holds; the scenes of `simulate` that episodes are."""
+"""Play episodes, alone, in batches and with an operator; the scenes of `simulate` that episodes are."""
 
 from typing import NamedTuple
 
@@ -6,9 +6,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
+from impact_gym.kernels import PACKET
 from stable_baselines3.common.vec_env import VecEnv
 
 import impact_gym as ig
+from impact_gym.envs.batch import Batch
 from impact_gym.task import ActionSpec, Task
 from impact_gym.task.task import ARGUMENTS
 
@@ -21,6 +23,10 @@ ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 PAPERS_SPRING = ig.SpringDamper(50.0, 1.0)
 encode = ActionSpec(Task()).encode
 """From velocity (m/s) and acceleration (m/s^2) to the action of `ID`."""
+TELEOP, ARM = "ImpactTeleop-v0", {"friction": 0.3, "horizon": 8.0, "velocity_range": (-0.3, 0.5)}
+OWN, STOP, GENTLE = [1.0, 1.0, -1.0], [-1.0, 1.0, -1.0], [1.0, 2.0 * (8.0 - 1.0) / 19.0 - 1.0, -1.0]
+AWAY = {"distance": 0.79}
+"""Of tasks with an operator: arguments, actions, and a scenario."""
 
 
 def action_table(seed, ticks=160, slots=SLOTS, lean=(0.3, 0.3), task=None):
@@ -62,10 +68,6 @@ class Given:
         return next(self.left), state
 
 
-def random_actions(seed):
-    return Given(np.random.default_rng(seed).uniform(-1.0, 1.0, (1000, 2)).astype(np.float32))
-
-
 class Episode(NamedTuple):
     """Observations (steps + 1, n_obs), rewards (steps,), and the final info."""
 
@@ -74,32 +76,21 @@ class Episode(NamedTuple):
     info: dict
 
 
-def history(env, controller, seed=None, **options):
-    """Play an episode of a single environment; return what reset, with these options, and each step returned."""
-    returned, state = [env.reset(seed=seed, options=options)], None
-    while True:
-        action, state = controller.predict(returned[-1][0], state=state)
-        returned.append(env.step(action))
-        if returned[-1][2] or returned[-1][3]:
-            return returned
+def steps(env, controller, seed=None, **options):
+    """Play an episode of a single environment; yield what reset, with these options, and each step returns."""
+    returned, state = env.reset(seed=seed, options=options), None
+    yield returned
+    while len(returned) == 2 or not (returned[2] or returned[3]):
+        action, state = controller.predict(returned[0], state=state)
+        returned = env.step(action)
+        yield returned
 
 
 def play(env, controller, seed=None, **options):
-    """Play an episode as `history` does, and return arrays; check that only the last step has a final info."""
-    (first, _), *steps = history(env, controller, seed, **options)
-    assert all(step[4].keys() <= {*COMMANDED} for step in steps[:-1])
-    rewards, info = np.array([step[1] for step in steps]), steps[-1][4]
-    assert_added_up(task_of(env), rewards, info)
-    return Episode(np.array([first, *(step[0] for step in steps)]), rewards, info)
-
-
-def task_of(env):
-    """The task of an environment of `gymnasium.make`."""
-    return Task(**{name: value for name, value in env.spec.kwargs.items() if name in ARGUMENTS})
-
-
-def assert_added_up(task, rewards, info):
-    """The return is minus the weighted time, V_p (or cost of a miss) and force; no reward but the last is positive."""
+    """Play an episode as `steps` does; return arrays. Its reward is minus weighted time, V_p or miss, and force."""
+    (first, _), *played = steps(env, controller, seed, **options)
+    assert all(step[4].keys() <= {*COMMANDED} for step in played[:-1])
+    rewards, info, task = np.array([step[1] for step in played]), played[-1][4], task_of(env)
     terms, tolerance = info["reward_terms"], 1e-12 * max(1.0, abs(rewards.sum()))
     assert terms.keys() == {"time", "velocity", "force", "missed"}
     assert rewards.sum() == pytest.approx(sum(terms.values()), rel=0, abs=tolerance)
@@ -112,6 +103,12 @@ def assert_added_up(task, rewards, info):
         if not info["missed"]:
             expected = (-info["object_velocity"], -task.force_weight * info["peak_force"], 0.0)
         assert (terms["velocity"], terms["force"], terms["missed"]) == pytest.approx(expected, rel=1e-12)
+    return Episode(np.array([first, *(step[0] for step in played)]), rewards, info)
+
+
+def task_of(env):
+    """The task of an environment of `gymnasium.make`."""
+    return Task(**{name: value for name, value in env.spec.kwargs.items() if name in ARGUMENTS})
 
 
 def begin(env, seed=None, options=None):
@@ -135,3 +132,34 @@ def scene(scenario, coupling=PAPERS_SPRING, dissipation="hu-guo", friction=0.0):
 def scenes_of(played, coupling, **law):
     rows = zip(*(values.tolist() for values in played.scenario.values()), strict=True)
     return [scene(dict(zip(played.scenario, row, strict=True)), coupling, **law) for row in rows]
+
+
+def steered(operator, rows=1, **options):
+    return Batch(rows, Task(**ARM | {"operator": operator} | options), threads=1)
+
+
+def played(batch, action, seed=0, steps=10_000):
+    """Play every row to its end with one action; yields the batch after each step."""
+    batch.begin_seeded(seed, {})
+    while not batch.ended.all() and steps:
+        batch.step(np.broadcast_to(action, (batch.size, 3)), batch.ended)
+        steps -= 1
+        yield batch
+
+
+def final(batch, action, seed=0):
+    """Play every row to its end; return the columns of the info."""
+    *_, _ = played(batch, action, seed)
+    return batch.info()
+
+
+def sent(batch, action, steps=10_000):
+    """Play; return the packets of each row's operator in the order of sending: (rows, n), PACKET."""
+    seen = {}
+    for each in played(batch, action, steps=steps):
+        for row in range(batch.size):
+            last = int(each.links["packets"][row])
+            for number in range(max(last - 3, 0), last):
+                seen[row, number] = each.packets[row, number % each.packets.shape[1]].copy()
+    count = min(int(last) for last in batch.links["packets"])
+    return np.array([[seen[row, number] for number in range(count)] for row in range(batch.size)], PACKET)

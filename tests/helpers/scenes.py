@@ -1,4 +1,4 @@
-"""The paper's tool, object, distance and motion; the numbers of its figures; and random approaches."""
+"""The paper's tool, object, distance and motion; and random approaches."""
 
 import math
 from dataclasses import replace
@@ -23,15 +23,10 @@ fast, slow = partial(ig.simulate, rtol=1e-12), partial(reference.simulate, rtol=
 BOTH = pytest.mark.parametrize("simulate", [fast, slow], ids=["fast", "slow"])
 """For numbers that our solver and the independent solver must both give."""
 
-OBJECT_VELOCITIES = {  # m/s, by the figure; from the independent solver, not printed in the paper (docs/provenance.md)
-    "16, before the break": 0.739806, "16, at the break": 0.747012, "16, behind the break": 0.757929, "17a": 0.903164,
-    "17b": 0.936088, "19a": 0.872899, "19b": 0.794273, "23a": 0.45074, "23b": 0.692859, "25": 0.920628,
-}  # fmt: skip
 
-
-def scene(k_c=1e5, e=0.5, coupling=None, robot=None, *, m_t=0.125, m_p=0.25, distance=0.2505, **law):
-    contact = ig.Contact(k_c, e, **law)
-    return ig.Scene(ig.Tool(m_t), ig.Object(m_p, distance), contact, coupling or ig.Rigid(), robot)
+def scene(k_c=1e5, e=0.5, coupling=None, robot=None, *, m_t=0.125, m_p=0.25, distance=0.2505, friction=None, **law):
+    target, contact = ig.Object(m_p, distance, friction), ig.Contact(k_c, e, **law)
+    return ig.Scene(ig.Tool(m_t), target, contact, coupling or ig.Rigid(), robot)
 
 
 def log_uniform(random, low, high):

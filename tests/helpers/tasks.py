@@ -16,6 +16,7 @@ SPANS = {
     "range_noise": (0.001, 0.05), "range_bias": (-0.02, 0.02), "time_weight": (0.5, 8.0), "reaction_delay": (0.0, 0.05),
     "friction": (0.0, 0.6),
 }  # fmt: skip
+ESTIMATE = "range_noise", "range_bias"
 SPRING = {"stiffness": (20.0, 600.0), "damping_ratio": (0.0, 1.5), "stroke": (0.5, 0.6)}
 MECHANISM = {
     "stiffness": (40.0, 80.0), "free_length": (0.07, 0.08), "height": (0.02, 0.03), "front_stop": (0.001, 0.02),
@@ -33,9 +34,8 @@ DRAWN = SPANS | {
 RANGE_SENSOR = {
     "noise": (0.0, 0.01), "share": (0.0, 0.1), "bias": (-0.01, 0.01), "dropout": (0.0, 0.5), "delay": (0.0, 0.1),
 }  # fmt: skip
-SENSED = {name: span for name, span in DRAWN.items() if name not in ("range_noise", "range_bias")}
 EVERYTHING_DRAWN = {
-    "sensor": SENSED | {"range_sensor": RANGE_SENSOR},
+    "sensor": {name: DRAWN[name] for name in DRAWN if name not in ESTIMATE} | {"range_sensor": RANGE_SENSOR},
     "spring": DRAWN | {"coupling": {"type": "SpringDamper", **SPRING}},
     "mechanism": DRAWN | {"coupling": {"type": "Bistable", **MECHANISM}},
 }
@@ -94,7 +94,7 @@ SOFT = {
 COUPLINGS = SOFT | {"rigid": st.sampled_from([ig.Rigid(), {"type": "Rigid"}])}
 ROBOTS = st.sampled_from([None, ROBOT, ig.Robot(2.0, 4e4, 10.0)]) | described("Robot", ARM)
 OWN = {
-    **{name: number_or_range(*span) for name, span in SPANS.items() if name not in ("range_noise", "range_bias")},
+    **{name: number_or_range(*span) for name, span in SPANS.items() if name not in ESTIMATE},
     "scenario": st.sampled_from(["train", "hard"]) | some_of(SCENARIO),
     "robot": ROBOTS,
     "alarm": st.sampled_from(["force", "reading"]),
@@ -107,8 +107,6 @@ OWN = {
     "max_episode_steps": st.sampled_from([None, 41, 13]),
 }
 """Arguments that may differ between the rows of a batch."""
-ESTIMATE = {name: number_or_range(*SPANS[name]) for name in ("range_noise", "range_bias")}
-WITH_OPERATOR = ("operator", "uplink", "downlink")
 OBSERVED = (
     "observe_range_noise", "deflection_sensor", "privileged", "past_readings", "velocity_range", "horizon",
     "after_alarm",
@@ -133,9 +131,9 @@ def rows_of_tasks(draw, count=3):
         common["velocity_range"], common["horizon"] = (-0.3, 0.5), 1.5
     kinds = SOFT if deflection else COUPLINGS
     always = {"coupling": st.sampled_from([*kinds]).flatmap(kinds.get)}
-    always |= {"range_noise": ESTIMATE["range_noise"]} if ranged else {}
+    always |= {"range_noise": number_or_range(*SPANS["range_noise"])} if ranged else {}
     always |= {"range_sensor": some_of(RANGE_SENSOR)} if seen == "sensor" else {}
-    optional = OWN | ({"range_bias": ESTIMATE["range_bias"]} if ranged else {})
+    optional = OWN | ({"range_bias": number_or_range(*SPANS["range_bias"])} if ranged else {})
     always |= steered
     row = st.fixed_dictionaries(always, optional={name: of for name, of in optional.items() if name not in always})
     if common["privileged"]:  # in each row a critic observes what any row draws

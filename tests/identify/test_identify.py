@@ -16,7 +16,6 @@ from impact_gym.identify.fit import BEYOND, Fit, intervals
 from impact_gym.identify.model import free_coordinates
 from impact_gym.identify.search import SCATTERED, scatter
 
-ROBOT = ig.Robot(5.225, 1.5e5, 53.75)
 TRUTH = scene(1e5, 0.5)
 
 
@@ -46,7 +45,7 @@ def log_width(fit, name="contact.stiffness"):
 @pytest.mark.parametrize(("truth", "columns"), [
     (scene(1e6, 0.5, coupling=ig.Rigid()), ("force",)),
     (scene(2e5, 0.3), ("force",)),
-    (scene(3e4, 0.7, 0.1, robot=ROBOT), ("force", "object_velocity")),
+    (scene(3e4, 0.7, 0.1, robot=ig.Robot(5.225, 1.5e5, 53.75)), ("force", "object_velocity")),
     (TRUTH, ("object_velocity",)),
 ], ids=["rigid", "spring", "robot, two columns", "velocity alone"])  # fmt: skip
 def test_identify_finds_the_numbers_behind_a_log(truth, columns):

@@ -11,20 +11,12 @@ import impact_gym as ig
 from impact_gym.physics.impact import GRAVITY, sliding_distance
 
 SPRING = ig.SpringDamper(150.0)
-COUPLINGS = pytest.mark.parametrize(
-    "coupling", [ig.Rigid(), SPRING, ig.SpringDamper(150.0, 0.1), ig.Bistable()], ids=str
-)
 
 
-def rough(friction, *args, **options):
-    smooth = scene(*args, **options)
-    return replace(smooth, object=replace(smooth.object, friction=friction))
-
-
-@COUPLINGS
+@pytest.mark.parametrize("coupling", [ig.Rigid(), SPRING, ig.SpringDamper(150.0, 0.1), ig.Bistable()], ids=str)
 @pytest.mark.parametrize("friction", [0.05, 0.3])
 def test_object_slides_as_far_as_its_last_speed_and_friction_say_and_rests(coupling, friction):
-    outcome = ig.simulate(rough(friction, 1e5, 0.5, coupling, m_p=0.4), MOTION, duration=4.0, trace=True)
+    outcome = ig.simulate(scene(1e5, 0.5, coupling, m_p=0.4, friction=friction), MOTION, duration=4.0, trace=True)
     last, trace = outcome.contacts[-1], outcome.trace
     gone = sliding_distance(last.object_velocity, friction)
     at_parting = np.interp(last.end, trace.time, trace.object_position)
@@ -36,20 +28,20 @@ def test_object_slides_as_far_as_its_last_speed_and_friction_say_and_rests(coupl
     still = trace.object_velocity[trace.time > halt + 1e-9]
     assert not still.any()
     # a run that ends earlier predicts the slide
-    early = ig.simulate(rough(friction, 1e5, 0.5, coupling, m_p=0.4), MOTION, duration=last.end + 0.01)
+    early = ig.simulate(scene(1e5, 0.5, coupling, m_p=0.4, friction=friction), MOTION, duration=last.end + 0.01)
     assert early.slide == pytest.approx(outcome.slide, rel=1e-9)
 
 
 def test_rest_time_of_a_rigid_tool_is_the_later_of_flange_and_object():
-    slippery, sticky = (ig.simulate(rough(mu, 1e6, 0.5, m_p=0.4), MOTION, duration=4.0) for mu in (0.05, 2.0))
+    slippery, sticky = (ig.simulate(scene(1e6, 0.5, m_p=0.4, friction=mu), MOTION, duration=4.0) for mu in (0.05, 2.0))
     last = slippery.contacts[-1]
     assert slippery.rest_time == pytest.approx(last.end + last.object_velocity / (0.05 * GRAVITY), rel=1e-12)
     assert sticky.rest_time == pytest.approx(sticky.detection_time + 0.016 + 1.0 / 8.0, abs=1.1e-3)
-    assert ig.simulate(rough(0.3, 1e6, 0.5), CRUISE).rest_time == math.inf  # a flange that never brakes
+    assert ig.simulate(scene(1e6, 0.5, friction=0.3), CRUISE).rest_time == math.inf  # a flange that never brakes
 
 
 def test_tool_rests_once_its_oscillation_is_slower_than_a_millimetre_a_second():
-    outcome = ig.simulate(rough(0.5, 1e5, 0.5, ig.SpringDamper(150.0, 0.1)), MOTION, duration=4.0, trace=True)
+    outcome = ig.simulate(scene(1e5, 0.5, ig.SpringDamper(150.0, 0.1), friction=0.5), MOTION, duration=4.0, trace=True)
     trace = outcome.trace
     fast = trace.time[np.abs(trace.tool_velocity) > 1e-3]
     assert 0.0 < outcome.rest_time - fast[-1] < math.pi / math.sqrt(150.0 / 0.125)  # within half an oscillation
@@ -59,11 +51,10 @@ def test_tool_rests_once_its_oscillation_is_slower_than_a_millimetre_a_second():
 def test_force_below_the_friction_moves_nothing_and_one_above_does(coupling):
     k_c, m_p, depth = 1e4, 5.0, 1e-3  # the depth of a press at 1 mm/s
     slow = ig.Trapezoid(1e-3, 8.0, ig.Brake(1e-6, delay=1.0, deceleration=1e3))
-    struck = scene(k_c, 0.5, coupling, m_p=m_p, distance=1e-4)
     at_most, at_least = (2.6 * k_c * depth**1.5, k_c * depth**1.5) if coupling == ig.Rigid() else (0.15, 0.149)
     for force, moves in ((at_most, False), (0.5 * at_least, True)):
-        target = replace(struck.object, friction=force / (m_p * GRAVITY))
-        outcome = ig.simulate(replace(struck, object=target), slow, duration=3.0)
+        struck = scene(k_c, 0.5, coupling, m_p=m_p, distance=1e-4, friction=force / (m_p * GRAVITY))
+        outcome = ig.simulate(struck, slow, duration=3.0)
         assert (outcome.peak_object_velocity > 0.0) == (outcome.slide > 1e-12) == moves
         if not moves:
             assert outcome.slide == pytest.approx(0.0, abs=1e-14)
@@ -72,11 +63,12 @@ def test_force_below_the_friction_moves_nothing_and_one_above_does(coupling):
 
 
 def test_steady_push_has_the_force_of_friction_and_a_tool_catches_up_with_an_object_that_slows_down():
-    outcome = ig.simulate(rough(0.4, 1e4, 0.1, SPRING, m_p=0.5), ig.Trapezoid(0.2, 8.0), duration=4.0, trace=True)
+    pushed = scene(1e4, 0.1, SPRING, m_p=0.5, friction=0.4)
+    outcome = ig.simulate(pushed, ig.Trapezoid(0.2, 8.0), duration=4.0, trace=True)
     assert outcome.trace.contact_force[-1] == pytest.approx(0.4 * 0.5 * GRAVITY, rel=1e-6)
     assert outcome.object_velocity == pytest.approx(0.2, rel=1e-6)
     assert outcome.momentum_error < 1e-9
-    first, second, *_ = ig.simulate(rough(5e-4, 1e5, 0.5), ig.Trapezoid(0.01, 8.0), duration=40.0).contacts
+    first, second, *_ = ig.simulate(scene(1e5, friction=5e-4), ig.Trapezoid(0.01, 8.0), duration=40.0).contacts
     assert second.start - first.end == pytest.approx(2.0 * first.separation_velocity / (5e-4 * GRAVITY), rel=1e-9)
 
 
@@ -84,11 +76,11 @@ def test_friction_takes_at_most_mu_g_for_the_time_of_the_contact_and_0_is_no_fri
     for coupling in (ig.Rigid(), ig.SpringDamper(20.0)):
         free, *_ = ig.simulate(scene(1e5, 0.5, coupling), CRUISE, duration=0.42).contacts
         for friction in (1e-9, 0.1, 0.3):
-            struck = ig.simulate(rough(friction, 1e5, 0.5, coupling), CRUISE, duration=0.42).contacts[0]
+            struck = ig.simulate(scene(1e5, 0.5, coupling, friction=friction), CRUISE, duration=0.42).contacts[0]
             lost = free.object_velocity - struck.object_velocity
             assert -1e-9 <= lost <= friction * GRAVITY * (struck.end - struck.start) + 1e-9
             assert lost > 1e-5 or friction == 1e-9
-    assert ig.simulate(rough(0.0, 1e5, 0.5), CRUISE) == ig.simulate(scene(1e5, 0.5), CRUISE)
+    assert ig.simulate(scene(1e5, 0.5, friction=0.0), CRUISE) == ig.simulate(scene(1e5, 0.5), CRUISE)
 
 
 @pytest.mark.parametrize(

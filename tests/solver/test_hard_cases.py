@@ -30,8 +30,6 @@ def test_slow_contact_under_a_push_becomes_a_steady_push(coupling, approach_velo
         assert outcome.contacts[0].end is None
         assert trace.contact_force[pushed] == pytest.approx(0.25 * acceleration, rel=0.02)
         assert outcome.object_velocity == pytest.approx(acceleration * 0.06, rel=0.01)
-    energy = 0.5 * 0.25 * outcome.object_velocity**2
-    assert energy <= outcome.object_velocity * sum(contact.impulse for contact in outcome.contacts)
 
 
 @pytest.mark.parametrize("restitution", [1e-2, 1e-3, 1e-4])

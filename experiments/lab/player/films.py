@@ -17,8 +17,7 @@ from impact_gym.task import Task
 from impact_gym.task.evaluation_sets import EvaluationSet
 
 MOST = 200  # largest number of points of a time history
-POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005
-"""Allowed errors of thinned traces, as fractions of the largest position, speed, force and penetration."""
+POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005  # errors that `thin` allows / largest value in a film
 
 
 def thin(
@@ -49,7 +48,7 @@ def thin(
 
 
 def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
-    """Return the numbers of notable scenarios, by the reason in words; ValueError: the scenarios are not the same."""
+    """Return the numbers of notable scenarios, by the reason in words; ValueError: the scenarios of both differ."""
     ours, theirs = played_policy.scenario, played_baseline.scenario
     if any(not np.array_equal(ours[name], theirs[name]) for name in ours):
         raise ValueError("baseline and policy must have played the same scenarios")
@@ -134,7 +133,7 @@ class Run:
 
 
 def clock(runs: Sequence[Run], end: float, coarse: float = 1.0) -> list[list[float]]:
-    """Return [start (s), slow-motion factor] of each part of a film until `end` (s), the largest of all `runs`."""
+    """Return [start (s), slow-motion factor] of each part of a film until `end` (s): the largest of all `runs`."""
     time, stretches = 0.0, list[list[float]]()
     while time < end:
         slower = max(run.history.factor(time) for run in runs)

@@ -153,7 +153,7 @@ def _row(coupling: str, speed: float) -> Row:
     return {
         "coupling": coupling, "speed": float(speed), "object_velocity": outcome.object_velocity,
         "ratio": outcome.object_velocity / speed,
-        "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),  # of the alignment
+        "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),
         "alarm": int(outcome.detection_time is not None),
     }  # fmt: skip
 

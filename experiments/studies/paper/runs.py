@@ -15,8 +15,7 @@ from experiments.lab.study import Row
 from impact_gym.physics import impact
 
 Array = NDArray[np.float64]
-Numbers = dict[str, Any]
-"""Numbers, arrays or words, by the names that statements.toml uses."""
+Numbers = dict[str, Any]  # numbers, arrays or words, by the names that statements.toml uses
 WIDTH = 1e-6  # distance of two rows of `enclose_changes`, in the unit of the parameter
 
 
@@ -40,7 +39,7 @@ def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parame
 
 
 def changes(rows: dict[str, NDArray[Any]], parameter: str, count: str) -> list[tuple[float, int, int]]:
-    """Return for each change of the column `count` the parameter of the last row before it, and both counts."""
+    """Return for each change of the column `count` the last parameter before it, and the counts before and after."""
     places, counts = np.flatnonzero(np.diff(rows[count])), rows[count].astype(int).tolist()
     return [(float(rows[parameter][i]), counts[i], counts[i + 1]) for i in places]
 

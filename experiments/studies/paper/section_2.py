@@ -91,7 +91,6 @@ def _numbers_figure_05(frame: pl.DataFrame) -> Numbers:
 
 
 def _sweep(pairs: Iterable[tuple[float, float]]) -> list[Row]:
-    """Simulate the fixed and the free tool for every pair of contact stiffness and restitution."""
     rows: list[Row] = []
     for stiffness, restitution in pairs:
         for free, mass in enumerate((OBJECT_MASS, REDUCED_MASS)):
@@ -155,7 +154,7 @@ def _numbers_figure_07(frame: pl.DataFrame) -> Numbers:
 
 
 def _contact(case: str, speed: float) -> pl.DataFrame:
-    """Simulate one contact; return a row for each point of the trace in the contact; `time` is from the touch (s)."""
+    """Simulate one contact; return a row for each point of the trace in the contact; `time` (s) begins at the touch."""
     contact = CONTACTS[case]
     approach = ig.Scene(ig.Tool(TOOL_MASS), ig.Object(OBJECT_MASS, speed**2 / STEADY.acceleration), contact)
     outcome, trace = simulate_with_trace(approach, ig.Trapezoid(speed, STEADY.acceleration))
@@ -171,7 +170,7 @@ def _contact(case: str, speed: float) -> pl.DataFrame:
 
 
 def beyond_contact() -> pl.DataFrame:
-    """Simulate CONTACTS at SPEEDS, and evaluate the restitution of a contact by LAWS at the nominal ones."""
+    """Simulate CONTACTS at SPEEDS, and evaluate the restitution of a contact by LAWS for NOMINAL restitutions."""
     contacts = [_contact(case, speed) for case in CONTACTS for speed in SPEEDS]
     delivered = {law: np.asarray(ig.effective_restitution(law, NOMINAL)) for law in LAWS}
     laws = [pl.DataFrame({"nominal": NOMINAL, "delivered": e, "case": law}) for law, e in delivered.items()]

@@ -1,8 +1,4 @@
-"""Section 4, the tool on spring and damper.
-
-Fig. 16 and 18 show V_p against the stiffness k_t of the coupling. Each has a second curve, for an object so far ahead
-that the tool no longer oscillates at the touch. Fig. 17, 19 and 20 are runs at k_t = 150 N/m, damping ratio 1.
-"""
+"""Section 4, the tool on spring and damper (stiffness k_t): Fig. 16 to 20."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -24,7 +20,7 @@ CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
 COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
 SETTLED_STIFFNESSES = COUPLING_STIFFNESSES[::5]  # N/m
 SETTLED = 4.0  # m, distance at which the tool's oscillation after the acceleration has decayed at every k_t
-CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m; the constant along a curve
+CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m; constant along a curve
 RESTITUTION = 0.1  # of Fig. 18 to 20
 SPRING = ig.SpringDamper(150.0)  # of Fig. 17, 19 and 20
 INELASTIC = {"a": scene(1e5, RESTITUTION, SPRING), "b": scene(1e3, RESTITUTION, SPRING)}  # Fig. 19 and 20
@@ -67,7 +63,7 @@ def figure_18() -> list[Row]:
 def curves(
     frame: pl.DataFrame, distance: float = DISTANCE, braked: bool = True, at: Mapping[str, float] = CRITICAL
 ) -> list[dict[str, Array]]:
-    """Return a curve for each contact stiffness: the columns of the rows with these values."""
+    """Return a curve for each contact stiffness: the columns of the rows with these arguments."""
     rows = frame.sort("damping_ratio", maintain_order=True).filter(braked=braked, distance=distance, **at)
     return [where(rows, contact_stiffness=k_c) for k_c in CONTACT_STIFFNESSES]
 
@@ -148,7 +144,7 @@ def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_19() -> pl.DataFrame:
-    """Simulate Fig. 19a and 19b with their e and with e = 1, each with and without a brake."""
+    """Simulate Fig. 19a and 19b with their restitution and with restitution 1, each with and without a brake."""
     cases = INELASTIC | {"a, e = 1": scene(1e5, 1.0, SPRING), "b, e = 1": scene(1e3, 1.0, SPRING)}
     never = {f"{case}, no brake": approach for case, approach in cases.items()}
     return pl.concat([histories(cases), histories(never, STEADY)])

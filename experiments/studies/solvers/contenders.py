@@ -31,7 +31,7 @@ def power(value: float) -> str:
 
 
 def failure(solution: Solution, truth: Solution, allowed: float) -> str:
-    """Return why a solution is wrong; "": V_p is within `allowed` (m/s) of the truth, and both have equal counts."""
+    """Return why a solution is wrong; "": V_p is within `allowed` (m/s) of the truth, and the counts are right."""
     if not math.isfinite(solution.velocity):
         return NOT_FINITE
     if not abs(solution.velocity - truth.velocity) <= allowed:
@@ -60,7 +60,7 @@ def limited(seconds: float) -> Iterator[None]:
         raise TimeoutError
 
     before = signal.signal(signal.SIGPROF, late)
-    # repeated every 0.01 s, because an error that is raised in a destructor is lost
+    # the signal is repeated every 0.01 s, because an error that is raised in a destructor is lost
     signal.setitimer(signal.ITIMER_PROF, seconds, 0.01)
     try:
         yield
@@ -72,8 +72,8 @@ def limited(seconds: float) -> Iterator[None]:
 def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, float]:
     """Return a contender's solution at the rtol `setting`, and the processor time (s).
 
-    The time of impact_gym is that of the whole call of `simulate`, that of SciPy only of the contacts, because the
-    reference computes flights without METHODS, and that of heyoka only of the calls of its library.
+    impact_gym: time of the call of `simulate`. SciPy: time of the contacts, because the reference computes flights
+    without METHODS. heyoka: time of the calls of its library.
     """
     kind, _, method = name.partition(" ")
     if kind == CAREFUL:
@@ -89,7 +89,7 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
 
 
 def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Row:
-    """Return the row of a contender; after an error, it has only a failure.
+    """Return the row of a contender; if the contender raises an error, the row has only time and failure.
 
     Columns: mean processor time of a call (µs), error of V_p (m/s), failure, and the counts of `Solution`.
     """

@@ -1,6 +1,6 @@
 """Approaches by heyoka: Taylor series, compiled by LLVM (Biscani, Izzo 2021). No code is shared with our solver.
 
-A contact is integrated in the length delta0 = (M v_in^2/k_c)^0.4, the velocity v_in and the time t0 = delta0/v_in, with
+The units in a contact are the length delta0 = (M v_in^2/k_c)^0.4, the velocity v_in and the time t0 = delta0/v_in, with
 the reduced mass M, the approach velocity v_in and the contact stiffness k_c. As in our solver, the state has the root s
 of the penetration, and the time is replaced by sigma with dt = t0 s dsigma. Hertz' law is a polynomial in s, so Taylor
 series keep their order at onset and separation. Flight is integrated in SI units, with the penetration itself.
@@ -137,7 +137,6 @@ class Run:
         return begun + unit * state[3], state
 
     def _note(self, event: str, t: float, state: list[float], touching: bool) -> None:
-        """Record an event at t (s), and update the parameters."""
         motion, par = self.motion, self.par
         if touching:
             F = par["pressed"] * par["k_c"] * par["length"] ** 1.5 * state[0] ** 3 * (1.0 + par["d"] * state[1])

@@ -134,7 +134,6 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
 
 
 def _worst(*values: float) -> float:
-    """Return the largest value, or infinity if a value is nan."""
     return math.inf if any(map(math.isnan, values)) else max(values)
 
 
@@ -161,8 +160,8 @@ def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple
 def _work(
     target: ig.Object, time: Array, mass: Array, delta: Array, rate: Array, velocity: Array, force: Array
 ) -> tuple[Array, Array]:
-    """Return M a d(delta) between successive points (J), with constant M a, and the contact's impulses (N s)."""
-    # impulse of the contact: momentum of the object, and impulse of friction; without sliding, friction = contact force
+    """Return M a d(delta) between successive points (J), for M a constant in between, and the impulses so far (N s)."""
+    # impulse = momentum of the object + impulse of friction; without sliding, friction equals the contact force
     friction, passed = GRAVITY * target.mass * (target.friction or 0.0), np.diff(time)
     slides = velocity[1:] + velocity[:-1] != 0.0
     held = np.where(slides, friction * np.sign(velocity[1:] + velocity[:-1]), (force[1:] + force[:-1]) / 2)
