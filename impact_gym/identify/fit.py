@@ -120,9 +120,8 @@ def _extra_blows(fit: Fit) -> str:
         blows = bursts(force, sensor)
         extra = 0
         for first, last in blows:
-            part = slice(first, last + 1)
-            least = max(deviations * (last + 1 - first) ** 0.5, share * signal[part].sum())
-            extra += bool(left[part].sum() > least)
+            more, blow = left[first : last + 1], signal[first : last + 1]
+            extra += int(more.sum() > max(deviations * len(more) ** 0.5, share * blow.sum()))
         if extra and len(blows) > 1:
             times = ", ".join(f"{log.time[first]:g}" for first, _ in blows)
             return (f"{log.name} has {len(blows)} blows, at {times} s, but the scene makes no more than "
