@@ -121,7 +121,7 @@ class Clock:
             self._send_frame(live, seen, rng)
 
     def _send_frame(self, live: Live, seen: bool, rng: random.Random) -> None:
-        """Send the positions now and one step ahead, and the delay (s) of the downlink."""
+        """Send the present positions, those one step later, and the delay (s) of the downlink."""
         now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
         then = now if live.ended else live.ahead()
         late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)

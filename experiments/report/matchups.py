@@ -167,7 +167,7 @@ def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
-    """Return the clairvoyant search of a set-up; None: it did not search the first of these scenarios."""
+    """Return the clairvoyant search of a set-up; None: it searched other scenarios than the first of these."""
     its_own = setup.bound == setup.name
     parameters_at = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
     searched = min(map(len, parameters_at.values()), default=0)
@@ -249,7 +249,7 @@ def baselines(
             contestants.append(Contestant(name, {"baseline": name}, (typical,), ""))
         elif ":" not in name:
             known = nearest("baseline", name, [*FIXED, *shipped_baselines()])
-            raise ValueError(f"{known} (your own baseline is named module:object)")
+            raise ValueError(f"{known} (give a baseline of your own as module:object)")
         else:
             controller = controller_of({"object": name}, typical)
             try_out(name, controller, observations, len(ActionSpec(task)))  # an error is raised here, not in a worker

@@ -60,7 +60,7 @@ def limited(seconds: float) -> Iterator[None]:
         raise TimeoutError
 
     before = signal.signal(signal.SIGPROF, late)
-    # repeated every 0.01 s, because an error that is raised in a destructor is lost
+    # the signal is repeated every 0.01 s, because an error that is raised in a destructor is lost
     signal.setitimer(signal.ITIMER_PROF, seconds, 0.01)
     try:
         yield
