@@ -60,8 +60,8 @@ class ScenarioBatch:
 
     def __init__(
         self, scenarios: EvaluationSet | int, count: int, task: Task | None = None, *, copies: int = 1,
-        time_weight: Sequence[float] | None = None, threads: int | None = None, lenient: bool = False,
-        max_steps: int = MAX_STEPS,
+        time_weight: Sequence[float] | None = None, threads: int | None = None, quiet: bool = False,
+        lenient: bool = False, max_steps: int = MAX_STEPS,
     ) -> None:  # fmt: skip
         """Make a batch of `copies * count` rows: row k plays scenario `k % count`.
 
@@ -72,11 +72,12 @@ class ScenarioBatch:
             copies: number of copies of each scenario.
             time_weight: time weight of each copy, m/s per s; None: the task's.
             threads: number of threads; it has no effect on the results.
+            quiet: do not warn if a policy was trained for another environment.
             lenient: count a scenario whose status is not ok as missed, without an error.
             max_steps: number of integration steps after which the solver gives up a scenario.
         """
         frozen = scenarios if isinstance(scenarios, EvaluationSet) else EvaluationSet(scenarios, {})
-        self.seed, self.count, self.lenient = frozen.seed, count, lenient
+        self.seed, self.count, self.quiet, self.lenient = frozen.seed, count, quiet, lenient
         self._task, self._copies = task or Task(), copies
         self._batch = Batch(copies * count, self._task, threads, max_steps=max_steps)
         if frozen.scenario and frozen.count < count:
@@ -115,7 +116,7 @@ class ScenarioBatch:
             RuntimeError: the solver failed in a scenario, or the scenario did not settle; not if `lenient`.
         """
         batch = self._batch
-        if isinstance(controller, Policy):
+        if isinstance(controller, Policy) and not self.quiet:
             controller.warn_if_elsewhere(self._task)
         batch.begin_seeded(self.seed, {**self._fixed, **(record or {})}, self._copies)
         start, state = np.ones(batch.size, np.bool_), None

@@ -108,16 +108,12 @@ class ScaledRewards(VecEnvWrapper):
 
     def reset(self) -> VecEnvObs:
         """Begin an episode in each environment."""
-        observations = self.venv.reset()
-        self._see(observations)
-        return observations
+        return self._seen(self.venv.reset())
 
     def step_wait(self) -> VecEnvStepReturn:
         """Play a step; each reward is scaled by the time weight of the episode to which it belongs."""
-        observations, rewards, ended, infos = self.venv.step_wait()
-        rewards = rewards * self._scale
-        self._see(observations)
-        return observations, rewards, ended, infos
+        scale, (observations, rewards, ended, infos) = self._scale, self.venv.step_wait()
+        return self._seen(observations), rewards * scale, ended, infos
 
     def get_state(self) -> dict[str, Any]:
         """Return the state needed to resume."""
@@ -129,10 +125,11 @@ class ScaledRewards(VecEnvWrapper):
         self._envs.set_state(state.get("envs", {}))
         self._scale = scale
 
-    def _see(self, observations: VecEnvObs) -> None:
-        """Set the scales from the time weights in `observations` (num_envs, n_obs)."""
+    def _seen(self, observations: VecEnvObs) -> VecEnvObs:
+        """Set the scales from the time weights in `observations` (num_envs, n_obs), and return these."""
         time_weight = self._spec.decode(np.asarray(observations), "time_weight")
         self._scale = np.asarray((1.0 + time_weight) ** -self._power, np.float32)
+        return observations
 
 
 def make_environments(run: Run) -> ScaledRewards:

@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import warnings
 
 import numpy as np
 import pytest
@@ -23,9 +22,8 @@ TEST_SET = evaluation_sets.load("test")
 @pytest.fixture(scope="module", params=COUPLINGS)
 def film(request):
     environment = COUPLINGS[request.param]
-    batch = ScenarioBatch.of("test", 40, Task(**environment), time_weight=[2.0])
-    with warnings.catch_warnings(action="ignore", category=UserWarning):  # the policy is for another environment
-        played = {name: batch.play(controller) for name, controller in CONTESTANTS.items()}
+    batch = ScenarioBatch.of("test", 40, Task(**environment), time_weight=[2.0], quiet=True)
+    played = {name: batch.play(controller) for name, controller in CONTESTANTS.items()}
     return films(CONTESTANTS, choose(*played.values()), played, frozen=TEST_SET, environment=environment), played
 
 

@@ -8,7 +8,6 @@ from experiments.report import choice, jobs, matchups
 
 
 @pytest.mark.parametrize("arm", [{}, {"velocity_range": [-0.2, 1.2], "acceleration_range": [1.0, 10.0]}], ids=str)
-@pytest.mark.filterwarnings("ignore:the policy was trained for another environment")  # `agents.jobs` ignores it, too
 def test_play_as_late_has_the_rules_mean_time_on_the_validation_set_and_nearly_on_the_test_set(arm):
     scenarios, validation = ({"set": name, "count": 200} for name in ("test", "validation"))
     policy, rule = matchups.of_setup(load_setup("linear-blind"), scenarios).policy, {"baseline": "paper-trapezoid"}
