@@ -58,7 +58,7 @@ number to fit. For each other number give its value during the measurement, not 
     cell = { mass = 0.02, frequency = 5000.0 }           # if it is a load cell: kg, Hz; also damping_ratio
 
 the output: the set-up with the 95 % intervals as ranges, without the tables [motion] and [sensor]. If the interval of a
-number has no limit on one side, the number keeps its value, and the set-up contains a comment about this.
+number has no limit on one side, the set-up keeps the initial guess of this number, and contains a comment about this.
 
 --hold-out checks the fit on other blows. The command fits the numbers to every second log and
 predicts the other logs. Then it swaps the two halves of the logs. For each blow it prints the errors of V_p (the
