@@ -13,11 +13,9 @@ from typing import Any
 import numpy as np
 import tyro
 
-from agents.baselines import Clairvoyant, PaperTrapezoid, bound
-from agents.baselines.cmaes import minimise
-from agents.baselines.random import Jittery
+from agents.baselines import Clairvoyant, PaperTrapezoid, tuned
+from agents.baselines.cmaes import Jittery, minimise
 from agents.baselines.rule import Floats, Rule
-from agents.baselines.tuned import RULES, read_tuned, write_tuned
 from agents.command_line import command_of, run_command
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
 from agents.jobs import cached
@@ -88,9 +86,9 @@ class Tune:
         distinct("weights", [f"{weight:g}" for weight in self.weights])
         distinct("setups", self.setups)
         distinct("names", self.names)
-        tuned = {name for setup in self.setups for name in load_setup(setup).tuned}
-        if unknown := [name for name in self.names if name not in tuned]:
-            raise ValueError(nearest("baseline to tune", unknown[0], tuned))
+        known = {name for setup in self.setups for name in load_setup(setup).tuned}
+        if unknown := [name for name in self.names if name not in known]:
+            raise ValueError(nearest("baseline to tune", unknown[0], known))
 
     def baselines(self) -> dict[str, Setup]:
         """Return the baselines to tune by name, each with its set-up."""
@@ -104,10 +102,12 @@ class Tune:
         return wanted
 
     def search(self, name: str, setup: Setup) -> dict[str, Any]:
-        """Return the options of this command that determine the result of the search for a baseline."""
-        budget = setup.budget if self.budget is None else self.budget
-        scenarios = setup.tuned[name].scenarios if self.scenarios is None else self.scenarios
-        return {"scenarios": scenarios, "budget": budget, "population": self.population, "seed": self.seed}
+        """Return the settings of the search for a baseline; its file records them."""
+        budget, baseline = setup.budget if self.budget is None else self.budget, setup.tuned[name]
+        scenarios = baseline.scenarios if self.scenarios is None else self.scenarios
+        settings = {"scenarios": scenarios, "budget": budget, "population": self.population, "seed": self.seed}
+        more = {"clean_alarm": baseline.clean_alarm, "jitter": baseline.jitter}
+        return settings | {setting: value for setting, value in more.items() if value}
 
     def folder(self, setup: Setup) -> Path:
         """Return the folder of a set-up's files."""
@@ -125,23 +125,24 @@ def tune(options: Tune) -> list[Path]:
     """Tune the weights that are missing in the files, and return the paths of the files."""
     setups, missing, arguments = options.baselines(), [], []
     for name, setup in setups.items():
-        rule, known = setup.tuned[name]._asdict(), _tuned_before(name, setup, options)
-        environment = setup.task.changed(CLEAN_ALARM if rule.pop("clean_alarm") else {}).arguments()
+        known, (rule, rtol, *_) = _tuned_before(name, setup, options), setup.tuned[name]
         for weight in options.weights or setup.evaluation.weights:
             if f"{weight:g}" not in known:
                 missing.append((name, setup, weight))
-                arguments.append(rule | options.search(name, setup) | {"environment": environment, "weight": weight})
+                what = {"rule": rule, "environment": setup.task.arguments(), "weight": weight, "rtol": rtol}
+                arguments.append(what | options.search(name, setup))
 
     def write(place: int, result: dict[str, Any]) -> None:
         name, setup, weight = missing[place]
-        numbers = zip(RULES[setup.tuned[name].rule].names(), result["parameters"], strict=True)
-        alone = Tune((setup.called,), (name,), (weight,), **options.search(name, setup))
-        made = {"search": _searched(name, setup, options), "command": command_of("tune", alone)}
+        numbers = zip(tuned.RULES[setup.tuned[name].rule].names(), result["parameters"], strict=True)
+        search, where = options.search(name, setup), ((setup.called,), (name,), (weight,))
+        alone = Tune(*where, search["scenarios"], search["budget"], options.population, options.seed)
+        made = {"search": search, "command": command_of("tune", alone)}
         made |= {"versions": circumstances("impact-gym", "cma", "numpy", "scipy")["versions"]}
         with locked(options.folder(setup) / LOCK):  # meanwhile another process may have tuned other weights
             found = _tuned_before(name, setup, options, say=lambda _: None)
             found |= {f"{weight:g}": result | {"parameters": dict(numbers)} | made}
-            write_tuned(name, found, setup, options.folder(setup))
+            tuned.write_tuned(name, found, setup, options.folder(setup))
 
     options.search_all(tune_one, arguments, "tuning", write)
     return [options.folder(setup) / f"{name}.json" for name, setup in setups.items()]
@@ -172,8 +173,8 @@ def tune_at_rule_time(options: Tune) -> None:
         batch = ScenarioBatch.of("validation", task=setup.task, threads=1)
         target = float(batch.play(PaperTrapezoid().for_task(setup.task)).approach_time.mean())
         for _ in range(MOST_TRIED):
-            tuned = read_tuned(name, options.folder(setup), setup)["weights"]
-            times = {float(weight): found["validation"]["approach_time"] for weight, found in tuned.items()}
+            weights = tuned.read_tuned(name, options.folder(setup), setup)["weights"]
+            times = {float(weight): found["validation"]["approach_time"] for weight, found in weights.items()}
             if (weight := next_weight(times, target)) is None:
                 break
             tune(replace(options, setups=(setup.called,), names=(name,), weights=(weight,)))
@@ -184,28 +185,23 @@ def _tuned_before(name: str, setup: Setup, options: Tune, say: Callable[[str], N
     if not (options.folder(setup) / f"{name}.json").is_file():
         return {}
     try:
-        weights = read_tuned(name, options.folder(setup), setup)["weights"]
+        weights = tuned.read_tuned(name, options.folder(setup), setup)["weights"]
     except ValueError as reason:
         say(f"{name} is tuned again: {reason}")
         return {}
-    same = {weight: tuned for weight, tuned in weights.items() if tuned["search"] == _searched(name, setup, options)}
+    same = {weight: found for weight, found in weights.items() if found["search"] == options.search(name, setup)}
     if same != weights:
         say(f"{name} is tuned again at {sorted(set(weights) - set(same))}: it was tuned with other settings")
     return same
 
 
-def _searched(name: str, setup: Setup, options: Tune) -> dict[str, Any]:
-    """Return the settings of the search for a baseline, and the set-up's options `clean_alarm` and `jitter`."""
-    given = setup.tuned[name]._asdict()
-    return options.search(name, setup) | {field: given[field] for field in ("clean_alarm", "jitter") if given[field]}
-
-
 def tune_one(
-    rule: str, environment: Mapping[str, Any], weight: float, rtol: float, jitter: float,
-    scenarios: int, budget: int, population: int, seed: int,
+    rule: str, environment: Mapping[str, Any], weight: float, rtol: float, jitter: float = 0.0,
+    clean_alarm: bool = False, *, scenarios: int, budget: int, population: int, seed: int,
 ) -> dict[str, Any]:  # fmt: skip
     """Return the best parameters (k) of a rule at one weight, its scores (m/s) and the number of generations."""
-    kind, task, rng = RULES[rule], Task(**environment), np.random.default_rng((seed, 1))
+    task = Task(**{**environment, **(CLEAN_ALARM if clean_alarm else {})})
+    kind, rng = tuned.RULES[rule], np.random.default_rng((seed, 1))
     options: Any = {"copies": population, "time_weight": [weight] * population, "threads": 1, "lenient": True}
     batch = ScenarioBatch(TUNING_SEED, scenarios, task.changed({"rtol": rtol}), **options)
 
@@ -227,7 +223,9 @@ def scores(rule: Rule, weight: float) -> dict[str, float]:
     return {"loss": float(played.loss(weight).mean()), **means, "missed": int(played.missed.sum())}
 
 
-def search_bounds(options: Tune, scenarios: int = BOUND_SCENARIOS, generations: int = bound.GENERATIONS) -> list[Path]:
+def search_bounds(
+    options: Tune, scenarios: int = BOUND_SCENARIOS, generations: int = tuned.BOUND_GENERATIONS
+) -> list[Path]:
     """Search the bounds that are missing in the files, for the first test scenarios; return the paths of the files."""
     setups = [setup for setup in map(load_setup, options.setups) if setup.bound == setup.name]
     missing = list[tuple[Setup, float]]()
@@ -236,16 +234,16 @@ def search_bounds(options: Tune, scenarios: int = BOUND_SCENARIOS, generations: 
         setup, weight = missing[place]
         folder = options.folder(setup)
         with locked(folder / LOCK):
-            known = bound.read_bound(setup, folder, generations)
-            bound.write_bound(setup, known | {weight: parameters}, folder, generations)
+            known = tuned.read_bound(setup, folder, generations)
+            tuned.write_bound(setup, known | {weight: parameters}, folder, generations)
 
     for setup in setups:
-        known = bound.read_bound(setup, options.folder(setup), generations)
+        known = tuned.read_bound(setup, options.folder(setup), generations)
         missing += [(setup, weight) for weight in sorted({*(options.weights or setup.evaluation.weights)} - {*known})]
     budget = {"scenarios": scenarios, "generations": generations}
     arguments = [{"environment": setup.environment, "time_weight": weight, **budget} for setup, weight in missing]
     options.search_all(search_bound, arguments, "bound", write)
-    return [bound.path_of(setup, options.folder(setup)) for setup in setups]
+    return [tuned.bound_path(setup, options.folder(setup)) for setup in setups]
 
 
 def search_bound(
@@ -254,7 +252,7 @@ def search_bound(
 ) -> Floats:  # fmt: skip
     """Return the parameters (scenarios, k) of the best `Clairvoyant` of each scenario at a time weight (m/s per s)."""
     task, weights = Task(**{"rtol": BOUND_RTOL, **environment, "privileged": True}), [time_weight] * population
-    batch = ScenarioBatch.of(bound.FROZEN, scenarios, task, copies=population, time_weight=weights, threads=1)
+    batch = ScenarioBatch.of(tuned.BOUND_SET, scenarios, task, copies=population, time_weight=weights, threads=1)
 
     def losses(candidates: Floats) -> Floats:
         rule = Clairvoyant(candidates.reshape(population * scenarios, -1)).for_task(task)
@@ -271,10 +269,10 @@ def run(options: Tune) -> None:
         tune_at_rule_time(options)
     for (name, setup), path in zip(options.baselines().items(), paths, strict=True):
         print(path)
-        for weight, tuned in read_tuned(name, path.parent, setup)["weights"].items():
-            means = tuned["validation"]
+        for weight, found in tuned.read_tuned(name, path.parent, setup)["weights"].items():
+            means = found["validation"]
             print(
-                f"  {name} at {weight}: {tuned['train']:.4f} m/s on train, {means['loss']:.4f} on validation "
+                f"  {name} at {weight}: {found['train']:.4f} m/s on train, {means['loss']:.4f} on validation "
                 f"(V_p {means['object_velocity']:.4f} m/s, T {means['approach_time']:.4f} s, missed {means['missed']})"
             )
     for path in search_bounds(options) if options.bound else ():

@@ -25,7 +25,7 @@ from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from agents.baselines.tuned import read_tuned
 from agents.command_line import run_command
-from agents.evaluate.controllers import controller_of
+from agents.evaluate.play import controller_of
 from agents.policies import Controller, load_policy
 from agents.provenance import revision
 from agents.setups import FIXED, Setup, load_setup, shipped_baselines

@@ -33,7 +33,7 @@ SCALES: Mapping[str, Mapping[str, float]] = {
 """For each SI unit: accepted spellings of units, in lower case, and their factors to the SI unit."""
 IN_BRACKETS = (r"(.+?)[\s_]*[\[({<]([^\[({<]*)[\])}>]\s*", r"([^/]+?)\s*/\s*\(?(.+?)\)?")
 UNIT_FORMS = (*IN_BRACKETS, r"(.+)()", r"(.+?)(?:[\s_,:-]|\bin\b)+([^\s_]+)")
-"""Patterns of a column's header: Force (N), force/N (an unknown unit is refused), force without a unit, force_N."""
+"""Patterns of a column's header. Unknown units are refused in Force (N) and force/N. The others: force, force_N."""
 SEPARATORS = ("\t", ";", ",", "|", None)  # None: any run of blanks
 NUMBERS = {
     sign: re.compile(rf"[+-]?((\d+[{sign}]?\d*|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
@@ -160,7 +160,8 @@ def _layout(lines: Sequence[str]) -> _Layout:
                 most = sum(shares)
     if best is None:
         written = next((line for line in reversed(lines) if line.strip()), "")
-        raise ValueError(f"no line has two numbers, the last line is {shown(written)}" if written else "it is empty")
+        reason = f"no line has two numbers among the first {len(lines)}, e.g. {shown(written)}"
+        raise ValueError(reason if written else "it is empty")
     return best
 
 

@@ -118,7 +118,7 @@ def approach_rows(
         tolerance: local error allowed in a step, in the natural units of the contact or the flight.
         max_steps: integration steps after which a row stops with the status STEP_LIMIT.
         recorder: arrays for contacts (CONTACT), trace points (TRACE) and times at which a slider passes its alignment
-            (s) in the last row, of which an empty one records nothing; and the time between trace points in flight, s.
+            (s) in the last approach, and the time (s) between trace points in flight. An empty array records nothing.
     """
     cdef Run run
     cdef Work work

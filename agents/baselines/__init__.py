@@ -1,15 +1,14 @@
 """Controllers that do not learn. They have stable-baselines3's method: `action, state = predict(observation)`."""
 
-from agents.baselines.constant import ConstantGain, ConstantSpeed, LocalBrake, OperatorAlone, PaperTrapezoid
+from agents.baselines.constant import ConstantSpeed, LocalBrake, OperatorAlone, PaperTrapezoid, RandomActions
 from agents.baselines.detector import DetectorProfile, DetectorRanged
 from agents.baselines.filtered import FilteredProfile, FirstReadingProfile
 from agents.baselines.profile import BlindProfile, Clairvoyant, ConstantDeceleration, Ranged, RangedProfile
-from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule
 from agents.baselines.tuned import load_baseline
 
 __all__ = [
-    "BlindProfile", "Clairvoyant", "ConstantDeceleration", "ConstantGain", "ConstantSpeed", "DetectorProfile",
-    "DetectorRanged", "FilteredProfile", "FirstReadingProfile", "LocalBrake", "OperatorAlone", "PaperTrapezoid",
+    "BlindProfile", "Clairvoyant", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile", "DetectorRanged",
+    "FilteredProfile", "FirstReadingProfile", "LocalBrake", "OperatorAlone", "PaperTrapezoid",
     "RandomActions", "Ranged", "RangedProfile", "Rule", "load_baseline",
 ]  # fmt: skip

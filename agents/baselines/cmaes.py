@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.baselines.rule import Floats, Parameter
+from agents.policies import Controller
 
 SIGMA = 0.2
 """Initial standard deviation, as a fraction of the range of each parameter."""
@@ -59,3 +60,23 @@ def minimise(
             search.tell(share, value.tolist())
     best = [(search.best.x, search.best.f) for search in searches]
     return Minimum(within_limits([x for x, _ in best]), np.array([f for _, f in best]), generation)
+
+
+class Jittery(NamedTuple):
+    """A rule with random errors on its actions, the same for all candidates of a search in a scenario.
+
+    With these errors the search avoids parameters that work only if the arm follows commands exactly.
+    """
+
+    rule: Controller
+    jitter: float  # standard deviation of the errors, as a fraction of an action's range of 2
+    scenarios: int
+    rng: np.random.Generator
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
+        """Return the rule's actions (n, k) with errors, and its next state."""
+        actions, state = self.rule.predict(observation, state, episode_start, deterministic)
+        off = self.rng.normal(0.0, 2.0 * self.jitter, (self.scenarios, actions.shape[-1]))
+        return actions + np.tile(off, (len(actions) // self.scenarios, 1)), state

@@ -1,12 +1,13 @@
-"""Rules without a profile: a constant speed until the alarm, and a constant gain on an operator's command."""
+"""Baselines without a profile: a constant speed until the alarm, the operator's own command, random actions."""
 
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from agents.baselines.rule import SLOWEST, Parameter, Rule, View
+from impact_gym.task import ActionSpec, Task
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 from impact_gym.validation import number
 
@@ -55,8 +56,8 @@ class LocalBrake(ConstantSpeed):
         super().__init__(VELOCITY_RANGE[1], *ACCELERATION_RANGE[1:], ACCELERATION_RANGE[1])
 
 
-class ConstantGain(Rule):
-    """Multiply the operator's command by a constant gain."""
+class OperatorAlone(Rule):
+    """Follow the operator's command unchanged, with a gain of 1."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {
         "operator": {"type": "Trapezoid"}, "velocity_range": (-0.3, 0.5), "horizon": 8.0, "friction": 0.3,
@@ -66,13 +67,27 @@ class ConstantGain(Rule):
         Parameter("acceleration", "m/s^2", *ACCELERATION_RANGE, ACCELERATION_RANGE[1]),
     )
 
+    def __init__(self) -> None:
+        super().__init__([1.0, ACCELERATION_RANGE[1]])
+
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the gain times the operator's speed (m/s), and the acceleration (m/s^2)."""
         return self["gain"] * np.maximum(np.abs(view["command"]), SLOWEST), self["acceleration"]
 
 
-class OperatorAlone(ConstantGain):
-    """Follow the operator's command unchanged."""
+class RandomActions:
+    """Draw every action uniformly from the action space of a task."""
 
-    def __init__(self) -> None:
-        super().__init__([1.0, ACCELERATION_RANGE[1]])
+    def __init__(self, seed: int = 0, task: Task | None = None) -> None:
+        """Make a controller; default task: that of `ImpactApproach-v0`."""
+        self._rng, self._size = np.random.default_rng(seed), len(ActionSpec(task or Task()))
+
+    def for_task(self, task: Task) -> "RandomActions":
+        """Return a new controller for another task, with seed 0."""
+        return RandomActions(task=task)
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[NDArray[np.float32], Any]:
+        """Return an action (k,), or the actions (n, k) of a batch."""
+        return self._rng.uniform(-1.0, 1.0, (*np.shape(observation)[:-1], self._size)).astype(np.float32), state

@@ -1,4 +1,8 @@
-"""Load baselines by name; read and write the files of tuned baselines, JSON with a checksum."""
+"""Load baselines by name; read and write the files of tuned baselines and of the clairvoyant bound.
+
+The file of a tuned baseline is JSON with a checksum. The file of a bound holds, for each scenario, the parameters with
+which `Clairvoyant` has the lowest cost; a controller of another class could have a lower cost.
+"""
 
 import hashlib
 import json
@@ -8,7 +12,9 @@ from pkgutil import resolve_name
 from typing import Any
 
 from agents import setups
-from agents.baselines.rule import Rule
+from agents.archive import archive_of, read_archive
+from agents.baselines.profile import Clairvoyant
+from agents.baselines.rule import Floats, Rule
 from agents.policies import Controller
 from agents.setups import TUNED, Setup, owner, shipped_baselines
 from impact_gym.files import parsed, write_file
@@ -16,6 +22,9 @@ from impact_gym.task import Task
 from impact_gym.validation import nearest, number
 
 FORMAT = "impact_gym tuned baseline 1"
+BOUND_FORMAT = "impact_gym clairvoyant 2"
+BOUND_SET = "test"  # frozen set with the scenarios of the bound
+BOUND_GENERATIONS = 150  # generations of the search in each scenario
 RULES: dict[str, type[Rule]] = {name: resolve_name(f"agents.baselines:{name}") for name in setups.RULES}
 FIXED: dict[str, Any] = {name: resolve_name(f"agents.baselines:{kind}") for name, kind in setups.FIXED.items()}
 
@@ -52,8 +61,7 @@ def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None
     The file must fit `setup`, or if `setup` does not tune this baseline, the shipped set-up that tunes it. Default
     folder: that of the set-up's results, or of the shipped baselines.
     """
-    its_own = setup is not None and name in setup.tuned
-    setup = setup if its_own else owner(name)
+    setup = owner(name, setup)
     path = (folder or (setup.folder / "tuned" if setup else TUNED)) / f"{name}.json"
     if setup is None and not path.is_file():
         raise ValueError(nearest("baseline", name, [*FIXED, *shipped_baselines()]))
@@ -62,7 +70,8 @@ def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None
         raise ValueError(f"baseline {name!r} was not tuned, there is no {path}: {remedy}")
     try:
         content: dict[str, Any] = parsed(path, "JSON", json.loads)
-        checksum = _checksum(content)
+        rest = {field: value for field, value in content.items() if field != "sha256"}
+        checksum = hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
         if checksum != content["sha256"]:
             raise ValueError(f"its checksum is {checksum}, not {content['sha256']}: it was altered")
         expected = _description(name, setup.tuned[name].rule if setup else content["rule"])
@@ -82,7 +91,8 @@ def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Pat
     ordered = {key: weights[key] for key in sorted(weights, key=float)}
     made_for = {**_description(name, setup.tuned[name].rule), "environment": dict(setup.environment)}
     content = json.loads(json.dumps({**made_for, "weights": ordered}))
-    text = json.dumps({**content, "sha256": _checksum(content)}, indent=2)
+    checksum = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    text = json.dumps({**content, "sha256": checksum}, indent=2)
     return write_file(folder / f"{name}.json", text + "\n")
 
 
@@ -93,7 +103,36 @@ def _description(name: str, rule: str) -> dict[str, Any]:
     return {"format": FORMAT, "baseline": name, "rule": rule, "parameters": limits}
 
 
-def _checksum(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a file's content except the entry "sha256"."""
-    rest = {field: value for field, value in content.items() if field != "sha256"}
-    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
+def bound_path(setup: Setup, folder: Path = TUNED) -> Path:
+    """Return the path of the file with a set-up's bound."""
+    return folder / f"clairvoyant-{setup.name}.npz"
+
+
+def write_bound(
+    setup: Setup, by_weight: Mapping[float, Floats], folder: Path = TUNED, generations: int = BOUND_GENERATIONS
+) -> Path:
+    """Write the best parameters (scenarios, k) for each time weight, atomically, and return the path."""
+    arrays = {f"{weight:g}": by_weight[weight] for weight in sorted(by_weight)}
+    search = {"set": BOUND_SET, "parameters": Clairvoyant.names(), "generations": generations}
+    content = {"environment": dict(setup.environment), **search}
+    return write_file(bound_path(setup, folder), archive_of(BOUND_FORMAT, content, arrays))
+
+
+def read_bound(setup: Setup, folder: Path = TUNED, generations: int = BOUND_GENERATIONS) -> dict[float, Floats]:
+    """Return the best parameters (scenarios, k) for each time weight (m/s per s); empty if there is no file."""
+    path = bound_path(setup, folder)
+    if not path.is_file():
+        return {}
+    content, arrays = read_archive(path, BOUND_FORMAT)
+    environment = content.pop("environment", {})
+    search = {"set": BOUND_SET, "parameters": Clairvoyant.names(), "generations": generations}
+    if content != search or not setup.describes(Task(**environment)):
+        remedy = f"impact-gym tune {setup.called} --bound"
+        raise ValueError(f"{path} was searched for another environment or for other parameters: {remedy}")
+    return {float(weight): parameters for weight, parameters in arrays.items()}
+
+
+def bound_of(setup: Setup, folder: Path = TUNED) -> dict[float, Floats]:
+    """Return the best parameters (scenarios, k) at each time weight of the evaluation; empty if a weight is missing."""
+    by_weight, weights = read_bound(setup, folder), setup.evaluation.weights
+    return {weight: by_weight[weight] for weight in weights} if by_weight.keys() >= set(weights) else {}

@@ -13,7 +13,7 @@ from impact_gym.envs.batch import Batch, Bodies
 from impact_gym.envs.infos import LINKED, SLIDE
 from impact_gym.simulation import MAX_STEPS
 from impact_gym.task import Task, evaluation_sets
-from impact_gym.task.scenario import FIELDS
+from impact_gym.task.evaluation_sets import EvaluationSet
 from impact_gym.task.task import MISSED_COST
 
 VALIDATION_SEED = 1_000_000
@@ -59,31 +59,30 @@ class ScenarioBatch:
     """Numbered scenarios, which a controller plays all at once."""
 
     def __init__(
-        self, seed: int, count: int, task: Task | None = None, *, copies: int = 1,
-        time_weight: Sequence[float] | None = None, frozen: evaluation_sets.EvaluationSet | None = None,
-        threads: int | None = None, quiet: bool = False, lenient: bool = False, max_steps: int = MAX_STEPS,
+        self, scenarios: EvaluationSet | int, count: int, task: Task | None = None, *, copies: int = 1,
+        time_weight: Sequence[float] | None = None, threads: int | None = None, quiet: bool = False,
+        lenient: bool = False, max_steps: int = MAX_STEPS,
     ) -> None:  # fmt: skip
         """Make a batch of `copies * count` rows: row k plays scenario `k % count`.
 
         Args:
-            seed: scenario k is the first draw of an environment seeded `seed + k`.
+            scenarios: a frozen set; or a seed: then scenario k is the first draw of an environment seeded `seed + k`.
             count: number of scenarios.
             task: task of all rows; None: the default task.
             copies: number of copies of each scenario.
             time_weight: time weight of each copy, m/s per s; None: the task's.
-            frozen: set that holds the scenarios, which are then not drawn; its seed must be `seed`.
             threads: number of threads; it has no effect on the results.
             quiet: do not warn if a policy was trained for another environment.
             lenient: count a scenario whose status is not ok as missed, without an error.
             max_steps: number of integration steps after which the solver gives up a scenario.
         """
-        self.seed, self.count, self.quiet, self.lenient = seed, count, quiet, lenient
-        self._task, self._copies, self._fixed = task or Task(), copies, {}
+        frozen = scenarios if isinstance(scenarios, EvaluationSet) else EvaluationSet(scenarios, {})
+        self.seed, self.count, self.quiet, self.lenient = frozen.seed, count, quiet, lenient
+        self._task, self._copies = task or Task(), copies
         self._batch = Batch(copies * count, self._task, threads, max_steps=max_steps)
-        if frozen is not None:
-            if frozen.seed != seed or frozen.count < count:
-                raise ValueError(f"the set has {frozen.count} scenarios from {frozen.seed} on, not {count} from {seed}")
-            self._fixed = {name: np.tile(frozen.scenario[name][:count], copies) for name in FIELDS}
+        if frozen.scenario and frozen.count < count:
+            raise ValueError(f"count must be at most the {frozen.count} scenarios of the set, got {count}")
+        self._fixed = {name: np.tile(values[:count], copies) for name, values in frozen.scenario.items()}
         if time_weight is not None:
             self._fixed["time_weight"] = np.repeat(time_weight, count)
 
@@ -96,7 +95,7 @@ class ScenarioBatch:
         frozen = evaluation_sets.load(name)
         own = task is not None and "scenario" in task.arguments()
         count = frozen.count if count is None else count
-        return cls(frozen.seed, count, task, frozen=None if own else frozen, **options)
+        return cls(frozen.seed if own else frozen, count, task, **options)
 
     def play(
         self, controller: Controller, record: Mapping[str, ArrayLike] | None = None,

@@ -130,7 +130,7 @@ def of_baseline(name: str, setup: Setup | None = None, folder: Path | None = Non
         return Subject(rule.for_task(setup.task) if setup else rule)
     content = read_tuned(name, folder, setup)
     validation = {weight: found.get("validation") for weight, found in content["weights"].items()}
-    made_for = setup if setup and name in setup.tuned else owner(name)
+    made_for = owner(name, setup)
     command = f"impact-gym tune {made_for.called} --names {name}" if made_for else "impact-gym tune"
     return Subject(tuned_rule(content), validation, command)
 

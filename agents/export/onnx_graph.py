@@ -34,7 +34,7 @@ def write_onnx(subject: Subject, path: Path) -> Path:
         if layer is network.mean:
             kind, inputs, values = "Clip", [total, "low", "high"], "action"
         nodes.append(helper.make_node(kind, inputs, [values], name=values))
-    shapes = {"observation": network.inputs, "action": len(subject.actions)}
+    shapes = {"observation": subject.policy.inputs, "action": subject.policy.actions}
     start, end = (helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", shapes[name]]) for name in shapes)
     initial = [numpy_helper.from_array(np.asarray(value), name) for name, value in weights.items()]
     graph = helper.make_graph(nodes, path.stem, [start], [end], initial)

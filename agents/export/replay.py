@@ -30,16 +30,6 @@ class Log(NamedTuple):
     time_weight: Floats  # (rows,)
 
 
-class Replay(NamedTuple):
-    """Comparison of the compiled controller with a log."""
-
-    episodes: int
-    calls: int
-    difference: float  # largest difference of a command, as a fraction of its range
-    usual: float  # s, time that 99.9 % of the calls do not exceed
-    worst: float  # s, time of the slowest call
-
-
 def logged(subject: Subject, episodes: int) -> Log:
     """Play episodes of the controller's environment; a rule also gets time weights below and above its tuned ones."""
     task = subject.task
@@ -89,15 +79,11 @@ def compiled(subject: Subject, header: Path, folder: Path, *how: str, language: 
     return ctypes.CDLL(str(library))
 
 
-def network_in_c(program: ctypes.CDLL, observed: NDArray[np.float32], size: int) -> NDArray[np.float32]:
-    """Return the actions (n, `size`) of a compiled header's network for observations (n, n_obs)."""
-    actions = np.empty((len(observed), size), np.float32)
-    program.act(len(observed), observed.ctypes, actions.ctypes)
-    return actions
+def replay(subject: Subject, program: ctypes.CDLL, log: Log, calls: int) -> tuple[float, Floats]:
+    """Let the controller of a compiled program replay a log.
 
-
-def replay(subject: Subject, program: ctypes.CDLL, log: Log, calls: int) -> Replay:
-    """Let the controller of a compiled program replay a log; compare its commands, and time `calls` calls."""
+    Return the largest difference of a command, as a fraction of its range, and the durations of `calls` calls (s).
+    """
     steps = log.steps.astype(np.int32)
     commands, seconds = np.zeros_like(log.commands), np.zeros(calls)
     arrays = log.sensors.ctypes, steps.ctypes, log.time_weight.ctypes
@@ -106,5 +92,4 @@ def replay(subject: Subject, program: ctypes.CDLL, log: Log, calls: int) -> Repl
     task = subject.task
     span = np.ptp([task.velocity_range, task.acceleration_range], axis=1)
     played = np.arange(len(commands))[:, None] < steps
-    difference = np.abs((commands - log.commands) / span)[played].max()
-    return Replay(len(steps), calls, float(difference), float(np.quantile(seconds, 0.999)), float(seconds.max()))
+    return float(np.abs((commands - log.commands) / span)[played].max()), seconds

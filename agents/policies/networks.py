@@ -74,16 +74,11 @@ class Network:
         """Number of rows in a block: the largest for which no layer's result depends on the row's position."""
         return next(rows for rows in BLOCKS if all(layer.rounds_alike(rows) for layer in self.layers()))
 
-    @property
-    def inputs(self) -> int:
-        """Length of the observation."""
-        return (*self.hidden, self.mean)[0].inputs
-
     def read(self, head: Affine, inputs: Floats) -> Floats:
         """Return the outputs (..., outputs) of `head`, mean or log_std, for `inputs` (..., inputs)."""
-        rows = np.asarray(inputs).reshape(-1, self.inputs)
-        blocks = np.zeros((-(-len(rows) // self.block), self.block, self.inputs), np.float32)
-        blocks.reshape(-1, self.inputs)[: len(rows)] = rows
+        rows = np.asarray(inputs).reshape(-1, np.shape(inputs)[-1])
+        blocks = np.zeros((-(-len(rows) // self.block), self.block, rows.shape[-1]), np.float32)
+        blocks.reshape(-1, rows.shape[-1])[: len(rows)] = rows
         many = CHUNK // self.block
         outputs = []
         for first in range(0, len(blocks), many):

@@ -52,7 +52,7 @@ class Policy:
         self.network, self.task, self.provenance = network, task, dict(provenance)
         self.environment = task.arguments()
         self.seed = int(self.provenance.get("settings", {}).get("seed", 0))
-        self.spec, self.inputs, self.actions = ObservationSpec(task), network.inputs, len(ActionSpec(task))
+        self.spec, self.inputs, self.actions = ObservationSpec(task), network.layers()[0].inputs, len(ActionSpec(task))
         if self.inputs != len(self.spec):
             raise ValueError(f"the network takes {self.inputs} numbers, the observation has {len(self.spec)}")
         if network.mean.outputs != self.actions:
@@ -81,14 +81,10 @@ class Policy:
             action = (action + noise).astype(np.float32)
         return np.clip(action, np.float32(-1.0), np.float32(1.0)), state
 
-    def differs_in(self, task: Task) -> list[str]:
-        """Return the names of the arguments in which a task differs from the training's task, except MAY_DIFFER."""
-        return [name for name in self.task.differs_in(task) if name not in MAY_DIFFER]
-
     def warn_if_elsewhere(self, task: Task) -> None:
-        """Warn, once, if a task differs from the training's task."""
-        other = [] if self._warned else self.differs_in(task)
-        if other:
+        """Warn, once, if a task differs from the training's task in arguments other than MAY_DIFFER."""
+        other = [name for name in self.task.differs_in(task) if name not in MAY_DIFFER]
+        if other and not self._warned:
             self._warned = True
             differs = f"which differs in {', '.join(other)}"
             warnings.warn(f"the policy was trained for another environment, {differs}", stacklevel=3)

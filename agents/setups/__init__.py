@@ -10,6 +10,5 @@ from agents.setups.setup import FIXED, README, RULES, TUNED, Setup, load_setup, 
 from agents.setups.training import Training
 
 __all__ = [
-    "FIXED", "README", "RULES", "TUNED", "Setup", "Training", "load_setup", "owner", "shipped",
-    "shipped_baselines",
+    "FIXED", "README", "RULES", "TUNED", "Setup", "Training", "load_setup", "owner", "shipped", "shipped_baselines",
 ]  # fmt: skip

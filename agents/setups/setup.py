@@ -116,8 +116,10 @@ def shipped_baselines() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in TUNED.glob("*.json")))
 
 
-def owner(baseline: str) -> Setup | None:
-    """Return the shipped set-up for which `baseline` is tuned; None if there is none."""
+def owner(baseline: str, setup: Setup | None = None) -> Setup | None:
+    """Return the set-up that tunes `baseline`: `setup`, or else a shipped one; None if there is none."""
+    if setup and baseline in setup.tuned:
+        return setup
     return next((setup for setup in map(load_setup, shipped()) if baseline in setup.tuned), None)
 
 

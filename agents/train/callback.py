@@ -16,7 +16,6 @@ from agents.evaluate.scenario_batch import Validation
 from agents.policies.policy import Policy
 from agents.setups import Setup, Training
 from agents.train import checkpoint
-from agents.train.scaling import ScaledRewards
 from impact_gym.files import write_file
 
 STEPS = "time/total_timesteps"
@@ -37,18 +36,19 @@ class TrainingCallback(BaseCallback):
     """Validates, logs and saves between two rollouts."""
 
     def __init__(
-        self, folder: Path, setup: Setup, training: Training, environments: ScaledRewards, policy: Callable[[], Policy],
+        self, folder: Path, setup: Setup, training: Training, policy: Callable[[], Policy],
         on_validation: OnValidation | None = None,
     ) -> None:  # fmt: skip
         """Make a callback that writes into `folder`; `policy` returns a copy of the model's policy."""
         super().__init__()
-        self._folder, self._setup, self._training, self._environments = folder, setup, training, environments
+        self._folder, self._setup, self._training = folder, setup, training
         self._policy, self._on_validation = policy, on_validation
         self.validation = Validation(
             setup.task, setup.evaluation.weights, training.validation_scenarios, threads=training.simulation_threads
         )
         self.bar: Any = None  # see `agents.command_line.progress`
         self.writer: Any = None  # of TensorBoard
+        self._begun = time.perf_counter()
         self.kept: dict[str, Any] = {  # state that a checkpoint keeps
             "sums": dict.fromkeys(OBJECTIVES, 0.0),
             "episodes": 0,
@@ -57,11 +57,8 @@ class TrainingCallback(BaseCallback):
             "curve": [],  # [steps, score] of each validation
             "rows": [],  # of progress.csv
             "collapsed": 0,  # validations in a row so far with nearly all objects missed
-            "seconds": 0.0,
+            "seconds": 0.0,  # before this process began
         }
-
-    def _on_training_start(self) -> None:
-        self._begun = time.perf_counter() - self.kept["seconds"]
 
     def _on_step(self) -> bool:
         for row in np.flatnonzero(self.locals["dones"]).tolist():
@@ -81,14 +78,14 @@ class TrainingCallback(BaseCallback):
         if self._due("row", max(training.round, training.whole_steps // ROWS)):
             self._write_row()
         if self._due("checkpoint", training.checkpoint_every):
-            self.kept["seconds"] = time.perf_counter() - self._begun
-            checkpoint.write(self._folder / "checkpoint.npz", self.model, self._environments, self.kept, training)
+            kept = self.kept | {"seconds": self.kept["seconds"] + time.perf_counter() - self._begun}
+            checkpoint.write(self._folder / "checkpoint.npz", self.model, kept, training)
 
     def _on_training_end(self) -> None:
         self._refuse_collapse()
         self.validate().save(self._folder / "final.npz")
         self._write_row()
-        self.kept["seconds"] = time.perf_counter() - self._begun
+        self.kept["seconds"] += time.perf_counter() - self._begun
 
     def _due(self, what: str, every: int) -> bool:
         if self.num_timesteps // every == self.kept["last"][what] // every:

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from agents.archive import archive_of, read_archive
 from agents.setups import Training
-from agents.train.scaling import ScaledRewards
 from impact_gym.files import write_file
 
 FORMAT = "impact_gym checkpoint 3"
@@ -29,16 +28,14 @@ COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_re
 UNWRITTEN = ("name_to_value", "name_to_count", "name_to_excluded")  # of the log
 
 
-def write(
-    path: Path, model: Any, environment: ScaledRewards, callback_state: Mapping[str, Any], training: Training
-) -> None:
-    """Write a checkpoint of a model of stable-baselines3, its `environment` and the callback's state atomically."""
+def write(path: Path, model: Any, callback_state: Mapping[str, Any], training: Training) -> None:
+    """Write a checkpoint of a model of stable-baselines3, its environments and the callback's state atomically."""
     arrays: dict[str, NDArray[Any]] = {}
     state = {
         "parameters": model.get_parameters(),
         "counters": {name: getattr(model, name) for name in COUNTERS},
         "last": (model._last_obs, model._last_episode_starts),
-        "environment": environment.get_state(),
+        "environment": model.env.get_state(),
         "torch": torch.get_rng_state(),
         "numpy": np.random.get_state(legacy=False),  # noqa: NPY002 - stable-baselines3 draws from it
         "python": random.getstate(),
@@ -50,8 +47,8 @@ def write(
     write_file(path, archive_of(FORMAT, content, arrays))
 
 
-def restore(path: Path, model: Any, environment: ScaledRewards, training: Training) -> dict[str, Any]:
-    """Restore `model` and `environment`, which were made from the same settings; return the state of the callback."""
+def restore(path: Path, model: Any, training: Training) -> dict[str, Any]:
+    """Restore a model and its environments, made from the same settings; return the state of the callback."""
     content, arrays = read_archive(path, FORMAT)
     state = json.loads(json.dumps(content), object_hook=partial(_unpack, arrays))
     try:
@@ -59,7 +56,7 @@ def restore(path: Path, model: Any, environment: ScaledRewards, training: Traini
         for name, value in state["counters"].items():
             setattr(model, name, value)
         model._last_obs, model._last_episode_starts = state["last"]
-        environment.set_state(state["environment"])
+        model.env.set_state(state["environment"])
         torch.set_rng_state(state["torch"])
         np.random.set_state(state["numpy"])  # noqa: NPY002 - stable-baselines3 draws from it
         version, words, gauss = state["python"]

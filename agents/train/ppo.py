@@ -16,8 +16,11 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.vec_env import VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 from torch.utils.tensorboard.writer import SummaryWriter
 
 from agents.baselines import PaperTrapezoid
@@ -33,11 +36,10 @@ from agents.train import checkpoint
 from agents.train.callback import OnValidation, TrainingCallback
 from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, standardisation
-from agents.train.scaling import ScaledRewards
 from impact_gym.files import locked, write_file, writing
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import ObservationSpec, Task
-from impact_gym.validation import whole
+from impact_gym.validation import array, whole
 
 FIRST_SEED = 10_000_000
 """Environment i of training seed s has the seed FIRST_SEED + s * SLOTS + i. All seeds of the evaluation are smaller,
@@ -60,12 +62,6 @@ class Run:
     def task(self) -> Task:
         """The task of the policy, with the time weights of the training."""
         return self.setup.task.changed({"time_weight": list(self.training.time_weight)})
-
-    @property
-    def training_task(self) -> Task:
-        """`task` with the training's tolerance; for an informed critic, the true scenario is observed, too."""
-        faster = {} if self.training.rtol is None else {"rtol": self.training.rtol}
-        return self.task.changed({**faster, "privileged": self.training.informed_critic})
 
     @cached_property
     def teacher(self) -> Teacher | None:
@@ -102,11 +98,46 @@ class Run:
         return cls(load_setup(settings["setup"]), Training().changed(own), settings["seed"])
 
 
+class ScaledRewards(VecEnvWrapper):
+    """Environments that divide rewards by (1 + time weight) ** power, see `Training.weight_power`."""
+
+    def __init__(self, envs: ImpactVecEnv, power: float) -> None:
+        super().__init__(envs)
+        self._envs, self._power, self._spec = envs, power, envs.observation_spec
+        self._scale: NDArray[np.float32] = np.ones(envs.num_envs, np.float32)
+
+    def reset(self) -> VecEnvObs:
+        """Begin an episode in each environment."""
+        return self._seen(self.venv.reset())
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Play a step; each reward is scaled by the time weight of the episode to which it belongs."""
+        scale, (observations, rewards, ended, infos) = self._scale, self.venv.step_wait()
+        return self._seen(observations), rewards * scale, ended, infos
+
+    def get_state(self) -> dict[str, Any]:
+        """Return the state needed to resume."""
+        return {"scale": self._scale, "envs": self._envs.get_state()}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Restore a state from `get_state`; ValueError: it does not fit these environments."""
+        scale = array("scale of a state", state.get("scale"), self._scale.shape, "f")
+        self._envs.set_state(state.get("envs", {}))
+        self._scale = scale
+
+    def _seen(self, observations: VecEnvObs) -> VecEnvObs:
+        """Set the scales from the time weights in `observations` (num_envs, n_obs), and return these."""
+        time_weight = self._spec.decode(np.asarray(observations), "time_weight")
+        self._scale = np.asarray((1.0 + time_weight) ** -self._power, np.float32)
+        return observations
+
+
 def make_environments(run: Run) -> ScaledRewards:
-    """Return the environments of a training, see `Run.slots`."""
+    """Return the environments of a training, see `Run.slots`; an informed critic also observes the true scenario."""
     training, slots = run.training, run.slots if any(run.slots) else None
-    threads = training.simulation_threads
-    envs = ImpactVecEnv(training.envs, threads=threads, per_slot=slots, **run.training_task.arguments())
+    faster = {} if training.rtol is None else {"rtol": training.rtol}
+    arguments = run.task.changed({**faster, "privileged": training.informed_critic}).arguments()
+    envs = ImpactVecEnv(training.envs, threads=training.simulation_threads, per_slot=slots, **arguments)
     return ScaledRewards(envs, training.weight_power)
 
 
@@ -157,7 +188,7 @@ def train(run: Run, out: Path | None = None, on_validation: OnValidation | None 
     folder.mkdir(parents=True)
     record = {"command": run.command, **run.made_for(), **revision(), **circumstances(*PACKAGES)}
     write_file(folder / "config.json", json.dumps(record, indent=2) + "\n")
-    return _to_its_end(folder, run, record, on_validation)
+    return resume(folder, on_validation)
 
 
 def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
@@ -169,11 +200,6 @@ def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
             raise ValueError(f"the set-up {run.setup.called} has changed since the run began")
     except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{folder} holds no run that this version can resume: {error}") from error
-    return _to_its_end(folder, run, record, on_validation)
-
-
-def _to_its_end(folder: Path, run: Run, record: dict[str, Any], on_validation: OnValidation | None) -> Path:
-    """Finish the training, while the folder is locked, and return the folder."""
     with writing(f"the run in {folder}"), locked(folder / "lock", wait=False):
         if not (folder / "metrics.json").is_file():
             _learn(folder, run, record, on_validation)
@@ -188,11 +214,11 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
     model = make_model(run, environments)
     environments.seed(FIRST_SEED + run.seed * SLOTS)
     policy = partial(policy_from, model, run, record)
-    callback = TrainingCallback(folder, run.setup, training, environments, policy, on_validation)
+    callback = TrainingCallback(folder, run.setup, training, policy, on_validation)
     model.set_logger(Logger(None, []))
     saved = folder / "checkpoint.npz"
     if saved.is_file():
-        callback.kept |= checkpoint.restore(saved, model, environments, training)
+        callback.kept |= checkpoint.restore(saved, model, training)
         print(f"resuming at step {model.num_timesteps:,} of {training.whole_steps:,} steps")
     else:
         print(f"training for {training.whole_steps:,} steps; torch uses {training.threads} thread(s)")

@@ -28,11 +28,10 @@ def train_seeds(
 ) -> Path:  # fmt: skip
     """Train the seeds from 0 on, except those finished in `out`; return the file with all policies, in `policies`."""
     training = replace(training, simulation_threads=1)  # has no effect on the result
-    runs = [Run(setup, training, seed) for seed in range(seeds)]
     folders = [out.resolve() / f"seed-{seed}" for seed in range(seeds)]
     arguments = list[dict[str, Any]]()
-    for folder, run in zip(folders, runs, strict=True):
-        arguments.append({"folder": str(folder), "made_for": run.made_for()})
+    for seed, folder in enumerate(folders):
+        arguments.append({"folder": str(folder), "made_for": Run(setup, training, seed).made_for()})
         _refuse_another(**arguments[-1])
 
     def fill(seed: int, files: Mapping[str, bytes]) -> None:

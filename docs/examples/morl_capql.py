@@ -43,13 +43,13 @@ def main(steps: int) -> None:
     def capql(seen: np.ndarray, weight: float) -> np.ndarray:
         mixed = np.array([weight, 1.0]) / (1.0 + weight)
         fixed = seen.copy()
-        fixed[:, -1] = train.reset()[0][-1]  # the time weight that it was trained with: it is told `mixed` instead
+        fixed[:, -1] = train.reset()[0][-1]  # as in training: CAPQL gets the weight from `mixed`
         return np.array([agent.eval(each, mixed) for each in fixed])
 
     policy, rule = load_policy("linear-blind"), baselines.PaperTrapezoid()
     players = {
         "CAPQL": capql,
-        "policy told w": lambda seen, _: policy.predict(seen)[0],
+        "policy that observes w": lambda seen, _: policy.predict(seen)[0],
         "paper's rule": lambda seen, _: rule.predict(seen)[0],
     }
     print(f"{steps} steps in {time.time() - began:.0f} s")

@@ -159,7 +159,7 @@ def search(
 
     `candidate`, `limits` and `budget` have the fields of `Candidate`, `Limits` and `SearchBudget`, each of `variables`
     those of `SearchVariable`. The candidate's environment has a range for each variable; its `parameters` are the start
-    of the search. Without variables, only the controller is searched. `approach_time` (s) limits the mean.
+    of the search. Without variables, only the controller is searched. `approach_time` (s) limits the mean time.
     """
     begin, free, much = Candidate(**candidate), [SearchVariable(*each) for each in variables], SearchBudget(**budget)
     of_rule = zip(RULES[begin.rule].PARAMETERS, begin.parameters, strict=True)

@@ -23,7 +23,7 @@ class Contestant(NamedTuple):
     """A controller. Policies from several seeds of one training have the same name."""
 
     name: str
-    controller: Mapping[str, Any]  # JSON, see `agents.evaluate.controllers`
+    controller: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
     seed: int = 0
 
 

@@ -1,4 +1,4 @@
-// The player's tries: how far the object slides over the time until all is done, coloured by the assistance.
+// Chart of the player's tries: slide of the object over the time until all is done; the colour is the assistance.
 const CHART = {width: 380, height: 270, left: 40, right: 14, top: 22, bottom: 38};
 const HELP = {none: "person", brake: "warning", limit: "profile", policy: "policy", rule: "rule"};
 

@@ -91,7 +91,7 @@ class Clock:
             self.server.send(message)
 
     def play(self, wanted: Try, path: Path, seen: bool) -> None:
-        """Play a try in real time, save it, send its result; `seen`: the object is visible before the touch."""
+        """Play a try in real time, save and send it; `seen`: whether the object is visible before the touch."""
         try:
             live = Live(wanted)
             self.send(kind="began", setup=wanted.setup, radius=object_radius(live.kept.record["object_mass"]))
@@ -121,7 +121,7 @@ class Clock:
             self._send_frame(live, seen, rng)
 
     def _send_frame(self, live: Live, seen: bool, rng: random.Random) -> None:
-        """Send the positions now and one step ahead, and the delay (s) of the downlink."""
+        """Send the present positions, those one step later, and the delay (s) of the downlink."""
         now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
         then = now if live.ended else live.ahead()
         late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)

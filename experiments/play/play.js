@@ -1,15 +1,15 @@
-// The page: one connection, one stick, one try at a time.
+// The page: connection to the server, player's input, and the try in progress.
 const part = (id) => document.getElementById(id);
-const GENTLE = 0.01;  // m, below which a slide is gentle
-const PAUSE = 500;  // ms after a try, during which arrows do not begin the next one
-const MOST_TRIES = 200;  // on the chart
+const GENTLE = 0.01;  // m; a shorter slide is gentle
+const PAUSE = 500;  // ms after a try, in which arrow keys do not begin the next try
+const MOST_TRIES = 200;  // largest number of tries on the chart
 const BEAT = 60, LEAST = 6;  // ms, longest and shortest time between two messages
-const AHEAD_OF_EYES = 12;  // ms from drawing a picture until the screen shows it
+const AHEAD_OF_EYES = 12;  // ms between drawing a picture and its appearance on the screen
 const page = {
   hello: null, socket: null, stage: null, frame: null, came: 0, running: false, asked: false, player: false,
   tries: [], sent: NaN, sentAt: 0, overAt: 0, round: 0, played: null, playedRound: 0, film: 0,
 };
-const set_up = {};  // values of the buttons below Settings
+const set_up = {};  // chosen settings, by name
 
 function send(message) {
   if (page.socket && page.socket.readyState === WebSocket.OPEN) page.socket.send(JSON.stringify(message));
@@ -59,7 +59,7 @@ function end() {
   if (page.running) send({done: 1});
 }
 
-// Repeat the last try with the brake if it had no help, else without help; the settings do not change.
+// Return the assistance for a repetition of the last try: the brake, or none if the last try had an assistance.
 function otherHelp() {
   return page.tries.length && page.tries[page.tries.length - 1].assist === "none" ? "brake" : "none";
 }
@@ -161,7 +161,7 @@ async function film(name) {
   }
 }
 
-// 'You: 12.2 cm. Your hand, brake on: 0.1 mm.' in the result of the last try.
+// Write the slides of the film's tries into the result, such as 'You: 12.2 cm. Your hand, brake on: 0.1 mm.'
 function summarise(slides) {
   const texts = Object.entries(slides).map(([who, slide], k) => {
     const name = k > 1 ? who.replace(/^Your hand, ./, (found) => found.slice(-1).toUpperCase()) : who;
@@ -315,7 +315,7 @@ part("theme").addEventListener("click", () => {
   if (next === "system") delete root.dataset.theme; else root.dataset.theme = next;
   part("theme").textContent = `theme: ${next}`;
 });
-document.addEventListener("click", (event) => {  // by mouse or finger; after a key the focus stays
+document.addEventListener("click", (event) => {  // a click by mouse or finger moves the focus to the stick, a key does not
   if (event.detail && event.target.closest("button, summary, input, select")) toStick();
 });
 new ResizeObserver(layout).observe(part("picture"));

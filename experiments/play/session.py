@@ -33,7 +33,7 @@ class Session:
         self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is in progress; velocity range of the arm, m/s
         self._seen_at, self._newest = 0.0, -1  # s, when pages show the last frame; number of the newest frame shown
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
-        self.left_out = list[str]()  # for each file in the folder that is not shown, the reason
+        self.left_out = list[str]()  # for each .json file that cannot be read as a try, the reason
         for path in sorted(folder.glob("*.json")):
             try:
                 name = identifier(f"name of {path}", path.stem)

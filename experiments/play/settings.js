@@ -1,4 +1,4 @@
-// Settings are buttons, so that arrows always move the stick; three levels choose some settings.
+// Settings are buttons, so that arrow keys always move the stick. Three levels set some of them.
 const HOLDS = {rigid: "fixed to the arm", spring: "a spring and a damper", bistable: "a bistable mechanism"};
 const SLOW = {1: "real time", 2: "half", 4: "a quarter", 8: "an eighth"};
 const ROUNDS = [
@@ -8,7 +8,7 @@ const ROUNDS = [
   {name: "free play", task: "Choose the settings below.", sets: {}},
 ];
 
-// The values with which the server begins a try.
+// Return the values with which the server begins a try.
 function options(hello, chosen, number) {
   const {place} = ROUNDS[number], [near, far] = hello.setups[chosen.setup].distance;
   return place === undefined ? {...chosen} : {...chosen, distance: near + place * (far - near)};
@@ -27,7 +27,7 @@ function drawRounds(chosen, number, pick) {
   write("task", ROUNDS[number].task + late);
 }
 
-// Draw a row of buttons for each setting; `pick(changes, free)`: `free` says whether the change leaves the level.
+// Draw a row of buttons for each setting; `pick(changes, free)`: `free` says whether levels set this setting, too.
 function drawSettings(hello, chosen, pick) {
   const milliseconds = (value) => `${Math.round(1000 * value)} ms`;
   const within = (values, [low, high], own) => [...new Set([...values, own])].filter((value) => value >= low && value <= high)

@@ -1,4 +1,4 @@
-// The player's command, from any device: one number from -1 (back) to 1 (forward).
+// The player's command from keys, pointer or gamepad: a number from -1 (back) to 1 (forward).
 const ZERO = 1 / 3, DEAD = 0.12, LEVELS = [0.1, 0.2, 0.4, 0.6, 0.8, 1];
 
 function stickOf(element, on) {
@@ -38,7 +38,7 @@ function stickOf(element, on) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const way = ways[event.key], rung = {ArrowUp: 1, ArrowDown: -1}[event.key];
     const {target} = event, pressable = target.closest("button, summary, a") && ["Enter", " "].includes(event.key);
-    if (!on.playing() && (pressable || target.closest("input, select"))) return;  // of the film
+    if (!on.playing() && (pressable || target.closest("input, select"))) return;  // keys for the film
     if (!way && !rung && !actions[event.key]) return;
     event.preventDefault();
     if (event.repeat) return;
@@ -101,7 +101,7 @@ function stickOf(element, on) {
       const next = [0, 1].map((k) => Boolean(pad.buttons[k] && pad.buttons[k].pressed));
       if (next[0] && !pressed[0]) on.begin();
       if (size === 0) released = true;
-      else if (released) released = !on.pushed();  // until a try begins: the page may not be ready yet
+      else if (released) released = !on.pushed();  // again until a try begins: the page may not be ready
       if (next[1] && !pressed[1]) on.ended();
       pressed = next;
       sources.pad = Math.sign(x) * Math.round(1000 * Math.min(size, 1)) / 1000;

@@ -39,7 +39,7 @@ class Try:
     late: list[float] = field(default_factory=list)  # s, delay of each step minus the delay of the step before
     marks: list[str] = field(default_factory=list)  # reasons for which the try is interrupted or invalid
     motion: dict[str, list[float]] = field(default_factory=dict)  # motion of the flange: fields of `ig.Motion`
-    result: dict[str, float] = field(default_factory=dict)  # of `simulate` with `motion`; times are of the episode
+    result: dict[str, float] = field(default_factory=dict)  # results of `simulate` with `motion`; times of the episode
     made: dict[str, Any] = field(default_factory=dict)  # commit and versions
 
 

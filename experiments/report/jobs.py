@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.baselines import PaperTrapezoid
-from agents.evaluate.controllers import controller_of
-from agents.evaluate.play import play, scenario_batch_of
+from agents.evaluate.play import controller_of, play, scenario_batch_of
 from agents.evaluate.scenario_batch import Travel
 from agents.jobs import cached
 from agents.policies import Controller

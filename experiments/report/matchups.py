@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.baselines.bound import FROZEN, bound_of
-from agents.baselines.tuned import FIXED, read_tuned
-from agents.evaluate.controllers import controller_of, try_out
-from agents.evaluate.play import environment_and_scenarios, pairs
+from agents.baselines.tuned import BOUND_SET, FIXED, bound_of, read_tuned
+from agents.evaluate.play import controller_of, environment_and_scenarios, pairs, try_out
 from agents.evaluate.scenario_batch import TEST_SEED
 from agents.policies import Policy, load_ensemble, load_policy
 from agents.provenance import digest_of
@@ -48,7 +46,7 @@ class Contestant:
     """A controller, and the time weights (m/s per s) at which it plays."""
 
     name: str
-    controller: Mapping[str, Any]  # JSON, see `agents.evaluate.controllers`
+    controller: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
     weights: tuple[float, ...]
     checksum: str  # SHA-256 of the policy's file, the tuned parameters or the module; "": the paper's rule
 
@@ -169,13 +167,13 @@ def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
-    """Return the clairvoyant search of a set-up; None: it did not search the first of these scenarios."""
+    """Return the clairvoyant search of a set-up; None: it searched other scenarios than the first of these."""
     its_own = setup.bound == setup.name
     parameters_at = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
     searched = min(map(len, parameters_at.values()), default=0)
     own = pairs(setup.environment.get("scenario", "test"))
     same = its_own and scenarios.get("seed") == TEST_SEED and scenarios.get("ranges") == own
-    if not (same or scenarios.get("set") == FROZEN) or not 0 < searched <= scenarios["count"]:
+    if not (same or scenarios.get("set") == BOUND_SET) or not 0 < searched <= scenarios["count"]:
         return None
     spec = {f"{weight:g}": parameters[:searched].tolist() for weight, parameters in parameters_at.items()}
     checksum = hashlib.sha256(json.dumps(spec).encode()).hexdigest()
@@ -251,7 +249,7 @@ def baselines(
             contestants.append(Contestant(name, {"baseline": name}, (typical,), ""))
         elif ":" not in name:
             known = nearest("baseline", name, [*FIXED, *shipped_baselines()])
-            raise ValueError(f"{known} (your own baseline is named module:object)")
+            raise ValueError(f"{known} (give a baseline of your own as module:object)")
         else:
             controller = controller_of({"object": name}, typical)
             try_out(name, controller, observations, len(ActionSpec(task)))  # an error is raised here, not in a worker

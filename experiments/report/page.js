@@ -1,4 +1,4 @@
-// Tabs, links into folded parts, and prints.
+// Tabs, links into folded parts, and printing.
 (() => {
   const tabs = [...document.querySelectorAll("[role=tab]")];
   const panelOf = (tab) => document.getElementById(tab.getAttribute("aria-controls"));
@@ -27,7 +27,7 @@
     });
   }
 
-  // A link opens the tab and the folds around its target.
+  // A link opens the tab and the folded parts that contain its target.
   const follow = () => {
     const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
     if (!target) return;
@@ -38,7 +38,7 @@
   };
   addEventListener("hashchange", follow);
 
-  // Print folded parts of the selected set-up as well.
+  // Folded parts of the selected set-up are printed, too.
   let opened = [];
   addEventListener("beforeprint", () => {
     opened = [...document.querySelectorAll(".fold:not([open]), .fails:not([open])")]

@@ -7,8 +7,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from agents.evaluate.controllers import controller_of
-from agents.evaluate.play import frozen_of
+from agents.evaluate.play import controller_of, frozen_of
 from agents.provenance import todays
 from experiments.lab import charts, page
 from experiments.lab.parts import Picture, Section, Table

@@ -30,7 +30,7 @@ class Run:
         return self.arrays[name]
 
     def at(self, weight: float) -> Episodes:
-        """Return the results at a weight (m/s per s). If the contestant has one weight, they are for every weight."""
+        """Return the results at a weight (m/s per s); if there is only one weight, return those at this weight."""
         if len(self.weights) > 1 and weight not in self.weights:
             raise ValueError(f"the contestant was not played at a weight of {weight:g}, only at {self.weights}")
         place = self.weights.index(weight) if weight in self.weights else 0

@@ -92,7 +92,7 @@ def searched(
         made = kind() if rule == "rule" else kind.of(np.repeat(numbers, count, axis=0))
         task = Task(scenario={"distance": (place.near, place.far)}, horizon=horizon)
         batch: Any = {"copies": copies, "time_weight": [weight] * copies, "threads": 1}
-        stage = ScenarioBatch(seed, count, task.changed({"rtol": rtol}), quiet=True, lenient=True, **batch)
+        stage = ScenarioBatch(seed, count, task.changed({"rtol": rtol}), lenient=True, **batch)
         distances = np.tile(place.distances(seed, count), copies)
         return stage.play(made.for_task(task), {"distance": distances})
 

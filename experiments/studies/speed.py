@@ -23,7 +23,7 @@ COMPARED = (1e-4, 1e-6, 1e-8, 1e-10)  # m/s, errors of V_p at which contenders a
 FINE = 1e-6  # m/s, the error of COMPARED that the answer names
 RTOLS = tuple(float(f"1e-{k}") for k in range(3, 14))
 RIVALS = {CAREFUL: tuple(f"{CAREFUL} {method}" for method in contenders.METHODS), PEER: (PEER,)}
-LONGEST = 400.0  # s, time limit of a cell, with compilation
+LONGEST = 400.0  # s, time limit of a cell, in which heyoka also compiles
 EDGES = (1e-16, 1e1)  # m/s; errors outside these limits are drawn at the limit
 STYLES: dict[str, dict[str, Any]] = {
     OURS: {"color": SERIES[0], "marker": "o", "linestyle": "-", "linewidth": 2.4, "markersize": 4, "zorder": 3},
@@ -137,7 +137,7 @@ def drawn(times: pl.DataFrame, truths: pl.DataFrame) -> Picture:
     shown = times.filter(pl.col("microseconds").is_finite()).sort("setting", descending=True).with_columns(error)
     for axes, truth in zip(panels.flat, truths.iter_rows(named=True), strict=False):
         for (name,), curve in shown.filter(scene=truth["scene"]).group_by("contender", maintain_order=True):
-            curve = curve.filter(rival=curve["rival"][0])  # impact_gym was timed with each rival
+            curve = curve.filter(rival=curve["rival"][0])  # of impact_gym, one curve is enough
             style, wrong = STYLES[str(name).partition(" ")[0]], curve.filter(pl.col("failure") != "")
             axes.plot(curve["microseconds"], curve["velocity_error"], **style)
             axes.plot(wrong["microseconds"], wrong["velocity_error"], **style | {"linestyle": ""}, mfc="white")

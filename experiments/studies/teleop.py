@@ -146,7 +146,7 @@ def chart(found: Sequence[Row]) -> Figure:
 
 
 def form(name: str, digits: int) -> str:
-    """Return the format string of a column with its interval."""
+    """Return a format string for a column and its interval."""
     return f"{{{name}:.{digits}f}} [{{{name}_low:.{digits}f}}, {{{name}_high:.{digits}f}}]"
 
 

@@ -209,7 +209,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._batch.info(0)
 
     def episode_state(self) -> EpisodeState:
-        """Return when the force was detected, the alarm was raised and the episode ended, s; inf for a future event."""
+        """Return when the force was detected, the alarm was raised and the episode ended, s; inf: not known yet."""
         return self._batch.episode_state(0)
 
     def command(self, velocity: float) -> None:

@@ -64,7 +64,7 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     0 for 0.3 s. (2) The object has been touched and rests, the commanded velocity of the flange is at most 0.01 m/s,
     and the tool is within 5 mm of the object. (3) The operator has commanded a motion, and then commands 0 for 0.3 s
     without a touch. (4) The episode has lasted 8 s (`horizon`). If the object was touched, the flange brakes after the
-    last step, and the simulation continues until the object cannot be touched again and the tool rests.
+    last step, and the simulation continues until V_p is final and the tool rests, for at most 10 s.
 
     The `info` of each step has `command` (m/s, the newest command that has arrived) and `command_age` (s), both at the
     end of the step. Three other entries describe the last command that the flange executed in the step: `teleop_action`

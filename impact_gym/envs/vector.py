@@ -18,7 +18,7 @@ from impact_gym.task.episodes import reset_options
 from impact_gym.task.task import Task
 from impact_gym.validation import array, choice, one_of, shown, whole
 
-MOST_DRAWN = 16  # most environments of a batch that has a render_mode
+MOST_DRAWN = 16  # largest number of environments in a batch with a render_mode
 
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]

@@ -80,12 +80,10 @@ def motion_of_each(motion: Trapezoid | Sequence[Trapezoid], count: int) -> list[
 
 
 def _by_column(sensor: Sensor | Mapping[str, Sensor] | None, columns: Sequence[str]) -> dict[str, Sensor]:
-    if sensor is None:
-        return dict.fromkeys(columns, Sensor())
-    if isinstance(sensor, Sensor):
-        if len(columns) > 1:
-            raise ValueError(f"sensor must name its column, such as {{'{columns[0]}': Sensor(...)}}; got {columns}")
-        return {columns[0]: sensor}
+    if isinstance(sensor, Sensor) and len(columns) > 1:
+        raise ValueError(f"sensor must name its column, such as {{'{columns[0]}': Sensor(...)}}; got {columns}")
+    if sensor is None or isinstance(sensor, Sensor):
+        return dict.fromkeys(columns, sensor or Sensor())
     if not isinstance(sensor, Mapping):
         raise WrongTypeError(f"sensor must be a Sensor or a mapping from columns to Sensors, got {shown(sensor)}")
     for name, known in sensor.items():

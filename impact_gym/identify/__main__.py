@@ -58,16 +58,16 @@ number to fit. For each other number give its value during the measurement, not 
     cell = { mass = 0.02, frequency = 5000.0 }           # if it is a load cell: kg, Hz; also damping_ratio
 
 the output: the set-up with the 95 % intervals as ranges, without the tables [motion] and [sensor]. If the interval of a
-number has no limit on one side, the number keeps its value, and a comment says so.
+number has no limit on one side, the set-up keeps the initial guess of this number, and contains a comment about this.
 
---hold-out checks the fit on blows to which it was not fitted. The command fits the numbers to every second log and
+--hold-out checks the fit on other blows. The command fits the numbers to every second log and
 predicts the other logs. Then it swaps the two halves of the logs. For each blow it prints the errors of V_p (the
 object's final velocity), peak force, impulse and duration. It also prints how much the measured blows with the same
 motion differ. With --out setup.toml, the measured and predicted values are also written to setup.held-out.csv.
 """
 
-PLACES = {row.path: ("scenario", row.id) for row in SCENARIO} | {row.path: (row.id,) for row in SET_UP if row.path}
-"""For each dotted path in a scene, its keys in `[environment]`; coupling and robot have the same paths there."""
+PLACES = {row.path: f"scenario.{row.id}" for row in SCENARIO} | {row.path: row.id for row in SET_UP if row.path}
+"""For each dotted path in a scene, the path in `[environment]`; coupling and robot have the same paths there."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -119,12 +119,11 @@ def parse(
         if name not in PLACES and not name.startswith(("coupling.", "robot.")):
             raise ValueError(f"free: {name} has no place in a set-up; have {', '.join(PLACES)}, coupling.*, robot.*")
     task = Task.of("environment", content["environment"])
-    paths = {place[-1]: path for path, place in PLACES.items()}
+    paths = {place.removeprefix("scenario."): path for path, place in PLACES.items()}
     for name, (low, high) in task.ranges.items():
         path = paths.get(name, name)
-        of_scene = path in PLACES or path.startswith(("coupling.", "robot."))
-        if of_scene and low < high and path not in free:
-            place = ".".join(("environment", *PLACES.get(path, (name,))))
+        if low < high and path not in free and (path in PLACES or path.startswith(("coupling.", "robot."))):
+            place = f"environment.{PLACES.get(path, path)}"
             raise ValueError(f"{place} must be a number, as it was measured, got the range {low:g} to {high:g}")
     middles = (QUANTITIES[name].middle(*ends) for name, ends in task.scenario.by_id().items())
     mass, stiffness, restitution, distance = middles
@@ -158,7 +157,7 @@ def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterato
     if not isinstance(environment.get("scenario", {}), Mapping):
         environment["scenario"] = {}
     for name, (low, high) in result.interval.items():
-        *tables, key = PLACES.get(name, tuple(name.split(".")))
+        *tables, key = PLACES.get(name, name).split(".")
         table = environment.setdefault(tables[0], {}) if tables else environment
         if abs(low) > 0.0 and abs(high) < float("inf"):
             table[key] = [low, high]

@@ -69,10 +69,6 @@ class Fit:
             return float(ndtri(upper))
         return float(stdtrit(self.model.samples - self.model.size, upper))
 
-    def excess(self, point: Point) -> float:
-        """Return by how much the misfit of a point exceeds the least misfit; at an interval's end: `quantile`^2."""
-        return max(point.misfit - self.misfit, 0.0)
-
     @property
     def deviations(self) -> Array:
         """Standard deviations of x, from the curvature of the misfit at the best fit."""
@@ -124,9 +120,8 @@ def _extra_blows(fit: Fit) -> str:
         blows = bursts(force, sensor)
         extra = 0
         for first, last in blows:
-            part = slice(first, last + 1)
-            least = max(deviations * (last + 1 - first) ** 0.5, share * signal[part].sum())
-            extra += bool(left[part].sum() > least)
+            more, blow = left[first : last + 1], signal[first : last + 1]
+            extra += int(more.sum() > max(deviations * len(more) ** 0.5, share * blow.sum()))
         if extra and len(blows) > 1:
             times = ", ".join(f"{log.time[first]:g}" for first, _ in blows)
             return (f"{log.name} has {len(blows)} blows, at {times} s, but the scene makes no more than "
@@ -214,7 +209,7 @@ def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
         points.append(descend(fit.model, start, i, ROUGH))
         if points[-1].misfit < fit.misfit - fit.improvement:
             raise _BetterError(points[-1].x)
-        if fit.excess(points[-1]) < ((1.0 + END_TOLERANCE) * fit.quantile) ** 2:
+        if points[-1].misfit - fit.misfit < ((1.0 + END_TOLERANCE) * fit.quantile) ** 2:
             break
     return min(points, key=lambda point: point.misfit)
 
@@ -226,12 +221,12 @@ def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
     end, and ends the search if the misfit there agrees to END_TOLERANCE.
     """
     first, last = float(begin.x[i]), fit.model.free[i].reach[side > 0]
-    inner, outer = (first, math.sqrt(fit.excess(begin) / fit.quantile**2), begin), None
+    inner, outer = (first, math.sqrt(max(begin.misfit - fit.misfit, 0.0) / fit.quantile**2), begin), None
     u = first + side * min((1.0 - inner[1]) * fit.quantile * fit.deviations[i], MAX_STEP)
     for _ in range(MAX_STEPS):
         u = max(u, last) if side < 0 else min(u, last)
         point = _refit(fit, i, u, inner[2])
-        t = math.sqrt(fit.excess(point)) / fit.quantile
+        t = math.sqrt(max(point.misfit - fit.misfit, 0.0)) / fit.quantile
         if abs(t - 1.0) < END_TOLERANCE:
             return u
         if t > 1.0:

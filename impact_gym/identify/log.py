@@ -74,16 +74,13 @@ def read(source: Any, name: str) -> Log:
         name, (source, said) = str(source), read_columns(Path(source), {"time": TIME, **READ}, ("time", "force"))
     if not isinstance(source, Mapping):
         raise WrongTypeError(f"{name} must be a mapping of columns or the path of a CSV file, got {shown(source)}")
-    for column in source:
-        if column not in ("time", *UNITS):
-            raise ValueError(f"{name} has an unknown column {column!r}; known are time (s), {COLUMNS}")
     if "time" not in source or len(source) < 2:
         raise ValueError(f"{name} must have a column time (s) and at least one of {COLUMNS}, got {list(source)}")
-    columns = {
-        column: values if said and np.isfinite(values).all()  # numbers from a file need no other check
-        else np.array(numbers(f"{name}, {column}", values, UNITS.get(column, "s")))
-        for column, values in source.items()
-    }  # fmt: skip
+    columns = dict[str, Array]()
+    for column, values in source.items():
+        if column not in ("time", *UNITS):
+            raise ValueError(f"{name} has an unknown column {column!r}; known are time (s), {COLUMNS}")
+        columns[column] = np.array(numbers(f"{name}, {column}", values, UNITS.get(column, "s")))
     lengths = {column: len(values) for column, values in columns.items()}
     if len(set(lengths.values())) > 1 or min(lengths.values()) < MIN_SAMPLES:
         raise ValueError(f"{name} must have columns of one length, {MIN_SAMPLES} samples at least, got {lengths}")

@@ -22,17 +22,14 @@ from impact_gym.task.nested import flatten, get, parts, replaced
 from impact_gym.validation import WrongTypeError
 
 MASS, STIFFNESS, RESTITUTION = "object.mass", "contact.stiffness", "contact.restitution"
-SEARCHED = {STIFFNESS: (1e2, 1e8), RESTITUTION: (0.03, 0.99), MASS: (5e-3, 5e2)}
-"""Ranges that contain the starting points."""
+SEARCHED = {STIFFNESS: (1e2, 1e8), RESTITUTION: (0.03, 0.99), MASS: (5e-3, 5e2)}  # ranges of the starting points
 SEARCH_FACTOR = 10.0  # for numbers not in SEARCHED, starting points are from a tenth to ten times the scene's value
 REACH_FACTOR = 1e4  # the fit may leave the searched range by this factor at either end
 WALL = 1e5  # times the mass of a tool on a spring, largest object mass: a heavier object acts like a fixed wall
 LARGEST_LOGIT = 14.0  # largest ln(e/(1-e)): e within 1e-6 of 0 or 1
 RTOL = 1e-8
-STEP = 2e-3
-"""Step of a coordinate for derivatives by forward differences; their error of 0.1 % is far below a noise of 1 %."""
-Column = tuple[int, str]
-"""Index of a log, and the name of one of its columns."""
+STEP = 2e-3  # of a coordinate, for forward differences; their error of 0.1 % is far below a noise of 1 %
+Column = tuple[int, str]  # index of a log, and name of one of its columns
 IMPOSSIBLE = 1e3  # if the scene cannot be simulated, each residual is this times the range of the log's column
 
 

@@ -61,7 +61,7 @@ cdef inline double stop_place(const Mechanism *law, int stop) noexcept nogil:
 cdef inline (double, double, double) stop_switch(
     const Mechanism *law, int stop, int pressed, double stretch, double rate, double acceleration
 ) noexcept nogil:
-    """Return the value (N) of the event `stop`, a smooth quantity (N) that equals it near its maximum, and this quantity's derivative."""
+    """Return the value (N) of the event that `stop` begins to push or would pull, its smooth form, and the rate of that."""
     cdef double k = law.stop_stiffness, c = law.stop_damping
     cdef double push = stop * k * (law.rest + stretch - stop_place(law, stop)), moving = stop * rate
     if pressed == stop:  # the event: the stop would pull, perhaps before the slider has left it

@@ -142,10 +142,8 @@ def alarm(history: History, time: float) -> tuple[str, str]:
     if events.alarm <= time < events.alarm_over:
         if history.task.alarm == "reading":
             return "alarm by a reading", ALARM
-        return (
-            f"alarm, {1e3 * (events.alarm - events.detection):.0f} ms after {history.task.alarm_threshold:g} N",
-            ALARM,
-        )
+        late = 1e3 * (events.alarm - events.detection)  # ms
+        return f"alarm, {late:.0f} ms after {history.task.alarm_threshold:g} N", ALARM
     if events.detection <= time < events.alarm < np.inf and history.task.alarm == "force":
         return f"detected; alarm in {1e3 * (events.alarm - time):.1f} ms", WARNING
     return "no alarm", GRID

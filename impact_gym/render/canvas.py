@@ -31,11 +31,7 @@ class Canvas:
     """A picture that is drawn anew for each frame."""
 
     def __init__(self) -> None:
-        """Make an empty picture; needs no display.
-
-        Raises:
-            DependencyNotInstalled: pygame is not installed; the message says how to install pygame.
-        """
+        """Make an empty picture; needs no display."""
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         try:
             with warnings.catch_warnings():

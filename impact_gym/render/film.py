@@ -30,7 +30,6 @@ class State(NamedTuple):
 
     time: float
     flange_position: float
-    flange_velocity: float
     tool_position: float
     tool_velocity: float
     object_position: float
@@ -38,7 +37,6 @@ class State(NamedTuple):
     contact_force: float
     coupling_force: float
     command_position: float
-    command_velocity: float
 
     @property
     def penetration(self) -> float:
@@ -55,14 +53,9 @@ class History:
     """An episode up to now, read from the simulator's trace; nothing is simulated again."""
 
     def __init__(self, trace: Trace, info: dict[str, Any], task: Task, events: EpisodeState, ended: bool) -> None:
-        """Read an episode.
+        """Read the trace, `episode_info()`, task and `episode_state()` of an environment.
 
-        Args:
-            trace: trace of the episode, from the first step on.
-            info: what the environment's `episode_info()` returns.
-            task: task of the environment; `self.task` becomes this task with the numbers that the episode drew.
-            events: what the environment's `episode_state()` returns.
-            ended: whether the episode has terminated, so that the trace contains the settling.
+        If the episode has `ended`, the trace contains the settling. `self.task` has the numbers that the episode drew.
         """
         self.info, self.events, self.ended = info, events, ended
         if ended and events.alarm > events.end:  # an alarm after the last control step does not reach the controller

@@ -1,7 +1,7 @@
 """A table of a robot's mass, damping and stiffness along a straight approach; reading and writing such tables."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -18,12 +18,7 @@ Array = NDArray[np.float64]
 SHIPPED = Path(__file__).with_name("default_approach.json")
 IMPACT = 0.2505  # m, from the start of the shipped approach to the object; inferred, see docs/provenance.md
 
-COLUMNS = {
-    "position": "travel_m", "held": "m_r_kg", "damping": "c_r_N_s_per_m", "stiffness": "k_r_N_per_m",
-    "effective": "effective_mass_kg", "effective_stiffness": "effective_stiffness_N_per_m",
-    "composite": "composite_mass_kg",
-}  # fmt: skip
-"""For each field, the name of its column in a file. Columns with the joints' names follow, for the joint angles."""
+COLUMNS = ("position", "held", "damping", "stiffness", "effective", "effective_stiffness", "composite")
 
 Mass = Literal["held", "effective", "composite"]
 
@@ -88,25 +83,13 @@ def default_approach() -> Approach:
 
 def read(path: Path) -> Approach:
     """Return the approach in a file that `write` wrote."""
-    data = parsed(path, "JSON", json.loads)
-    line, names = data["line"], tuple(data["line"]["joints"])
-    if data["columns"] != [*COLUMNS.values(), *names]:
-        raise ValueError(f"{path} must have the columns {[*COLUMNS.values(), *names]}, got {data['columns']}")
-    rows, count = np.array(data["rows"], dtype=float), len(COLUMNS)
-    columns = dict(zip(COLUMNS, rows.T[:count], strict=True))
-    start, direction = np.array(line["start_m"]), np.array(line["direction"])
-    return Approach(**columns, joint_angles=rows[:, count:], joints=names, start=start, direction=direction,
-                    chosen=line["chosen"])  # fmt: skip
+    content = parsed(path, "JSON", json.loads)
+    of_line = {field.name: content[field.name] for field in fields(Approach)}
+    return Approach(**of_line | {"joints": tuple(of_line["joints"])})
 
 
 def write(path: Path, approach: Approach, provenance: dict[str, Any]) -> None:
-    """Write `approach` and its provenance to `path` atomically; each row is a line, and floats keep all digits."""
-    line = {
-        "joints": list(approach.joints), "start_m": approach.start.tolist(), "direction": approach.direction.tolist(),
-        "chosen": approach.chosen,
-    }  # fmt: skip
-    header = [*COLUMNS.values(), *approach.joints]
-    head = json.dumps({"provenance": provenance, "line": line, "columns": header}, indent=2)
-    table = np.column_stack([*(getattr(approach, name) for name in COLUMNS), approach.joint_angles])
-    rows = ",\n".join("    " + json.dumps(row) for row in table.tolist())
-    write_file(path, head.removesuffix("\n}") + ',\n  "rows": [\n' + rows + "\n  ]\n}\n")
+    """Write `approach` and its provenance to `path` atomically; each field is a line, and floats keep all digits."""
+    content = {"provenance": provenance, **vars(approach)}
+    lines = [f'"{name}": {json.dumps(value, default=np.ndarray.tolist)}' for name, value in content.items()]
+    write_file(path, "{\n" + ",\n".join(lines) + "\n}\n")

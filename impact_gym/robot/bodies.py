@@ -13,10 +13,8 @@ from scipy.spatial.transform import Rotation
 from impact_gym.robot.approach import Array
 
 LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # least allowed values of a body, kg and kg m^2
-LARGEST_GYRATION = 3.0
-"""m, largest radius of gyration of a body, unless the arm's reach is larger; it detects inertia given in kg mm^2."""
-ROUNDING = 1e-6
-"""The largest moment of inertia may exceed the sum of the two others by this fraction: files have about six digits."""
+LARGEST_GYRATION = 3.0  # m, or the arm's reach if that is larger: largest radius of gyration; kg mm^2 give a larger one
+ROUNDING = 1e-6  # the largest moment may exceed the sum of the others by this fraction: files have about six digits
 
 
 class Body(NamedTuple):
@@ -35,10 +33,6 @@ def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[A
     """Return the module mujoco, and an MjSpec of a chain of bodies; `tip` is the flange's pose in the last body (4, 4).
 
     With `balanced`, a body's three moments of inertia are set to their mean if one exceeds the sum of the others.
-
-    Raises:
-        ValueError: no rigid body has such an inertia, or its units seem wrong; the message names the links.
-        ImportError: MuJoCo is not installed.
     """
     try:
         mujoco: Any = importlib.import_module("mujoco")  # by name, so that types are checked without MuJoCo

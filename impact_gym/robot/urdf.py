@@ -9,6 +9,7 @@ the link whose inertia is wrong.
 
 from collections.abc import Collection, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -43,9 +44,6 @@ def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[
     """Return the bodies from the link `base` to the link `tip`, and the pose of `tip` in the last body (4, 4).
 
     Warnings are appended to `remarks`.
-
-    Raises:
-        ValueError: the content is not a URDF of such an arm; the message names link or joint.
     """
     robot = _parsed(content)
     links = _named(robot, "link")
@@ -222,13 +220,12 @@ def _inertia(link: Element, remarks: list[str]) -> Array:
         return np.zeros((4, 4))
     (mass,) = _numbers(f"mass of {name}", _only(inertial, "mass", name), "value", "kg", "missing", MOST_MASS)
     number(f"mass of {name}", mass, "kg", at_least=0)
-    xx = yy = zz = xy = xz = yz = 0.0  # if the file gives no inertia, the link is a point mass
+    tensor = np.zeros((3, 3))  # if the file gives no inertia, the link is a point mass
     if (inertia := _only(inertial, "inertia", name)) is not None:
-        xx, yy, zz, xy, xz, yz = (
-            _numbers(f"i{axes} of {name}", inertia, f"i{axes}", "kg m^2", "missing", MOST_INERTIA)[0]
-            for axes in ("xx", "yy", "zz", "xy", "xz", "yz")
-        )
-    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        for i, j in combinations_with_replacement(range(3), 2):
+            key = f"i{'xyz'[i]}{'xyz'[j]}"
+            (tensor[i, j],) = _numbers(f"{key} of {name}", inertia, key, "kg m^2", "missing", MOST_INERTIA)
+            tensor[j, i] = tensor[i, j]
     if mass == 0.0:
         if tensor.any():
             remarks.append(f"link {name!r} has inertia but no mass: its inertia is left out")

@@ -26,19 +26,16 @@ STIFFNESS = (10000.0, 10000.0, 3000.0, 1000.0, 700.0, 300.0)
 
 It gives k_r = 1.5e5 N/m at x = 0.50 m, z = 0.20 m with the tool pointing down.
 """
-DAMPING_OVER_STIFFNESS = 3.7e-4
-"""s, factor beta in D = beta K; it gives a damping ratio of about 3 % at 26 Hz."""
-MASS_AT_IMPACT = 5.35 - 0.125
-"""kg, m_r at the impact: the printed m_r + m_t (paper, section 3.2) minus the mass of the tool."""
-STIFFNESS_AT_IMPACT = 1.9e5
-"""N/m, k_r at the impact: not printed, but inferred from the paper's Fig. 13b and 14a."""
+DAMPING_OVER_STIFFNESS = 3.7e-4  # s, factor beta in D = beta K; a damping ratio of about 3 % at 26 Hz
+MASS_AT_IMPACT = 5.35 - 0.125  # kg, the printed m_r + m_t (paper, section 3.2) minus the mass of the tool
+STIFFNESS_AT_IMPACT = 1.9e5  # N/m, k_r: not printed, but inferred from the paper's Fig. 13b and 14a
 PITCH = {"down": np.pi, "horizontal": np.pi / 2}
 """rad, angle from the vertical to the flange's z axis, towards +x. "horizontal": the tool points along the approach."""
 PROVENANCE = {  # without version and date, so that the same table gives the same file
     "made_by": "impact_gym.robot.viper.write_default_approach()",
     "robot": "Viper s650, viper_s650.urdf and viper.py beside this file: inertia and joint stiffness are ESTIMATES",
     "choice": "solved for, see impact_gym/robot/viper.py",
-    "columns": "paper, eq. 12-16: m_r, c_r, k_r: elements (1,1); effective: 1/(M_X^-1)_11, 1/(K_X^-1)_11; joints rad",
+    "fields": "of impact_gym.robot.Approach, in SI units: m, kg, N s/m, N/m, rad (paper, eq. 12-16)",
 }
 ELBOW_UP = (0.0, -0.7, 3.2, 0.0, -2.5, 0.0)  # rad, joint angles with the elbow up, in the middle of the workspace
 
@@ -57,11 +54,7 @@ def angles_at(arm: Arm, x: float, y: float, z: float, orientation: str) -> Array
 
 
 def default_line(arm: Arm) -> Approach:
-    """Find the default approach numerically and return it.
-
-    Raises:
-        ValueError: no line was found, or the robot cannot reach a place that the search tried.
-    """
+    """Find the default approach numerically and return it."""
 
     def misfit(place: Array) -> Array:
         x, z = map(float, place)
@@ -79,10 +72,5 @@ def default_line(arm: Arm) -> Approach:
 
 
 def write_default_approach(path: Path = SHIPPED) -> None:
-    """Compute the default approach again and write its table, by default over the shipped one.
-
-    Raises:
-        ImportError: MuJoCo is not installed.
-        OSError: the file cannot be written; an old file stays.
-    """
+    """Compute the default approach again and write its table, by default over the shipped one."""
     write(path, default_line(viper()), PROVENANCE)

@@ -65,7 +65,7 @@ cdef double take_peak(const Run *run, Chain *chain) noexcept nogil:
 
 
 cdef int command(Run *run, Chain *chain, double target, double acceleration, double until) noexcept nogil:
-    """Ramp the flange to `target` (m/s) at `acceleration` (m/s^2), and hold it until `until` (s); stop early if DETECTED or TOUCHED."""
+    """Ramp the flange to `target` (m/s), and hold it until `until` (s); return early with DETECTED or TOUCHED."""
     cdef double change, ramp, end
     cdef bint ramp_ends
     cdef int status

@@ -121,7 +121,7 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
 
 
 cdef double within_reach(const Glide *glide, double now) noexcept nogil:
-    """Return the first time from `now` on at which |z| <= r / omega, r^2 = z'^2 + omega^2 z^2, allows a touch; inf if never."""
+    """Return the first time from `now` on at which a touch is possible, as |z| <= sqrt(z^2 + (z' / omega)^2); inf: never."""
     cdef double gap, swing, closed, z = glide.position, z_dot = glide.velocity
     if now > 0.0:
         z, z_dot = free_decay(glide.frequency, glide.damping_ratio, z, z_dot, now)

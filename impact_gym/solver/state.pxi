@@ -9,7 +9,7 @@ cpdef enum:
     TOUCHED = 2  # a contact begins
     PARTED = 3  # the contact has ended
     SWITCHED = 4  # the equations of motion change: at a stop, at the alignment, or where the force would become a pull
-    UNSETTLED = 5  # the simulation after an episode was stopped although contacts were still possible
+    UNSETTLED = 5  # the simulation that follows an episode reached its time limit, and contacts were still possible
     STEP_LIMIT = -1  # more integration steps than allowed
     NOT_FINITE = -2  # a state became inf or nan
 

@@ -1,4 +1,4 @@
-"""Convert a mount, tool, coupling and robot as a user describes them, to the simplest equivalent chain (`Law`)."""
+"""Convert a mount (tool, coupling and robot as a user describes them) to the simplest equivalent chain (`Law`)."""
 
 cdef double STANDARD_GRAVITY = 9.80665  # m/s^2
 cdef double EVERYWHERE = 1e9  # m, half the length of the one interval in the table of a LUMPED robot

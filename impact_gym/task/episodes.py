@@ -20,7 +20,7 @@ RECORD_IDS = tuple(row.id for row in (*SCENARIO, *EPISODE))
 
 
 class EpisodeState(NamedTuple):
-    """When the alarm of an episode was raised and when the episode ended, s; inf for an event that has not occurred."""
+    """Times (s) of the alarm and of the end of an episode; inf: not known yet."""
 
     detection: float  # when the contact force first exceeded the threshold
     alarm: float  # when the last alarm reaches the controller; known in advance for a switch's alarm

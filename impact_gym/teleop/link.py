@@ -12,7 +12,7 @@ from impact_gym.teleop.channels import LOST, WAYS, Channel
 from impact_gym.teleop.operators import KINDS, Operator
 from impact_gym.validation import Range
 
-LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, s: the longer is the largest median spacing of a trace
+LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, s; the median spacing of a trace may be the longer of these
 FADE: float = WITHDRAWAL_FADE  # s, time in which a withdrawal is reduced to 0
 
 

@@ -17,7 +17,6 @@ from agents.export.__main__ import Export, judged, judged_replay
 from agents.export.c_header import header
 from agents.export.contract import Subject, of_name
 from agents.export.onnx_graph import write_onnx
-from agents.export.replay import Replay
 from impact_gym.envs import IDS
 from impact_gym.envs.batch import Batch
 from impact_gym.task import ActionSpec, Task
@@ -57,8 +56,8 @@ def test_judged_refuses_a_network_or_controller_with_other_results(tmp_path):
     assert "by at most 0.0e+00" in judged(tmp_path, computed, "", actions, 1e-6)
     computed[-1, 1] += 2e-6
     refused(lambda: judged(tmp_path, computed, "", actions, 1e-6), "differs from the policy by 2")
-    replay = Replay(3, 9, 2e-5, 1e-6, 1e-6)
-    refused(lambda: judged_replay(tmp_path, replay, 0.016), "commands differ by 2.0e-05 of the range")
+    played = 2e-5, np.full(9, 1e-6)
+    refused(lambda: judged_replay(tmp_path, played, 3, 0.016), "commands differ by 2.0e-05 of the range")
 
 
 def entries(text):

@@ -16,10 +16,9 @@ import pytest
 from cluster_work import calls, fails_on, kept, numbers
 from episodes import assert_identical
 
-from agents import workers
+from agents import jobs
 from agents.command_line import progress
-from agents.jobs import JobsFailedError, cached
-from agents.workers import Call
+from agents.jobs import Call, JobsFailedError, cached
 from impact_gym.files import DiskFullError
 
 ROOT = Path(__file__).parents[2]
@@ -105,9 +104,9 @@ def test_ray_results_equal_local_ones_to_the_bit(tmp_path):
 
 def test_node_with_other_versions_runs_no_call(tmp_path, log):
     call = Call("cluster_work:numbers", json.dumps(listed(log)[0]), "")
-    assert b"install the same" in workers.perform(call, {"numpy": "0.1"})
+    assert b"install the same" in jobs.perform(call, {"numpy": "0.1"})
     assert calls(log) == []
-    assert b"install the same" not in workers.perform(call, {"numpy": np.__version__})
+    assert b"install the same" not in jobs.perform(call, {"numpy": np.__version__})
 
 
 def test_results_have_the_same_bits_in_any_order_and_any_processes(log, tmp_path, monkeypatch):

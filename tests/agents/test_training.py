@@ -20,8 +20,7 @@ from agents.setups import shipped
 from agents.train.__main__ import TrainOptions, read_options
 from agents.train.imitation import Teacher
 from agents.train.networks import FastTanh, standardisation
-from agents.train.ppo import Run, make_environments, make_model, policy_from
-from agents.train.scaling import ScaledRewards
+from agents.train.ppo import Run, ScaledRewards, make_environments, make_model, policy_from
 from impact_gym.sb3 import ImpactVecEnv
 
 
@@ -66,7 +65,7 @@ def test_share_of_the_environments_is_nominal():
     run = tiny("linear-robust", nominal=0.25)
     environments = make_environments(run)
     environments.seed(3)
-    spec, task = environments.venv.observation_spec, run.training_task
+    spec, task = environments.venv.observation_spec, run.task
     seen = environments.reset()
     truths = {"tool_mass": 0.125, "coupling.stiffness": 50.0, "coupling.damping_ratio": 1.0, "reaction_delay": 0.016}
     truths |= {"alarm_threshold": 1.0, "force_noise": spec.scale("force_noise").low}  # 0 lies below its scale
@@ -120,8 +119,7 @@ def test_fast_tanh_equals_torchs_and_has_its_gradient():
 
 
 def test_standardised_drawn_numbers_have_mean_0_and_deviation_1():
-    count, run = 4000, tiny("ranged-robust")
-    task = run.training_task
+    count, task = 4000, tiny("ranged-robust").task.changed({"privileged": True})
     envs = ImpactVecEnv(count, **task.arguments())
     envs.seed(1)
     centre, spread = standardisation([task])

@@ -13,11 +13,10 @@ from episodes import Always
 from refusals import refused
 
 from agents import load_setup, tune
-from agents.baselines import Clairvoyant, ConstantSpeed, bound
-from agents.baselines.cmaes import minimise
-from agents.baselines.random import Jittery
+from agents.baselines import Clairvoyant, ConstantSpeed
+from agents.baselines.cmaes import Jittery, minimise
 from agents.baselines.rule import Parameter
-from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
+from agents.baselines.tuned import BOUND_SET, bound_of, load_baseline, read_bound, read_tuned, write_bound, write_tuned
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
 from impact_gym.task import Task
 
@@ -159,8 +158,8 @@ def test_tune_uses_a_cluster_even_if_processes_are_given(noisy, monkeypatch):
 @pytest.mark.parametrize("name", ["linear-blind", "bistable-blind"])
 def test_bound_is_below_every_shipped_baseline(name, weight):
     setup = load_setup(name)
-    rule = Clairvoyant(bound.bound_of(setup)[weight])
-    count, of = len(rule.parameters), partial(ScenarioBatch.of, bound.FROZEN, time_weight=[weight])
+    rule = Clairvoyant(bound_of(setup)[weight])
+    count, of = len(rule.parameters), partial(ScenarioBatch.of, BOUND_SET, time_weight=[weight])
     known = of(count=count, task=setup.task.changed({"privileged": True})).play(rule).loss(weight)
     for baseline in setup.against:
         blind = of(count=count, task=setup.task).play(load_baseline(baseline, weight)).loss(weight)
@@ -171,28 +170,28 @@ def test_bound_is_below_every_shipped_baseline(name, weight):
 def test_search_bounds_beats_a_blind_profile_and_keeps_its_result(tmp_path):
     wanted = tune.Tune(("linear-blind",), weights=(1.0,), processes=0, out=tmp_path, jobs=tmp_path / "jobs")
     setup, size = load_setup("linear-blind"), {"scenarios": 4, "generations": 25}
-    assert bound.read_bound(setup, tmp_path) == {}
+    assert read_bound(setup, tmp_path) == {}
     (path,) = tune.search_bounds(wanted, **size)
-    parameters = bound.read_bound(setup, tmp_path, generations=25)[1.0]
+    parameters = read_bound(setup, tmp_path, generations=25)[1.0]
     known = ScenarioBatch.of("test", 4, Task(privileged=True), time_weight=[1.0]).play(Clairvoyant(parameters))
     blind = ScenarioBatch.of("test", 4, time_weight=[1.0]).play(load_baseline("blind-profile", 1.0))
     assert not known.missed.any()
     assert known.loss(1.0).mean() < blind.loss(1.0).mean()
     fastest = np.sqrt(2 * known.scenario["distance"] / 20.0)  # s, at full acceleration
     assert (known.approach_time > fastest - 0.02).all()  # the tool may swing ahead of the flange
-    bound.write_bound(setup, {1.0: 0.5 * parameters}, tmp_path, generations=25)
+    write_bound(setup, {1.0: 0.5 * parameters}, tmp_path, generations=25)
     assert tune.search_bounds(wanted, **size) == [path]
-    assert np.array_equal(bound.read_bound(setup, tmp_path, 25)[1.0], 0.5 * parameters)  # it was not searched again
+    assert np.array_equal(read_bound(setup, tmp_path, 25)[1.0], 0.5 * parameters)  # it was not searched again
 
 
 def test_read_bound_refuses_the_result_of_another_search(tmp_path):
     setup = load_setup("linear-blind")
-    path = bound.write_bound(setup, {2.0: np.zeros((3, 13))}, tmp_path)
-    assert bound.read_bound(setup, tmp_path)[2.0].shape == (3, 13)
-    assert bound.bound_of(setup, tmp_path) == {}  # the weights 0.7, 1 and 4 are missing
-    refused(lambda: bound.read_bound(setup, tmp_path, generations=2), "for another environment or for other parameters")
+    path = write_bound(setup, {2.0: np.zeros((3, 13))}, tmp_path)
+    assert read_bound(setup, tmp_path)[2.0].shape == (3, 13)
+    assert bound_of(setup, tmp_path) == {}  # the weights 0.7, 1 and 4 are missing
+    refused(lambda: read_bound(setup, tmp_path, generations=2), "for another environment or for other parameters")
     path.with_name("clairvoyant-rigid-blind.npz").write_bytes(path.read_bytes())
-    refused(lambda: bound.read_bound(load_setup("rigid-blind"), tmp_path), "for another environment")
+    refused(lambda: read_bound(load_setup("rigid-blind"), tmp_path), "for another environment")
 
 
 @pytest.mark.parametrize("target", [0.12, 0.3, 0.31, 0.6])

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.jobs import JobsFailedError, cached
-from agents.workers import ONE_THREAD
+from agents.jobs import ONE_THREAD, JobsFailedError, cached
 from impact_gym.files import whole_file
 
 

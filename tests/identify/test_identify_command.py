@@ -1,6 +1,7 @@
 """From logs and a scene's file to a set-up that agents.load_setup accepts, and predictions of blows not fitted."""
 
 import csv
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from recorder import MOTION, SCENE_FILE, blow, log, scene, write_log
 
 import impact_gym as ig
 from agents import load_setup
-from impact_gym.identify.__main__ import main
+from impact_gym.identify.__main__ import main, parse
 from impact_gym.identify.held_out import UNITS
 
 TRUTH = scene(1e5, 0.5)
@@ -45,6 +46,12 @@ def test_intervals_become_ranges_of_the_set_up(identify, tmp_path, capsys):
     assert setup.environment["reaction_delay"] == [0.012, 0.020]
     assert setup.title == "Our arm"
     assert (tmp_path / "a.png").stat().st_size > 0
+
+
+def test_friction_of_the_set_up_is_that_of_the_object():
+    content = tomllib.loads(SCENE_FILE)
+    content["environment"]["friction"] = 0.3
+    assert parse(content, ())[0].object == ig.Object(1.0, 0.2505, 0.3)
 
 
 def test_set_up_is_printed_and_a_number_of_the_coupling_may_be_free(identify, tmp_path, capsys):

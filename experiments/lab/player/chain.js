@@ -1,7 +1,7 @@
-// Flange, coupling, tool and object. Positions are to scale; sizes of the bodies are not.
+// Picture of flange, coupling, tool and object. Positions are to scale; sizes of the bodies are not.
 const TOOL = {length: 0.034, height: 0.03}, FLANGE = {length: 0.016, height: 0.052}, CLEARANCE = 0.004;  // m
 const LOUPE = {width: 166, height: 74};
-const BEHIND = 0.02, NEAR = 0.1, AHEAD = 106;  // m, m before the object in a compact film, pixels for the speed
+const BEHIND = 0.02, NEAR = 0.1, AHEAD = 106;  // m behind the robot, m before the object in a compact film, pixels for the speed
 
 function massText(scene) {
   return `object, ${three(scene.scenario.object_mass)} kg`;
@@ -11,7 +11,7 @@ function massFits(scene, scale) {
   return 1.7 * scene.radius * scale > 7.5 * massText(scene).length;
 }
 
-// Common scales of all panels: the picture contains the start and the end of all runs.
+// Return the scales, equal in all panels, at which the picture contains start and end of all runs.
 function viewOf(scene, width) {
   const most = (name) => Math.max(...scene.runs.map((run) => run.chain[name] || 0));
   const behind = TOOL.length + most("rest") + FLANGE.length;
@@ -40,7 +40,7 @@ function coil(x0, y0, x1, y1, half, turns) {
   return path(points.concat([[x1, y1]]));
 }
 
-// Each function draws a coupling and returns a function that moves it: front of the flange, back of the tool, m.
+// Each function draws a coupling, and returns a function that moves it to the front of the flange and the back of the tool (m).
 const COUPLINGS = {
   rigid(group, view) {
     const bar = node("rect", {class: "igw-steel", y: view.axis - 3, height: 6}, group);
@@ -102,14 +102,14 @@ function ruler(svg, view, scene, radius) {
   return ghost;
 }
 
-// Outline of an arrow to the right.
+// Return the outline of an arrow to the right.
 function arrow(x, y, length, head) {
   const neck = x + Math.max(length - head, 0), half = 0.22 * head, wing = 0.7 * head;
   return `${path([[x, y - half], [neck, y - half], [neck, y - wing], [x + length, y], [neck, y + wing],
                   [neck, y + half], [x, y + half]])}Z`;
 }
 
-// Draw a panel into `svg`; returns a function that shows a state.
+// Draw a panel into `svg`; return a function that shows a state.
 function drawChain(svg, scene, run, view) {
   svg.replaceChildren();
   set(svg, {viewBox: `0 0 ${view.width} ${view.height}`, width: view.width, height: view.height});
@@ -135,7 +135,7 @@ function drawChain(svg, scene, run, view) {
   const loupe = scene.compact ? () => {} : drawLoupe(svg, scene, view);
   return (state, seen) => {
     for (const each of [seenTool, seenBall]) show(each, seen);
-    if (seen) {  // the operator's delayed view
+    if (seen) {  // the delayed state that the operator sees
       set(seenTool, {x: view.x(seen.tool_position - TOOL.length)});
       set(seenBall, {cx: view.x(seen.object_position) + radius});
     }

@@ -48,7 +48,7 @@ def thin(
 
 
 def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
-    """Return the numbers of notable scenarios, by the reason in words; ValueError: the scenarios are not the same."""
+    """Return the numbers of notable scenarios, by the reason in words; ValueError: the scenarios of both differ."""
     ours, theirs = played_policy.scenario, played_baseline.scenario
     if any(not np.array_equal(ours[name], theirs[name]) for name in ours):
         raise ValueError("baseline and policy must have played the same scenarios")

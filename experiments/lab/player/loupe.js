@@ -1,4 +1,4 @@
-// Enlarged faces relative to the object's undeformed face: a contact is a fraction of a millimetre deep.
+// Enlarged picture of the faces of tool and object, because the penetration is a fraction of a millimetre.
 let loupes = 0;
 
 function drawLoupe(svg, scene, view) {

@@ -1,10 +1,10 @@
-// Clock and controls. A film is built when it is first visible, so that the page is painted first.
+// Clock and controls of a film. A film is built when it first becomes visible, so that the page appears first.
 function watch(root, gone) {
   const films = JSON.parse(root.querySelector(".igw-films").textContent);
   films.columns.forEach((name, k) => { COLUMNS[name] = k; });
   const part = (name) => root.querySelector(`.igw-${name}`);
   const select = part("select"), button = part("play"), slider = part("slider"), speed = part("speed");
-  const STEPS = 500;  // of the slider
+  const STEPS = 500;  // number of positions of the slider
   const still = window.matchMedia("(prefers-reduced-motion: reduce)");
   let scene, clock, panels = [], film = 0, playing = false, before = 0, said = 0, waiting = 0, width = 0;
 
@@ -19,7 +19,7 @@ function watch(root, gone) {
     return `apart${of ? ` after contact${of}` : ""}, object ${three(state.object_velocity)} m/s${alarm}`;
   }
 
-  // Milliseconds, with the digits that change at this speed.
+  // Return the time in milliseconds, with more digits in slow motion.
   function clockText(time) {
     return `${(1000 * time).toFixed(clock.slower(time) >= 100 ? 2 : 1)} ms`;
   }
@@ -39,7 +39,7 @@ function watch(root, gone) {
   }
 
   function draw() {
-    if (!panels[0].update) return;  // in a tab that has not been opened yet
+    if (!panels[0].update) return;  // the film's tab was not opened yet
     const time = clock.time(film);
     for (const panel of panels) {
       const state = stateAt(panel.run, time);
@@ -87,7 +87,7 @@ function watch(root, gone) {
     waiting = setTimeout(() => say(true), 400);
   }
 
-  // Instant of the still picture: the largest force in the first contact, for the first contestant that touches.
+  // Return the time of the still picture: the largest force in the first contact of the first contestant that touches.
   function poster() {
     const touching = scene.runs.find((run) => run.contacts.length);
     if (!touching) return clock.length;

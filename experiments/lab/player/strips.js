@@ -1,7 +1,7 @@
-// Velocities and contact force over the film's clock: the axis is stretched in slow motion, with the factor.
+// Velocities and contact force over the time of the film, in which slow motion takes more space.
 const STRIP = {left: 34, right: 8, top: 16, velocity: 72, between: 10, force: 40, bottom: 20};
 
-// Conversion between instants of a scene (s) and of the film (s), both ways.
+// Return functions that convert times of a scene (s) to times of the film (s), and back.
 function clockOf(scene) {
   const stretches = scene.clock.map(([start, slower], k) => ({
     start, slower, end: k + 1 < scene.clock.length ? scene.clock[k + 1][0] : scene.end,
@@ -31,7 +31,7 @@ function timeTicks(svg, clock, x, y) {
   let taken = -Infinity;
   for (const stretch of clock.stretches) {
     const pixels = (x(stretch.end) - x(stretch.start)) / (stretch.end - stretch.start);
-    const step = round(90 / pixels);  // 36 to 90 pixels
+    const step = round(90 / pixels);  // distance of two ticks: 36 to 90 pixels
     const digits = Math.max(0, Math.ceil(-Math.log10(1000 * step) - 1e-9));
     for (let k = Math.ceil(stretch.start / step - 1e-9); k * step <= stretch.end; k++) {
       const text = (1000 * k * step).toFixed(digits), at = x(k * step), half = 3.4 * text.length;
@@ -43,7 +43,7 @@ function timeTicks(svg, clock, x, y) {
   }
 }
 
-// Draw the strips of a run into `svg`; returns a function that moves the cursor.
+// Draw velocities and force of a run into `svg`; return a function that moves the cursor.
 function drawStrips(svg, scene, run, clock, width) {
   svg.replaceChildren();
   const bottom = STRIP.top + STRIP.velocity + STRIP.between + STRIP.force, height = bottom + STRIP.bottom;
@@ -68,7 +68,7 @@ function drawStrips(svg, scene, run, clock, width) {
   }
   const grid = (y, text, zero) => {
     node("path", {class: zero ? "igw-rule" : "igw-grid", d: path([[STRIP.left, y], [width - STRIP.right, y]])}, svg);
-    const beside = y > STRIP.top + STRIP.velocity - 6 && y < bottom - STRIP.force;  // the N
+    const beside = y > STRIP.top + STRIP.velocity - 6 && y < bottom - STRIP.force;  // the unit N stands there
     const crowded = beside && text.length > 2;
     if (!crowded) node("text", {class: "igw-small", x: STRIP.left - 5, y: y + 4, "text-anchor": "end"}, svg, text);
   };

@@ -33,30 +33,31 @@ function clamp(value, low, high) {
   return Math.min(Math.max(value, low), high);
 }
 
-// A number with three significant digits.
+// Return a number as text with three significant digits.
 function three(value) {
   const size = Math.abs(value);
   return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3).replace("-", "\u2212");
 }
 
-// A force (N), at most two decimals.
+// Return a force (N) as text with at most two decimals.
 function newtons(value) {
   return value >= 100 ? value.toFixed(0) : value >= 10 ? value.toFixed(1) : value.toFixed(2);
 }
 
-// A length in words.
+// Return a length (m) as text.
 function centimetres(value) {
   if (value < 5e-5) return "less than 0.1 mm";
   return value < 1e-3 ? `${(1000 * value).toFixed(1)} mm` : `${(100 * value).toFixed(1)} cm`;
 }
 
-// The largest of 1, 2 and 5 times a power of ten that is not above `most`.
+// Return the largest number not above `most` that is 1, 2 or 5 times a power of ten.
 function round(most) {
   const decade = Math.pow(10, Math.floor(Math.log10(most) + 1e-9));
   return [5, 2, 1].map((step) => step * decade).find((step) => step <= most * (1 + 1e-9));
 }
 
-// The state of a run at `time`, linear between its rows, at rest before the first; after the last the object keeps its velocity.
+// Return the state of a run at `time`: before the first row at rest, between rows interpolated linearly, after the last row
+// with constant velocity of the object.
 function stateAt(run, time) {
   const times = run.rows[COLUMNS.time];
   let low = 0, high = times.length - 1;

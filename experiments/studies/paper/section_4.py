@@ -20,7 +20,7 @@ CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
 COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
 SETTLED_STIFFNESSES = COUPLING_STIFFNESSES[::5]  # N/m
 SETTLED = 4.0  # m, distance at which the tool's oscillation after the acceleration has decayed at every k_t
-CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m; the constant along a curve
+CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m; constant along a curve
 RESTITUTION = 0.1  # of Fig. 18 to 20
 SPRING = ig.SpringDamper(150.0)  # of Fig. 17, 19 and 20
 INELASTIC = {"a": scene(1e5, RESTITUTION, SPRING), "b": scene(1e3, RESTITUTION, SPRING)}  # Fig. 19 and 20
@@ -144,7 +144,7 @@ def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_19() -> pl.DataFrame:
-    """Simulate Fig. 19a and 19b with their e and with e = 1, each with and without a brake."""
+    """Simulate Fig. 19a and 19b with their restitution and with restitution 1, each with and without a brake."""
     cases = INELASTIC | {"a, e = 1": scene(1e5, 1.0, SPRING), "b, e = 1": scene(1e3, 1.0, SPRING)}
     never = {f"{case}, no brake": approach for case, approach in cases.items()}
     return pl.concat([histories(cases), histories(never, STEADY)])

@@ -15,7 +15,7 @@ from impact_gym.scene import Coupling, Dissipation
 CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # brakes only after the end of each run
 STORM_SEED = 4
 
-RANGES = {  # of random numbers of a scene; in these ranges the solver must work
+RANGES = {  # ranges of random numbers of a scene, in which the solver must work
     "contact stiffness": (1e2, 1e10),  # N/m^m
     "restitution": (1e-3, 1.0),
     "mass ratio": (1e-3, 1e3),  # mass of the object / mass of the tool
@@ -37,12 +37,12 @@ OTHERS = {  # ranges of further random numbers of a scene; we chose these ranges
     "robot damping": (1.0, 1e3),  # N s/m
     "friction": (1e-3, 3.0),  # between object and ground
     "reference velocity": (0.01, 5.0),  # m/s, of a contact with "fixed" dissipation
-    "stroke over rest": (1.01, 30.0),  # limit of a spring's deflection / deflection at the acceleration
+    "stroke over rest": (1.01, 30.0),  # limit of a spring's deflection / deflection at a steady acceleration
 }
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
 ROUGH = 0.25  # probability of each change by `roughened`
 AT_AN_END = 0.05  # share of the draws from RANGES that are an end of the range
-AFTERMATH = 0.5  # s, duration of a run after the flange, without a brake, has reached the object
+AFTERMATH = 0.5  # s, least duration of a run after a flange that does not brake has reached the object
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Solution:
     contact_duration: float = math.nan  # s, sum over all contacts, up to the end of the run
     detection_time: float = math.nan  # s; nan: there was no alarm
     contacts: int = 0
-    passes: int = 0  # times that the slider passes its alignment
+    passes: int = 0  # number of times that the slider passes its alignment
     steps: int = 0  # steps of the integrator, 0 if unknown
 
     @classmethod
@@ -147,7 +147,7 @@ class _Draw:
         return [self.value(f"robot {name}") for name in ("mass", "stiffness", "damping")]
 
     def robot_table(self, distance: float) -> ig.RobotTable:
-        """Return the shipped robot, or one with parameters that change by up to a factor of two along its path."""
+        """Return the shipped robot, or one whose parameters change by up to a factor of two along the path."""
         if self.share(0, 1) < 0.25:
             return default_approach().robot_table()
         way = np.linspace(0.0, 1.0, 6)

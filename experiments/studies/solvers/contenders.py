@@ -60,7 +60,7 @@ def limited(seconds: float) -> Iterator[None]:
         raise TimeoutError
 
     before = signal.signal(signal.SIGPROF, late)
-    # repeated every 0.01 s, because an error that is raised in a destructor is lost
+    # the signal is repeated every 0.01 s, because an error that is raised in a destructor is lost
     signal.setitimer(signal.ITIMER_PROF, seconds, 0.01)
     try:
         yield
@@ -72,8 +72,8 @@ def limited(seconds: float) -> Iterator[None]:
 def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, float]:
     """Return a contender's solution at the rtol `setting`, and the processor time (s).
 
-    The time of impact_gym is that of the whole call of `simulate`, that of SciPy only of the contacts, because the
-    reference computes flights without METHODS, and that of heyoka only of the calls of its library.
+    impact_gym: time of the call of `simulate`. SciPy: time of the contacts, because the reference computes flights
+    without METHODS. heyoka: time of the calls of its library.
     """
     kind, _, method = name.partition(" ")
     if kind == CAREFUL:
