@@ -112,10 +112,10 @@ class Hand:
         if message["kind"] == "frame":
             self.steer(self, message)
 
-    def play(self, steer, name="a", overslept=lambda step: 0.0, seen=False, **asked):
+    def play(self, steer, name="a", overslept=lambda step: 0.0, **asked):
         """Play a try that is kept in a file of that name; return the last message about it."""
         self.messages, self.steer, self.overslept, self.clock.stick = [], steer, overslept, Stick()
-        self.clock.play(wanted(**{"setup": self.setup, **asked}), self.folder / f"{name}.json", seen)
+        self.clock.play(wanted(**{"setup": self.setup, **asked}), self.folder / f"{name}.json", False)
         self.frames = [message for message in self.messages if message["kind"] == "frame"]
         return self.messages[-1]
 
