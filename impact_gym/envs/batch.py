@@ -63,9 +63,6 @@ class Batch:
             threads: number of threads; None: one for each core.
             trace_points: largest number of points in the time histories of a row; 0: no time histories.
             max_steps: integration steps after which the solver gives up an episode.
-
-        Raises:
-            ValueError: the number of tasks is neither 1 nor `size`, or the observations of the tasks differ.
         """
         tasks = [task] if isinstance(task, Task) else list(task)
         if len(tasks) not in {1, size}:
@@ -181,11 +178,7 @@ class Batch:
         over_rows(partial(self._rows.step, values, skip), self.size, self.threads, ROWS_PER_THREAD)
 
     def set_operator_velocity(self, velocities: ArrayLike) -> None:
-        """Let the operators, each a `Person`, command `velocities` (m/s) from now on: one number, or an array (size,).
-
-        Raises:
-            TypeError, ValueError: an operator is not a `Person`, or the arm cannot follow a velocity.
-        """
+        """Let the operators, each a `Person`, command `velocities` (m/s) from now on: a number or an array (size,)."""
         for task in self.tasks:
             one_of("operator", task.operator, Person)
         lows, highs = zip(*(task.velocity_range for task in self.tasks), strict=True)

@@ -73,9 +73,6 @@ class ObservationSpec:
         """Return the common specification of the rows of a batch.
 
         In every row a critic gets all numbers that at least one of the tasks draws.
-
-        Raises:
-            ValueError: the observations of the tasks differ; the message names the arguments and the row.
         """
         drawn = {name for task in tasks for name in task.drawn}
         common = cls(tasks[0], drawn)
