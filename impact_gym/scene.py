@@ -248,5 +248,6 @@ def warn_of_stroke(coupling: Coupling, tool_mass: float, acceleration: float) ->
     if not isinstance(coupling, SpringDamper) or not coupling.stroke:
         return
     if (rest := acceleration * tool_mass / coupling.stiffness) > coupling.stroke:
-        text = f"SpringDamper.stroke is {coupling.stroke:g} m, but at {acceleration:g} m/s^2 the tool's place of rest"
-        warnings.warn(f"{text} is {rest:.3g} m away: the tool then lies against a stop", stacklevel=4)
+        where = f"the tool's place of rest is {rest:.3g} m away: the tool then lies against a stop"
+        text = f"SpringDamper.stroke is {coupling.stroke:g} m, but under {acceleration:g} m/s^2 {where}"
+        warnings.warn(text, stacklevel=4)

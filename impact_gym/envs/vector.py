@@ -153,12 +153,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return self.batch.rewards.copy(), {}
 
     def render(self) -> tuple[Any, ...] | None:
-        """Return a picture (540, 960, 3) of the present in each slot; see Rendering of `ImpactApproachEnv`.
-
-        Raises:
-            DependencyNotInstalled: pygame is missing.
-            ResetNeeded: a slot has no episode yet.
-        """
+        """Return a picture (540, 960, 3) of the present in each slot; see Rendering of `ImpactApproachEnv`."""
         if self.render_mode is None:
             logger.warn("render() draws nothing without gym.make_vec(..., render_mode='rgb_array')")
             return None
@@ -174,11 +169,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return self.batch.get_state(generators=[generator.bit_generator.state for generator in self._generators])
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Restore a state that `get_state` returned.
-
-        Raises:
-            ValueError: the state was altered, or comes from a batch with another size or task; nothing was changed.
-        """
+        """Restore a state that `get_state` returned, see `Batch.set_state`."""
         self.batch.set_state(state)
         self._generators = [seeding.np_random(0)[0] for _ in state["generators"]]
         for generator, there in zip(self._generators, state["generators"], strict=True):
