@@ -16,7 +16,7 @@ from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, observation_space, steps_per_second
 from impact_gym.task.episodes import reset_options
 from impact_gym.task.task import Task
-from impact_gym.validation import array, choice, one_of, shown, whole
+from impact_gym.validation import array, choice, one_of, whole
 
 MOST_DRAWN = 16  # largest number of environments in a batch with a render_mode
 
@@ -52,8 +52,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         per_slot: Sequence[Mapping[str, Any]] | None = None,
         **arguments: Any,  # arguments of `Task`
     ) -> None:
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {shown(render_mode)}")
+        choice("render_mode", render_mode, (None, "rgb_array"))
         self.num_envs = whole("num_envs", num_envs, at_least=1)
         if render_mode is not None and self.num_envs > MOST_DRAWN:
             raise ValueError(f"num_envs must be at most {MOST_DRAWN} with a render_mode, got {self.num_envs}")

@@ -67,7 +67,7 @@ class ObservationSpec:
         common = cls(tasks[0], drawn)
         for row, task in enumerate(tasks):
             if differing := {*cls(task, drawn).entries} ^ {*common.entries}:
-                arguments = {row.scale.ends or row.observed for row in differing}
+                arguments = {each.scale.ends or each.observed for each in differing}
                 raise ValueError(f"the tasks of a batch must have the same observations, but row {row} differs "
                                  f"from row 0 in {' and '.join(sorted(arguments))}")  # fmt: skip
         return common
