@@ -155,7 +155,7 @@ class Task:
         """Return a copy of the task in which the arguments, or parts of them, at these dotted paths are changed."""
         arguments = self.arguments()
         for name, value in grouped(by_path).items():
-            if any(path.startswith(f"{name}.") for path in by_path):
+            if name not in by_path:  # the paths of its parts are
                 value = {"type": type(getattr(self, name)).__name__, **self._parts(name), **value}
             arguments[name] = value
         return Task(**arguments)
