@@ -27,7 +27,7 @@ class Body(NamedTuple):
 
 
 def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[Any, Any]:
-    """Return the module mujoco, and an MjSpec of a chain of bodies; the flange has the pose `tip` (4, 4) in the last."""
+    """Return the module mujoco, and an MjSpec of a chain of bodies; `tip` (4, 4) is the flange's pose in the last."""
     try:
         mujoco: Any = importlib.import_module("mujoco")  # by name, so that types are checked without MuJoCo
     except ImportError as missing:

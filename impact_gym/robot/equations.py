@@ -58,7 +58,7 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class Servo(Parameters):
-    """A sampled PD control of the motors' positions; feedforward: commanded acceleration, torques of elastic joints."""
+    """A sampled PD control of motor positions, with feedforward of the acceleration and the elastic joints' torques."""
 
     frequency: Annotated[float, SI("rad/s", above=0)] = 300.0  # natural frequency of a rotor without its link
     damping_ratio: Annotated[float, SI("-", above=0)] = 1.0
