@@ -32,10 +32,7 @@ class Parameter(NamedTuple):
 
 
 class View:
-    """Observations (..., n_obs), read by id: `view[id]` is the observed number (...) in SI units.
-
-    `own` holds numbers by id that a rule has computed; they replace observed numbers with the same id.
-    """
+    """Observations (..., n_obs): `view[id]` is a number (...) in SI units, from `own`, or else the observed one."""
 
     def __init__(self, observation: ArrayLike, spec: ObservationSpec, **own: Floats) -> None:
         self.observation, self.spec, self._own = np.asarray(observation, np.float64), spec, own
@@ -68,10 +65,7 @@ class Rule:
     """Time weights (m/s per s), ascending, for which the rows of `parameters` (weights, k) were tuned; see `at`."""
 
     def __init__(self, parameters: ArrayLike) -> None:
-        """Make a controller from `parameters` (k,), or (rows, k) for a batch, in the order and units of PARAMETERS.
-
-        ValueError: the number of parameters is wrong, or a parameter is out of its limits; the message names it.
-        """
+        """Make a controller from `parameters` (k,), or (rows, k) for a batch; ValueError: they violate PARAMETERS."""
         kind: Any = type(self)
         self.parameters = np.array(parameters, np.float64)
         if self.parameters.ndim not in (1, 2) or self.parameters.shape[-1] != len(self.names()):

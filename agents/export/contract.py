@@ -145,10 +145,7 @@ def of_name(name: str, setup: Setup | None = None) -> Subject:
 
 
 def of_setup(setup: Setup, folder: Path | None = None) -> dict[str, Subject]:
-    """Return all controllers of a set-up by name: policy and tuned baselines in `folder`, and rules without parameters.
-
-    A controller that does not exist yet, or cannot play the set-up, is left out, and a line with its name is printed.
-    """
+    """Return a set-up's controllers by name: rules without parameters, and the tuned and trained ones in `folder`."""
     folder, found = folder or setup.folder, {}
     for name in ("paper-trapezoid", "local-brake", *(["operator-alone"] if setup.environment.get("operator") else [])):
         found[name] = of_baseline(name, setup)

@@ -67,10 +67,7 @@ class Evaluation:
     def of_table(
         cls, content: Mapping[str, Any], environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None
     ) -> "Evaluation":
-        """Return the evaluation in a file's table for an environment; for `robot` see `usual`.
-
-        TypeError, ValueError: an unknown key, a value out of range, or an invalid change of the environment.
-        """
+        """Return the evaluation in a file's table (for `robot` see `usual`); TypeError, ValueError: a wrong entry."""
         known("evaluation.", content, [item.name for item in fields(cls)])
         known("evaluation.nominal.", table(content, "nominal", "evaluation."), SET_UP_ARGUMENTS)
         nominal = {name: None if value == "rigid" else value for name, value in content.get("nominal", {}).items()}

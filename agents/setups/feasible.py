@@ -13,11 +13,7 @@ of the command. Several steps at the robot's natural frequency cause a larger ra
 
 
 def warnings(task: Task) -> list[str]:
-    """Return a sentence for each problem that some episodes have, except problems of which `Task` itself warns.
-
-    Raises:
-        ValueError: for a problem that all episodes have; the message names the field.
-    """
+    """Return a sentence for each problem that some episodes have; ValueError: a problem that all episodes have."""
     (near, far), (least, most) = task.scenario.distance, task.acceleration_range
     observed = ObservationSpec(task).scale("position").high
     first_reading = task.longest("reaction_delay") + task.control_period

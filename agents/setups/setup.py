@@ -124,10 +124,7 @@ def owner(baseline: str, setup: Setup | None = None) -> Setup | None:
 
 
 def load_setup(name_or_path: str | Path) -> Setup:
-    """Return a shipped set-up, by name, or a set-up from a file.
-
-    ValueError: there is no such set-up, or an error in its file; the message has file, key, value and allowed values.
-    """
+    """Return a shipped set-up, by name, or a set-up from a file; ValueError: no such set-up, or an error in a file."""
     path = named_file("set-up", name_or_path, SHIPPED, ".toml")
     return deepcopy(_loaded(path.resolve(), path.stat().st_mtime_ns))
 

@@ -55,15 +55,12 @@ def median(policies: list[Policy]) -> Policy:
 
 
 def train_one(folder: str, made_for: Mapping[str, Any]) -> dict[str, bytes]:
-    """Train, resume or reuse the run with the settings `made_for` in a folder; return its files KEPT by name.
-
-    If the folder cannot be created, as on a node of a cluster without a common disk, a temporary folder replaces it.
-    """
+    """Train, resume or reuse the run with the settings `made_for` in a folder; return its files KEPT by name."""
     run = Path(folder)
     with tempfile.TemporaryDirectory(prefix="impact-gym-run-") as elsewhere:
         try:
             run.parent.mkdir(parents=True, exist_ok=True)
-        except OSError:
+        except OSError:  # such as on a node of a cluster without a common disk
             run = Path(elsewhere) / run.name
         if (run / "config.json").is_file():
             _refuse_another(str(run), made_for)  # on a cluster, `train_seeds` may not see this folder

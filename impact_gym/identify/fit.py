@@ -209,10 +209,7 @@ def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
 
 
 def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
-    """Return the x[i] on one `side` (-1, 1) at which the refitted misfit is quantile^2 above the best; None: nowhere.
-
-    The search starts at the minimum `begin`, with a step to the x[i] that the curvature at the best fit predicts.
-    """
+    """Return x[i] on one `side` (-1, 1), where the refitted misfit is quantile^2 above the best one; None: nowhere."""
     first, last = float(begin.x[i]), fit.model.free[i].reach[side > 0]
     inner, outer = (first, math.sqrt(max(begin.misfit - fit.misfit, 0.0) / fit.quantile**2), begin), None
     u = first + side * min((1.0 - inner[1]) * fit.quantile * fit.deviations[i], MAX_STEP)

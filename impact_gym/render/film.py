@@ -54,10 +54,7 @@ class History:
     """An episode up to now, read from the simulator's trace; nothing is simulated again."""
 
     def __init__(self, trace: Trace, info: dict[str, Any], task: Task, events: EpisodeState, ended: bool) -> None:
-        """Read the trace, `episode_info()`, task and `episode_state()` of an environment.
-
-        If the episode has `ended`, the trace contains the settling. `self.task` has the numbers that the episode drew.
-        """
+        """Read the trace (if `ended`, with the settling), `episode_info()`, the task and `episode_state()`."""
         self.info, self.events, self.ended = info, events, ended
         if ended and events.alarm > events.end:  # an alarm after the last control step does not reach the controller
             self.events = events._replace(alarm=math.inf)

@@ -52,7 +52,7 @@ def simulate(
     Args:
         arm: the arm that `approach` describes.
         approach: the line, and the motors' angles along it.
-        scene: tool, object, contact and coupling. The object must have no friction, and the contact equal exponents.
+        scene: tool, object without friction, contact with two equal exponents, and coupling.
         motion: motion of the motors along the line.
         duration: length of the run, s.
         gravity: whether gravity acts; it then also deflects the joints at the start.

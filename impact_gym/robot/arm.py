@@ -171,7 +171,7 @@ class Arm:
         M_X, K_X = invert(J @ np.linalg.solve(M, J.T)), invert((J / self.stiffness) @ J.T)
         rates = (J / self.stiffness).T @ K_X @ held  # joint rates at 1 m/s along the line; with six joints J^-1 held
         if not np.abs(J @ rates - held).max() < 1e-6:
-            raise ValueError(f"direction must be one along which the arm can move alone, got {u}")
+            raise ValueError(f"direction must be one in which the flange can move without another motion, got {u}")
         x = u @ J[:3]
         mass, centre, tensor = self.composite(angles)
         lever = np.cross(self.flange(angles)[0] - centre, u)

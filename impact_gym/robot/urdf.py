@@ -135,14 +135,14 @@ def _downwards(links: Collection[str], elements: Mapping[str, Element]) -> list[
             if link not in links:
                 raise ValueError(f"joint {name!r} has the {side} {link!r}, which is no link")
         if child in above:
-            raise ValueError(f"link {child!r} hangs on two joints, a loop, which is not allowed")
+            raise ValueError(f"link {child!r} is the child of two joints, a loop, which is not allowed")
         mimic = element.find("mimic")
         mimics = None if mimic is None else mimic.get("joint", "")
         above[child] = Joint(name, element.get("type", ""), parent, child, mimics, element)
     try:
         order = [*TopologicalSorter({link: [joint.parent] for link, joint in above.items()}).static_order()]
     except CycleError as loop:
-        raise ValueError(f"link {loop.args[1][0]!r} hangs on itself, a loop, which is not allowed") from None
+        raise ValueError(f"link {loop.args[1][0]!r} is below itself, a loop, which is not allowed") from None
     return [above[link] for link in order if link in above]
 
 
@@ -176,7 +176,7 @@ def _place(name: str, of: Element) -> Array:
 def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
     name, limit = joint.name, _only(joint.element, "limit", joint.name)
     if joint.mimics is not None:
-        raise ValueError(f"joint {name!r} mimics another, which is not allowed between base and tip")
+        raise ValueError(f"joint {name!r} mimics another joint, which is not allowed between base and tip")
     unit = UNITS[joint.kind]
     if joint.kind == "continuous":
         return unit, -np.inf, np.inf
