@@ -1,8 +1,7 @@
-"""The grid of most studies: each contestant plays the same scenarios in each place, a set-up with one change."""
+"""Cells of most studies: a contestant plays scenarios in an environment. Functions that evaluate their rows."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import product
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -10,7 +9,7 @@ import polars as pl
 from agents.evaluate import play as jobs
 from agents.evaluate.scenario_batch import MEASURED
 from experiments.lab.statistics import Floats, Front, Resamples
-from experiments.lab.study import Cell
+from experiments.lab.study import Cell, Row
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
 
@@ -19,35 +18,14 @@ PLAYED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.policies.
           "agents.setups.evaluation")  # fmt: skip
 
 
-class Contestant(NamedTuple):
-    """A controller. Policies from several seeds of one training have the same name."""
-
-    name: str
-    controller: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
-    seed: int = 0
-
-
-class Place(NamedTuple):
-    """A set-up with one change of its environment, such as friction."""
-
-    setup: str
-    change: str  # name of the change
-    environment: Mapping[str, Any]  # arguments of the environment, without time weight
-    labels: Mapping[str, Any] = {}  # additional columns of the rows
-    scenarios: Mapping[str, Any] | None = None  # JSON; None: the argument `scenarios` of `cells`
-
-
-def cells(
-    places: Iterable[Place], contestants: Iterable[Contestant], scenarios: Mapping[str, Any], weights: Sequence[float],
-    **more: Any,
-) -> Iterator[Cell]:  # fmt: skip
-    """Yield a cell for each contestant in each place. `scenarios`, `weights` and `more` are arguments of `play`."""
-    for place, contestant in product(places, contestants):
-        labels = {"setup": place.setup, "change": place.change, **place.labels}
-        labels |= {"contestant": contestant.name, "seed": contestant.seed}
-        environment, where = jobs.environment_and_scenarios(place.environment, place.scenarios or scenarios)
-        arguments = {"controller": contestant.controller, "environment": environment, "scenarios": where}
-        yield Cell(labels, {**arguments, "weights": list(weights), **more})
+def cell(
+    labels: Row, controller: Mapping[str, Any], environment: Mapping[str, Any], scenarios: Mapping[str, Any],
+    weights: Sequence[float], **more: Any,
+) -> Cell:  # fmt: skip
+    """Return a cell that plays a controller; the arguments after `labels` are those of `play`."""
+    environment, where = jobs.environment_and_scenarios(environment, scenarios)
+    arguments = {"controller": controller, "environment": environment, "scenarios": where}
+    return Cell(labels, {**arguments, "weights": list(weights), **more})
 
 
 def play(

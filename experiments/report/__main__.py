@@ -19,7 +19,6 @@ from agents.provenance import circumstances, digest_of, revision
 from agents.setups import README, load_setup
 from agents.setups.evaluation import RESERVED
 from agents.setups.keys import within
-from experiments.lab.results import REPORTS
 from experiments.lab.statistics import RESAMPLES
 from experiments.report.matchups import Matchup, of_policies, of_setup
 from impact_gym.files import locked, parsed, whole_file, write_file
@@ -66,7 +65,7 @@ class ReportOptions:
     """Cost of a second until the touch, in m/s of the object's final velocity. The page recommends the controller with
     the lowest mean cost. Without this option, the value is `evaluation.typical` of the set-up (2, if the file does not
     contain another value)."""
-    out: Path = REPORTS / "latest"
+    out: Path = Path("reports/latest")
     """Folder for the page. A hidden folder beside this folder keeps the results of all episodes. If you repeat the
     command after an interruption, it continues."""
     force: bool = False

@@ -35,21 +35,21 @@ class Failing(NamedTuple):
 
 def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
     """Yield a cell for each change with each of paper's rule, rival and policy, at the typical time weight."""
-    places = []
     for change in variants(matchup.evaluation, matchup.environment):
-        own = None
+        played = scenarios
         if change.scenarios:
             there = evaluation_sets.load(change.scenarios).count
-            own = {"set": change.scenarios, "count": min(scenarios["count"], there)}
+            played = {"set": change.scenarios, "count": min(scenarios["count"], there)}
         nominal = {**matchup.environment, **matchup.evaluation.nominal}
         environment = nominal if change.same else change.environment
         labels = {
+            "change": f"{factor(change.argument)}: {setting(change)}",
             "factor": factor(change.argument, environment.get("alarm") == "reading"), "setting": setting(change),
             "same": change.same, "value": change.value, "missed_cost": grid.missed_cost(environment),
         }  # fmt: skip
-        places.append(grid.Place(matchup.name, words(change), environment, labels, own))
-    contestants = [grid.Contestant(each.name, each.controller) for each in matchup.rivals]
-    return grid.cells(places, contestants, scenarios, [matchup.typical])
+        for each in matchup.rivals:
+            about = {**labels, "contestant": each.name}
+            yield grid.cell(about, each.controller, environment, played, [matchup.typical])
 
 
 def factor(argument: str, by_reading: bool = False) -> str:
@@ -66,11 +66,6 @@ def setting(change: Change) -> str:
     unit = "%" if change.multiple else QUANTITIES[change.argument].unit
     name, scale = SHOWN.get(unit, (unit, 1.0))
     return f"{scale * change.value:g} {name}"
-
-
-def words(change: Change) -> str:
-    """Return the name of a change: the argument and its value."""
-    return f"{factor(change.argument)}: {setting(change)}"
 
 
 def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:

@@ -75,10 +75,10 @@ def test_page_has_every_contender_and_two_truths_that_agree(tmp_path):
 
     run = small_run(speed.STUDY, tmp_path, truth=cells, times=times)
     run.write()
-    rows = run.frames["times"]
+    rows = run["times"]
     assert {*rows["contender"]} == {OURS, *speed.RIVALS[CAREFUL]}
     assert rows.filter(contender=OURS, setting=1e-9)["velocity_error"].item() < 1e-7
-    (truth,) = run.frames["truth"].to_dicts()
+    (truth,) = run["truth"].to_dicts()
     assert truth["second_contacts"] == truth["contacts"]
     assert truth["velocity_doubt"] < 1e-9
     assert "No rival is faster" in text_of_a_page_that_stands_on_its_own(tmp_path, figures=1)
