@@ -12,12 +12,12 @@ from itertools import zip_longest
 import gymnasium as gym
 import numpy as np
 import tomli_w
-from episodes import ID, all_finite
+from episodes import ID, all_finite, begin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from own_set_up import TEXT
 from policies import made_up_policy
-from scenes import MOTION, scene
+from recorder import FORCE, MOTION, SCENE, SCENE_FILE, TIME
 from tasks import EVERYTHING_DRAWN, STORM
 
 import impact_gym as ig
@@ -87,10 +87,7 @@ ARGUMENTS = EVERYTHING_DRAWN["mechanism"] | {
 ARGUMENTS = {name: list(value) if isinstance(value, tuple) else value for name, value in ARGUMENTS.items()}
 VECTOR = {"num_envs": 2, "threads": 1, "autoreset_mode": "SameStep", "max_episode_steps": 9, "tool_mass": 0.2,
           "per_slot": [{"tool_mass": 0.1}, {"coupling": {"type": "Rigid"}}]}  # fmt: skip
-SCENE = scene(coupling=ig.SpringDamper(150.0))
-TIMES = np.arange(0.30, 0.33, 1e-3)
-BLOW = ig.simulate(SCENE, MOTION, 0.4, trace=True).trace
-LOG = {"time": TIMES.tolist(), "force": np.interp(TIMES, BLOW.time, BLOW.contact_force).tolist()}
+LOG = {"time": TIME[::5].tolist(), "force": FORCE[::5].tolist()}
 SETUP = tomllib.loads(TEXT)
 SETUP["training"] |= {"time_weight": [0.5, 8.0], "nominal": 0.5, "teacher": "mine", "activation": "relu", "rtol": 1e-6}
 SETUP["training"]["imitation_steps"] = SETUP["training"]["steps"]
@@ -98,12 +95,8 @@ SETUP["baselines"] |= {"against": ["mine"], "tuned": {"mine": {"rule": "Ranged",
 SETUP["baselines"]["bound"] = "linear-blind"
 SETUP["evaluation"] |= {"nominal": {"robot": "rigid"}, "typical": 2.0}
 SETUP["evaluation"]["varied"] = {"tool_mass": {"times": [0.8, 1.1]}, "robot": ["rigid"], "scenario": ["hard"]}
-MEASURED = {
-    "environment": {"tool_mass": 0.1, "coupling": {"type": "SpringDamper", "stiffness": 150.0, "damping_ratio": 1.0},
-                    "scenario": RESET["options"]["scenario"]},
-    "motion": {"speed": 1.0, "acceleration": 8.0, "brake": {"threshold": 1.0, "delay": 0.016}},
-    "sensor": {"force": {"rate": 4000.0, "low_pass": 1e3, "bias": "estimated", "noise": 0.2}},
-}  # fmt: skip
+MEASURED = tomllib.loads(SCENE_FILE)
+MEASURED["sensor"]["force"] |= {"low_pass": 1e3, "bias": "estimated", "noise": 0.2}
 CONTENT, ARRAYS = Ensemble([made_up_policy(sizes=(3,))], 0).packed()
 OWN_SCENARIOS = {"ranges": {"object_mass": [0.1, 0.2]}, "seed": 3, "count": 5, "environment": {"tool_mass": 0.2}}
 
@@ -113,19 +106,12 @@ def step(env, actions):
     return list(env.step(actions)[:2])
 
 
-def reset_stable(tree):
-    envs = ImpactVecEnv(2, tool_mass=(0.1, 0.2))
-    envs.set_options(tree.get("options"))
-    return envs.reset()
-
-
 def read_log(source):
     log = logs_of.read(source, "log")
     logs_of.check(log, SCENE, MOTION, dict.fromkeys(log.columns, ig.Sensor()))
 
 
 def written(tree, folder, suffix):
-    """A new file with this content."""
     path = folder / f"{len(os.listdir(folder))}{suffix}"
     if suffix == ".toml":
         path.write_text(tomli_w.dumps(tree), encoding="utf-8-sig")
@@ -141,11 +127,7 @@ def written(tree, folder, suffix):
 
 
 def reset(env, tree):
-    return env.reset(seed=tree.get("seed"), options=tree.get("options"))[0]
-
-
-def predict(policy):
-    return load_policy(policy).predict(np.zeros(8))[0]
+    return begin(env, tree.get("seed"), tree.get("options"))
 
 
 POLICY, BATCH, DRAWN = made_up_policy(), gym.make_vec(ID, num_envs=2), {"tool_mass": (0.1, 0.2)}
@@ -158,13 +140,13 @@ BORDERS = {
     "actions": ({"action": [ACTION] * 2}, ANY, lambda tree, _: step(BATCH, tree.get("action"))),
     "reset": (RESET, ANY, lambda tree, _: reset(gym.make(ID, **DRAWN), tree)),
     "reset of a batch": (SLOTS, ANY, lambda tree, _: reset(gym.make_vec(ID, num_envs=2, **DRAWN), tree)),
-    "reset of stable-baselines3": (RESET, ANY, lambda tree, _: reset_stable(tree)),
+    "reset of stable-baselines3": (RESET, ANY, lambda tree, _: reset(ImpactVecEnv(2, **DRAWN), {**tree, "seed": 0})),
     "set-up": (SETUP, PLAIN, lambda tree, folder: load_setup(written(tree, folder, ".toml"))),
     "scene": (MEASURED, PLAIN, lambda tree, _: parse(tree, ("contact.stiffness",))),
     "log": (LOG, ANY, lambda tree, _: read_log(tree)),
     "log's file": (LOG, PLAIN, lambda tree, folder: read_log(written(tree, folder, ".csv"))),
     "scenarios": (OWN_SCENARIOS, PLAIN, lambda tree, folder: scenarios_from(str(written(tree, folder, ".json")), None)),
-    "policy": (CONTENT, PLAIN, lambda tree, folder: predict(written(tree, folder, ".npz"))),
+    "policy": (CONTENT, PLAIN, lambda tree, folder: load_policy(written(tree, folder, ".npz")).predict(np.zeros(8))[0]),
     "observation": (
         {"observation": [0.0] * 8}, ANY, lambda tree, _: POLICY.predict(tree.get("observation"))[0],
     ),
@@ -173,11 +155,9 @@ BORDERS = {
     "set's name": ({"evaluation set": "test"}, ANY, lambda tree, _: evaluation_sets.load(tree.get("evaluation set"))),
 }  # fmt: skip
 ALSO_NAMED = {
-    "policy": [".npz is no policy of this version"],
-    "log's file": ["line "],
+    "policy": [".npz is no policy of this version"], "log's file": ["line "], "reset": ["option"],
     "reset of a batch": ["option"],
-    "reset": ["option"],
-}
+}  # fmt: skip
 """Words that a refusal may contain instead of a key, such as the line of a table."""
 
 

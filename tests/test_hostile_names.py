@@ -13,7 +13,7 @@ from html import unescape
 import numpy as np
 import pytest
 import tomli_w
-from own_set_up import own_set_up
+from own_set_up import TEXT
 from policies import made_up_policy
 from refusals import refused
 
@@ -80,15 +80,13 @@ def test_headers_are_valid_c_for_any_text_in_a_policy():
 
 def test_report_shows_hostile_texts_as_texts(tmp_path):
     title = "".join(text for text in TEXTS if text.isprintable() and len(text) < 100)
-    mine = own_set_up(tmp_path)
     texts = {"title": title, "about": title, "baselines": {"against": []}}
-    mine.write_text(tomli_w.dumps(tomllib.loads(mine.read_text()) | texts))
-    setup = load_setup(mine)
+    setup = set_up(tmp_path, tomllib.loads(TEXT) | texts)
     about = {"settings": {"seed": 0, "steps": 2000}, "command": title, "versions": {"</script>": "<b>"}}
     made = made_up_policy(environment={**setup.environment, "time_weight": [0.3, 8.0]})
     Policy(made.network, made.task, about).save(tmp_path / "policies" / "mine.npz")
     out = tmp_path / "out"
-    page = write(ReportOptions((str(mine),), folder=tmp_path, count=4, out=out, processes=0)).read_text()
+    page = write(ReportOptions((str(setup.path),), folder=tmp_path, count=4, out=out, processes=0)).read_text()
     scripts = re.findall(r"<script([^>]*)>(.*?)</script>", page, re.DOTALL)
     assert title in unescape(re.sub(r"<script.*?</script>|<[^>]*>", "", page, flags=re.DOTALL))  # visible text
     assert not [code for kind, code in scripts if "json" not in kind and "alert(1)" in code]

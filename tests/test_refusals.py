@@ -231,6 +231,7 @@ def samples(index):
 
 APPROACH = default_approach()
 THINGS = {
+    "folder": Path(),
     "None": None, "1j": 1j, "10^30": 10**30, "(1.0,)": (1.0,), "class of tools": ig.Tool, "hu-guo in bytes": b"hu-guo",
     "no decimal number": Decimal("sNaN"), "1 number": np.array([1.0]), "2 numbers": np.array([1.0, 2.0]),
     "1 text": np.array(["1"]), "no numbers": np.array([]), "1 x 2 numbers": np.array([[0.01, 0.02]]),

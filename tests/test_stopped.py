@@ -17,48 +17,25 @@ from training import left as left_by_training
 
 from agents import load_policy
 
-ROOT = Path(__file__).parents[1]
-SET_UP = """
-[training]
-steps = 2048
-envs = 16
-rollout = 16
-batch = 64
-width = 8
-validate_every = 1024
-validation_scenarios = 10
-checkpoint_every = 512
-[evaluation]
-weights = [1.0, 2.0, 4.0]
-"""
 COMMANDS = {
-    "tune": "tune ../mine.toml --scenarios 8 --budget 16 --population 8 --processes 0 --out out --jobs out/jobs",
-    "train": "train ../mine.toml --seeds 2 --processes 0 --out out/runs --policies out",
-    "report": "report rigid-blind --count 4 --processes 0 --out out/page",
+    "tune": "tune ../mine.toml --weights 1 2 4 --scenarios 8 --budget 16 --population 8 --out out --jobs out/jobs",
+    "train": "train ../mine.toml --seeds 2 --out out/runs --policies out --checkpoint-every 512 --validate-every 1024",
+    "report": "report rigid-blind --count 4 --out out/page",
 }
 
 
 def run(words, folder, ready=None, stop=None):
     """Run a command; once `ready()` is true, `stop` its process. Return its exit code and standard error."""
-    line = [sys.executable, "-m", "experiments.command", *words.split()]
-    process = subprocess.Popen(line, cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, text=True,
-                               stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)  # fmt: skip
+    line = [sys.executable, "-m", "experiments.command", *words.split(), "--processes", "0"]
+    process = subprocess.Popen(line, cwd=folder, env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+                               text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)  # fmt: skip
     if stop:
         while not ready():
             assert process.poll() is None, process.communicate()[1]
             time.sleep(0.005)
-        stop(process.pid)
+        stop(process)
     _, said = process.communicate(timeout=300)
     return process.returncode, said
-
-
-def fill(pid):
-    """Limit the size of files that the process writes, as if the disk were full."""
-    resource.prlimit(pid, resource.RLIMIT_FSIZE, (1, resource.RLIM_INFINITY))
-
-
-def kill(pid):
-    os.kill(pid, signal.SIGKILL)
 
 
 def saved(folder):
@@ -80,20 +57,21 @@ def left(folder):
     return content
 
 
-@pytest.mark.parametrize(
-    "name", ["tune", *(pytest.param(name, marks=pytest.mark.storm) for name in ("train", "report"))]
-)
-def test_command_continues_after_a_full_disk_and_a_kill_and_reaches_the_same_bits(name, tmp_path):
+@pytest.mark.parametrize("name", ["tune", *(pytest.param(k, marks=pytest.mark.storm) for k in ("train", "report"))])
+def test_command_continues_after_a_full_disk_and_a_kill_and_reaches_the_same_bits(name, mine, tmp_path):
     part, whole = tmp_path / "part", tmp_path / "whole"
     part.mkdir()
     whole.mkdir()
-    (tmp_path / "mine.toml").write_text(SET_UP)
+
+    def fill(process):  # as if the disk were full
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (1, resource.RLIM_INFINITY))
+
     code, said = run(COMMANDS[name], part, lambda: saved(part), fill)
     assert code == 1
     assert "Traceback" not in said
     assert re.search(rf"^impact-gym {name}: no room to write .*out.*; make room: .*continues.*$", said, re.MULTILINE)
     first = saved(part)
-    code, _ = run(COMMANDS[name], part, lambda: not saved(part).items() <= first.items(), kill)
+    code, _ = run(COMMANDS[name], part, lambda: not saved(part).items() <= first.items(), subprocess.Popen.kill)
     assert code == -signal.SIGKILL
     second = kept(part)
     assert run(COMMANDS[name], part)[0] == 0

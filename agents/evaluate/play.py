@@ -31,6 +31,7 @@ from agents.policies.policy import FORMAT
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.evaluation_sets import EvaluationSet
 from impact_gym.task.scenario import FIELDS
+from impact_gym.validation import shown
 
 
 def play(
@@ -148,4 +149,4 @@ def try_out(name: str, controller: Controller, observations: NDArray[np.float32]
     except Exception as error:
         raise ValueError(f"{name!r} fails on a batch of observations: {error!r}") from error
     if actions.shape != (shape := (len(observations), action_size)) or not np.isfinite(actions).all():
-        raise ValueError(f"{name!r} must return actions of shape {shape}, all finite; got {actions!r}")
+        raise ValueError(f"{name!r} must return actions of shape {shape}, all finite; got {shown(actions)}")

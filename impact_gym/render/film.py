@@ -30,6 +30,7 @@ class State(NamedTuple):
 
     time: float
     flange_position: float
+    flange_velocity: float
     tool_position: float
     tool_velocity: float
     object_position: float

@@ -1,4 +1,4 @@
-"""The baselines do what their docstrings say, and `load_baseline` returns what tuning has written."""
+"""Baselines and the filter of range readings do what their docstrings say; `load_baseline` returns what was tuned."""
 
 import hashlib
 import json
@@ -11,13 +11,15 @@ from refusals import refused
 
 from agents import load_setup
 from agents.baselines import BlindProfile, Clairvoyant, ConstantSpeed, OperatorAlone, PaperTrapezoid, Ranged, tuned
-from agents.baselines.profile import KNOTS, REACTION
+from agents.baselines.filtered import FilteredProfile, FirstReadingProfile
+from agents.baselines.profile import KNOTS, LEAST_SPREAD, REACTION
 from agents.baselines.rule import View
 from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
 from agents.evaluate.scenario_batch import RESULTS, ScenarioBatch
 from agents.export.contract import of_name
 from agents.setups import owner, shipped_baselines
 from agents.tune import CLEAN_ALARM
+from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import observation_space
 from impact_gym.task import ObservationSpec, Task
 
@@ -118,6 +120,8 @@ def test_rule_over_position_is_mapped_to_the_distances_of_a_task(name):
         assert farther.speed(2.0 * x) == pytest.approx(rule.speed(x))
     else:  # the same deceleration over a longer distance
         assert farther.speed(2.0 * rule["end"] - x) == pytest.approx(rule.speed(rule["end"] - x))
+    env = gym.make(ID, scenario={"object_mass": 1.0}, render_mode="rgb_array", record_trace=True)
+    assert np.array_equal(rule.for_environment(env.spec.kwargs).speed(x), rule.speed(x))
     fixed = rule.for_task(Task(scenario={"distance": 0.4}))
     assert np.isfinite(fixed.speed(np.linspace(0.0, 1.0, 50))).all()
 
@@ -139,36 +143,30 @@ def test_load_baseline_interpolates_over_the_logarithm_of_the_weight(tmp_path):
     assert isinstance(load_baseline("paper-trapezoid", 3.0, tmp_path), PaperTrapezoid)
 
 
-@pytest.mark.parametrize(("changes", "reason"), [
-    ({"weights": {}, "sha256": "as it was"}, "was altered"), ({"parameters": []}, "another table of parameters"),
-    ({"environment": {"range_noise": 0.02}}, "another environment"), (None, "damaged"),
-    ({"format": "impact_gym tuned baseline 0"}, "was tuned for another format"),
+TUNED = {"2": parameters_of(Ranged, 1)}
+FAST = {"2": {"parameters": TUNED["2"]["parameters"] | {"top speed": 9.0}}}
+AGAIN = "impact-gym tune linear-ranged"
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"weights": {}, "sha256": "as it was"}, ("was altered", AGAIN)), (None, ("damaged", AGAIN)),
+    ({"parameters": []}, ("another table of parameters", AGAIN)),
+    ({"environment": {"range_noise": 0.02}}, ("another environment", AGAIN)),
+    ({"format": "impact_gym tuned baseline 0"}, ("was tuned for another format", AGAIN)),
+    ({"weights": {}}, ("holds no weight",)), ({"weights": FAST}, ("at most 1.5 m/s, got 9",)),
 ], ids=str)  # fmt: skip
-def test_load_baseline_refuses_a_missing_or_changed_file_and_gives_a_remedy(tmp_path, changes, reason):
-    refused(lambda: load_baseline("ranged", 2.0, tmp_path), "was not tuned", "impact-gym tune linear-ranged")
-    path = write_tuned("ranged", {"2": parameters_of(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
-    if changes:
-        rewrite(path, changes)
-    else:
-        path.write_text(path.read_text()[:100])
-    for read in (lambda: load_baseline("ranged", 2.0, tmp_path), lambda: of_name(str(path))):
-        refused(read, reason, "impact-gym tune linear-ranged")
-
-
-def rewrite(path, changes):
-    """Change a tuned file, and its checksum too unless `changes` has one."""
-    content = {name: value for name, value in json.loads(path.read_text()).items() if name != "sha256"} | changes
+def test_missing_or_changed_tuned_file_is_refused_with_a_remedy(tmp_path, changes, words):
+    """A changed file has the checksum of its content unless `changes` has another one."""
+    refused(lambda: load_baseline("ranged", 2.0, tmp_path), "was not tuned", AGAIN)
+    path = write_tuned("ranged", TUNED, load_setup("linear-ranged"), tmp_path)
+    content = json.loads(path.read_text())
+    del content["sha256"]
+    content |= changes or {}
     checksum = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-    path.write_text(json.dumps({"sha256": checksum} | content))
-
-
-def test_tuned_file_without_weights_or_beyond_limits_is_refused(tmp_path):
-    path = write_tuned("ranged", {"2": parameters_of(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
-    weights = json.loads(path.read_text())["weights"]
-    weights["2"]["parameters"]["top speed"] = 9.0
-    for changes, says in (({"weights": {}}, "holds no weight"), ({"weights": weights}, "at most 1.5 m/s, got 9")):
-        rewrite(path, changes)
-        refused(lambda: of_name(str(path)), says)
+    path.write_text(json.dumps({"sha256": checksum} | content) if changes else path.read_text()[:100])
+    refused(lambda: of_name(str(path)), *words)
+    if AGAIN in words:
+        refused(lambda: load_baseline("ranged", 2.0, tmp_path), *words)
 
 
 @pytest.mark.parametrize("name", shipped_baselines())
@@ -196,3 +194,65 @@ def test_paper_limits_are_exactly_those_of_the_papers_rule():
     expected = played(PaperTrapezoid(), "paper-limits")
     assert_identical(expected, played(PaperTrapezoid(), "linear-blind"))
     assert_identical(expected, played(ConstantSpeed(1.5, 20.0), "paper-limits"))
+
+
+START = [parameter.start for parameter in FilteredProfile.PARAMETERS]
+PRIOR = 12.0 / 0.2**2  # 1/m^2, weight of the prior: uniform between 15 and 35 cm
+
+
+def estimates(rows, steps, kind=FilteredProfile, speed=0.3, **options):
+    """Return arrays (steps, rows): error and spread of the estimate, age of the reading, whether there was a touch."""
+    task = Task(**options)
+    batch, rule = Batch(rows, task), kind(START).for_task(task)
+    batch.begin_seeded(0, {})
+    spec, state, found = ObservationSpec(task), None, []
+    action, none = np.tile([speed, 0.2], (rows, 1)), np.zeros(rows, bool)
+    for _ in range(steps):
+        view, state = rule.see(View(batch.observations, spec), state, None)
+        sensors, distance = batch.sensors(), batch.info()["scenario"]["distance"]
+        error = view["distance_estimate"] + sensors["position"] - distance
+        found.append((error, view["spread"], sensors["range_age"], batch.bodies().touched))
+        batch.step(action, none)
+    return (np.array(column) for column in zip(*found, strict=True))
+
+
+@pytest.mark.parametrize("coupling", [{"type": "Rigid"}, {"type": "SpringDamper", "stiffness": 50.0}])
+@pytest.mark.parametrize("delay", [0.0, 0.05])
+def test_without_errors_the_estimate_is_the_distance(coupling, delay):
+    error, _, age, touched = estimates(200, 12, coupling=coupling, range_sensor={"delay": delay, "bias": 0.01})
+    read = np.isfinite(age) & ~touched
+    assert read.any(axis=0).all()
+    prior = PRIOR / (PRIOR + LEAST_SPREAD**-2) * 0.1  # m, remaining influence of the prior
+    swing = 0.0 if coupling["type"] == "Rigid" else 2e-3  # m, because the flange's acceleration changes within a step
+    assert np.abs(error[read]).max() < prior + swing + 1e-6
+
+
+def test_spread_is_that_of_the_readings_weighted_by_their_inverse_variance():
+    """At a flange at rest every reading has the same variance."""
+    _, spread, age, _ = estimates(500, 10, speed=-0.5, range_sensor={"noise": 0.02, "dropout": 0.3})
+    count = np.cumsum(age == 0.0, axis=0)
+    assert spread == pytest.approx((PRIOR + count / 0.02**2) ** -0.5, rel=1e-9)
+    _, spread, age, _ = estimates(500, 10, FirstReadingProfile, speed=-0.5, range_sensor={"noise": 0.02})
+    assert spread == pytest.approx((PRIOR + 1.0 / 0.02**2) ** -0.5, rel=1e-9)
+
+
+def test_errors_have_the_standard_deviation_of_the_filter():
+    error, spread, age, touched = estimates(3000, 12, range_sensor={"noise": 0.01, "dropout": 0.2, "delay": 0.02})
+    last = np.isfinite(age[-1]) & ~touched[-1]
+    score = (error / spread)[-1][last]
+    assert abs(score.mean()) < 5.0 / np.sqrt(score.size) + 0.05
+    assert score.std() == pytest.approx(1.0, abs=0.06)
+
+
+def test_filter_begins_anew_with_each_episode():
+    task = Task(range_sensor={"noise": 0.01})
+    batch, spec, rule = Batch(4, task), ObservationSpec(task), FilteredProfile(START).for_task(task)
+    batch.begin_seeded(0, {})
+    view, state = rule.see(View(batch.observations, spec), None, None)
+    for _ in range(3):
+        batch.step(np.zeros((4, 2)), np.zeros(4, bool))
+        _, later = rule.see(View(batch.observations, spec), state, np.zeros(4, bool))
+    batch.begin_seeded(0, {})
+    again, _ = rule.see(View(batch.observations, spec), later, np.array([True, True, False, False]))
+    assert np.array_equal(again["distance_estimate"][:2], view["distance_estimate"][:2])
+    assert (again["spread"][2:] < view["spread"][2:]).all()

@@ -1,6 +1,5 @@
 """`impact-gym export`: its files, their contract and its checks; networks in C and ONNX equal the policy's."""
 
-import importlib.util
 import json
 import re
 import shutil
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from policies import KINDS, made_up_policy, observations
+from refusals import refused
 
 from agents import load_policy, load_setup
 from agents.export import __main__ as exporting
@@ -21,13 +21,16 @@ from impact_gym.envs import IDS
 from impact_gym.envs.batch import Batch
 from impact_gym.task import ActionSpec, Task
 
-COMPILER = shutil.which("cc") or shutil.which("gcc")
-pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
-WITH_ONNX = all(map(importlib.util.find_spec, ("onnx", "onnxruntime")))
-needs_onnx = pytest.mark.skipif(not WITH_ONNX, reason="onnx or onnxruntime is missing")
+pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")
 
 
-@needs_onnx
+@pytest.fixture
+def onnx():
+    pytest.importorskip("onnxruntime")
+    return pytest.importorskip("onnx")
+
+
+@pytest.mark.usefixtures("onnx")
 @pytest.mark.parametrize("kind", KINDS)
 def test_run_writes_header_and_onnx_and_prints_their_checks_and_missing_ones(tmp_path, monkeypatch, capsys, kind):
     """Some actions lie within their limits: equal limits would prove nothing."""
@@ -44,8 +47,7 @@ def test_run_writes_header_and_onnx_and_prints_their_checks_and_missing_ones(tmp
     assert "my policy-2.h: its network is not checked, no C compiler is here" in printed
     assert "my policy-2.h: its controller is not checked: no C compiler" in printed
     monkeypatch.setitem(sys.modules, "onnx", None)
-    with pytest.raises(ValueError, match="ONNX needs the package onnx: pip install"):
-        exporting.run(options)
+    refused(lambda: exporting.run(options), "ONNX needs the package onnx: pip install")
 
 
 def test_judged_refuses_a_network_or_controller_with_other_results(tmp_path):
@@ -53,10 +55,9 @@ def test_judged_refuses_a_network_or_controller_with_other_results(tmp_path):
     actions, computed = np.zeros((2, 10_000, 2), np.float32)
     assert "by at most 0.0e+00" in judged(tmp_path, computed, "", actions, 1e-6)
     computed[-1, 1] += 2e-6
-    with pytest.raises(ValueError, match="differs from the policy by 2"):
-        judged(tmp_path, computed, "", actions, 1e-6)
-    with pytest.raises(ValueError, match=r"commands differ by 2.0e-05 of the range"):
-        judged_replay(tmp_path, (2e-5, np.full(9, 1e-6)), 3, 0.016)
+    refused(lambda: judged(tmp_path, computed, "", actions, 1e-6), "differs from the policy by 2")
+    played = 2e-5, np.full(9, 1e-6)
+    refused(lambda: judged_replay(tmp_path, played, 3, 0.016), "commands differ by 2.0e-05 of the range")
 
 
 def entries(text):
@@ -65,11 +66,8 @@ def entries(text):
     return dict(line.split(": ", 1) for line in lines)
 
 
-@needs_onnx
 @pytest.mark.parametrize("environment", [{"range_noise": 0.01, "past_readings": 2}, IDS["ImpactTeleop-v0"]], ids=str)
-def test_header_and_onnx_have_the_same_contract_which_describes_the_task(tmp_path, environment):
-    import onnx
-
+def test_header_and_onnx_have_the_same_contract_which_describes_the_task(tmp_path, onnx, environment):
     policy = made_up_policy(environment=environment)
     policy.provenance["command"] = "train */ /* ??/ evil"
     subject = Subject(policy)
@@ -98,12 +96,9 @@ def test_checksum_changes_with_a_weight_and_with_the_task():
     assert Subject(policy).contract == Subject(made_up_policy()).contract
 
 
-@needs_onnx
 @pytest.mark.parametrize("name", ["linear-ranged", "linear-robust", "teleop-spring"])
-def test_loader_of_the_page_runs_onnx_from_its_metadata_alone(tmp_path, name):
+def test_loader_of_the_page_runs_onnx_from_its_metadata_alone(tmp_path, onnx, name):
     """It returns the commands of 50 episodes from readings in SI units."""
-    import onnx
-
     page = Path(__file__).parents[2] / "docs" / "how-to" / "deploy-c.md"
     (code,) = re.findall(r'```python title="loader.py"\n(.*?)```', page.read_text(), re.DOTALL)
     exec(code, loader := {})
@@ -123,8 +118,7 @@ def test_loader_of_the_page_runs_onnx_from_its_metadata_alone(tmp_path, name):
     model = onnx.load(tmp_path / "it.onnx")
     del model.metadata_props[:]
     onnx.save(model, tmp_path / "it.onnx")
-    with pytest.raises(ValueError, match="has no contract"):
-        loader["load"](tmp_path / "it.onnx")
+    refused(lambda: loader["load"](tmp_path / "it.onnx"), "has no contract")
 
 
 def test_all_controllers_of_a_set_up_are_exported_to_one_folder(tmp_path, capsys):

@@ -21,8 +21,7 @@ from impact_gym.envs import IDS
 from impact_gym.task import Task
 from impact_gym.task.action import RESOLUTION
 
-COMPILER = shutil.which("cc") or shutil.which("gcc")
-pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")
 
 
 @pytest.mark.parametrize("name", [
@@ -131,28 +130,22 @@ def faulty_readings(seed, steps=60):
     return readings
 
 
-def observed_by_hand(history, field, by_reading):
-    """Return the observed value of a field after the accepted readings `history`.
+def observed_by_hand(history, by_reading):
+    """Return the observed values, by field, after the accepted readings `history`.
 
     A missing number keeps its last value. Without `by_reading` an alarm stays on; the time since the alarm continues.
     """
-    values = [reading[field] for reading in history if np.isfinite(reading[field])]
-    last = values[-1] if values else 0.0
-    if field == "force":
-        return max(last, 0.0)
-    if field == "force_peak":
-        return max([0.0, *values, *(reading["force"] for reading in history if np.isfinite(reading["force"]))])
-    if field == "alarm":
-        return float(last > 0.5 if by_reading else max(values, default=0.0) > 0.5)
-    if field != "time_since_alarm":
-        return last
-    if not history or not observed_by_hand(history, "alarm", by_reading):
-        return 0.0
-    *before, now = history
-    on_before = observed_by_hand(before, "alarm", by_reading)
-    if np.isfinite(now[field]) and (by_reading or not on_before):
-        return now[field]
-    return observed_by_hand(before, field, by_reading) + now["time"] - before[-1]["time"] if on_before else 0.0
+    now = dict.fromkeys(FIELDS, 0.0)
+    for reading in history:
+        before, given = now, {field: value for field, value in reading.items() if np.isfinite(value)}
+        now = before | given
+        was_on = before["alarm"] > 0.5
+        on = now["alarm"] > 0.5 or (was_on and not by_reading)
+        since = before["time_since_alarm"] + now["time"] - before["time"] if was_on else 0.0
+        since = given.get("time_since_alarm", since) if by_reading or not was_on else since
+        peak = max(before["force_peak"], given.get("force_peak", 0.0), given.get("force", 0.0))
+        now |= {"alarm": float(on), "time_since_alarm": since if on else 0.0, "force_peak": peak}
+    return now | {"force": max(now["force"], 0.0)}
 
 
 NOT_TOLD = [f"-U__{name}__" for name in ("FAST_MATH", "FINITE_MATH_ONLY", "ASSOCIATIVE_MATH")]
@@ -182,8 +175,8 @@ def test_controller_treats_faulty_readings_as_the_header_says(tmp_path, environm
                 expected.append(expected[-1])
                 continue
             history.append(reading)
-            seen = {name: observed_by_hand(history, name, "alarm" in environment) for name in FIELDS}
-            seen |= {f"force_{k}": observed_by_hand(history[:-k], "force", False) for k in (1, 2)}
+            seen = observed_by_hand(history, "alarm" in environment)
+            seen |= {f"force_{k}": observed_by_hand(history[:-k], False)["force"] for k in (1, 2)}
             seen["time_weight"] = weight
             row = np.array([policy.spec.encode(name, seen[name]) for name in policy.spec.ids], np.float32)
             low, high = np.array([[-0.5, 1.0], [1.5, 20.0]])

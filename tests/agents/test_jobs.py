@@ -27,7 +27,6 @@ LOCAL = {"processes": 2}
 
 @pytest.fixture
 def log(tmp_path):
-    """The file in which each started call writes a line."""
     return tmp_path / "log"
 
 
@@ -80,7 +79,7 @@ def test_lost_process_fails_only_the_call_that_it_ran(log, tmp_path):
 
 @pytest.mark.storm
 def test_ray_results_equal_local_ones_to_the_bit(tmp_path):
-    job_cases = pytest.importorskip("job_cases", reason="the extra `cluster` is not installed")
+    pytest.importorskip("ray", reason="the extra `cluster` is not installed")
     of_another_cluster = ("RAY_ADDRESS", "RAY_RUNTIME_ENV_HOOK")
     environment = {name: value for name, value in os.environ.items() if name not in of_another_cluster} | SOURCES
     environment |= {"RAY_USAGE_STATS_ENABLED": "0", "PYTHONWARNINGS": "default"}
@@ -88,13 +87,13 @@ def test_ray_results_equal_local_ones_to_the_bit(tmp_path):
     folder.mkdir()  # the script runs there: Ray's workers look for modules in its folder
     with (tmp_path / "printed").open("w") as printed:
         streams = {"stdout": printed, "stderr": printed}
-        command = [sys.executable, "-m", "job_cases", folder]
+        command = [sys.executable, "-m", "cluster_work", folder]
         ended = subprocess.run(command, check=False, cwd=folder, env=environment, timeout=300, **streams)
     assert ended.returncode == 0, (tmp_path / "printed").read_text()[-4000:]
     outcome = json.loads((folder / "outcome.json").read_text())
-    stored = cached(cluster_work.played, job_cases.scenarios(folder), folder / "results", processes=0)
+    stored = cached(cluster_work.played, cluster_work.scenarios(folder), folder / "results", processes=0)
     assert sorted(calls(folder / "log")) == [*range(12)]  # only on the cluster
-    computed = cached(cluster_work.played, job_cases.scenarios(tmp_path), tmp_path / "here", processes=0)
+    computed = cached(cluster_work.played, cluster_work.scenarios(tmp_path), tmp_path / "here", processes=0)
     for first, second in zip(stored, computed, strict=True):
         assert first.pop("where") != second.pop("where")  # the kernels that were sent
     assert_identical(stored, computed)

@@ -8,6 +8,7 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+import tomli_w
 from episodes import Given, play
 from refusals import refused
 from scenes import scene
@@ -140,17 +141,10 @@ def test_warnings_name_the_problems_of_some_episodes(environment, words):
 
 def test_set_up_extends_another_key_by_key(tmp_path):
     """A set-up extends a file beside it, which extends a shipped one; it keeps its own baselines and words."""
-    (tmp_path / "arm.toml").write_text("""extends = "linear-ranged"
-        [environment]
-        tool_mass = 0.2
-        [training]
-        steps = 5_000_000""")
-    (tmp_path / "mine.toml").write_text("""extends = "arm.toml"
-        title = "Mine"
-        [environment]
-        range_noise = 0.02
-        [evaluation]
-        typical = 1.0""")
+    arm = {"extends": "linear-ranged", "environment": {"tool_mass": 0.2}, "training": {"steps": 5_000_000}}
+    own = {"title": "Mine", "environment": {"range_noise": 0.02}, "evaluation": {"typical": 1.0}}
+    (tmp_path / "arm.toml").write_text(tomli_w.dumps(arm))
+    (tmp_path / "mine.toml").write_text(tomli_w.dumps({"extends": "arm.toml"} | own))
     mine, shipped_one = load_setup(tmp_path / "mine.toml"), load_setup("linear-ranged")
     assert mine.environment == {**shipped_one.environment, "tool_mass": 0.2, "range_noise": 0.02}
     assert mine.training == replace(shipped_one.training, steps=5_000_000)

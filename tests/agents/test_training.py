@@ -25,7 +25,6 @@ from impact_gym.sb3 import ImpactVecEnv
 
 
 def model_of(run):
-    """Return a model that can learn, and its environments."""
     torch.set_num_threads(run.training.threads)
     environments = make_environments(run)
     environments.seed(3)

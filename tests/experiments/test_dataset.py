@@ -134,9 +134,7 @@ def test_bad_input(options, said):
     refused(lambda: make(**{"who": ("rule",), **options}), *said)
 
 
-def test_set_up_without_a_policy_is_refused_for_the_policy_alone_and_one_with_an_operator_takes_random_actions(
-    tmp_path,
-):
+def test_policy_is_refused_where_there_is_none_and_a_set_up_with_an_operator_takes_random_actions(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(tomli_w.dumps({"environment": {"coupling": {"type": "SpringDamper", "stiffness": 80.0}}}))
     refused(lambda: make(str(path), who=("policy",)), "mine")

@@ -1,4 +1,4 @@
-"""Shared parts of studies: intervals over seeds and scenarios."""
+"""Shared parts of studies: intervals over seeds and scenarios, and colours in which text can be read."""
 
 from dataclasses import astuple
 
@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from experiments.lab.statistics import Comparison, Resamples, along, estimate, tolerated
+from impact_gym.render import palette
 
 
 def test_estimate_has_the_interval_of_normal_theory():
@@ -62,3 +63,18 @@ def test_tolerated_has_the_factor_of_the_tables(n, factor):
     scores = np.random.default_rng(6).normal(3.0, 2.0, n)
     assert (scores.mean() - tolerated(scores)) / scores.std(ddof=1) == pytest.approx(factor, abs=6e-4)
     assert np.isnan(tolerated(scores[:1]))
+
+
+def luminance(colour):
+    """Return the relative luminance of a colour (WCAG 2.2)."""
+    parts = np.array([*bytes.fromhex(colour.removeprefix("#"))]) / 255.0
+    return np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+
+@pytest.mark.parametrize("scheme", [0, 1], ids=["light", "dark"])
+def test_colours_of_text_can_be_read_on_page_and_panel(scheme):
+    of = {name: luminance(colours[scheme]) for name, colours in palette.COLOURS.items()}
+    for name in ("rule", "policy", "profile", "person", "object", "force", "warning", "alarm", "muted", "fg", "link"):
+        for ground in ("bg", "panel"):
+            light, dark = sorted([of[name], of[ground]], reverse=True)
+            assert (light + 0.05) / (dark + 0.05) >= 4.5, (name, ground)

@@ -8,20 +8,22 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from cluster_work import kept
 from commands import read_printed
 from pages import opened, stands_on_its_own
 
-from agents.baselines import ConstantSpeed
+from agents.baselines import PaperTrapezoid
 from agents.baselines.tuned import load_baseline
+from agents.evaluate.play import pairs, play
 from agents.evaluate.scenario_batch import RESULTS, ScenarioBatch
 from agents.setups import TUNED, load_setup
-from experiments.report import matchups
+from experiments.report import choice, jobs, matchups
 from experiments.report.__main__ import ReportOptions, publish, write
 from experiments.report.matchups import PAPER
 from impact_gym.files import UNFINISHED
 from impact_gym.task import Task, evaluation_sets
 
-COUNT = 30
+COUNT, OWN = 30, "agents.baselines:PaperTrapezoid"
 
 
 @pytest.fixture(scope="module")
@@ -131,36 +133,26 @@ def test_page_chooses_a_set_up_by_key_and_by_link(browser, folder):
     assert problems == []
 
 
-def test_report_takes_a_users_baseline_ranges_and_tool_and_plays_and_writes_only_what_changed(
-    tmp_path, monkeypatch, capsys
-):
-    (tmp_path / "half_rule.py").write_text(
-        "from agents.baselines import ConstantSpeed\ndef half(): return ConstantSpeed(0.5)"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
+def test_report_takes_a_users_baseline_ranges_and_tool_and_plays_and_writes_only_what_changed(tmp_path, capsys):
     scenarios = tmp_path / "mine.json"
     ranges, tool = {"object_mass": 0.4, "distance": [0.2, 0.3]}, {"tool_mass": 0.2}
     scenarios.write_text(json.dumps({"ranges": ranges, "seed": 5, "count": 6, "environment": tool}))
-    options = ReportOptions(policy=("linear-blind",), baseline=("half_rule:half",), scenarios=str(scenarios),
+    options = ReportOptions(policy=("linear-blind",), baseline=(OWN,), scenarios=str(scenarios),
                             out=tmp_path / "out", processes=0)  # fmt: skip
     of_other_sources = tmp_path / ".out.episodes" / "0"
     of_other_sources.mkdir(parents=True)
     page = write(options)
     assert not of_other_sources.exists()
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == [".out.episodes"]
-    (kept,) = (tmp_path / ".out.episodes").iterdir()
-
-    def stored():
-        return {path: path.stat().st_mtime_ns for path in kept.rglob("*.pkl")}
-
-    answer, before, first = capsys.readouterr().out, page.stat().st_mtime_ns, stored()
-    assert f"results are kept in {kept}" in answer
+    (stored,) = (tmp_path / ".out.episodes").iterdir()
+    answer, before, first = capsys.readouterr().out, page.stat().st_mtime_ns, kept(stored)
+    assert f"results are kept in {stored}" in answer
     episodes = pl.read_parquet(page.with_name("episodes.parquet"))
     assert set(episodes["object_mass"]) == {0.4}
     assert episodes["distance"].is_between(0.2, 0.3).all()
-    half = of(episodes, "half_rule:half").sort("scenario")
-    judged = ScenarioBatch(5, 6, Task(scenario=ranges | {"distance": (0.2, 0.3)}, **tool)).play(ConstantSpeed(0.5))
-    assert (half["object_velocity"].to_numpy() == judged.object_velocity).all()
+    own = of(episodes, OWN).sort("scenario")
+    judged = ScenarioBatch(5, 6, Task(scenario=ranges | {"distance": (0.2, 0.3)}, **tool)).play(PaperTrapezoid())
+    assert (own["object_velocity"].to_numpy() == judged.object_velocity).all()
 
     assert write(options).stat().st_mtime_ns == before
     assert capsys.readouterr().out.splitlines()[-1] == answer.splitlines()[-1]
@@ -171,11 +163,43 @@ def test_report_takes_a_users_baseline_ranges_and_tool_and_plays_and_writes_only
         begun.touch()
         write(options)
         assert [path.exists() for path in (lost, letter, begun)] == [True, True, False]
-    assert stored() == first
+    assert kept(stored) == first
     write(replace(options, count=4, force=True))
-    assert len(of(pl.read_parquet(page.with_name("episodes.parquet")), "half_rule:half")) == 4
-    assert stored()
-    assert not stored().items() & first.items()  # what does not depend on how many scenarios there are, too
+    assert len(of(pl.read_parquet(page.with_name("episodes.parquet")), OWN)) == 4
+    assert kept(stored)
+    assert not kept(stored).items() & first.items()  # what does not depend on how many scenarios there are, too
     write(replace(options, policy=("rigid-blind",), count=4))
     assert {path.name.partition("_")[0] for path in page.with_name("figures").iterdir()} == {"rigid-blind"}
     assert letter.is_file()
+
+
+@pytest.mark.parametrize("arm", [{}, {"velocity_range": [-0.2, 1.2], "acceleration_range": [1.0, 10.0]}], ids=str)
+def test_play_as_late_has_the_rules_mean_time_on_the_validation_set_and_nearly_on_the_test_set(arm):
+    scenarios, validation = ({"set": name, "count": 200} for name in ("test", "validation"))
+    policy, rule = matchups.of_setup(load_setup("linear-blind"), scenarios).policy, {"baseline": "paper-trapezoid"}
+    late = jobs.play_as_late(policy.controller, arm, scenarios, policy.weights)
+    ours = play(policy.controller, validation, [float(late["weight"][0])], arm)
+    chosen, other = (play(rule, each, environment=arm) for each in (validation, scenarios))
+    assert ours["approach_time"].mean() == pytest.approx(chosen["approach_time"].mean(), abs=1e-3)
+    assert ours["approach_time"].mean() <= chosen["approach_time"].mean()
+    assert late["approach_time"].mean() == pytest.approx(other["approach_time"].mean(), rel=0.03)
+
+
+@pytest.mark.parametrize(("given", "ranges", "seed"), [
+    ({"set": "test", "count": 30}, "train", 60_000_000), ({"set": "hard", "count": 30}, "hard", 60_000_000),
+    ({"ranges": "train", "seed": 5, "count": 30}, "train", 60_000_005),
+])  # fmt: skip
+def test_scenarios_of_the_choice_come_from_the_same_ranges_and_other_seeds(given, ranges, seed):
+    drawn = choice.scenarios(given)
+    assert (pairs(drawn["ranges"]), drawn["seed"], drawn["count"]) == (pairs(ranges), seed, 2000)
+    table = {"table": {"distance": [0.2]}, "seed": 3, "count": 1}
+    assert choice.scenarios(table) == table
+
+
+@pytest.mark.parametrize(("scenarios", "holds_there"), [
+    ({"set": "test", "count": 64}, True), ({"set": "test", "count": 63}, False), ({"set": "hard", "count": 64}, False),
+    ({"ranges": pairs("test"), "seed": 2_000_000, "count": 64}, True),
+    ({"ranges": pairs({"distance": [0.2, 0.4]}), "seed": 2_000_000, "count": 64}, False),
+])  # fmt: skip
+def test_bound_is_shown_only_for_the_scenarios_that_were_searched(scenarios, holds_there):
+    assert (matchups.clairvoyant(load_setup("linear-blind"), scenarios) is not None) == holds_there

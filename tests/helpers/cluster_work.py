@@ -1,14 +1,16 @@
-"""Functions that the tests of jobs call in other processes; each call writes a line into a log."""
+"""Functions that the tests of jobs call in other processes, each of which writes a line into a log; a Ray cluster."""
 
 import errno
+import json
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
-from agents.jobs import ONE_THREAD
+from agents.jobs import ONE_THREAD, JobsFailedError, cached
 from impact_gym.files import whole_file
 
 
@@ -23,7 +25,6 @@ def calls(log):
 
 
 def kept(folder):
-    """Return the stored results below a folder, each with its time of writing."""
     return {path: path.stat().st_mtime_ns for path in folder.glob("**/*.pkl")}
 
 
@@ -47,7 +48,6 @@ def played(log, number, count):
 
 
 def fails_on(log, number, bad):
-    """Raise an error if the number is bad."""
     if number in bad:
         raise ArithmeticError(f"no result for {number}")
     return numbers(log, number)
@@ -60,6 +60,39 @@ def kills_itself(log, number):
 
 
 def finds_no_room(path):
-    """Write a file to a full disk."""
     with whole_file(Path(path)):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def scenarios(folder):
+    return [{"log": str(folder / "log"), "number": number, "count": 25} for number in range(12)]
+
+
+def said(function, arguments, folder, cluster):
+    try:
+        cached(function, arguments, folder, cluster=cluster)
+    except (JobsFailedError, RuntimeError) as error:
+        return str(error)
+
+
+def main():
+    """Run calls on a Ray cluster of this machine, and write the messages of the errors into the folder.
+
+    Ray prints much, and its warnings would fail the tests. So pytest reads only the files that this script writes.
+    """
+    from ray.cluster_utils import Cluster
+
+    folder = Path(sys.argv[1])
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
+    try:
+        cached(played, scenarios(folder), folder / "results", cluster=cluster.address)
+        bad = [{"log": str(folder / "bad"), "number": number, "bad": [1]} for number in range(2)]
+        outcome = {"failed": said(fails_on, bad, folder, cluster.address)}
+    finally:
+        cluster.shutdown()
+    outcome["none"] = said(played, scenarios(folder), folder / "none", "127.0.0.1:1")
+    (folder / "outcome.json").write_text(json.dumps(outcome))
+
+
+if __name__ == "__main__":
+    main()

@@ -29,12 +29,6 @@ varied = { tool_mass = [0.4] }
 """
 
 
-def own_set_up(folder):
-    path = folder / "mine.toml"
-    path.write_text(TEXT)
-    return path
-
-
 def change(path, old, new):
     text = path.read_text()
     assert old in text

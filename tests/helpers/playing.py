@@ -65,12 +65,6 @@ class Served:
             time.sleep(0.05)
         return found
 
-    @property
-    def clock(self):
-        """The process id of its clock."""
-        (number,) = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
-        return int(number)
-
     def end(self, how=signal.SIGINT):
         """End the server; return its exit code and what it and its clock print until both have ended."""
         self.process.send_signal(how)
@@ -140,5 +134,4 @@ def begin(page, key="Enter"):
 
 
 def until_over(page):
-    """Wait for the result of the try."""
     page.wait_for_selector("body:not(.playing) #answer:not([hidden])", timeout=20000)

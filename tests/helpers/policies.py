@@ -11,7 +11,6 @@ from impact_gym.task import ActionSpec, ObservationSpec, Task
 
 
 def made_up_policy(seed=0, environment=None, activation="tanh", log_std=-1.0, sizes=(16, 12)):
-    """Return a policy with random weights and constant noise."""
     environment = environment or {}
     rng = np.random.default_rng(seed)
 

@@ -5,7 +5,6 @@ import json
 from dataclasses import replace
 
 import pytest
-from episodes import assert_identical
 
 from agents import load_policy, load_setup
 from agents.policies.networks import to_arrays
@@ -37,7 +36,6 @@ def interrupted(run, out, after=0):
 
 
 def rows(folder):
-    """Return the learning curve."""
     with (folder / "progress.csv").open() as file:
         return list(csv.DictReader(file))
 
@@ -47,7 +45,3 @@ def left(folder):
     weights = [to_arrays(load_policy(folder / name).network) for name in ("final.npz", "best.npz")]
     metrics = json.loads((folder / "metrics.json").read_text())
     return weights, rows(folder), metrics["validation"], metrics["curve"]
-
-
-def assert_same(first, second):
-    assert_identical(left(first), left(second))

@@ -4,6 +4,5 @@ from playing import served
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
-    """A server for all tests of a file."""
     with served(tmp_path_factory.mktemp("play") / "tries") as running:
         yield running

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 from contextlib import ExitStack, closing, suppress
+from pathlib import Path
 
 import pytest
 from playing import ROOT, SETUP, closed, heard, say, served
@@ -168,7 +169,9 @@ def test_odd_request_has_a_proper_answer_and_none_if_it_is_no_request(server, li
 def test_page_says_that_its_clock_was_killed(tmp_path):
     with served(tmp_path / "tries") as server, server.connect() as page:
         server.push(page, 1)
-        os.kill(server.clock, signal.SIGKILL)
+        pid = server.process.pid
+        (clock,) = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        os.kill(int(clock), signal.SIGKILL)
         assert "the clock has stopped" in heard(page, "failed")["text"]
 
 
