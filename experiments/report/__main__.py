@@ -180,6 +180,7 @@ def results_of(folder: Path) -> dict[str, Any]:
 
 def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, begun: float) -> None:
     """Write the files of the report over those of an earlier report; write results.json last."""
+    from experiments.lab.page import write as write_page
     from experiments.report import page
     from experiments.report.played import episodes
 
@@ -216,8 +217,10 @@ def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, 
         "own": bool(options.policy) or not all(load_setup(name).shipped for name in options.setups),
         "trained_with": ", ".join(dict.fromkeys(map(" ".join, versions))) or "versions that their files do not name",
         "resamples": f"{RESAMPLES:,}",
+        "policies": page.policies_table(played),
+        "seeds": max(len(each.seeds) for each in played),
     }
-    page.write(folder, about, tabs, played)
+    write_page(folder, "report/page.html.jinja", runs=[about], about=about, tabs=tabs)
     write_file(folder / RESULTS, json.dumps(results, indent=2) + "\n")
 
 

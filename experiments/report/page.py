@@ -1,15 +1,13 @@
 """The page: a tab for each set-up, with the answer on the first screen and the details below."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
 from agents.evaluate.play import controller_of, frozen_of
 from agents.provenance import todays
-from experiments.lab import page
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.player import choose, films, fragment
 from experiments.report import ablation, answer, choice, holds, tables
@@ -108,14 +106,3 @@ def watch(played: Played) -> dict[str, Any]:
         for run in (run for scene in watched["scenes"] for run in scene["runs"]):
             run["sentence"] = ABOUT[run["name"]]
     return watched
-
-
-def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> None:
-    """Write the page into `folder`, and the page's pictures into `folder`/figures."""
-    page.write(
-        folder,
-        "report/page.html.jinja",
-        runs=[about],
-        about={**about, "policies": policies_table(all_played), "seeds": max(len(each.seeds) for each in all_played)},
-        tabs=tabs,
-    )
