@@ -32,12 +32,14 @@ def play(
     controller: Mapping[str, Any], environment: Mapping[str, Any], scenarios: Mapping[str, Any],
     weights: Sequence[float], lenient: bool = False,
 ) -> pl.DataFrame:  # fmt: skip
-    """Return a row for each episode, with weight (m/s per s), number, scenario and results of the episode."""
+    """Return a row for each episode, with weight (m/s per s), number, scenario, results and cost (m/s)."""
     results = jobs.play(controller, scenarios, weights, environment, lenient)
     measured = {name: results[name] for name in MEASURED if name in results}
     shape = next(iter(measured.values())).shape
     columns: dict[str, Any] = {"weight": np.array(weights)[:, None], "episode": np.arange(shape[1])}
     columns |= {name: results[name] for name in FIELDS} | measured
+    columns["cost"] = measured["object_velocity"] + columns["weight"] * measured["approach_time"]
+    columns["cost"] += missed_cost(environment) * measured["missed"]  # in this order, as `Episodes.loss`
     return pl.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in columns.items()})
 
 
@@ -52,20 +54,16 @@ def sample(frame: pl.DataFrame, name: str) -> Floats:
     return ordered[name].to_numpy().astype(np.float64).reshape(ordered["seed"].n_unique(), -1)
 
 
-def front(
-    frame: pl.DataFrame, resamples: Resamples, measures: Sequence[str] = ("approach_time", "object_velocity")
-) -> Front:
-    """Return the means (1 + n, weights) of both `measures`; `frame` has one contestant and one place."""
+def front(frame: pl.DataFrame, resamples: Resamples) -> Front:
+    """Return the front of rows of one contestant in one place."""
     each = [rows for _, rows in groups(frame.sort("weight"), "weight")]
-    first, second = (np.stack([resamples.means(sample(rows, name)) for rows in each], axis=1) for name in measures)
-    return first, second
+    times, velocities = (
+        np.stack([resamples.means(sample(rows, name)) for rows in each], axis=1)
+        for name in ("approach_time", "object_velocity")
+    )
+    return times, velocities
 
 
 def missed_cost(environment: Mapping[str, Any]) -> float:
     """Return the cost of a miss in an environment, m/s."""
     return float(environment.get("missed_cost", MISSED_COST))
-
-
-def cost(weight: float, missed_cost: float) -> pl.Expr:
-    """Return the cost of an episode, m/s: V_p + w T + the cost of a miss."""
-    return pl.col("object_velocity") + weight * pl.col("approach_time") + missed_cost * pl.col("missed")

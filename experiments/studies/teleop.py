@@ -30,7 +30,7 @@ HELD_OUT: Mapping[str, Mapping[str, Any]] = {  # operators with which no policy 
 OPERATORS = (REACH, SEEN, *HELD_OUT)
 ALONE, RULE, BRAKE, POLICY = "operator alone", "paper's rule", "local brake", "policy"
 ASSISTANCE = (ALONE, RULE, BRAKE, POLICY)
-MEASURES = ("object_velocity", "slide", "done_time", "taken", "missed")
+MEASURES = ("object_velocity", "slide", "done_time", "taken", "missed", "cost")
 COLOURS = {ALONE: SERIES[3], BRAKE: SERIES[4], POLICY: SERIES[1]}
 SHOWN = {"slide": (100.0, "slide (cm)"), "done_time": (1.0, "done (s)")}  # factor and label of each row of panels
 
@@ -71,17 +71,14 @@ def table_of_cells(frames: Frames) -> list[dict[str, Any]]:
     """Return a row for each assistance in each cell: means, and by how much slide and cost are below the brake's."""
     found = list[dict[str, Any]]()
     for labels, rows in grid.groups(frames["episodes"], *LABELS):
-        setup = load_setup(f"teleop-{labels[0]}")
-        weight = setup.evaluation.typical
-        rows = rows.with_columns(cost=grid.cost(weight, grid.missed_cost(setup.environment)))
         resamples = Resamples(rows["episode"].n_unique())
         means = {
-            who: {name: resamples.means(grid.sample(each, name)) for name in (*MEASURES, "cost")}
+            who: {name: resamples.means(grid.sample(each, name)) for name in MEASURES}
             for (who,), each in grid.groups(rows, "contestant")
         }
         for who, ours in means.items():
             row = dict(zip(LABELS, labels, strict=True))
-            row |= {"contestant": who, "scenarios": resamples.scenarios, "weight": weight}
+            row |= {"contestant": who, "scenarios": resamples.scenarios, "weight": rows["weight"][0]}
             estimates = {name: estimate(resampled) for name, resampled in ours.items()}
             for name in ("slide", "cost"):
                 estimates[f"brake_{name}"] = estimate(means[BRAKE][name] - ours[name])
