@@ -1,4 +1,4 @@
-"""Archives, the files of policies and checkpoints: arrays and JSON with a checksum. Reading one runs no code."""
+"""Files of arrays and JSON with a checksum, for policies and checkpoints. Reading such a file runs no code."""
 
 import hashlib
 import io
@@ -35,12 +35,11 @@ def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArr
 
 
 def unpacked(packed: bytes, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of an archive; any exception: it is damaged or no `kind`."""
+    """Return content and arrays of an archive; any exception: the archive is damaged, or its format is not `kind`."""
     with NpzFile(io.BytesIO(packed), allow_pickle=False) as archive:
-        parts = archive.zip.infolist()  # type: ignore[union-attr]  # None after closing
+        parts = archive.zip.infolist()  # type: ignore[union-attr]  # it is None after closing
         if (size := sum(part.file_size for part in parts)) > len(packed):
             raise ValueError(f"it would unpack from {len(packed):,} to {size:,} bytes")
-        # a small compressed part could unpack to any size
         if compressed := [part.filename for part in parts if part.compress_type != zipfile.ZIP_STORED]:
             raise ValueError(f"{shown(compressed[0])} is compressed; an archive is not")
         header = json.loads(str(archive["header"]))

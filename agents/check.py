@@ -21,7 +21,7 @@ from impact_gym.quantities import QUANTITIES
 from impact_gym.scene import Bistable, SpringDamper
 from impact_gym.task import ActionSpec, ObservationSpec, Task
 
-SAMPLE = 500  # scenarios that the paper's rule plays
+SAMPLE = 500  # number of scenarios that the paper's rule plays
 
 
 @dataclass(frozen=True)

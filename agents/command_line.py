@@ -94,8 +94,8 @@ def command_line(name: str, after: str = "the same command continues") -> Iterat
 def command_of(name: str, options: Any, default: Any = None, *first: str) -> str:
     """Return the command line `impact-gym NAME ...` from which `read_command` reads `options`.
 
-    Options with the same value as in `default` are left out; None: with the default value of the dataclass. The words
-    in `first` come before the options.
+    Named options with the same value as in `default` are left out. If `default` is None, they are compared with the
+    default values of the dataclass's fields. The words in `first` come before the options.
     """
     positional, named = _words(options, default)
     return shlex.join(["impact-gym", name, *first, *positional, *named])
@@ -135,7 +135,7 @@ class _Lines(io.TextIOBase):
 def progress(title: str, total: int, begun: int = 0) -> "tqdm[Any]":
     """Return a progress bar with `begun` of `total` steps done; the caller updates and closes it.
 
-    On a terminal the main process redraws the bar. In a log, or in another process, it prints a line every 30 s.
+    On a terminal the main process redraws the bar. In a log, or in another process, a line is printed every 30 s.
     """
     from tqdm import tqdm
 

@@ -1,9 +1,8 @@
 """Run independent calls in parallel, on this machine or on a Ray cluster, and store their results.
 
-A result has the same bits wherever it is computed. The process that calls `cached` stores each result in a file as soon
-as it arrives. So a command that was stopped or killed continues when it is run again, and the nodes of a cluster need
-no common disk. Stored results are pickles, and reading a pickle can run code: give `cached` only a folder that only
-you can write to.
+The process that calls `cached` stores each result in a file as soon as it arrives. So a command that was stopped or
+killed continues when it is run again, and the nodes of a cluster need no common disk. Stored results are pickles, and
+reading a pickle can run code: give `cached` only a folder that only you can write to.
 """
 
 import hashlib
@@ -98,7 +97,7 @@ def cached(
         done: function that this process calls with index and result of each call, stored results first.
 
     Raises:
-        JobsFailedError: `failed` is None, and calls failed. It is raised after all other calls.
+        JobsFailedError: `failed` is None, and calls failed. The error is raised when all calls have ended.
         DiskFullError: the disk has no room for a result, or for a file that a call writes.
         RuntimeError: there is no such cluster, or Ray is not installed.
         TypeError, ValueError: other processes cannot import the function, or it does not take the arguments.
@@ -174,7 +173,6 @@ def _stored(call: Call, folder: Path) -> bytes | None:
 
 
 def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: str) -> Call:
-    """Return the `Call` of a function, which other processes must be able to import, with JSON arguments."""
     module, name = function.__module__, function.__qualname__
     if module == "__main__":  # a command runs a module as a script
         module = getattr(sys.modules["__main__"].__spec__, "name", "")
@@ -203,10 +201,7 @@ def perform(call: Call, versions: Mapping[str, str]) -> bytes:
 
 
 def on_this_machine(calls: Sequence[Call], processes: int | None, seconds: float | None) -> Answers:
-    """Run calls in new processes of this machine, spawned, because forked ones would inherit threads and locks.
-
-    The package pebble can end a call that takes too long; a dead process fails only its call.
-    """
+    """Run calls in new processes of this machine, spawned, because forked ones would inherit threads and locks."""
     if processes == 0 or not calls:
         yield from ((call, perform(call, {})) for call in calls)
         return

@@ -1,7 +1,6 @@
 """Tune the baselines of set-ups: `impact-gym tune my.toml`, or `impact-gym tune` for all shipped set-ups.
 
-Each baseline is tuned for each time weight of the set-up's evaluation, by CMA-ES on tuning scenarios. Finished searches
-are stored, so the same command continues where it was stopped.
+CMA-ES tunes each baseline for each time weight. Finished searches are stored, and not repeated.
 """
 
 import math
@@ -199,7 +198,7 @@ def tune_one(
     rule: str, environment: Mapping[str, Any], weight: float, rtol: float, jitter: float = 0.0,
     clean_alarm: bool = False, *, scenarios: int, budget: int, population: int, seed: int,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the best parameters (k) of a rule at one weight, its scores (m/s) and the number of generations."""
+    """Return the best parameters (k,) of a rule at one weight, their scores, and the number of generations."""
     task = Task(**{**environment, **(CLEAN_ALARM if clean_alarm else {})})
     kind, rng = tuned.RULES[rule], np.random.default_rng((seed, 1))
     options: Any = {"copies": population, "time_weight": [weight] * population, "threads": 1, "lenient": True}

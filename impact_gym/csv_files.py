@@ -33,7 +33,7 @@ SCALES: Mapping[str, Mapping[str, float]] = {
 """For each SI unit: accepted spellings of units, in lower case, and their factors to the SI unit."""
 IN_BRACKETS = (r"(.+?)[\s_]*[\[({<]([^\[({<]*)[\])}>]\s*", r"([^/]+?)\s*/\s*\(?(.+?)\)?")
 UNIT_FORMS = (*IN_BRACKETS, r"(.+)()", r"(.+?)(?:[\s_,:-]|\bin\b)+([^\s_]+)")
-"""Patterns of a column's header. Unknown units are refused in Force (N) and force/N. The others: force, force_N."""
+"""Patterns of a column's header: Force (N) and force/N, in which an unknown unit is refused; force; force_N."""
 SEPARATORS = ("\t", ";", ",", "|", None)  # None: any run of blanks
 NUMBERS = {
     sign: re.compile(rf"[+-]?((\d+[{sign}]?\d*|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
@@ -41,7 +41,7 @@ NUMBERS = {
 }
 COMMENTS = ("#", "%", "//")
 COMMENT_LINE = re.compile(r"^[ \t]*(#|%|//).*", re.MULTILINE)
-FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # the layout is found from at most this much of a file
+FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # largest part of a file from which the layout is found
 
 
 class Column(NamedTuple):
@@ -160,7 +160,7 @@ def _layout(lines: Sequence[str]) -> _Layout:
                 most = sum(shares)
     if best is None:
         written = next((line for line in reversed(lines) if line.strip()), "")
-        reason = f"no line has two numbers among the first {len(lines)}, e.g. {shown(written)}"
+        reason = f"no line has two numbers among the first {len(lines)}, of which the last is {shown(written)}"
         raise ValueError(reason if written else "it is empty")
     return best
 
@@ -202,7 +202,7 @@ def _sources(
 def _names(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column]
 ) -> tuple[list[str], list[str], list[int]]:
-    """Return names and units of the columns, and indices of lines above the numbers that are neither, nor comments."""
+    """Return names and units of the columns, and indices of lines between names and numbers that are something else."""
     units: list[str] = []
     between: list[int] = []
     for k in reversed(range(layout.first)):
@@ -221,7 +221,7 @@ def _names(
 
 
 def _heads(line: str, layout: _Layout) -> Iterator[list[str]]:
-    """Split a line by each separator in turn; yield the splits that have as many names as there are columns."""
+    """Split a line by each separator in turn; yield the results with as many names as there can be columns."""
     rows = [_split(line, separator) for separator in (layout.separator, *SEPARATORS) if separator]
     rows += [re.split(pattern, line.strip()) for pattern in (r"\s{2,}", r"\s+(?![\[({</])")]
     for row in rows:

@@ -12,11 +12,11 @@ SIGMA = 0.2
 """Initial standard deviation, as a fraction of the range of each parameter."""
 
 Losses = Callable[[Floats], Floats]
-"""Function from candidates (population, problems, k) to their losses (population, problems)."""
+"""Function from the k parameters of candidates (population, problems, k) to their losses (population, problems)."""
 
 
 class Minimum(NamedTuple):
-    """The best candidate of each problem."""
+    """The candidate with the lowest loss of each problem."""
 
     parameters: Floats  # (problems, k)
     loss: Floats  # (problems,)
@@ -27,10 +27,10 @@ def minimise(
     losses: Losses, parameters: tuple[Parameter, ...], problems: int = 1, population: int = 20, generations: int = 150,
     seed: int = 0,
 ) -> Minimum:  # fmt: skip
-    """Minimise the loss of each problem, from the start values of `parameters` and within their limits.
+    """Minimise the losses of independent problems, from the start values of `parameters` and within their limits.
 
-    Each generation calls `losses` once, with `population` candidates of each problem. The search ends after
-    `generations`, or when it has converged for all problems. The result depends on the arguments alone.
+    Each generation calls `losses` once, with `population` candidates of each problem. There are `generations`, or fewer
+    if CMA-ES stops earlier for all problems. The random numbers depend only on `seed`.
     """
     import cma  # not needed to play a rule
 
@@ -42,14 +42,14 @@ def minimise(
             "bounds": [0.0, 1.0],
             "popsize": population,
             "randn": lambda *shape, rng=rng: rng.standard_normal(shape),
-            "seed": np.nan,  # so the package does not seed NumPy's global generator
+            "seed": np.nan,  # so that the package does not seed NumPy's global generator
             "tolfun": 1e-5,  # m/s
             "verbose": -9,
         }
         searches.append(cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, options))
 
     def within_limits(shares: Any) -> Floats:
-        return np.clip(low + np.clip(shares, 0.0, 1.0) * (high - low), low, high)  # the product may round beyond them
+        return np.clip(low + np.clip(shares, 0.0, 1.0) * (high - low), low, high)  # rounding may exceed a limit
 
     generation = 0
     while generation < generations and not all(search.stop() for search in searches):
@@ -63,10 +63,7 @@ def minimise(
 
 
 class Jittery(NamedTuple):
-    """A rule with random errors on its actions, the same for all candidates of a search in a scenario.
-
-    With these errors the search avoids parameters that work only if the arm follows commands exactly.
-    """
+    """A rule whose actions get random errors, in each scenario the same for all candidates of a search."""
 
     rule: Controller
     jitter: float  # standard deviation of the errors, as a fraction of an action's range of 2
@@ -76,7 +73,7 @@ class Jittery(NamedTuple):
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, Any]:
-        """Return the rule's actions (n, k) with errors, and its next state."""
+        """Return the rule's actions (n, k) with errors, and the rule's next state."""
         actions, state = self.rule.predict(observation, state, episode_start, deterministic)
         off = self.rng.normal(0.0, 2.0 * self.jitter, (self.scenarios, actions.shape[-1]))
         return actions + np.tile(off, (len(actions) // self.scenarios, 1)), state

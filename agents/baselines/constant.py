@@ -1,4 +1,4 @@
-"""Baselines without a profile: a constant speed until the alarm, the operator's own command, random actions."""
+"""Baselines without a speed profile: a constant speed until the alarm, the operator's own command, random actions."""
 
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -22,7 +22,7 @@ class ConstantSpeed(Rule):
     )
 
     def __init__(self, speed: ArrayLike, acceleration: ArrayLike = 8.0, deceleration: ArrayLike | None = None) -> None:
-        """Make a controller; each argument is a number, or an array with a number for each row of the batch.
+        """Make a controller; each argument is a number, or an array with a number for each row of a batch.
 
         Args:
             speed: m/s, above 0, at most 1.5.
@@ -34,16 +34,13 @@ class ConstantSpeed(Rule):
         super().__init__(np.stack(np.broadcast_arrays(speed, acceleration, braking), axis=-1))
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return the speed until the alarm, and then 0."""
+        """Return the velocity (m/s), which is 0 from the alarm on, and the acceleration (m/s^2) to it."""
         change = np.where(view.alarm, self["deceleration"], self["acceleration"])
         return np.where(view.alarm, 0.0, self["speed"]), change
 
 
 class PaperTrapezoid(ConstantSpeed):
-    """The paper's rule (section 3.2): accelerate at 8 m/s^2 to 1 m/s; at the alarm, brake at 8 m/s^2 to rest.
-
-    In the default environment the alarm comes 16 ms after the contact force reaches 1 N.
-    """
+    """The paper's rule (section 3.2): accelerate at 8 m/s^2 to 1 m/s; at the alarm, brake at 8 m/s^2 to rest."""
 
     def __init__(self) -> None:
         super().__init__(speed=1.0, acceleration=8.0)

@@ -1,8 +1,7 @@
 """Rules that detect the touch from the sensors' readings instead of using the environment's alarm.
 
-With `alarm="reading"` the noise of the force sensor can raise the environment's alarm. A detector estimates the noise
-and adds up the readings' excess over it: a cumulative sum (E. S. Page, Continuous inspection schemes, Biometrika 41,
-1954).
+With `alarm="reading"` the noise of the force sensor can raise the environment's alarm. The rules here use a cumulative
+sum instead (E. S. Page, Continuous inspection schemes, Biometrika 41, 1954).
 """
 
 from collections.abc import Mapping
@@ -25,9 +24,10 @@ DETECTOR = (
 )
 """Parameters of the cumulative sum in `DetectorRule.touched`.
 
-Each step subtracts `allowance` and `allowance per noise` from the sum. A touch is detected when the sum exceeds
-`detection` plus `detection per noise`. "per noise": the number is multiplied by the standard deviation of the force
-readings (N). "share that a deflection keeps": the factor by which a critically damped deflection decays in one step.
+Each step adds to the sum: force - mean force - `force per kick` * kick - `allowance` - `allowance per noise` * noise. A
+touch is detected when the sum exceeds `detection` + `detection per noise` * noise. The noise (N) is the standard
+deviation of the force readings. "share that a deflection keeps": exp(-w T) for a critically damped tool with the
+natural frequency w and the control period T.
 """
 
 
@@ -35,15 +35,15 @@ class DetectorRule(ReactingRule):
     """A `ReactingRule` whose alarm is raised by a cumulative sum over the readings of force and deflection.
 
     While its alarm is off, the rule estimates mean and standard deviation of the force readings. A touch pushes the
-    tool back: the `kick` is the deflection minus the value that the two readings before predict for a critically damped
-    tool without a touch. The alarm lasts for the time `after_alarm`, an argument of the environment.
+    tool back. The `kick` is the deflection minus the value that the two previous readings predict for a critically
+    damped tool without a touch. The alarm lasts for the time `after_alarm`, an argument of the environment.
     """
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"deflection_sensor": True, "past_readings": 2}
     MEMORY = 4  # cumulative sum; count, mean and sum of squared deviations of force readings while the alarm is off
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return the view with the rule's own alarm, and the next state: begin of the alarm (s) and `memory`."""
+        """Return the view with the rule's own alarm, and the next state: begin of the alarm (s), numbers of MEMORY."""
         time, start = view["time"], state is None or (episode_start is not None and episode_start)
         raised, *memory = np.zeros((1 + self.MEMORY, *np.shape(time))) if state is None else state
         cleared = start | (time > raised + self.task.after_alarm - CLOCK)

@@ -3,7 +3,7 @@
 The sum of a reading, the flange's position and the tool's deflection at the time of the reading is a measurement of the
 object's place. The estimate begins at the middle of the set-up's range of distances, with the variance of a uniform
 distribution over this range. Each measurement is weighted by the inverse of its variance. The filter uses the set-up's
-range sensor, tool mass and coupling; for a drawn number of these, it uses the middle of the number's range.
+range sensor, tool mass and coupling; for a drawn number of these, it uses the median of the draws.
 """
 
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from agents.baselines.profile import LEAST_SPREAD, StretchedProfile
 from agents.baselines.rule import CLOCK, Floats, View
 from impact_gym.scene import SpringDamper
 
-KEPT = 32  # control steps whose tool position the filter remembers, for delayed readings
+KEPT = 32  # number of control steps whose tool position the filter remembers, for delayed readings
 
 
 class FilteredProfile(StretchedProfile):
@@ -65,7 +65,7 @@ class FilteredProfile(StretchedProfile):
     def swing(self, deflection: Floats, rate: Floats, gained: Floats) -> tuple[Floats, Floats]:
         """Return the tool's deflection (m) and its rate (m/s) after a step in which the flange gains `gained` (m/s).
 
-        The acceleration of the flange is constant (paper, eq. 17). Without a spring, deflection and rate stay 0.
+        The flange's acceleration is constant (paper, eq. 17). Without a SpringDamper, both stay unchanged.
         """
         coupling, period = self.task.coupling, self.task.control_period
         if not isinstance(coupling, SpringDamper):

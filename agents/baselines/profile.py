@@ -1,8 +1,8 @@
 """Rules that follow a speed profile until the alarm, then command a velocity that depends on the time since the alarm.
 
-A profile is a speed as a function of the flange's position, of the estimated distance or of the true distance. No
-sensor measures the true distance: a rule that uses it is a bound for the other rules. The reaction does not depend on
-the measured force, because the best reaction is to retreat at full acceleration at every force.
+A profile is a speed as a function of the flange's position, of the estimated distance or of the true distance, which no
+sensor measures. The reaction does not depend on the measured force, because at every force the best reaction is to
+retreat at full acceleration.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,15 +26,12 @@ USUAL_SPREAD, LEAST_SPREAD = 1e-2, 1e-3  # m, usual and smallest standard deviat
 
 
 class ReactingRule(Rule):
-    """Follow a speed profile until the alarm, then command the velocities of the parameters REACTION.
+    """Follow a speed profile until the alarm, then command the velocities of the parameters REACTION."""
 
-    A rule without the parameter ACCELERATION follows its profile with accelerations up to ACCELERATION_RANGE[1].
-    """
-
-    OVER = "position"  # observed number that the profile is a function of; a distance counts as a negative position
+    OVER = "position"  # name of the observed number on which the profile depends; for a distance, its negative value
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return the command of `approach` until the alarm, and then the command of the reaction."""
+        """Return velocity and acceleration: those of `approach` until the alarm, and then those of the reaction."""
         velocity, acceleration = self.approach(view)
         after = interpolate(TIMES, self.columns(REACTION[0].name, len(TIMES)), view["time_since_alarm"])
         fast = self["acceleration after the alarm"]
@@ -47,7 +44,7 @@ class ReactingRule(Rule):
         return follow(self.profile(view), position, view["velocity"], most, self.task.control_period)
 
     def profile(self, view: View) -> Callable[[Floats], Floats]:
-        """Return the function from position (m) to speed (m/s); a rule may let it depend on the observation."""
+        """Return the function from position (m) to speed (m/s); it may depend on `view`."""
         return self.speed
 
     def speed(self, position: Floats) -> Floats:
@@ -59,10 +56,11 @@ def follow(
     speed: Callable[[Floats], Floats], position: Floats, velocity: Floats,
     acceleration: ArrayLike = ACCELERATION_RANGE[1], period: float = CONTROL_PERIOD,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """Return the command with which the flange has the profile's `speed` at the end of a control `period` (s).
+    """Return velocity and acceleration with which the flange has the profile's `speed` at the end of a `period` (s).
 
     The position at the end is predicted twice: from the present velocity alone; then from the mean of the present
-    velocity and the profile's speed at the first prediction. `acceleration` (m/s^2) limits both changes of velocity.
+    velocity and the profile's speed at the first prediction. The changes of velocity in this mean and in the command
+    are limited by `acceleration` (m/s^2).
     """
     ahead = speed(position + velocity * period)
     reach = np.asarray(acceleration) * period
@@ -72,11 +70,11 @@ def follow(
 
 
 KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315, 0.35])
-"""Positions (m) of the corners of `BlindProfile`, see `Rule.placed`. The arm accelerates up to the first corner."""
+"""Positions (m) of the corners of `BlindProfile`, see `Rule.placed`."""
 AHEAD: Floats = np.array([-0.2, -0.12, -0.08, -0.05, -0.035, -0.02, -0.01, 0.0, 0.01, 0.025, 0.05])
 """Positions (m) of the corners of `RangedProfile`, relative to the estimated place of the object."""
 GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
-"""Gaps (m) between tool and object at the corners of `Clairvoyant`. Below a gap of 0 the object is compressed."""
+"""The object's distance minus the flange's position (m) at the corners of `Clairvoyant`: the gap of a relaxed tool."""
 
 
 class BlindProfile(ReactingRule):
@@ -116,7 +114,7 @@ class ConstantDeceleration(ReactingRule):
 
 
 class Ranged(ReactingRule):
-    """Brake at constant deceleration to the `contact speed`, from a `margin` before the estimated distance on."""
+    """Brake at constant deceleration to the `contact speed`, which is reached `margin` before the estimated place."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_noise": 0.01}
     PARAMETERS = (
@@ -175,10 +173,7 @@ class StretchedProfile(RangedProfile):
 
 
 class Clairvoyant(ReactingRule):
-    """Follow a velocity profile over the true gap between tool and object until the alarm; then react.
-
-    The parameters are optimised for each scenario.
-    """
+    """Follow a velocity profile over the object's true distance minus the flange's position; react to the alarm."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"privileged": True}
     PARAMETERS = (
@@ -190,7 +185,7 @@ class Clairvoyant(ReactingRule):
     OVER = "distance"
 
     def speed(self, position: Floats) -> Floats:
-        """Return the velocity (m/s) at the tool's `position` (m) relative to the object; before all GAPS it brakes."""
+        """Return the velocity (m/s) at a flange `position` (m) relative to the object's distance."""
         corners = self.columns(self.PARAMETERS[0].name, len(GAPS))
         far = np.maximum(-position - GAPS[-1], 0.0)
         near = interpolate(GAPS, corners, -position)

@@ -1,7 +1,4 @@
-"""The base class of most baselines: a rule with a few parameters that turns observations (SI units) into commands.
-
-A rule has one set of parameters, or one set for each row of a batch; so one batch can play many candidates.
-"""
+"""The base class of most baselines: a rule, which computes commands from observations and a few parameters."""
 
 import copy
 from collections.abc import Mapping, Sequence
@@ -20,7 +17,7 @@ CONTROL_PERIOD: float = Task.control_period  # s
 DISTANCES = ScenarioRanges().distance
 """Default range of the objects' distances, m. Positions in rules' parameters are for this range, see `Rule.placed`."""
 LEAST_STRETCH = 0.01  # m, lower limit of a range's near end and width in `Rule.placed`
-SLOWEST = 1e-9  # m/s, smallest operator's speed by which a rule divides
+SLOWEST = 1e-9  # m/s, smallest speed of an operator by which a rule divides
 CLOCK = 1e-6  # s, resolution of the observed time
 
 
@@ -54,7 +51,7 @@ class View:
 
 @cache
 def least_task(rule: Any) -> tuple[Task, ObservationSpec]:
-    """Return a task with the arguments that a rule needs and no others, and the task's observation."""
+    """Return a task with the arguments that a rule needs and no others, and the entries of its observation."""
     task = Task(**rule.NEEDS)
     return task, ObservationSpec(task)
 
@@ -66,7 +63,7 @@ class Rule:
     NEEDS: ClassVar[Mapping[str, Any]] = {}
     """Arguments of the environment that add the observations which the rule needs."""
     KNOWS: ClassVar[tuple[str, ...]] = ()
-    """Arguments of the environment that the rule computes with. A tuned rule uses those for which it was tuned."""
+    """Arguments of the environment whose values the rule uses. A tuned rule keeps the values of its tuning."""
     weights: Sequence[float] = ()
     """Time weights (m/s per s), ascending, for which the rows of `parameters` (weights, k) were tuned; see `at`."""
 
@@ -78,8 +75,8 @@ class Rule:
         kind: Any = type(self)
         self.parameters = np.array(parameters, np.float64)
         if self.parameters.ndim not in (1, 2) or self.parameters.shape[-1] != len(self.names()):
-            shape = self.parameters.shape
-            raise WrongTypeError(f"{kind.__name__} has the parameters {self.names()}, got shape {shape}")
+            takes = f"{kind.__name__} takes numbers (k,) or (rows, k) for its parameters {self.names()}"
+            raise WrongTypeError(f"{takes}, got an array of shape {self.parameters.shape}")
         for parameter, values in zip(self.PARAMETERS, np.moveaxis(self.parameters, -1, 0), strict=True):
             for value in (values.min(), values.max()):
                 number(parameter.name, value, parameter.unit, at_least=parameter.low, at_most=parameter.high)
@@ -124,11 +121,11 @@ class Rule:
         if missing := [name for name in least_task(kind)[1].ids if name not in twin.spec]:
             arguments = ", ".join(f"{name} = {value}" for name, value in self.NEEDS.items())
             what = f"{kind.__name__} needs {', '.join(missing)}"
-            raise ValueError(f"{what}, which this environment does not observe: give it arguments like {arguments}")
+            raise ValueError(f"{what}, which this environment does not observe: make it with, for example, {arguments}")
         return twin
 
     def placed(self, position: Floats) -> Floats:
-        """Return a rule's position (m) in this task: the range DISTANCES is mapped to the task's range of distances."""
+        """Return a position (m) of a parameter in this task: DISTANCES is mapped to the task's range of distances."""
         (near, far), (low, high) = DISTANCES, self.task.scenario.distance
         if (low, high) == DISTANCES:
             return position
@@ -167,7 +164,7 @@ class Rule:
 
 
 def interpolate(knots: Floats, values: Floats, at: Floats) -> Floats:
-    """Interpolate linearly at `at` (n,) between `values` (k,) or (n, k) at `knots` (k,); constant beyond the knots."""
+    """Return numbers (n,) at `at` (n,): linear between `values` (k,) or (n, k) at `knots` (k,), constant beyond."""
     place = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
     share = np.clip((at - knots[place]) / (knots[place + 1] - knots[place]), 0.0, 1.0)
     table = np.broadcast_to(values, (*np.shape(at), len(knots)))

@@ -1,7 +1,7 @@
 """Load baselines by name; read and write the files of tuned baselines and of the clairvoyant bound.
 
-The file of a tuned baseline is JSON with a checksum. The file of a bound holds, for each scenario, the parameters with
-which `Clairvoyant` has the lowest cost; a controller of another class could have a lower cost.
+The file of a tuned baseline is JSON with a checksum. The file of a bound holds, for each scenario, the parameters of
+the `Clairvoyant` with the lowest cost found; a controller of another class could have a lower cost.
 """
 
 import hashlib
@@ -45,7 +45,7 @@ def load_baseline(name: str, time_weight: float = 2.0, folder: Path | None = Non
 def tuned_rule(content: Mapping[str, Any]) -> Rule:
     """Return the rule of a tuned file, with its parameters for all time weights."""
     if not content["weights"]:
-        raise ValueError(f"baseline {content['baseline']!r} holds no weight: tune it")
+        raise ValueError(f"the file of baseline {content['baseline']!r} holds no weight: tune the baseline")
     tuned = {float(weight): found["parameters"] for weight, found in content["weights"].items()}
     # an entry in "weights" may list the parameters in another order
     weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]
@@ -58,8 +58,8 @@ def tuned_rule(content: Mapping[str, Any]) -> Rule:
 def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None) -> dict[str, Any]:
     """Return the content of a tuned baseline's file; its entry "weights" has the result for each time weight.
 
-    The file must fit `setup`, or if `setup` does not tune this baseline, the shipped set-up that tunes it. Default
-    folder: that of the set-up's results, or of the shipped baselines.
+    The file must be made for the set-up that tunes the baseline: `setup`, or else a shipped one. Default folder: that
+    of this set-up's results, or without such a set-up, that of the shipped baselines.
     """
     setup = owner(name, setup)
     path = (folder or (setup.folder / "tuned" if setup else TUNED)) / f"{name}.json"
@@ -97,7 +97,6 @@ def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Pat
 
 
 def _description(name: str, rule: str) -> dict[str, Any]:
-    """Return the entries that identify a tuned file: format, baseline, rule, and its parameters with their limits."""
     fields = ("name", "unit", "low", "high")
     limits = [{field: getattr(parameter, field) for field in fields} for parameter in RULES[rule].PARAMETERS]
     return {"format": FORMAT, "baseline": name, "rule": rule, "parameters": limits}
@@ -111,7 +110,7 @@ def bound_path(setup: Setup, folder: Path = TUNED) -> Path:
 def write_bound(
     setup: Setup, by_weight: Mapping[float, Floats], folder: Path = TUNED, generations: int = BOUND_GENERATIONS
 ) -> Path:
-    """Write the best parameters (scenarios, k) for each time weight, atomically, and return the path."""
+    """Write the best parameters (scenarios, k) for each time weight, atomically, and return the file's path."""
     arrays = {f"{weight:g}": by_weight[weight] for weight in sorted(by_weight)}
     search = {"set": BOUND_SET, "parameters": Clairvoyant.names(), "generations": generations}
     content = {"environment": dict(setup.environment), **search}

@@ -30,7 +30,7 @@ MEASURED = (*RESULTS, *SLIDE, *LINKED)
 
 @dataclass(frozen=True)
 class Episodes:
-    """Results of one controller; each array has an entry per scenario."""
+    """Results of one controller; each array has an entry for each row of the batch."""
 
     object_velocity: NDArray[np.float64]  # m/s, V_p
     approach_time: NDArray[np.float64]  # s, the time in the cost; with an operator, the `done_time`
@@ -47,11 +47,11 @@ class Episodes:
     late: NDArray[np.float64] | None = None  # s, with an operator: delay from a touch to the operator's stop
 
     def cost(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return V_p + time_weight * approach time, m/s, per scenario."""
+        """Return V_p + time_weight * approach time, m/s, for each row."""
         return self.object_velocity + time_weight * self.approach_time
 
     def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the cost plus the charge for a missed object, m/s: minus the sum of the episode's rewards."""
+        """Return the cost plus the charge for a missed object, m/s; with `force_weight` 0, minus the sum of rewards."""
         return self.cost(time_weight) + self.missed_cost * self.missed
 
 
@@ -108,8 +108,8 @@ class ScenarioBatch:
 
         Args:
             controller: controller that plays.
-            record: numbers (copies * count,) that replace drawn ones, by the name in an episode's record. A number of
-                tool, coupling or robot can be replaced only if the task has a range for it.
+            record: numbers (copies * count,) that replace drawn numbers, by the name in an episode's record. A number
+                of tool, coupling or robot can be replaced only if the task has a range for it.
             watch: function that gets the motion of the bodies before each control step.
 
         Raises:
@@ -124,7 +124,7 @@ class ScenarioBatch:
         while not (ended := batch.ended).all():
             if watch is not None:
                 watch(batch.bodies())
-            if isinstance(controller, Policy):  # has no memory, so rows that have ended can be left out
+            if isinstance(controller, Policy):  # a policy has no memory, so rows that have ended can be left out
                 actions[~ended], _ = controller.predict(batch.observations[~ended])
             else:
                 seen = batch.observations.copy()
@@ -144,9 +144,9 @@ class ScenarioBatch:
 
 
 class Validation:
-    """The frozen validation set at several time weights. The score on it selects the best policy of a training.
+    """Scenarios of the frozen validation set at several time weights; their score selects a training's best policy.
 
-    The score is the mean loss: V_p + w T, plus the charge for a miss. Episodes that do not settle count as missed.
+    The score is the mean of `Episodes.loss`. Episodes whose status is not ok count as missed.
     """
 
     def __init__(self, task: Task, weights: Sequence[float], scenarios: int, **options: Any) -> None:
@@ -156,7 +156,7 @@ class Validation:
         self.batch = ScenarioBatch.of("validation", count, task, **options)
 
     def score(self, controller: Controller) -> dict[str, Any]:
-        """Return the means over the scenarios at each time weight; `score` (m/s) is the mean cost over all weights."""
+        """Return the means over the scenarios at each time weight; `score` (m/s) is the mean loss over all weights."""
         played = self.batch.play(controller)
         columns = {"cost": played.loss(np.repeat(self.weights, self.batch.count))}
         columns |= {name: getattr(played, name) for name in ("object_velocity", "approach_time", "missed")}
@@ -171,7 +171,7 @@ and rates at both ends."""
 
 
 class Travel:
-    """Largest deflection of the tool in each row, m: `deflection` until the first touch, `stroke` over the episode."""
+    """Largest change of the tool's deflection in each row, m: `deflection` until the first touch, `stroke` in all."""
 
     def __init__(self, rows: int) -> None:
         self.deflection, self.stroke = np.zeros(rows), np.zeros(rows)

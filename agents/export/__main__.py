@@ -1,8 +1,7 @@
 """Export controllers: `impact-gym export linear-blind --out DIR` writes a C header, and for a policy also ONNX.
 
-Then the command checks the files. The controller in C replays episodes of the environment, and its calls are timed.
-The network in C and in ONNX is compared with the policy on NumPy for 10,000 random observations. A line is printed for
-each file that this machine cannot check.
+Then the controller in C replays episodes of the environment, and its calls are timed. The network in C and in ONNX is
+compared with the policy on NumPy.
 """
 
 import importlib
@@ -114,7 +113,7 @@ def export(subject: Subject, options: Export, name: str) -> list[Path]:
 
 
 def judged(path: Path, computed: Floats | None, missing: str, actions: Floats, allowed: float) -> str:
-    """Compare the actions (n, k) of an exported network with those of the policy; None: the network could not run."""
+    """Return a sentence that compares actions `computed` (n, k) by an exported network with the policy's `actions`."""
     if computed is None:
         return f"{path}: its network is not checked, {missing}"
     difference = float(np.abs(computed - actions).max())

@@ -78,7 +78,6 @@ def _network(policy: Policy) -> dict[str, Any]:
 
 
 def _rule(subject: Subject, name: str) -> dict[str, Any]:
-    """Return the template's values for a rule: its parameters and the observations that it uses."""
     rule: Any = subject.controller
     if not has_controller(subject):
         raise ValueError(f"{type(rule).__name__} uses values that no sensor measures, so it cannot be exported")
@@ -100,7 +99,7 @@ def _rule(subject: Subject, name: str) -> dict[str, Any]:
 
 
 def c_text(template: str, folder: Path = Path(__file__).parent, **content: Any) -> str:
-    """Return C code from a template in a folder; default: this folder."""
+    """Return C code from a template in a folder; default: the folder of this module."""
     templates = Environment(
         loader=FileSystemLoader(folder), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         keep_trailing_newline=True,
@@ -124,7 +123,7 @@ def values(spec: ObservationSpec) -> dict[str, str]:
 
 
 def _scale(entry: Entry, value: str) -> tuple[str, float, float, float]:
-    """Return the C expression of `value` on its entry's curve, and the entry's low end, gain and scaled low end."""
+    """Return the C expression of `value` after the entry's curve, and the entry's low end, gain and scaled low end."""
     low, gain = entry.affine
     bent = value if entry.scale.curve == "linear" else f"{entry.scale.curve}({value})"
     return bent, low, gain, entry.scale.scaled_low

@@ -84,7 +84,6 @@ class Subject:
         return content | {"checksum": _plain(f"SHA-256 {digest.hexdigest()} of all of the above and the parameters")}
 
     def _entries(self) -> Iterator[tuple[str, Any]]:
-        """Yield names and values of the contract, except its checksum."""
         task = self.task
         yield "format", FORMAT
         yield "kind", "network" if self.policy else type(self.controller).__name__
@@ -136,7 +135,7 @@ def of_baseline(name: str, setup: Setup | None = None, folder: Path | None = Non
 
 
 def of_name(name: str, setup: Setup | None = None) -> Subject:
-    """Return the controller with this name: a baseline, the file of a tuned one, or a policy as for `load_policy`."""
+    """Return the controller with this name: a baseline, a tuned baseline's file, or a policy as for `load_policy`."""
     if name in (*FIXED, *shipped_baselines(), *(setup.tuned if setup else ())):
         return of_baseline(name, setup)
     if name.endswith(".json"):

@@ -15,7 +15,7 @@ from impact_gym.envs.batch import Batch
 from impact_gym.task import ActionSpec
 
 Floats = NDArray[np.float64]
-SEED = 7_000_000  # of the episodes
+SEED = 7_000_000  # seed of the random numbers of the episodes
 WARNINGS = ["-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-pedantic", "-Werror"]
 LANGUAGES = {"C99": ["-x", "c", "-std=c99"], "C++17": ["-x", "c++", "-std=c++17"]}
 
@@ -31,7 +31,7 @@ class Log(NamedTuple):
 
 
 def logged(subject: Subject, episodes: int) -> Log:
-    """Play episodes of the controller's environment; a rule also gets time weights below and above its tuned ones."""
+    """Play episodes and return their log; a rule also gets time weights below and above those of its tuning."""
     task = subject.task
     if subject.policy is None:
         task = task.changed({"time_weight": (0.8 * subject.weights[0], 1.25 * subject.weights[-1])})

@@ -2,8 +2,7 @@
 
 The result of a row has the same bits whatever other rows are in the batch. To achieve this, rows are multiplied in
 blocks of one size, and the last block is filled with zeros. In a product of the whole batch, the order of summation
-would depend on the size of the batch. In a block that is larger than the machine's BLAS kernel, it would depend on the
-position of the row.
+would depend on the size of the batch. In a block larger than the machine's BLAS kernel, it could depend on the row.
 """
 
 from collections.abc import Callable, Mapping

@@ -168,8 +168,8 @@ def load_ensemble(name: str | Path) -> Ensemble:
     """Return the policies of all seeds of a shipped set-up, by name, or the policies in a file or a run folder.
 
     Raises:
-        TypeError, ValueError: the name is neither a shipped policy nor a file, and the error lists the shipped ones; or
-            the file is no policy, or is damaged, or was made for other scales than the environment's.
+        TypeError, ValueError: the name is neither a shipped policy nor a file or run folder; or the file is no policy,
+            or is damaged, or was made for other scales than the environment's.
     """
     path = named_file("policy", name, SHIPPED, ".npz", "best.npz")
     content, arrays = read_archive(path, FORMAT)

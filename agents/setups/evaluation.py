@@ -137,7 +137,7 @@ def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Cha
 
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
-    """Yield the changes of one argument; invalid values are left out, or with `strict` a ValueError."""
+    """Yield the changes of one argument; an invalid value is left out, or raises a ValueError if `strict` is true."""
     where = f"evaluation.varied.{name}"
     multiples = isinstance(values, Mapping)
     if multiples:

@@ -16,7 +16,7 @@ def warnings(task: Task) -> list[str]:
     """Return a sentence for each problem that some episodes have, except problems of which `Task` itself warns.
 
     Raises:
-        ValueError: all episodes have the problem; the message names the field.
+        ValueError: for a problem that all episodes have; the message names the field.
     """
     (near, far), (least, most) = task.scenario.distance, task.acceleration_range
     observed = ObservationSpec(task).scale("position").high

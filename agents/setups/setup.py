@@ -46,7 +46,7 @@ class Tuned(NamedTuple):
 
     rule: str  # one of RULES
     rtol: float = Task.rtol  # tolerance of the simulation during the search; validation uses the environment's rtol
-    clean_alarm: bool = False  # whether the search uses an alarm without errors, as a teacher does
+    clean_alarm: bool = False  # whether the search uses an alarm without errors, such as a teacher gets
     jitter: float = 0.0  # standard deviation of errors that the search adds to actions, as a fraction of their range
     scenarios: int = 300  # number of scenarios that each candidate plays
 
@@ -210,7 +210,6 @@ def _read_delays(environment: dict[str, Any], folder: Path) -> None:
 
 
 def _mixed(given: Any, task: Task) -> tuple[tuple[float, Mapping[str, Any]], ...]:
-    """Check the entries of `training.mixed`; return each entry's share of environments and changed arguments."""
     parts = []
     for place, part in enumerate(given):
         name = f"training.mixed[{place}]"
@@ -240,7 +239,6 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
 
 
 def _tuned(name: str, given: Any, task: Task) -> Tuned:
-    """Return a baseline to tune, which a file gives as the name of a rule or as a table."""
     entry = {"rule": given} if isinstance(given, str) else given
     if not isinstance(entry, dict) or entry.get("rule") not in RULES:
         raise ValueError(f"{name} must be a rule, one of {', '.join(RULES)}, or a table with one, got {given!r}")

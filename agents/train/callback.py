@@ -21,11 +21,11 @@ from impact_gym.files import write_file
 STEPS = "time/total_timesteps"
 OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
 OnValidation = Callable[[int, dict[str, Any]], None]
-"""Function that gets the number of steps so far and the result, after each validation."""
+"""Function that is called after each validation, with the number of steps so far and the result."""
 ROWS = 200  # largest number of rows of a learning curve
-NEARLY_ALL = 0.99  # fraction of the objects; a policy that misses more of them touches an object only by accident
+NEARLY_ALL = 0.99  # fraction of the objects; a policy that misses so many touches an object only by accident
 COLLAPSED = 3  # validations in a row with nearly all objects missed: the training has collapsed
-BEGINNING = 0.1  # fraction of a training at its begin, in which a policy may miss all objects
+BEGINNING = 0.1  # first fraction of a training, in which a policy may miss all objects
 
 
 class CollapsedError(RuntimeError):
@@ -33,7 +33,7 @@ class CollapsedError(RuntimeError):
 
 
 class TrainingCallback(BaseCallback):
-    """Validates, logs and saves between two rollouts."""
+    """A callback that validates, logs and saves between two rollouts."""
 
     def __init__(
         self, folder: Path, setup: Setup, training: Training, policy: Callable[[], Policy],

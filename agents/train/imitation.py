@@ -18,13 +18,10 @@ from impact_gym.task import ActionSpec, ObservationSpec
 
 
 class Teacher:
-    """A baseline to imitate.
-
-    A tuned baseline plays each episode with those of its parameters that score best at the episode's time weight.
-    """
+    """A baseline to imitate; a tuned one plays an episode with the parameters that score best at its time weight."""
 
     def __init__(self, setup: Setup, name: str) -> None:
-        """Make a teacher from a baseline without parameters, or from a tuned baseline, of the set-up or shipped."""
+        """Make a teacher from a baseline without parameters, a tuned baseline of the set-up, or a shipped baseline."""
         rules, means, self.checksum = [FIXED[name]()] if name in FIXED else [], [(0.0, 0.0)], name
         if not rules:
             content = read_tuned(name, setup=setup)
@@ -38,7 +35,7 @@ class Teacher:
         self.spec, self.action_size = ObservationSpec.of_rows(tasks), len(ActionSpec(tasks[0]))
 
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
-        """Return the actions (steps, envs, n) at privileged `observations` (steps, envs, n_obs), step by step.
+        """Return the actions (steps, envs, k) at privileged `observations` (steps, envs, n_obs), step by step.
 
         If noisy readings raise the alarm, the teacher gets the true touch as its alarm, which the policy does not
         observe. The teacher's memory is empty at the first step.

@@ -2,7 +2,7 @@
 
 Each training writes a run folder. It holds `config.json` (settings, versions, command), `progress.csv` and events for
 TensorBoard, `best.npz` (the policy with the best validation score), `final.npz`, and `metrics.json` (with the speed of
-the training). Until the training ends, the folder also holds `checkpoint.npz`. A resumed training has the same bits.
+the training). Until the training ends, the folder also holds `checkpoint.npz`, from which an interrupted one resumes.
 """
 
 import json
@@ -82,7 +82,7 @@ class Run:
         return command_of("train", self.training, self.setup.training, self.setup.called, *seed)
 
     def made_for(self) -> dict[str, Any]:
-        """Return everything that determines the result, as JSON values."""
+        """Return settings and everything else that determines the result, as JSON values."""
         evaluation, training = self.setup.evaluation, self.training
         settings = {"setup": self.setup.called, "seed": self.seed, **asdict(training)}
         made = {"settings": settings, "environment": self.task.arguments(), "weights": evaluation.weights}

@@ -75,7 +75,6 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> dict[str, bytes]:
 
 
 def _refuse_another(folder: str, made_for: Mapping[str, Any]) -> None:
-    """Raise ValueError if the folder has a run with other settings."""
     path = Path(folder) / "config.json"
     config = json.loads(path.read_text()) if path.is_file() else made_for
     if any(config.get(name) != value for name, value in made_for.items()):

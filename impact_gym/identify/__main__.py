@@ -1,7 +1,4 @@
-"""The command `impact-gym identify log.csv --scene my.toml [--hold-out] [--out setup.toml]`.
-
-It fits numbers of a scene to measured blows, and writes a set-up with the confidence intervals as ranges.
-"""
+"""The command `impact-gym identify log.csv --scene my.toml [--hold-out] [--out setup.toml]`."""
 
 import argparse
 import sys

@@ -15,7 +15,7 @@ from impact_gym.identify.model import Model
 from impact_gym.identify.search import ROUGH, Point, as_good, descend, distinct, race, scatter
 from impact_gym.identify.sensor import Array, bursts, level
 
-STARTS = 8  # starting points that are fitted; `Fit.again` fits 8 more
+STARTS = 8  # number of starting points that are fitted; `Fit.again` fits as many more
 NOISE_ROUNDS = 3  # largest number of fits, each followed by an estimate of the noise
 CONFIDENCE = 0.95
 END_TOLERANCE = 0.02  # tolerance of an interval's end, relative to the interval's half width
@@ -24,14 +24,14 @@ MAX_STEPS = 10  # most fits to find one end of an interval
 BEYOND = (1.6, 2.5)  # at these multiples of the distance to an end, the misfit is checked for another minimum
 MAX_DEVIATION = 1e3  # standard deviation assumed for a coordinate that the log does not determine
 MIN_IMPROVEMENT = 0.05  # a point replaces the best fit if its misfit is lower by this; doubled after each replacement
-MIN_LEFTOVER = 6.0, 0.5  # a blow is missing in the fit if its residual exceeds 6 deviations and half the blow
+MIN_LEFTOVER = 6.0, 0.5  # a blow is missing in the fit if the sum of its residuals exceeds 6 deviations, half its force
 
 Ends = tuple[float | None, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fit: the best x, its misfit, its covariance (size, size), and the other local minima that were found."""
+    """A fit: the best x (see `model`), its misfit and covariance (size, size), and the other local minima found."""
 
     model: Model
     x: Array
@@ -90,25 +90,22 @@ def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
 
 
 def _minima(model: Model, after: int) -> list[Point]:
-    """Fit roughly from STARTS starting points after the best `after` points, and return the local minima.
-
-    If a log has several blows, fits to the first blow give more starting points: later blows add many minima.
-    """
+    """Fit roughly from STARTS starting points after the best `after` points, and return the local minima."""
     which = slice(after, after + STARTS)
     starts, first = scatter(model)[which], model.of_first_blow()
     if not after and not starts:
-        raise ValueError("scene: no guess near it leads to a simulated blow; are motion and distance right?")
+        raise ValueError("scene: no starting point of the search can be simulated; are motion and distance right?")
     if not after:
         slopes = np.sum([np.abs(model.jacobian(x)).max(axis=0) for x in starts], axis=0)
         for number in (number for number, slope in zip(model.free, slopes, strict=False) if slope == 0.0):
             raise ValueError(f"free: the log does not depend on {number.name}; leave it out or record another column")
-    if first.samples < model.samples:
+    if first.samples < model.samples:  # several blows have many minima: fits to the first one are also starting points
         starts += [point.x for point in race(first, scatter(first)[which])]
     return race(model, starts)
 
 
 def _extra_blows(fit: Fit) -> str:
-    """Return an error message if a log has more blows than its fit has, else an empty text."""
+    """Return an error message if a log has more blows than its fit has, otherwise an empty text."""
     model = fit.model
     for k, log in enumerate(model.logs):
         if "force" not in log.columns:
@@ -125,7 +122,7 @@ def _extra_blows(fit: Fit) -> str:
         if extra and len(blows) > 1:
             times = ", ".join(f"{log.time[first]:g}" for first, _ in blows)
             return (f"{log.name} has {len(blows)} blows, at {times} s, but the scene makes no more than "
-                    f"{len(blows) - extra} of them: cut the log to one, or make one log of each")  # fmt: skip
+                    f"{len(blows) - extra} of them: cut the log to one blow, or make a log of each blow")  # fmt: skip
     return ""
 
 
@@ -153,14 +150,14 @@ def _covariance(jacobian: Array) -> Array:
 
 
 class _BetterError(Exception):
-    """Raised with a point x as its argument when this point fits better than the best fit so far."""
+    """Raised with a point x as its argument if this point fits better than the best fit so far."""
 
 
 def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
     """Return the fit and the two ends of each free number's interval; an end is None if that side is unlimited.
 
-    An interval also includes the other minima whose misfit is within the quantile. If a better point is found on the
-    way, the fit moves there, and all intervals are computed again.
+    An interval also includes other minima whose misfit is less than quantile^2 above that of the best fit. If a better
+    point is found, a fit from this point replaces the best fit, and all intervals are computed again.
     """
     while True:  # terminates, because each better point must lower the misfit by twice as much as the one before
         try:
@@ -197,13 +194,9 @@ def _is_vague(fit: Fit) -> bool:
 
 
 def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
-    """Keep x[i] at `u`, fit the other coordinates again, and return the result; raise _BetterError if it is better.
-
-    The fit starts from `near`, moved along the valley; if the result is bad, a second fit starts from `near` with only
-    x[i] changed.
-    """
+    """Keep x[i] at `u`, fit the rest of x from `near`, and return the result; raise _BetterError if it is better."""
     points = []
-    for along in (fit.valley[:, i] / fit.valley[i, i], np.zeros_like(near.x)):
+    for along in (fit.valley[:, i] / fit.valley[i, i], np.zeros_like(near.x)):  # along the valley; else only x[i]
         start = near.x + along * (u - near.x[i])
         start[i] = u
         points.append(descend(fit.model, start, i, ROUGH))
@@ -215,10 +208,10 @@ def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
 
 
 def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
-    """Return the x[i] on one `side` (-1, 1) at which the profile of the misfit reaches the quantile; None: nowhere.
+    """Return the x[i] on one `side` (-1, 1) at which the refitted misfit is quantile^2 above the best; None: nowhere.
 
-    The search starts at the minimum `begin`. Its first step goes to where the curvature at the best fit predicts the
-    end, and ends the search if the misfit there agrees to END_TOLERANCE.
+    The search starts at the minimum `begin`. Its first step goes to the x[i] that the curvature at the best fit
+    predicts.
     """
     first, last = float(begin.x[i]), fit.model.free[i].reach[side > 0]
     inner, outer = (first, math.sqrt(max(begin.misfit - fit.misfit, 0.0) / fit.quantile**2), begin), None

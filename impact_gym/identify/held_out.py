@@ -1,7 +1,6 @@
 """Test the predictions of fits: a fit to each half of the logs predicts the blows of the other half.
 
-Every quantity is computed in the same way from the measured and from the predicted samples. For a predicted log, only
-the start of the motion and an unknown bias are fitted to the log itself.
+For a predicted log, only the start of the motion and an unknown bias are fitted to the log itself.
 """
 
 import csv
@@ -38,7 +37,7 @@ class Prediction(NamedTuple):
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Predictions for all blows; each blow is predicted by a fit to the half of the logs that does not contain it."""
+    """Predictions for all blows, each by a fit to the half of the logs that does not contain the blow."""
 
     predictions: tuple[Prediction, ...]
 
@@ -57,7 +56,7 @@ class HeldOut:
         for quantity in dict.fromkeys(each.quantity for each in self.predictions):
             errors, of_equals = self.errors(quantity)
             known = of_equals[np.isfinite(of_equals)]
-            beside = f"; the median of equal blows {100.0 * np.median(known):.1f} %" if len(known) else ""
+            beside = f"; blows with the same motion differ by {100.0 * np.median(known):.1f} %" if len(known) else ""
             lines.append(f"{quantity}: median error {100.0 * np.median(errors):.1f} %, 95 % of the blows below "
                          f"{100.0 * np.quantile(errors, 0.95):.1f} %{beside}")  # fmt: skip
         return "\n".join(lines)
@@ -114,7 +113,6 @@ def _predicted(log: Log, motion: Trapezoid, fit: Identified) -> Log:
 
 
 def _quantities(log: Log, fit: Identified) -> dict[str, float]:
-    """Return the quantities that can be computed from a log's columns."""
     found = {}
     if "object_velocity" in log.columns:
         found["object_velocity"] = float(np.mean(log.columns["object_velocity"][-max(int(END * len(log.time)), 1) :]))
@@ -126,7 +124,7 @@ def _quantities(log: Log, fit: Identified) -> dict[str, float]:
 
 
 def _width(force: Array) -> float:
-    """Return the width of a blow at half of its peak, in samples (not whole: interpolated linearly)."""
+    """Return the width of a blow at half of its peak, in samples, interpolated linearly."""
     high, padded = 0.5 * force.max(), np.concatenate([[0.0], force, [0.0]])
     first, last = next(run for run in runs(padded > high) if run[0] <= padded.argmax() <= run[1])
     inside = [(padded[a] - high) / (padded[a] - padded[b]) for a, b in ((first, first - 1), (last, last + 1))]

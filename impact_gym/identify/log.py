@@ -34,10 +34,10 @@ MAX_FORCE = 1e5  # N
 MAX_ACCELERATION = 1e6  # m/s^2
 MAX_SPEED_RATIO = 10.0  # largest ratio of a recorded velocity to the speed of the motion
 MAX_STEP = 0.05  # s, largest median time between two samples
-MAX_GAP = 1.5  # in median steps: in a longer step samples were lost, unless the steps beside it are as much shorter
+MAX_GAP = 1.5  # median steps: samples were lost in a longer step, unless its neighbouring steps are as much shorter
 MAX_LOST = 3  # largest number of lost samples in a row
 MIN_SWING = 10.0  # least range of a column with a blow, largest minus least sample, in standard deviations of the noise
-LEAST_IMPULSE = 0.03  # smallest impulse allowed / impulse of a plastic impact of the lightest bodies searched
+LEAST_IMPULSE = 0.03  # smallest allowed impulse / impulse of a plastic impact of the lightest bodies that are searched
 FLAT_SAMPLES = 3  # so many equal extreme values in a row show that the sensor was saturated
 
 
@@ -56,7 +56,7 @@ class Log:
         steps = np.diff(self.time)
         usual = float(np.median(steps))
         padded = np.concatenate([[usual], steps, [usual]])
-        three = padded[:-2] + steps + padded[2:]  # sums of three steps; one late time does not change them
+        three = padded[:-2] + steps + padded[2:]  # a sum of three steps is right even if its middle step ends late
         return np.where(steps > MAX_GAP * usual, np.maximum(np.rint(three / usual) - 3, 0), 0).astype(np.int64)
 
     @property

@@ -25,12 +25,12 @@ MASS, STIFFNESS, RESTITUTION = "object.mass", "contact.stiffness", "contact.rest
 SEARCHED = {STIFFNESS: (1e2, 1e8), RESTITUTION: (0.03, 0.99), MASS: (5e-3, 5e2)}  # ranges of the starting points
 SEARCH_FACTOR = 10.0  # for numbers not in SEARCHED, starting points are from a tenth to ten times the scene's value
 REACH_FACTOR = 1e4  # the fit may leave the searched range by this factor at either end
-WALL = 1e5  # times the mass of a tool on a spring, largest object mass: a heavier object acts like a fixed wall
+WALL = 1e5  # largest object mass / mass of a tool on a spring; a heavier object acts like a fixed wall
 LARGEST_LOGIT = 14.0  # largest ln(e/(1-e)): e within 1e-6 of 0 or 1
 RTOL = 1e-8
-STEP = 2e-3  # of a coordinate, for forward differences; their error of 0.1 % is far below a noise of 1 %
+STEP = 2e-3  # step of a coordinate for forward differences; their error of 0.1 % is far below a noise of 1 %
 Column = tuple[int, str]  # index of a log, and name of one of its columns
-IMPOSSIBLE = 1e3  # if the scene cannot be simulated, each residual is this times the range of the log's column
+IMPOSSIBLE = 1e3  # predicted sample / range of the log's column, if the scene cannot be simulated
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Coordinate:
     """The coordinate of one free number, and its bounds."""
 
     name: str
-    sign: float  # sign of the number; the coordinate belongs to its absolute value
+    sign: float  # sign of the number; the coordinate is computed from the number's absolute value
     searched: tuple[float, float]  # range of the absolute value for starting points
     wall: float = math.inf  # largest absolute value; larger ones would not change the log
 
@@ -88,7 +88,7 @@ def free_coordinates(scene: Scene, free: Iterable[str]) -> tuple[Coordinate, ...
             raise ValueError(f"free: the scene has no number {name!r}{hint}; it has {', '.join(known)}")
         value = get(scene, name)
         if value == 0.0:
-            raise ValueError(f"free: {name} must not be 0 in the scene, because the search starts there: give a guess")
+            raise ValueError(f"free: {name} must not be 0 in the scene, as the search uses its logarithm: give a guess")
         searched = SEARCHED.get(name, (abs(value) / SEARCH_FACTOR, abs(value) * SEARCH_FACTOR))
         wall = WALL * scene.tool.mass if name == MASS and isinstance(scene.coupling, SpringDamper) else math.inf
         coordinates.append(Coordinate(name, math.copysign(1.0, value), searched, wall))
@@ -115,7 +115,7 @@ class Model:
     ) -> None:  # fmt: skip
         self.logs, self.scene, self.motions, self.sensors, self.free = logs, scene, motions, sensors, free
         self.simulations, self.samples, self.size = 0, 0, len(free) + len(logs)
-        self.slots, self.bias_places = dict[Column, slice](), dict[Column, int]()  # places in the residuals, in x
+        self.slots, self.bias_places = dict[Column, slice](), dict[Column, int]()  # places: in the residuals; in x
         for k, log in enumerate(logs):
             for name in log.columns:
                 self.slots[k, name] = slice(self.samples, self.samples + len(log.time))

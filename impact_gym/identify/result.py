@@ -146,7 +146,6 @@ def misfits(fit: Fit) -> Iterator[str]:
 
 
 def _with_unit(scene: Any, name: str, text: str) -> str:
-    """Return `text` followed by the unit of the scene's number `name`."""
     if name == "contact.stiffness":
         return f"{text} N/m^{scene.contact.stiffness_exponent:g}"
     return f"{text} {BY_PATH[name].unit}".removesuffix(" -")
@@ -168,7 +167,6 @@ def _words(scene: Scene, interval: Mapping[str, Interval], correlation: Array) -
 
 
 def _sentence(scene: Scene, name: str, low: float, high: float) -> str:
-    """Return a sentence that says within which limits the log leaves a number undetermined."""
     open_above = high == (1.0 if name == RESTITUTION else np.inf)
     if low == 0.0 and open_above:
         return f"the log does not determine {name} at all: any value fits equally well"

@@ -56,8 +56,9 @@ def scatter(model: Model) -> list[Array]:
 def from_impulse(model: Model, given: Array) -> list[Array]:
     """For each of RESTITUTIONS, return coordinates that reproduce impulse and width in the first log with a force.
 
-    The impulse is (1 + e) v / (1/m + 1/m_tool). The width, impulse / peak, is proportional to k^(-1/(n + 1)) for a
-    force k delta^n (Johnson, Contact Mechanics, 1985, sec. 11.4). Each pass simulates a blow and corrects m and k.
+    With restitution e, speed v and the object's mass m the impulse is (1 + e) v / (1/m + 1/m_tool). The width, impulse
+    / peak, is proportional to k^(-1/(n + 1)) for a force k delta^n at the penetration delta (Johnson, Contact
+    Mechanics, 1985, sec. 11.4). Each pass simulates a blow and corrects m and k.
     """
     places = {number.name: i for i, number in enumerate(model.free)}
     k = next((k for k, log in enumerate(model.logs) if "force" in log.columns), None)
@@ -75,7 +76,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 
     points = []
     for restitution in RESTITUTIONS if RESTITUTION in places else RESTITUTIONS[:1]:
-        x, light, heavy = given.copy(), -math.inf, math.inf  # coordinates of masses known to be too small and too large
+        x, light, heavy = given.copy(), -math.inf, math.inf  # coordinates of masses that are too small and too large
         put(RESTITUTION, math.log(restitution / (1.0 - restitution)))
         for _ in range(PASSES if impulse > 0.0 else 0):
             try:
@@ -106,8 +107,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 def start_at(model: Model, point: Array, share: float) -> Point:
     """Return x: the free coordinates of `point`, with the start times and biases that have the least misfit.
 
-    Start times are tried on the grid of the log's samples, shifted by the fraction `share` of a sample. The log may end
-    before the touch, or begin after it, by at most its own length.
+    Start times are tried on the grid of the log's samples, shifted by the fraction `share` of a sample.
     """
     x = np.zeros(model.size)
     x[: len(point)] = point
@@ -128,7 +128,10 @@ def start_at(model: Model, point: Array, share: float) -> Point:
 
 
 def _align(model: Model, scene: Scene, log: Log, trace: Trace, share: float) -> tuple[float, float, dict[str, float]]:
-    """Shift a simulated motion along a log; return least misfit, delay of the motion's start (s), and biases."""
+    """Shift a simulated motion along a log, at most to where the log ends its length before the touch, or begins after.
+
+    Return the least misfit, the delay of the motion's start (s), and biases.
+    """
     step, n = log.step, len(log.time)
     touch = trace.time[np.argmax(trace.contact_force > 0.0)] if np.any(trace.contact_force > 0.0) else np.inf
     last = min(trace.time[-1], touch + 2.0 * n * step)

@@ -40,9 +40,10 @@ def curve(time: Array, values: Array) -> PPoly:
 class LoadCell(Parameters):
     """A force sensor at the tool: a mass on an elastic element, which is a spring and damper in parallel.
 
-    The cell reads the element's force R = k u + c u', where m u'' + c u' + k u = F + m a with the contact force F and
-    the tool's acceleration a. So the reading oscillates after a blow, is m a without contact, and is below F while F
-    decelerates the tool. The element is assumed to be much stiffer than the contact.
+    The cell reads the element's force R = k u + c u', with its compression u, stiffness k and damping c. The mass m
+    moves by m u'' + R = F + m a, with the contact force F and the tool's acceleration a. So the reading oscillates
+    after a blow, is m a without contact, and is below F while F decelerates the tool. The element is assumed to be much
+    stiffer than the contact.
     """
 
     mass: Annotated[float, SI("kg", above=0)]  # m, of the part between element and contact
@@ -111,17 +112,13 @@ class Sensor(Parameters):
 
 
 def _filtered(signal: PPoly, nodes: Array, pace: complex, last: float) -> NDArray[Any]:
-    """Return y at `nodes` (k,), where y' = pace (u - y) starts from rest at the first node.
-
-    Over a step h between two nodes, y covers the part 1 - exp(-pace h) of the way to a mean of u. The mean has the
-    weights exp(-pace (time left)) and is computed by Gaussian quadrature.
-    """
+    """Return y at `nodes` (k,) for y' = pace (signal - y), from rest at the first node, by Gaussian quadrature."""
     h = np.diff(nodes)[:, None]
     inside = nodes[:-1, None] + h * (GAUSS + 1.0) / 2.0
     weight = GAUSS_WEIGHTS * np.exp(-pace * h * (GAUSS[-1] - GAUSS) / 2.0)
     mean = (weight * signal(np.minimum(inside, last))).sum(1) / weight.sum(1)
     kept = np.exp(-pace * h[:, 0])
-    steps = np.array([np.ones(len(nodes)), np.append(-kept, 0.0)])  # of y[k + 1] - kept[k] y[k], y[0] = 0
+    steps = np.array([np.ones(len(nodes)), np.append(-kept, 0.0)])  # y[k + 1] - kept[k] y[k]
     return solve_banded((1, 0), steps, np.append(0.0, mean * (1.0 - kept)), check_finite=False)
 
 

@@ -1,10 +1,7 @@
 """Draw pictures of an episode for the environment's `render`; time runs more slowly around contacts.
 
-    canvas    shapes and text, drawn by pygame
-    chain     flange, coupling, tool and object to scale
-    film      the episode at any instant (History), and films (SlowMotionVideo)
-
-Each picture is drawn from the simulator's trace, so an instant within a control step is as exact as the step's end.
+`canvas` draws shapes and text with pygame, `chain` draws flange, coupling, tool and object to scale. `film` has the
+episode at any instant (`History`), and films (`SlowMotionVideo`).
 """
 
 from collections.abc import Iterator
@@ -28,7 +25,7 @@ Frame = NDArray[np.uint8]
 
 
 class Renderer:
-    """Draws the episodes of one environment."""
+    """A renderer of the episodes of one environment."""
 
     def __init__(self, mode: str, rate: float = FRAME_RATE) -> None:
         """Set the `render_mode`, and for "rgb_array" the pictures per second of its film."""

@@ -1,7 +1,4 @@
-"""A picture with smooth edges, drawn by pygame; coordinates are in pixels from the upper left corner.
-
-Shapes are drawn at twice the final size and scaled down, which smooths edges; then text is written over them.
-"""
+"""A picture with smooth edges, drawn by pygame; coordinates are in pixels from the upper left corner."""
 
 import importlib
 import os
@@ -23,7 +20,7 @@ Point = tuple[float, float]
 Box = tuple[float, float, float, float]  # left, top, width, height
 
 WIDTH, HEIGHT = 960, 540
-OVERSAMPLING = 2
+OVERSAMPLING = 2  # shapes are drawn so many times larger and then scaled down, which smooths their edges
 FARTHEST = 1 << 14  # pixels, largest coordinate given to pygame, which overflows with far larger ones
 
 

@@ -23,9 +23,9 @@ BASE_LENGTH, ROBOT_LENGTH = 0.008, 0.03  # m, of the block that has the imposed 
 ROOM = 0.2  # m, space shown behind the object, into which it can move
 MARGIN = 0.02  # m
 DENSITY, LARGEST_RADIUS = 1500.0, 0.5  # kg/m^3, m
-TOP, BOTTOM = 190.0, 416.0  # pixels from the upper edge of the picture, edges of the stage
+TOP, BOTTOM = 190.0, 416.0  # pixels from the upper edge of the picture to the edges of the area with the chain
 TEXT, SMALL = 30, 24  # pixels, sizes of text; legible in a picture of half the size
-LARGEST_SPAN = 3.0  # m, largest length that is shown; an object farther away is outside the picture
+LARGEST_SPAN = 3.0  # m, largest length shown, from behind the flange or the robot; the rest is outside the picture
 RULER, DISTANCE = 34.0, 56.0  # pixels, height of the ruler below the ground, and of the gap's length above the bodies
 SHOWN_PUSH = 5e-4  # m; a shorter push of the object is not shown
 
@@ -103,7 +103,7 @@ def draw(canvas: Canvas, history: History, state: State) -> None:
     view.block(canvas, tool_back, state.tool_position, TOOL_HEIGHT, TOOL)
     if state.contact_force > 0.0:
         _force(canvas, view, state, radius)
-    canvas.rectangle((0.0, 0.0, WIDTH, TOP), PAPER)  # hides what is outside the stage
+    canvas.rectangle((0.0, 0.0, WIDTH, TOP), PAPER)  # hides what was drawn above the area
     canvas.rectangle((0.0, BOTTOM, WIDTH, HEIGHT - BOTTOM), PAPER)
     _ruler(canvas, view)
     _distance(canvas, view, state, home)
@@ -130,7 +130,6 @@ def _distance(canvas: Canvas, view: Camera, state: State, home: float) -> None:
 
 
 def _ruler(canvas: Canvas, view: Camera) -> None:
-    """Draw the ground with labelled marks at round positions."""
     longest = 150.0 / view.scale
     decade = 10.0 ** math.floor(math.log10(longest))
     step = max(size * decade for size in (1.0, 2.0, 5.0) if size * decade <= longest * (1.0 + 1e-9))

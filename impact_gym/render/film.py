@@ -20,7 +20,7 @@ CONTACT_FACTOR = 32  # smallest factor while tool and object touch
 LARGEST_FACTOR = 1024  # largest factor
 SMALLEST_FACTOR = 0.25  # smallest factor, faster than real time, for a long simulation after the episode's end
 FRAMES_PER_IMPACT = 16  # number of frames in the time of an elastic Hertz impact of the bodies
-FRAMES_PER_FOLD = 6  # number of frames while the time to the touch, or since the touch, changes by a factor e
+FRAMES_PER_FOLD = 6  # number of frames while the time to the touch, or since the touch, changes by a factor of 2.718
 SETTLING_FRAMES = 45  # most frames for the simulation after the episode's end, not counting impacts
 SLOWEST_IMPACT = 1e-3  # m/s, for slower impacts the factor is that of this speed
 

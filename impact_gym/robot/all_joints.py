@@ -2,11 +2,10 @@
 
     M(q) q'' + c(q, q') = D (q_m' - q') + K (q_m - q) - J' F
 
-Elastic joints connect the motors, at the angles q_m, with the links, at the angles q. The motors follow the line,
-exactly or by a servo. Tool and object move along the line. F is the force of the coupling on the flange or, if the
-coupling is rigid, the contact force.
-MuJoCo computes M, J and the bias c, and SciPy integrates. Neither MuJoCo's contacts and integrator nor the compiled
-solver of this package are used, so that the results are independent of them.
+Joints of stiffness K and damping D connect the motors, at the angles q_m, with the links, at the angles q. The motors
+follow the line, exactly or by a servo. Tool and object move along the line. F is the force of the coupling on the
+flange or, if the coupling is rigid, the contact force. MuJoCo computes the mass matrix M, the flange's Jacobian J and
+the weight and Coriolis forces c. SciPy integrates, so the results are independent of this package's compiled solver.
 """
 
 import math
@@ -89,7 +88,6 @@ def simulate(
 
 
 def _run(equations: Equations, duration: float, rtol: float) -> Blow:
-    """Integrate from event to event, and return the result."""
     arm, path, servo, law = equations.arm, equations.path, equations.servo, equations.scene.contact
     y, t, touching, status, impact = equations.first, 0.0, False, "ok", None
     touches, parted, peak, sideways = list[float](), list[float](), 0.0, 0.0

@@ -25,10 +25,7 @@ Mass = Literal["held", "effective", "composite"]
 
 @dataclass(frozen=True, eq=False)
 class Approach(Parameters):
-    """A robot whose flange moves along a straight line at constant orientation; arrays have a row for each position.
-
-    The masses do not contain a tool.
-    """
+    """A robot whose flange moves along a line at constant orientation; a row for each position; masses have no tool."""
 
     position: Annotated[Array, SI("m")]  # distance of the imposed motion from its start, rising from 0
     held: Annotated[Array, SI("kg")]  # m_r = M_X,11 (paper, eq. 12 and 16)
@@ -60,7 +57,7 @@ class Approach(Parameters):
     def robot_table(self, mass: Mass | None = None) -> RobotTable:
         """Return the robot with parameters that vary along the line; `mass` names one of three kinds of mass.
 
-        The effective mass is combined with the effective stiffness, and damping is reduced in proportion to stiffness.
+        With the effective mass, the stiffness is the effective one, and damping is reduced in proportion to stiffness.
         """
         mass = self.chosen if mass is None else mass
         choice("mass", mass, get_args(Mass))

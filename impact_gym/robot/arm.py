@@ -61,7 +61,6 @@ class Arm:
         return arm
 
     def _place(self, angles: ArrayLike) -> None:
-        """Check and set the joint angles."""
         q = numbers("angles", angles, "rad")
         if len(q) != self.count:
             raise ValueError(f"angles must be {self.count} numbers in rad, got {angles!r}")
@@ -126,7 +125,7 @@ class Arm:
         matrix = np.empty((self.count, self.count))
         for row, unit in zip(matrix, np.eye(self.count), strict=True):
             self._mujoco.mj_mulM(self._model, self._data, row, unit)
-        return np.asarray((matrix + matrix.T) / 2)  # symmetric but for rounding
+        return np.asarray((matrix + matrix.T) / 2)  # rounding makes `matrix` not quite symmetric
 
     def move(self, angles: Array, rates: Array) -> tuple[Array, Array]:
         """Set joint angles and rates without checks; return the flange's position and the first three rows of J(q)."""
@@ -160,7 +159,7 @@ class Arm:
         (Cauchy-Schwarz). The composite mass is the effective mass of all links as one free rigid body; an arm under
         stiff position control behaves nearly like such a body (Wang, Dehio and Kheddar, arXiv 2202.12646).
 
-        For an arm with more joints than held directions, a Cartesian matrix is A_X = (J A^-1 J')^-1.
+        For an arm with more joints than held directions, the Cartesian matrix of a joint matrix A is (J A^-1 J')^-1.
 
         Raises:
             ValueError: the arm cannot move in `direction`, or is too near a singularity.
@@ -220,7 +219,6 @@ class Arm:
 
 
 def _unit(direction: ArrayLike) -> Array:
-    """Return a direction with length 1."""
     u = np.array(numbers("direction", direction, "-"))
     if len(u) != 3 or not np.abs(u).max() > 0.0:
         raise ValueError(f"direction must be three numbers that are not all 0, got {direction!r}")

@@ -1,7 +1,4 @@
-"""The equations of motion of an arm with all its joints, its motors, a tool and an object; see `all_joints.simulate`.
-
-The motors follow a commanded motion along a line, exactly or by a sampled servo.
-"""
+"""The equations of motion of an arm's joints and motors, a tool and an object; see `all_joints.simulate`."""
 
 import math
 from bisect import bisect_left, bisect_right
@@ -74,7 +71,7 @@ class Unfinished(Exception):  # noqa: N818 a status, not an error
 
 
 class Equations:
-    """The equations of motion, and their numbers.
+    """The equations of motion, and the numbers in them.
 
     The state consists of angles and rates of the joints; with a servo, angles and rates of the motors; position and
     velocity of the tool and of the object; and the impulse on the object.
@@ -93,7 +90,7 @@ class Equations:
         inverse, unit = np.linalg.inv(self.arm.mass_matrix(self.motors(scene.object.distance))), np.eye(self.n)
         modes = np.linalg.eigvals(np.block([[0.0 * unit, unit], [-inverse * arm.stiffness, -inverse * arm.damping]]))
         self.stiff = bool(np.abs(modes).max() > STIFF)
-        self.damping = 0.0  # N s/m^(1 + n), chi of the present contact
+        self.damping = 0.0  # N s/m^(1 + n), factor chi of the damping force of the present contact
         self.evaluations, self.most_evaluations = 0, most_evaluations
         q = q_m = self.motors(0.0)
 

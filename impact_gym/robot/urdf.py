@@ -94,7 +94,6 @@ def _way(links: Collection[str], joints: Sequence[Joint], base: str, tip: str) -
 
 
 def _parsed(content: bytes) -> Element:
-    """Return the element `robot` of an XML file."""
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # keeps a namespace prefix as part of the name
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:
@@ -112,7 +111,6 @@ def _parsed(content: bytes) -> Element:
 
 
 def _named(robot: Element, kind: str) -> dict[str, Element]:
-    """Return all elements of a `kind`, "link" or "joint", by name."""
     named: dict[str, Element] = {}
     for each in robot.findall(kind):
         name = each.get("name", "")
@@ -132,7 +130,7 @@ def _only(of: Element | None, tag: str, name: str) -> Element | None:
 
 def _downwards(links: Collection[str], elements: Mapping[str, Element]) -> list[Joint]:
     """Return the joints, sorted so that each joint comes after all joints above it."""
-    above: dict[str, Joint] = {}  # for each link the joint on which it hangs
+    above: dict[str, Joint] = {}  # for each link the joint above it
     for name, element in elements.items():
         ends = [_only(element, side, name) for side in ("parent", "child")]
         parent, child = ("" if end is None else end.get("link", "") for end in ends)
@@ -179,7 +177,6 @@ def _place(name: str, of: Element) -> Array:
 
 
 def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
-    """Return the unit, the lower and the upper limit of a joint of the arm."""
     name, limit = joint.name, _only(joint.element, "limit", joint.name)
     if joint.mimics is not None:
         raise ValueError(f"joint {name!r} mimics another, which is not allowed between base and tip")
@@ -199,7 +196,6 @@ def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
 
 
 def _axis(joint: Joint) -> Array:
-    """Return the axis of a joint with length 1."""
     axis = _only(joint.element, "axis", joint.name)
     if axis is not None and axis.get("xyz") is None:
         raise ValueError(f"axis of {joint.name} has no xyz")

@@ -5,9 +5,9 @@ m_r + m_t = 5.35 kg at the impact. We infer k_r = 1.9e5 N/m at the impact, and a
 other printed numbers (see docs/provenance.md).
 
 With the tool in the plane of the arm (y = 0), m_r and k_r depend only on the position of the wrist centre, because the
-orientation is held and links 5 and 6 only translate. `default_line` finds the one position at which m_r and k_r have
-the values above. The arm reaches it on a straight line of 0.2505 m, with every joint at least 15 degrees from its
-limits. The tool is horizontal and points along the approach.
+orientation is held and links 5 and 6 only translate. `default_line` finds a position at which m_r and k_r have the
+values above. The arm reaches it on a straight line of 0.2505 m, with every joint at least 15 degrees from its limits.
+The tool is horizontal and points along the approach.
 """
 
 from pathlib import Path
