@@ -26,7 +26,7 @@ def archive_of(kind: str, content: Mapping[str, Any], arrays: Arrays) -> bytes:
 
 
 def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of an archive; ValueError: the file is damaged, or its format is not `kind`."""
+    """Return content and arrays of an archive; ValueError: it is missing or damaged, or its format is not `kind`."""
     try:
         return unpacked(path.read_bytes(), kind)
     except Exception as error:  # a damaged file may raise any error
@@ -48,7 +48,7 @@ def unpacked(packed: bytes, kind: str) -> tuple[dict[str, Any], dict[str, NDArra
         arrays = {name: array for name, array in archive.items() if name != "header"}
     checksum = _checksum(kind, header["content"], arrays)
     if checksum != header["sha256"]:
-        raise ValueError(f"its checksum is {checksum}, not {header['sha256']}: it was altered")
+        raise ValueError(f"its checksum is {checksum}, not {header['sha256']}: it was altered or damaged")
     return header["content"], arrays
 
 

@@ -67,10 +67,7 @@ def read_command(
 
 @contextmanager
 def command_line(name: str, after: str = "the same command continues") -> Iterator[None]:
-    """Print each error of `impact-gym NAME`, and each warning once, as one line.
-
-    `after` says how to continue after an interruption or a full disk.
-    """
+    """Print each error of `impact-gym NAME`, and each warning once, as one line; `after` says how to continue."""
     said = set[str]()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:

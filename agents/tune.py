@@ -1,7 +1,4 @@
-"""Tune the baselines of set-ups: `impact-gym tune my.toml`, or `impact-gym tune` for all shipped set-ups.
-
-CMA-ES tunes each baseline for each time weight. Finished searches are stored, and not repeated.
-"""
+"""Tune baselines by CMA-ES: `impact-gym tune my.toml`, or `impact-gym tune` for those of all shipped set-ups."""
 
 import math
 from collections.abc import Callable, Mapping

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impact_gym.parameters import SI, Parameters
 from impact_gym.validation import one_of, rising
@@ -59,8 +58,3 @@ class Motion(Parameters, path="motion"):
     def acceleration(self) -> float:
         """Largest absolute acceleration, m/s^2."""
         return float(np.abs(np.diff(self.velocities) / np.diff(self.times)).max())
-
-    @property
-    def table(self) -> NDArray[np.float64]:
-        """The motion for the compiled program, (2 n,): n times (s), then n velocities (m/s)."""
-        return np.array([*self.times, *self.velocities])

@@ -6,7 +6,6 @@ an object is made; `impact_gym.quantities` has the limits.
 
 import math
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, ClassVar, Literal, get_args
@@ -26,9 +25,10 @@ Dissipation = Literal[
 """Laws of the damping for a nominal restitution; `effective_restitution` gives the restitution that results."""
 LAWS = get_args(Dissipation)
 
-
 STOP_STIFFNESS, STOP_DAMPING_RATIO = 1e5, 1.0
 """Default stiffness (N/m) and damping ratio of the stops of a coupling."""
+
+_FORCE, _ENERGY = (np.vectorize(law, otypes=[np.float64]) for law in (bistable_force, bistable_energy))
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,16 +160,11 @@ class Bistable(Parameters, path="coupling"):
 
     def force(self, position: ArrayLike) -> NDArray[np.float64] | float:
         """Return the force of the spring, without the stops, on the tool, N, at slider positions (m) of any shape."""
-        return self._at(bistable_force, position)
+        return _FORCE(self.stiffness, self.free_length, self.height, position)[()]
 
     def energy(self, position: ArrayLike) -> NDArray[np.float64] | float:
         """Return the energy of the spring, J, at slider positions (m) of any shape."""
-        return self._at(bistable_energy, position)
-
-    def _at(self, law: Callable[..., float], position: ArrayLike) -> NDArray[np.float64] | float:
-        along = np.vectorize(lambda x: law(self.stiffness, self.free_length, self.height, x), otypes=[np.float64])
-        values: NDArray[np.float64] = along(position)
-        return values if values.ndim else float(values)
+        return _ENERGY(self.stiffness, self.free_length, self.height, position)[()]
 
 
 Coupling = Rigid | SpringDamper | Bistable
@@ -250,11 +245,9 @@ class Scene:
 
 def warn_of_stroke(coupling: Coupling, tool_mass: float, acceleration: float) -> None:
     """Warn if the tool lies against a stop under a steady `acceleration` (m/s^2) of the arm."""
-    if isinstance(coupling, SpringDamper) and coupling.stroke:
-        rest = acceleration * tool_mass / coupling.stiffness
-        if rest > coupling.stroke:
-            warnings.warn(
-                f"SpringDamper.stroke is {coupling.stroke:g} m, but under {acceleration:g} m/s^2 the tool's place of "
-                f"rest is {rest:.3g} m away: the tool then lies against a stop",
-                stacklevel=4,
-            )
+    if not isinstance(coupling, SpringDamper) or not coupling.stroke:
+        return
+    if (rest := acceleration * tool_mass / coupling.stiffness) > coupling.stroke:
+        where = f"the tool's place of rest is {rest:.3g} m away: the tool then lies against a stop"
+        text = f"SpringDamper.stroke is {coupling.stroke:g} m, but under {acceleration:g} m/s^2 {where}"
+        warnings.warn(text, stacklevel=4)

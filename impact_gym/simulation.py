@@ -49,7 +49,6 @@ def simulate(
             most 1e5 of these), more during contacts.
 
     Raises:
-        TypeError, ValueError: an argument has a wrong type or is out of range.
         RuntimeError: the run cannot finish.
     """
     one_of("scene", scene, Scene)
@@ -110,10 +109,6 @@ def sweep(
         duration: length of the runs, s; broadcast with the values of `varied`.
         rtol: see `simulate`.
         threads: number of threads, None for one per core; it changes no result.
-
-    Raises:
-        TypeError, ValueError: an argument or a value has a wrong type or is out of range; the message names it, and its
-            index.
     """
     one_of("scene", scene, Scene)
     one_of("motion", motion, Trapezoid)
@@ -192,7 +187,6 @@ def advise(
             or a table from `Approach.robot_table` (one for each kind of mass), or this table's robot at the object.
 
     Raises:
-        TypeError, ValueError: an argument has a wrong type or is out of range.
         RuntimeError: a run of the full model cannot finish.
     """
     sample = [scenes] if isinstance(scenes, Scene) else list(scenes)
@@ -213,9 +207,8 @@ def advise(
         seen.append(simpler)
         try:
             values, taken = run(simpler)
-        except (RuntimeError, ValueError):  # a simpler model can be invalid for a valid scene
-            tried.append(Model(name, simplify, np.full(len(sample), math.inf), 0.0))
-            continue
+        except (RuntimeError, ValueError):  # a simpler model can be invalid for a valid scene: all its errors are inf
+            values, taken = np.full(len(sample), math.inf), seconds
         gap = np.abs(values - exact)
         errors = np.divide(gap, np.abs(exact), out=np.where(gap > 0, math.inf, 0.0), where=exact != 0)
         tried.append(Model(name, simplify, errors, 1.0 - taken / seconds))

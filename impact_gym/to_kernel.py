@@ -66,7 +66,7 @@ def approach_to_kernel(
     profile: tuple[float, ...]
     if isinstance(motion, Motion):
         profile = 0.0, 1.0, math.inf, math.inf, 1.0, table_at + len(table), len(motion.times)
-        table = np.concatenate([table, motion.table])
+        table = np.array([*table, *motion.times, *motion.velocities])
     else:
         brake = motion.brake
         threshold, delay = (brake.threshold, brake.delay) if brake else (math.inf, math.inf)

@@ -1,7 +1,6 @@
 """Rules that detect the touch from the sensors' readings instead of using the environment's alarm.
 
-With `alarm="reading"` the noise of the force sensor can raise the environment's alarm. The rules here use a cumulative
-sum instead (E. S. Page, Continuous inspection schemes, Biometrika 41, 1954).
+The method is a cumulative sum (E. S. Page, Continuous inspection schemes, Biometrika 41, 1954).
 """
 
 from collections.abc import Mapping
@@ -43,7 +42,7 @@ class DetectorRule(ReactingRule):
     MEMORY = 4  # cumulative sum; count, mean and sum of squared deviations of force readings while the alarm is off
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return the view with the rule's own alarm, and the next state: begin of the alarm (s), numbers of MEMORY."""
+        """Return the view with the rule's own alarm, and the next state: begin of the alarm (s), then see MEMORY."""
         time, start = view["time"], state is None or (episode_start is not None and episode_start)
         raised, *memory = np.zeros((1 + self.MEMORY, *np.shape(time))) if state is None else state
         cleared = start | (time > raised + self.task.after_alarm - CLOCK)

@@ -63,10 +63,7 @@ class FilteredProfile(StretchedProfile):
         return View(view.observation, view.spec, **own), state
 
     def swing(self, deflection: Floats, rate: Floats, gained: Floats) -> tuple[Floats, Floats]:
-        """Return the tool's deflection (m) and its rate (m/s) after a step in which the flange gains `gained` (m/s).
-
-        The flange's acceleration is constant (paper, eq. 17). Without a SpringDamper, both stay unchanged.
-        """
+        """Return deflection (m) and its rate (m/s) after a step in which the flange gains `gained` (m/s; eq. 17)."""
         coupling, period = self.task.coupling, self.task.control_period
         if not isinstance(coupling, SpringDamper):
             return deflection, rate

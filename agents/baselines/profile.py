@@ -163,10 +163,7 @@ class StretchedProfile(RangedProfile):
     SPREAD = "range_noise"  # name of the standard deviation (m) in the view
 
     def profile(self, view: View) -> Callable[[Floats], Floats]:
-        """Return the profile with positions times `spread ** stretch` and speeds divided by `spread ** slowing`.
-
-        `spread` is the standard deviation of the estimate divided by USUAL_SPREAD.
-        """
+        """Return the profile with positions * s**stretch and speeds / s**slowing, where s = spread / USUAL_SPREAD."""
         spread = np.maximum(view[self.SPREAD], LEAST_SPREAD) / USUAL_SPREAD
         stretch, slowing = spread ** self["stretch"], spread ** self["slowing"]
         return lambda place: np.clip(self.speed(place / stretch) / slowing, 0.01, VELOCITY_RANGE[1])

@@ -73,7 +73,7 @@ def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None
         rest = {field: value for field, value in content.items() if field != "sha256"}
         checksum = hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
         if checksum != content["sha256"]:
-            raise ValueError(f"its checksum is {checksum}, not {content['sha256']}: it was altered")
+            raise ValueError(f"its checksum is {checksum}, not {content['sha256']}: it was altered or damaged")
         expected = _description(name, setup.tuned[name].rule if setup else content["rule"])
         other = [field for field, value in expected.items() if content[field] != value]
         if setup and not setup.describes(Task(**content["environment"])):

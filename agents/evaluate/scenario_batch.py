@@ -144,10 +144,7 @@ class ScenarioBatch:
 
 
 class Validation:
-    """Scenarios of the frozen validation set at several time weights; their score selects a training's best policy.
-
-    The score is the mean of `Episodes.loss`. Episodes whose status is not ok count as missed.
-    """
+    """Scenarios of the frozen validation set at several time weights; a training keeps the policy that scores best."""
 
     def __init__(self, task: Task, weights: Sequence[float], scenarios: int, **options: Any) -> None:
         """Take the first `scenarios` of the set, each at all `weights` (m/s per s). `options`: of `ScenarioBatch`."""

@@ -1,8 +1,4 @@
-"""Export controllers: `impact-gym export linear-blind --out DIR` writes a C header, and for a policy also ONNX.
-
-Then the controller in C replays episodes of the environment, and its calls are timed. The network in C and in ONNX is
-compared with the policy on NumPy.
-"""
+"""Export controllers as C headers and ONNX, and check the files: `impact-gym export linear-blind --out DIR`."""
 
 import importlib
 from dataclasses import dataclass

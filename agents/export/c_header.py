@@ -18,10 +18,11 @@ from agents.baselines import rule as rules
 from agents.export.contract import Subject
 from agents.policies.policy import Policy
 from impact_gym.files import write_file
+from impact_gym.quantities import Quantity
 from impact_gym.scene import SpringDamper
 from impact_gym.task import ObservationSpec
 from impact_gym.task.action import RESOLUTION
-from impact_gym.task.observation import CURVES, Entry
+from impact_gym.task.observation import CURVES, affine
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 from impact_gym.teleop.link import FADE
 
@@ -117,19 +118,19 @@ def values(spec: ObservationSpec) -> dict[str, str]:
     """Return the C expressions (SI units), by id, of the observed numbers that a controller in C can know."""
     now = {name: f"now->{name}" for name in spec.sensors}
     before = {name: name.rpartition("_") for name, entry in zip(spec.ids, spec.entries, strict=True)
-              if entry.argument == "past_readings"}  # fmt: skip
+              if entry.observed == "past_readings"}  # fmt: skip
     past = {name: f"state->{sensor}_before[{int(number) - 1}]" for name, (sensor, _, number) in before.items()}
     return now | past | {"time_weight": "state->time_weight"}
 
 
-def _scale(entry: Entry, value: str) -> tuple[str, float, float, float]:
+def _scale(entry: Quantity, value: str) -> tuple[str, float, float, float]:
     """Return the C expression of `value` after the entry's curve, and the entry's low end, gain and scaled low end."""
-    low, gain = entry.affine
+    low, gain = affine(entry.scale)
     bent = value if entry.scale.curve == "linear" else f"{entry.scale.curve}({value})"
     return bent, low, gain, entry.scale.scaled_low
 
 
-def _seen(entry: Entry, value: str, name: str) -> str:
+def _seen(entry: Quantity, value: str, name: str) -> str:
     """Return the C expression of a value that was scaled to an observation and decoded as by `ObservationSpec`."""
     bent, low, gain, scaled_low = _scale(entry, value)
     curve = CURVES[entry.scale.curve]

@@ -52,10 +52,7 @@ class Subject:
     """A controller to export: a policy, or a rule with its parameters for one time weight or several."""
 
     def __init__(self, controller: Policy | Rule, validation: Any = None, command: str = "") -> None:
-        """Describe a controller for its environment.
-
-        `validation` (JSON) are its scores, `command` is the command that made it; default: those in the policy's file.
-        """
+        """Describe a controller, with its scores (JSON) and the command that made it; default: those of the policy."""
         if not isinstance(controller, Policy | Rule):
             raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
         self.controller, self.task = controller, controller.task

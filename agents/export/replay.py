@@ -80,10 +80,7 @@ def compiled(subject: Subject, header: Path, folder: Path, *how: str, language: 
 
 
 def replay(subject: Subject, program: ctypes.CDLL, log: Log, calls: int) -> tuple[float, Floats]:
-    """Let the controller of a compiled program replay a log.
-
-    Return the largest difference of a command, as a fraction of its range, and the durations of `calls` calls (s).
-    """
+    """Replay a log; return the largest difference of a command / its range, and the durations of `calls` calls (s)."""
     steps = log.steps.astype(np.int32)
     commands, seconds = np.zeros_like(log.commands), np.zeros(calls)
     arrays = log.sensors.ctypes, steps.ctypes, log.time_weight.ctypes

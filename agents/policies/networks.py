@@ -39,7 +39,7 @@ class Affine:
         self._columns = np.ascontiguousarray(weight.T)
 
     def __call__(self, inputs: Floats) -> Floats:
-        """Return the layer's outputs for `inputs` (blocks, rows, n)."""
+        """Return the layer's outputs (blocks, rows, outputs) for `inputs` (blocks, rows, inputs)."""
         return np.matmul(inputs, self._columns) + self.bias
 
     def rounds_alike(self, block: int) -> bool:

@@ -8,8 +8,8 @@ from impact_gym.task import QUANTITIES, ObservationSpec, Task
 from impact_gym.task.task import MOUNT_IDS
 
 OVERSHOOT = 2.0
-"""Acceleration of a compliant robot's flange as a multiple of the commanded acceleration, for an undamped spring after
-one step from rest. Several steps at the robot's natural frequency cause a higher acceleration."""
+"""Largest acceleration of a compliant robot's flange / commanded acceleration, for an undamped spring and a single step
+of the command. Several steps at the robot's natural frequency cause a larger ratio."""
 
 
 def warnings(task: Task) -> list[str]:
@@ -49,10 +49,7 @@ def warnings(task: Task) -> list[str]:
 
 
 def corners(task: Task) -> Iterator[Task]:
-    """Yield tasks with the drawn numbers of tool, coupling and robot at the ends of their ranges, all combinations.
-
-    Other drawn numbers are at the middle of their ranges.
-    """
+    """Yield tasks with the drawn numbers of tool, coupling and robot at all combinations of ends of their ranges."""
     names = [name for name in task.drawn if name in MOUNT_IDS]
     middles = {name: QUANTITIES[name].middle(*pair) for name, pair in task.drawn.items()}
     for ends in product(*(task.drawn[name] for name in names)):

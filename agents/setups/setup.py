@@ -70,7 +70,7 @@ class Setup:
     evaluation: Evaluation = field(default_factory=Evaluation)
     fails: str = UNSAID  # where its policy fails, in words
     path: Path = Path()
-    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # fraction of the environments, arguments that differ there
+    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # (fraction of the environments, changed arguments)
     seeds: int = SEEDS  # number of trainings, with seeds from 0 on
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:

@@ -11,7 +11,7 @@ from impact_gym.validation import Range, fits_memory, flag, number, whole
 
 Activation = Literal["tanh", "relu"]
 SLOTS = 100_000
-"""Largest number of environments of a training: each environment has its own seed, see `agents.train.ppo`."""
+"""Largest number of environments of a training, and of seeds that it uses, see `agents.train.ppo`."""
 WHOLE: dict[str, tuple[int, float]] = {
     **dict.fromkeys(("steps", "epochs", "imitation_steps", "width", "depth"), (1, inf)),
     **dict.fromkeys(("validate_every", "validation_scenarios", "checkpoint_every"), (1, inf)),

@@ -29,7 +29,7 @@ BEGINNING = 0.1  # first fraction of a training, in which a policy may miss all 
 
 
 class CollapsedError(RuntimeError):
-    """A training collapsed: its policy touches no object, or its weights are not finite."""
+    """A training collapsed: its policy misses nearly all objects, or its weights are not finite."""
 
 
 class TrainingCallback(BaseCallback):

@@ -111,7 +111,7 @@ class ScaledRewards(VecEnvWrapper):
         return self._seen(self.venv.reset())
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Play a step; each reward is scaled by the time weight of the episode to which it belongs."""
+        """Play a step; the time weight of the episode in which the step was made scales its reward."""
         scale, (observations, rewards, ended, infos) = self._scale, self.venv.step_wait()
         return self._seen(observations), rewards * scale, ended, infos
 

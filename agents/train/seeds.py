@@ -49,7 +49,7 @@ def train_seeds(
 
 
 def median(policies: list[Policy]) -> Policy:
-    """Return the policy with the median score; of the two middle ones, the worse one."""
+    """Return the policy with the median score; of an even number, the worse one of the two in the middle."""
     ordered = sorted(policies, key=lambda policy: (policy.provenance["validation"]["score"], policy.seed))
     return ordered[len(policies) // 2]
 

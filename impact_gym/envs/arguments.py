@@ -1,14 +1,17 @@
 """Tables of the arguments, the observation and the draws, for the docstrings of the environment classes."""
 
+from typing import TypeVar
+
 from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP, Quantity
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import ARGUMENTS
 
 Rows = list[tuple[str, ...]]
+Kind = TypeVar("Kind", bound=type)
 
 
-def filled(text: str) -> str:
-    """Replace the placeholders in a docstring, such as OBSERVATION_TABLE, by Markdown tables; return the result."""
+def documented(kind: Kind) -> Kind:
+    """Replace the placeholders in the docstring of a class, such as OBSERVATION_TABLE, by Markdown tables."""
     pairs = zip(SCENARIO, ScenarioRanges().by_id().values(), strict=True)
     scenario = [(f"`{row.id}`", f"{low:g} - {high:g}", law_of(row), row.unit) for row, (low, high) in pairs]
     set_up = [(f"`{row.id}`", law_of(row), row.unit, f"{row.scale.low:g}", f"{row.scale.high:g}") for row in SET_UP]
@@ -22,8 +25,9 @@ def filled(text: str) -> str:
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = ["    | " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows]
         lines.insert(1, "    |" + "|".join("-" * (width + 2) for width in widths) + "|")
-        text = text.replace(f"    {place}", "\n".join(lines))
-    return text
+        if kind.__doc__:  # None under python -OO
+            kind.__doc__ = kind.__doc__.replace(f"    {place}", "\n".join(lines))
+    return kind
 
 
 def law_of(row: Quantity) -> str:

@@ -14,7 +14,7 @@ from impact_gym.outcome import Trace
 from impact_gym.simulation import MAX_STEPS
 from impact_gym.task.action import ActionSpec
 from impact_gym.task.episodes import EpisodeState, first_uniforms, records_with
-from impact_gym.task.observation import ObservationSpec
+from impact_gym.task.observation import ObservationSpec, place
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import PLACES, Task
 from impact_gym.teleop.operators import Person
@@ -63,9 +63,6 @@ class Batch:
             threads: number of threads; None: one for each core.
             trace_points: largest number of points in the time histories of a row; 0: no time histories.
             max_steps: integration steps after which the solver gives up an episode.
-
-        Raises:
-            ValueError: the number of tasks is neither 1 nor `size`, or the observations of the tasks differ.
         """
         tasks = [task] if isinstance(task, Task) else list(task)
         if len(tasks) not in {1, size}:
@@ -181,11 +178,7 @@ class Batch:
         over_rows(partial(self._rows.step, values, skip), self.size, self.threads, ROWS_PER_THREAD)
 
     def set_operator_velocity(self, velocities: ArrayLike) -> None:
-        """Let the operators, each a `Person`, command `velocities` (m/s) from now on: one number, or an array (size,).
-
-        Raises:
-            TypeError, ValueError: an operator is not a `Person`, or the arm cannot follow a velocity.
-        """
+        """Let the operators, each a `Person`, command `velocities` (m/s) from now on: a number or an array (size,)."""
         for task in self.tasks:
             one_of("operator", task.operator, Person)
         lows, highs = zip(*(task.velocity_range for task in self.tasks), strict=True)
@@ -256,8 +249,7 @@ class Batch:
     def sensors(self) -> dict[str, NDArray[np.float64]]:
         """Return the sensor values of all rows in SI units, each (size,); see `ImpactApproachEnv.sensors`."""
         now = self.episodes.view(np.float64).reshape(self.size, -1)
-        places = {name: self.spec.entries[self.spec.index(name)].place for name in self.spec.sensors}
-        return {name: now[:, place].copy() for name, place in places.items()}
+        return {name: now[:, place(name)].copy() for name in self.spec.sensors}
 
     def trace(self, row: int) -> Trace:
         """Return the time histories of the episode of `row` so far."""
@@ -285,8 +277,8 @@ class Batch:
         flange = np.where(with_tool, tool, chains["flange_position"] + chains["flange_offset"])
         deflection = chains["deflection"] - chains["flange_offset"]
         rate = chains["deflection_rate"] - chains["flange_offset_rate"]
-        place = tool - chains["penetration"]
-        return Bodies(chains["time"].copy(), flange, tool, place, deflection, rate, chains["contacts"] > 0)
+        object_position = tool - chains["penetration"]
+        return Bodies(chains["time"].copy(), flange, tool, object_position, deflection, rate, chains["contacts"] > 0)
 
     def history(self, row: int) -> "History":
         """Return the episode of `row` so far as the object that `impact_gym.render` draws."""

@@ -36,26 +36,28 @@ SLIDE = ("slide", "rest_time")
 LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "taken", "late": "late"}
 """Entries that an info has only with an operator, and their fields in EPISODE."""
 
+OTHERS = ("peak_force", "contact_count", "missed", "status")
+"""Entries whose values are not in EPISODE, or are no floats there."""
+
+
+def numbers_of(tasks: Sequence[Task]) -> dict[str, str]:
+    """Return the numbers in EPISODE that an info has in at least one of `tasks`: name and field, see `_NUMBERS`."""
+    drawn = [name for name in QUANTITIES if any(name in task.drawn for task in tasks)]
+    slide = SLIDE if any(task.friction for task in tasks) else ()
+    numbers = _NUMBERS | {f"record.{name}": f"drawn.{name}" for name in drawn} | {name: name for name in slide}
+    return numbers | LINKED if tasks[0].operator else numbers
+
 
 class Infos:
     """The layouts of the infos of a batch, and functions that fill them with the values of rows."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
         """Find where EPISODE holds each entry; `tasks` has one task for all rows, or one for each row."""
-        drawn = [name for name in QUANTITIES if any(name in task.drawn for task in tasks)]
-        numbers = _NUMBERS | {f"record.{name}": f"drawn.{name}" for name in drawn}
-        if any(task.friction for task in tasks):
-            numbers |= {name: name for name in SLIDE}
-        if tasks[0].operator:
-            numbers |= LINKED
-        entries = (*numbers, "peak_force", "contact_count", "missed", "status")
+        numbers = numbers_of(tasks)
+        entries = {name: place for place, name in enumerate([*numbers, *OTHERS])}
         self._numbers = np.array([[_PLACES[name]] for name in numbers.values()])
-        self._layout = grouped({name: place for place, name in enumerate(entries)})
-        self._layouts = []
-        for task in tasks:
-            absent = {f"record.{name}" for name in drawn if name not in task.drawn} | {*(SLIDE * (not task.friction))}
-            own = {name: place for place, name in enumerate(entries) if name not in absent}
-            self._layouts.append(grouped(own))
+        self._layout = grouped(entries)
+        self._layouts = [grouped({name: entries[name] for name in (*numbers_of([task]), *OTHERS)}) for task in tasks]
 
     def infos(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
         """Return a list with the info of each of `rows`, with the numbers that the row's task draws."""

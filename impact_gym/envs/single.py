@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import Space, spaces
 from numpy.typing import NDArray
 
-from impact_gym.envs.arguments import filled
+from impact_gym.envs.arguments import documented
 from impact_gym.envs.batch import Batch
 from impact_gym.outcome import Trace
 from impact_gym.task.episodes import EpisodeState, reset_options
@@ -35,6 +35,7 @@ def steps_per_second(task: Task) -> int:
     return min(max(round(task.horizon / task.control_period / 18.0), 1), 30)
 
 
+@documented
 class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """A teleoperated tool approaches an object at an unknown distance.
 
@@ -179,11 +180,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     }
 
     def __init__(self, *, render_mode: str | None = None, record_trace: bool = False, **arguments: Any) -> None:
-        """Make an environment; see Arguments.
-
-        Raises:
-            TypeError, ValueError: an argument is unknown or out of range.
-        """
+        """Make an environment; see Arguments."""
         choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         flag("record_trace", record_trace)
         self.render_mode = render_mode
@@ -213,11 +210,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._batch.episode_state(0)
 
     def command(self, velocity: float) -> None:
-        """Let the operator, a `Person`, command `velocity` (m/s) from the next tick on.
-
-        Raises:
-            TypeError, ValueError: the operator is not a `Person`, or the arm cannot follow this velocity.
-        """
+        """Let the operator, a `Person`, command `velocity` (m/s) from the next tick on."""
         self._batch.set_operator_velocity(velocity)
 
     def sensors(self) -> dict[str, float]:
@@ -295,7 +288,3 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Close the window, if there is one."""
         if self._renderer is not None:
             self._renderer.close()
-
-
-if ImpactApproachEnv.__doc__:  # None under python -OO
-    ImpactApproachEnv.__doc__ = filled(ImpactApproachEnv.__doc__)

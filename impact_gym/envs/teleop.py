@@ -1,9 +1,10 @@
 """The environment with an operator in the loop; the docstring of `ImpactTeleopEnv` is its specification."""
 
-from impact_gym.envs.arguments import filled
+from impact_gym.envs.arguments import documented
 from impact_gym.envs.single import ImpactApproachEnv
 
 
+@documented
 class ImpactTeleopEnv(ImpactApproachEnv):
     """An operator commands the tool with a delay; an assistance at the arm corrects the commands without delay.
 
@@ -83,7 +84,3 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     ## Version History
     * v0: first version
     """
-
-
-if ImpactTeleopEnv.__doc__:  # None under python -OO
-    ImpactTeleopEnv.__doc__ = filled(ImpactTeleopEnv.__doc__)

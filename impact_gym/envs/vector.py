@@ -16,7 +16,7 @@ from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, observation_space, steps_per_second
 from impact_gym.task.episodes import reset_options
 from impact_gym.task.task import Task
-from impact_gym.validation import array, choice, one_of, shown, whole
+from impact_gym.validation import array, choice, one_of, whole
 
 MOST_DRAWN = 16  # largest number of environments in a batch with a render_mode
 
@@ -52,8 +52,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         per_slot: Sequence[Mapping[str, Any]] | None = None,
         **arguments: Any,  # arguments of `Task`
     ) -> None:
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {shown(render_mode)}")
+        choice("render_mode", render_mode, (None, "rgb_array"))
         self.num_envs = whole("num_envs", num_envs, at_least=1)
         if render_mode is not None and self.num_envs > MOST_DRAWN:
             raise ValueError(f"num_envs must be at most {MOST_DRAWN} with a render_mode, got {self.num_envs}")
@@ -153,12 +152,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return self.batch.rewards.copy(), {}
 
     def render(self) -> tuple[Any, ...] | None:
-        """Return a picture (540, 960, 3) of the present in each slot; see Rendering of `ImpactApproachEnv`.
-
-        Raises:
-            DependencyNotInstalled: pygame is missing.
-            ResetNeeded: a slot has no episode yet.
-        """
+        """Return a picture (540, 960, 3) of the present in each slot; see Rendering of `ImpactApproachEnv`."""
         if self.render_mode is None:
             logger.warn("render() draws nothing without gym.make_vec(..., render_mode='rgb_array')")
             return None
@@ -174,11 +168,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return self.batch.get_state(generators=[generator.bit_generator.state for generator in self._generators])
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Restore a state that `get_state` returned.
-
-        Raises:
-            ValueError: the state was altered, or comes from a batch with another size or task; nothing was changed.
-        """
+        """Restore a state that `get_state` returned, see `Batch.set_state`."""
         self.batch.set_state(state)
         self._generators = [seeding.np_random(0)[0] for _ in state["generators"]]
         for generator, there in zip(self._generators, state["generators"], strict=True):

@@ -24,7 +24,7 @@ MAX_STEPS = 10  # most fits to find one end of an interval
 BEYOND = (1.6, 2.5)  # at these multiples of the distance to an end, the misfit is checked for another minimum
 MAX_DEVIATION = 1e3  # standard deviation assumed for a coordinate that the log does not determine
 MIN_IMPROVEMENT = 0.05  # a point replaces the best fit if its misfit is lower by this; doubled after each replacement
-MIN_LEFTOVER = 6.0, 0.5  # a blow is missing in the fit if the sum of its residuals exceeds 6 deviations, half its force
+MIN_LEFTOVER = 6.0, 0.5  # the fit lacks a blow whose residuals have a sum above 6 deviations and above half the blow's
 
 Ends = tuple[float | None, ...]
 
@@ -141,7 +141,7 @@ def _estimate_noise(model: Model, x: Array) -> bool:
 
 
 def _covariance(jacobian: Array) -> Array:
-    """Return the inverse of J^T J, with very large entries for each x on which no sample depends."""
+    """Return the inverse of J^T J for a jacobian J, with very large entries where no sample depends on x."""
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0.0] = 1.0
     _, values, rows = np.linalg.svd(jacobian / size, full_matrices=False)
@@ -196,7 +196,8 @@ def _is_vague(fit: Fit) -> bool:
 def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
     """Keep x[i] at `u`, fit the rest of x from `near`, and return the result; raise _BetterError if it is better."""
     points = []
-    for along in (fit.valley[:, i] / fit.valley[i, i], np.zeros_like(near.x)):  # along the valley; else only x[i]
+    # the start is `near`, moved along the valley; if that fit is bad, with only x[i] changed
+    for along in (fit.valley[:, i] / fit.valley[i, i], np.zeros_like(near.x)):
         start = near.x + along * (u - near.x[i])
         start[i] = u
         points.append(descend(fit.model, start, i, ROUGH))
@@ -210,8 +211,7 @@ def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
 def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
     """Return the x[i] on one `side` (-1, 1) at which the refitted misfit is quantile^2 above the best; None: nowhere.
 
-    The search starts at the minimum `begin`. Its first step goes to the x[i] that the curvature at the best fit
-    predicts.
+    The search starts at the minimum `begin`, with a step to the x[i] that the curvature at the best fit predicts.
     """
     first, last = float(begin.x[i]), fit.model.free[i].reach[side > 0]
     inner, outer = (first, math.sqrt(max(begin.misfit - fit.misfit, 0.0) / fit.quantile**2), begin), None

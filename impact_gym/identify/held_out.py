@@ -1,7 +1,4 @@
-"""Test the predictions of fits: a fit to each half of the logs predicts the blows of the other half.
-
-For a predicted log, only the start of the motion and an unknown bias are fitted to the log itself.
-"""
+"""Test the predictions of fits: a fit to each half of the logs predicts the blows of the other half."""
 
 import csv
 import io
@@ -105,7 +102,7 @@ def hold_out(
 
 
 def _predicted(log: Log, motion: Trapezoid, fit: Identified) -> Log:
-    """Return a log with the readings that a fit predicts at the times of `log`."""
+    """Return a log with the readings that a fit predicts for `log`, to which only start and bias are fitted."""
     model = Model([log], fit.scene, [motion], fit.fit.model.sensors, ())
     x = descend(model, start_at(model, np.empty(0), 0.5).x).x
     samples = model.predicted(x)[0] + model.biases(x)

@@ -105,10 +105,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 
 
 def start_at(model: Model, point: Array, share: float) -> Point:
-    """Return x: the free coordinates of `point`, with the start times and biases that have the least misfit.
-
-    Start times are tried on the grid of the log's samples, shifted by the fraction `share` of a sample.
-    """
+    """Return x: the coordinates `point`, the best biases and the best start times, of samples shifted by `share`."""
     x = np.zeros(model.size)
     x[: len(point)] = point
     total = 0.0
@@ -128,10 +125,7 @@ def start_at(model: Model, point: Array, share: float) -> Point:
 
 
 def _align(model: Model, scene: Scene, log: Log, trace: Trace, share: float) -> tuple[float, float, dict[str, float]]:
-    """Shift a simulated motion along a log, at most to where the log ends its length before the touch, or begins after.
-
-    Return the least misfit, the delay of the motion's start (s), and biases.
-    """
+    """Shift a simulated motion along a log; return the least misfit, the delay of the motion (s), and the biases."""
     step, n = log.step, len(log.time)
     touch = trace.time[np.argmax(trace.contact_force > 0.0)] if np.any(trace.contact_force > 0.0) else np.inf
     last = min(trace.time[-1], touch + 2.0 * n * step)
@@ -169,8 +163,7 @@ def descend(
     x = x.copy()
     if not np.all(np.isfinite(x)):
         return Point(math.inf, x, is_minimum=False)
-    # MINPACK's tolerance is relative to x. So start times and biases are counted from their initial values: otherwise,
-    # with a log's clock that differs from the motion's by seconds, MINPACK would stop before it resolves microseconds.
+    # start times and biases are counted from their initial values, because MINPACK's tolerance is relative to x
     origin = np.where(np.arange(model.size) < len(model.free), 0.0, x)
     for i, number in enumerate(model.free):  # near e = 0 and e = 1 the derivative vanishes
         if number.name == RESTITUTION and i != fixed:

@@ -53,10 +53,7 @@ class LoadCell(Parameters):
 
 @dataclass(frozen=True, slots=True)
 class Sensor(Parameters):
-    """Known properties of the sensor of one column of a log.
-
-    The noise is white, normally distributed, and of constant size; it is added after load cell and filter.
-    """
+    """Known properties of the sensor of one column of a log; it adds white normal noise after load cell and filter."""
 
     rate: Annotated[float | None, SI("Hz", above=0)] = None  # of the samples; None: not compared with the log's times
     low_pass: Annotated[float | None, SI("Hz", above=0)] = None  # cut-off of a first-order filter; None: no filter

@@ -1,8 +1,4 @@
-"""Draw pictures of an episode for the environment's `render`; time runs more slowly around contacts.
-
-`canvas` draws shapes and text with pygame, `chain` draws flange, coupling, tool and object to scale. `film` has the
-episode at any instant (`History`), and films (`SlowMotionVideo`).
-"""
+"""Draw pictures of an episode for the environment's `render`; time runs more slowly around contacts."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
@@ -28,7 +24,7 @@ class Renderer:
     """A renderer of the episodes of one environment."""
 
     def __init__(self, mode: str, rate: float = FRAME_RATE) -> None:
-        """Set the `render_mode`, and for "rgb_array" the pictures per second of its film."""
+        """Set the `render_mode`, and for "rgb_array" the number of pictures per second of a film made of them."""
         self._mode, self._rate = mode, rate
         self._canvas: Canvas | None = None
         self._window: pygame.Surface | None = None

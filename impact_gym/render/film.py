@@ -129,7 +129,7 @@ class History:
 
 
 class SlowMotionVideo(RecordVideo[Any, Any]):
-    """A `RecordVideo` that records all pictures of each step; Gymnasium's records only the last picture of a step.
+    """A `RecordVideo` that records all pictures of each step; that of Gymnasium records only the last one of a step.
 
     Use it like `RecordVideo`, on an environment made with `render_mode="rgb_array_list"`. The film of an episode lasts
     SHORTEST to LONGEST seconds: a longer film is shortened by leaving out pictures evenly, and in a shorter film the

@@ -12,7 +12,8 @@ The functions below compute such a table and need MuJoCo, the extra `robot`:
     all_joints.simulate(arm, approach, scene)  simulates a blow with all joints, to see the error of the table
 
 Kinematics and joint limits of the Viper are public data. Its inertia and joint stiffness are estimates: at a given pose
-m_r is uncertain by tens of per cent, k_r even more. At the default pose m_r is the paper's, k_r inferred from it.
+m_r is uncertain by tens of per cent, k_r even more. At the impact of the default approach, m_r is the value printed in
+the paper, and k_r a value inferred from the paper.
 """
 
 import warnings

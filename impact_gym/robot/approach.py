@@ -25,7 +25,7 @@ Mass = Literal["held", "effective", "composite"]
 
 @dataclass(frozen=True, eq=False)
 class Approach(Parameters):
-    """A robot whose flange moves along a line at constant orientation; a row for each position; masses have no tool."""
+    """A robot on a line at constant orientation, as a table with a row for each position; masses are without a tool."""
 
     position: Annotated[Array, SI("m")]  # distance of the imposed motion from its start, rising from 0
     held: Annotated[Array, SI("kg")]  # m_r = M_X,11 (paper, eq. 12 and 16)

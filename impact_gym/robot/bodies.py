@@ -1,7 +1,4 @@
-"""The bodies of an arm. A body is a joint with the links that it moves and that are welded together.
-
-Only the total inertia of the welded links is checked, because one of them may be a mere frame or a point mass.
-"""
+"""The bodies of an arm. A body is a joint with the links that it moves and that are welded together."""
 
 import importlib
 from collections.abc import Sequence
@@ -30,10 +27,7 @@ class Body(NamedTuple):
 
 
 def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[Any, Any]:
-    """Return the module mujoco, and an MjSpec of a chain of bodies; `tip` is the flange's pose in the last body (4, 4).
-
-    With `balanced`, a body's three moments of inertia are set to their mean if one exceeds the sum of the others.
-    """
+    """Return the module mujoco, and an MjSpec of a chain of bodies; `tip` (4, 4) is the flange's pose in the last."""
     try:
         mujoco: Any = importlib.import_module("mujoco")  # by name, so that types are checked without MuJoCo
     except ImportError as missing:
@@ -53,7 +47,7 @@ def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[A
 
 def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
     """Return mass and inertia of a body as arguments of MuJoCo's `add_body`; `reach` (m) is that of the arm."""
-    total = np.sum(list(body.links.values()), axis=0)
+    total = np.sum(list(body.links.values()), axis=0)  # a single link may be a mere frame or a point mass
     mass, centre = float(total[3, 3]), total[:3, 3] / max(total[3, 3], LEAST_MASS)
     if not mass >= LEAST_MASS:
         raise ValueError(

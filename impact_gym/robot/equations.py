@@ -58,7 +58,7 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class Servo(Parameters):
-    """A sampled PD control of the motors' positions, with the torques of the elastic joints as feedforward."""
+    """A sampled PD control of motor positions, with feedforward of the acceleration and the elastic joints' torques."""
 
     frequency: Annotated[float, SI("rad/s", above=0)] = 300.0  # natural frequency of a rotor without its link
     damping_ratio: Annotated[float, SI("-", above=0)] = 1.0
@@ -90,7 +90,7 @@ class Equations:
         inverse, unit = np.linalg.inv(self.arm.mass_matrix(self.motors(scene.object.distance))), np.eye(self.n)
         modes = np.linalg.eigvals(np.block([[0.0 * unit, unit], [-inverse * arm.stiffness, -inverse * arm.damping]]))
         self.stiff = bool(np.abs(modes).max() > STIFF)
-        self.damping = 0.0  # N s/m^(1 + n), factor chi of the damping force of the present contact
+        self.damping = 0.0  # N s/m^(1 + n), chi in the present contact's damping force chi * depth^n * rate
         self.evaluations, self.most_evaluations = 0, most_evaluations
         q = q_m = self.motors(0.0)
 

@@ -41,10 +41,7 @@ class Joint(NamedTuple):
 
 
 def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[Body], Array]:
-    """Return the bodies from the link `base` to the link `tip`, and the pose of `tip` in the last body (4, 4).
-
-    Warnings are appended to `remarks`.
-    """
+    """Return the bodies from link `base` to link `tip`, and the pose (4, 4) of `tip` in the last; warn in `remarks`."""
     robot = _parsed(content)
     links = _named(robot, "link")
     joints = _downwards(links, _named(robot, "joint"))
@@ -99,14 +96,14 @@ def _parsed(content: bytes) -> Element:
     try:
         parser.Parse(content, True)
     except expat.ExpatError as problem:
-        raise ValueError(f"no XML, {problem}") from None
+        raise ValueError(f"it is no XML file: {problem}") from None
     robot: Element = builder.close()
     everything = list(robot.iter())
     declared = {name[6:] for each in everything for name, to in each.items() if name[:6] == "xmlns:" and "xacro" in to}
     if {each.tag.partition(":")[0] for each in everything} & {"xacro", *declared}:
-        raise ValueError("a xacro, turn it into a URDF first")
+        raise ValueError("it is a xacro file: turn it into a URDF file first")
     if robot.tag != "robot":
-        raise ValueError(f"no URDF, it begins with <{robot.tag}>")
+        raise ValueError(f"it is no URDF file, it begins with <{robot.tag}>")
     return robot
 
 

@@ -51,9 +51,6 @@ def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None)
     A number that is not fixed is nan. If both "scenario" and "record" fix a number, the value in "scenario" is used.
     With `slots`, a value may be a sequence (slots,). `tasks` has one task for all slots, or one for each slot. A number
     of the set-up must lie in its task's range, and a reaction delay must not exceed its task's longest one.
-
-    Raises:
-        TypeError, ValueError: an option or field is unknown, or a value is out of range.
     """
     one_of("options", options, Mapping, type(None))
     given, fixed = dict(options or {}), dict[str, ArrayLike]()

@@ -36,11 +36,7 @@ class EvaluationSet:
 
 
 def load(name: str | Path) -> EvaluationSet:
-    """Return a shipped set by its name, or the set in a file.
-
-    Raises:
-        ValueError: there is no such set, or the file was altered.
-    """
+    """Return a shipped set by its name, or the set in a file; raise ValueError if the file was altered."""
     return parsed(named_file("evaluation set", name, SHIPPED, ".csv"), "evaluation set", _frozen)
 
 

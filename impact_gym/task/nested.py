@@ -59,22 +59,16 @@ def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[
     """Return the record of one of the classes `kinds` that `value` describes, and its ranges by dotted path.
 
     In the record, the median (`Quantity.middle`) replaces a range. Each combination of the ranges' ends must be valid.
-
-    Raises:
-        TypeError, ValueError: a range is malformed, or the record is invalid for a combination of ends.
     """
     if not isinstance(value, Mapping):
         return record_from(name, value, kinds), {}
-    pairs = {
-        path: QUANTITIES[path].interval(given)
-        for path, given in ((f"{name}.{inner}", given) for inner, given in value.items())
-        if given is not None and path in QUANTITIES and QUANTITIES[path].draw
-    }
+    rows = {inner: QUANTITIES.get(f"{name}.{inner}") for inner, given in value.items() if given is not None}
+    pairs = {inner: row.interval(value[inner]) for inner, row in rows.items() if row and row.draw}
     for corner in product(*(sorted({*pair}) for pair in pairs.values())):
-        record_from(name, {**value, **grouped(dict(zip(pairs, corner, strict=True))).get(name, {})}, kinds)
-    middles = {path: QUANTITIES[path].middle(*pair) for path, pair in pairs.items()}
-    record = record_from(name, {**value, **grouped(middles).get(name, {})}, kinds)
-    return record, {path: pair for path, pair in pairs.items() if pair[0] < pair[1]}
+        record_from(name, {**value, **dict(zip(pairs, corner, strict=True))}, kinds)
+    middles = {inner: QUANTITIES[f"{name}.{inner}"].middle(*pair) for inner, pair in pairs.items()}
+    ranges = {f"{name}.{inner}": pair for inner, pair in pairs.items() if pair[0] < pair[1]}
+    return record_from(name, {**value, **middles}, kinds), ranges
 
 
 def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
@@ -96,11 +90,8 @@ def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
                 if field not in named[chosen]:
                     raise WrongTypeError(f"{name} has no field {field!r}; the fields of a {chosen} are {named[chosen]}")
             needed = [field.name for field in fields(kinds[chosen]) if field.default is MISSING]
-            needed = [field for field in needed if field not in given]
-            if needed:
-                raise WrongTypeError(f"{name}, a {chosen}, needs the fields {needed} too")
+            if absent := [field for field in needed if field not in given]:
+                raise WrongTypeError(f"{name}, a {chosen}, needs the fields {absent} too")
             return kinds[chosen](**given)
-    wanted = " or ".join(kinds)
-    raise WrongTypeError(
-        f"{name} must be a {wanted}, or a mapping whose 'type' is one of {list(kinds)}, got {shown(value)}"
-    )
+    wanted = f"{' or '.join(kinds)}, or a mapping whose 'type' is one of {list(kinds)}"
+    raise WrongTypeError(f"{name} must be a {wanted}, got {shown(value)}")

@@ -1,7 +1,8 @@
 """The numbers of an observation, which are rows of `impact_gym.quantities`: their order and their scales."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,22 +34,10 @@ CURVES = {
 _PLACES = places(EPISODE)
 
 
-class Entry(NamedTuple):
-    """One number of the observation; its scaled value is scaled_low + gain * (curve(value) - offset)."""
-
-    id: str
-    words: str
-    unit: str
-    scale: Scale
-    argument: str  # name of the environment's argument that adds the number, or "always"
-    place: int  # index of the number in the compiled record EPISODE, counted in numbers
-    affine: tuple[float, float]  # offset and gain
-
-
 class ObservationSpec:
     """The numbers of an observation, their order, and their conversion to SI units and back.
 
-    `ids` and `entries` are in the order of the observation: first the numbers for an actor,
+    The ids `ids` and the rows `entries` are in the order of the observation: first the numbers for an actor,
     `observation[..., spec.actor]`, then the true values that `privileged` appends. A critic gets all numbers,
     `observation[..., spec.critic]`. `sensors` has the ids of the sensor values: "time", then the ids of the actor's
     numbers without past readings and time weight.
@@ -56,32 +45,29 @@ class ObservationSpec:
 
     def __init__(self, task: Task, drawn: Iterable[str] | None = None) -> None:
         """Make the specification of `task`; `drawn`: ids of the drawn numbers for a critic, None: those of `task`."""
-        shown = [row for row in QUANTITIES.values() if _actor_sees(row, task)]
         critic = {*(task.drawn if drawn is None else drawn)}
-        rest = (row for row in QUANTITIES.values() if not _actor_sees(row, task))
-        hidden = [row for row in rest if _critic_sees(row, task, critic)]
-        self.entries = tuple(_entry(row, task) for row in (*shown, *hidden))
+        arguments = {name: _argument(row, task, critic) for name, row in QUANTITIES.items()}
+        observed = sorted(filter(arguments.get, arguments), key=lambda name: arguments[name] == "privileged")
+        self.entries = tuple(_observed(QUANTITIES[name], task, arguments[name]) for name in observed)
         self.ids = tuple(entry.id for entry in self.entries)
-        self.actor, self.critic = slice(0, len(shown)), slice(0, len(self.entries))
+        seen = [row for row in self.entries if row.observed != "privileged"]
+        self.actor, self.critic = slice(0, len(seen)), slice(0, len(self.entries))
         self.scaled_low = np.array([entry.scale.scaled_low for entry in self.entries], np.float32)
-        self._index = {name: place for place, name in enumerate(self.ids)}
-        known = [entry.id for entry in self.entries[self.actor] if entry.argument != "past_readings"]
-        self.sensors = sorted((name for name in known if name != "time_weight"), key=lambda name: name != "time")
+        self._index = {name: index for index, name in enumerate(self.ids)}
+        known = [row.id for row in seen if row.observed != "past_readings" and row.id != "time_weight"]
+        self.sensors = sorted(known, key=lambda name: name != "time")
 
     @classmethod
     def of_rows(cls, tasks: Sequence[Task]) -> "ObservationSpec":
         """Return the common specification of the rows of a batch.
 
         In every row a critic gets all numbers that at least one of the tasks draws.
-
-        Raises:
-            ValueError: the observations of the tasks differ; the message names the arguments and the row.
         """
         drawn = {name for task in tasks for name in task.drawn}
         common = cls(tasks[0], drawn)
         for row, task in enumerate(tasks):
             if differing := {*cls(task, drawn).entries} ^ {*common.entries}:
-                arguments = {entry.scale.ends or entry.argument for entry in differing}
+                arguments = {each.scale.ends or each.observed for each in differing}
                 raise ValueError(f"the tasks of a batch must have the same observations, but row {row} differs "
                                  f"from row 0 in {' and '.join(sorted(arguments))}")  # fmt: skip
         return common
@@ -113,52 +99,54 @@ class ObservationSpec:
 
     def encode(self, name: str, value: ArrayLike) -> Floats:
         """Return the scaled and clipped values of a number (...) in its unit."""
-        entry = self.entries[self.index(name)]
-        low, gain = entry.affine
+        scale = self.scale(name)
+        low, gain = affine(scale)
         with np.errstate(divide="ignore"):
-            curved = CURVES[entry.scale.curve].of(np.asarray(value, np.float64))
-        return np.clip(entry.scale.scaled_low + gain * (curved - low), entry.scale.scaled_low, 1.0)
+            curved = CURVES[scale.curve].of(np.asarray(value, np.float64))
+        return np.clip(scale.scaled_low + gain * (curved - low), scale.scaled_low, 1.0)
 
     def to_kernel(self) -> NDArray[Any]:
-        """Return the entries for the compiled program (n,), ENTRY."""
-        rows = [
-            (entry.place, CURVES[entry.scale.curve].code, entry.affine[0], entry.scale.scaled_low, entry.affine[1])
-            for entry in self.entries
-        ]
+        """Return the observed numbers for the compiled program (n,), ENTRY."""
+        rows = []
+        for name, scale in ((row.id, row.scale) for row in self.entries):
+            offset, gain = affine(scale)
+            rows.append((place(name), CURVES[scale.curve].code, offset, scale.scaled_low, gain))
         return np.array(rows, ENTRY)
 
 
-def _actor_sees(row: Quantity, task: Task) -> bool:
-    """Return whether the controller observes the quantity `row` in `task`."""
+def place(name: str) -> int:
+    """Return the index, counted in numbers, of an observed number in the compiled record EPISODE."""
+    return _PLACES.get(f"sensors.{name}", _PLACES.get(f"drawn.{name}", -1))
+
+
+def affine(scale: Scale) -> tuple[float, float]:
+    """Return offset and gain: a scaled value is scaled_low + gain * (curve(value) - offset)."""
+    begin, end = map(CURVES[scale.curve].at, (scale.low, scale.high))
+    return begin, (1.0 - scale.scaled_low) / (end - begin)
+
+
+def _argument(row: Quantity, task: Task, drawn: Container[str]) -> str:
+    """Return what adds `row` to an observation of `task`: an argument, "always" or "privileged"; "" if nothing does."""
     match row.observed:
         case "past_readings":
             sensor, _, before = row.id.rpartition("_")
-            return int(before) <= task.past_readings and (sensor == "force" or task.deflection_sensor)
-        case "operator" | "range_sensor":
-            return getattr(task, row.observed) is not None
-        case "range_noise":
-            return task.range_noise is not None  # a noise of 0 means an exact estimate
+            seen = int(before) <= task.past_readings and (sensor == "force" or task.deflection_sensor)
+        case "operator" | "range_sensor" | "range_noise":  # a noise of 0 means an exact estimate
+            seen = getattr(task, row.observed) is not None
         case "observe_range_noise" | "deflection_sensor":
-            return bool(getattr(task, row.observed))
-    return row.observed == "always"
-
-
-def _critic_sees(row: Quantity, task: Task, drawn: set[str]) -> bool:
-    """Return whether the observation of `task` ends with the true value of the quantity `row`, for a critic."""
-    if not task.privileged:
-        return False
+            seen = getattr(task, row.observed)
+        case _:
+            seen = row.observed == "always"
+    if seen:
+        return row.observed
+    hidden = row.observed == "privileged" or row.id in drawn
     if row.id == "time_since_touch":
-        return task.alarm == "reading"  # with a switch the observed time since the alarm is the same
-    return row.observed == "privileged" or row.id in drawn
+        hidden = task.alarm == "reading"  # with a switch the observed time since the alarm is the same
+    return "privileged" if task.privileged and hidden else ""
 
 
-def _entry(row: Quantity, task: Task) -> Entry:
-    scale = row.scale
-    if scale.ends:
-        low, high = task.ends(scale.ends)
-        scale = scale._replace(low=low, high=high)
-    begin, end = map(CURVES[scale.curve].at, (scale.low, scale.high))
-    argument = row.observed if _actor_sees(row, task) else "privileged"
+def _observed(row: Quantity, task: Task, argument: str) -> Quantity:
+    """Return `row` with the words and the scale of the observation of `task`, to which `argument` adds it."""
     words = f"{row.words} minus flange position" if row.from_flange else row.words
-    place = _PLACES.get(f"sensors.{row.id}", _PLACES.get(f"drawn.{row.id}", -1))
-    return Entry(row.id, words, row.unit, scale, argument, place, (begin, (1.0 - scale.scaled_low) / (end - begin)))
+    low, high = task.ends(row.scale.ends) if row.scale.ends else row.scale[:2]
+    return replace(row, words=words, observed=argument, scale=row.scale._replace(low=low, high=high))

@@ -26,11 +26,7 @@ class ScenarioRanges:
 
     @classmethod
     def of(cls, value: "ScenarioRanges | Mapping[str, Any] | str") -> "ScenarioRanges":
-        """Return the ranges that `value` describes: a `ScenarioRanges`, a mapping of some fields, or the name of a set.
-
-        Raises:
-            TypeError, ValueError: `value` is none of these, or a range is wrong.
-        """
+        """Return the ranges that `value` describes: `ScenarioRanges`, a mapping of some fields, or a set's name."""
         if isinstance(value, ScenarioRanges):
             return value
         if isinstance(value, str):
@@ -41,9 +37,7 @@ class ScenarioRanges:
                 if name not in FIELDS:
                     raise ValueError(f"scenario has no field {name!r}; its fields are {list(FIELDS)}")
             return cls(**value)
-        raise WrongTypeError(
-            f"scenario must be a ScenarioRanges, a mapping of its fields or a name, got {shown(value)}"
-        )
+        raise WrongTypeError(f"scenario must be a ScenarioRanges, a mapping or a name, got {shown(value)}")
 
     def by_id(self) -> dict[str, Range]:
         """Return the ranges by the id of the number."""

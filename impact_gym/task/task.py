@@ -3,7 +3,7 @@
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Self, get_args
 
 import numpy as np
@@ -97,9 +97,8 @@ class Task:
         return self
 
     def __post_init__(self) -> None:
-        drawn: dict[str, Range] = {}
-        optional = [name for name in ARGUMENTS if getattr(Task, name) is None]  # other arguments must not be None
-        checked = [name for name in ARGUMENTS if name not in optional or getattr(self, name) is not None]
+        drawn: dict[str, Range] = {}  # an argument may be None only if that is its default
+        checked = [name for name in ARGUMENTS if getattr(Task, name) is not None or getattr(self, name) is not None]
         self._put("scenario", ScenarioRanges.of(self.scenario))
         for name, kinds in PARTS.items():
             if name in checked:
@@ -111,18 +110,15 @@ class Task:
                 low, high = row.interval(getattr(self, row.id))
                 self._put(row.id, row.middle(low, high))
                 drawn |= {row.id: (low, high)} if low < high else {}
-        for name in ("time_weight", "reaction_delay"):
-            low, high = QUANTITIES[name].interval(getattr(self, name))
+        for name in ("time_weight", "reaction_delay", "velocity_range", "acceleration_range"):
+            low, high = QUANTITIES[name].interval(value := getattr(self, name))
+            if low == high and name.endswith("_range"):
+                unit = QUANTITIES[name].unit
+                raise ValueError(f"{name} must be a pair (low, high) in {unit}, low below high, got {shown(value)}")
             self._put(name, low if low == high else (low, high))
         for name in ("force_weight", "control_period", "rtol", "horizon", "after_alarm", "missed_cost"):
             self._put(name, QUANTITIES[name].check(getattr(self, name)))
         self._put("drawn", {row.id: drawn[row.id] for row in SET_UP if row.id in drawn})
-        for name in ("velocity_range", "acceleration_range"):
-            unit, value = QUANTITIES[name].unit, getattr(self, name)
-            low, high = QUANTITIES[name].interval(value)
-            if not low < high:
-                raise ValueError(f"{name} must be a pair (low, high) in {unit}, low below high, got {shown(value)}")
-            self._put(name, (low, high))
         if self.velocity_range[1] <= 0.0:
             raise ValueError(f"velocity_range must end above 0 m/s, got {self.velocity_range}")
         self._check_choices()
@@ -151,18 +147,15 @@ class Task:
 
     def by_path(self) -> dict[str, Any]:
         """Return the arguments except the scenario, and the parts of records, by dotted path; ranges as given."""
-        values: dict[str, Any] = {}
-        for name in (name for name in ARGUMENTS if name != "scenario"):
-            values[name] = self._given.get(name, getattr(self, name))
-            if is_dataclass(getattr(self, name)):
-                values |= {f"{name}.{part}": value for part, value in self._parts(name).items()}
-        return values
+        values = {name: self._given.get(name, getattr(self, name)) for name in ARGUMENTS if name != "scenario"}
+        parts = {name: self._parts(name) for name in PARTS if getattr(self, name) is not None}
+        return values | {f"{name}.{part}": value for name, its in parts.items() for part, value in its.items()}
 
     def changed(self, by_path: Mapping[str, Any]) -> "Task":
         """Return a copy of the task in which the arguments, or parts of them, at these dotted paths are changed."""
         arguments = self.arguments()
         for name, value in grouped(by_path).items():
-            if any(path.startswith(f"{name}.") for path in by_path):
+            if name not in by_path:  # the paths of its parts are
                 value = {"type": type(getattr(self, name)).__name__, **self._parts(name), **value}
             arguments[name] = value
         return Task(**arguments)
@@ -264,8 +257,9 @@ class Task:
         numbers = record["numbers"]
         numbers["coupling"], numbers["robot"] = record["mount"]["coupling"], record["mount"]["robot"]
         tables = [no_table, *(self.link.to_kernel(record, table_at + len(no_table)) if self.link else ())]
-        for name in numbers["range_sensor"].dtype.names or ():
-            numbers["range_sensor"][name] = getattr(self.range_sensor, name, 0.0)
+        for part in ("range_sensor", "operator", *WAYS):
+            for name in numbers[part].dtype.names or ():
+                numbers[part][name] = getattr(getattr(self, part), name, None) or 0.0
         if self.robot is None:
             for name in ROBOT_NUMBERS:
                 numbers["robot"][name] = math.inf  # a critic observes inf for a rigid robot

@@ -114,11 +114,7 @@ def columns_of(trace: Any) -> list[list[float]]:
 
 
 def without_files(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `environment`, arguments from an untrusted file, as a dict, if these arguments do not open a file.
-
-    Raises:
-        ValueError: a trace is the name of a file or a URL instead of rows.
-    """
+    """Return `environment`, arguments from an untrusted file, as a dict; raise ValueError if a trace names a file."""
     for way in WAYS:
         channel = environment.get(way)
         if isinstance(channel, Mapping) and isinstance(trace := channel.get("trace"), str):

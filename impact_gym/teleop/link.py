@@ -29,9 +29,7 @@ class Link(NamedTuple):
         value = getattr(getattr(self, part), name, 0.0)
         return self.drawn.get(f"{part}.{name}", (value, value))
 
-    def check(
-        self, velocity_range: Range, friction: float | None, horizon: float, control_period: float
-    ) -> None:  # fmt: skip
+    def check(self, velocity_range: Range, friction: float | None, horizon: float, control_period: float) -> None:
         """Raise ValueError if the arm cannot follow the operator, no episode would end, or no packet would arrive."""
         low, high = velocity_range
         if low > 0.0:
@@ -66,12 +64,8 @@ class Link(NamedTuple):
                              f"{control_period:g} s, got one each {apart:g} s: is it in ms?")  # fmt: skip
 
     def to_kernel(self, record: NDArray[Any], begin: int) -> list[NDArray[np.float64]]:
-        """Write the link into a task's record (1,), TASK; return its tables, which begin at index `begin`."""
+        """Write kind and tables into a task's record (1,), TASK; return the tables, which begin at index `begin`."""
         record["operator_kind"] = KINDS[type(self.operator)]
-        for part in ("operator", *WAYS):
-            numbers = record["numbers"][part]
-            for name in numbers.dtype.names or ():
-                numbers[name] = getattr(getattr(self, part), name, None) or 0.0
         tables = [getattr(self.operator, "table", np.empty(0)), self.uplink.table, self.downlink.table]
         for name, points in zip(("replay", *WAYS), tables, strict=True):
             times, values = np.split(points, 2)

@@ -20,14 +20,8 @@ SIMPLE_REACTION = 0.213  # s, mean of 1,469 persons (Woods et al., Front. Hum. N
 Instants = Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e6)]
 
 
-class Commander(Parameters, path="operator"):
-    """Base of all operators."""
-
-    __slots__ = ()
-
-
 @dataclass(frozen=True, slots=True)
-class Replay(Commander):
+class Replay(Parameters, path="operator"):
     """Recorded commands, interpolated linearly, of which the last one is held; they do not react to anything.
 
     With a `length` (s), `time` and `velocity` contain several recordings of this length, one after another. The index
@@ -53,12 +47,12 @@ class Replay(Commander):
 
 
 @dataclass(frozen=True, slots=True)
-class Person(Commander):
+class Person(Parameters, path="operator"):
     """A person: each tick sends the velocity last passed to the environment's `command`; 0 before the first call."""
 
 
 @dataclass(frozen=True, slots=True)
-class Trapezoid(Commander):
+class Trapezoid(Parameters, path="operator"):
     """A constant commanded speed until the operator stops; the arm then moves in a trapezoid (paper, Fig. 11)."""
 
     speed: float = 0.5  # m/s
@@ -66,7 +60,7 @@ class Trapezoid(Commander):
 
 
 @dataclass(frozen=True, slots=True)
-class Searcher(Commander):
+class Searcher(Parameters, path="operator"):
     """Base of the operators that search for the object from its assumed place on."""
 
     place_error: float  # m

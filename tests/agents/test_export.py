@@ -20,6 +20,7 @@ from agents.export.onnx_graph import write_onnx
 from impact_gym.envs import IDS
 from impact_gym.envs.batch import Batch
 from impact_gym.task import ActionSpec, Task
+from impact_gym.task.observation import place
 
 pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")
 
@@ -111,7 +112,7 @@ def test_loader_of_the_page_runs_onnx_from_its_metadata_alone(tmp_path, onnx, na
         expected = ActionSpec(subject.task).decode(actions)
         now = batch.episodes.view(np.float64).reshape(50, -1)
         for row in range(0, 50, 7):
-            seen = {entry.id: now[row, entry.place] for entry in subject.spec.entries}
+            seen = {name: now[row, place(name)] for name in subject.spec.ids}
             span = [action.high - action.low for action in subject.actions]
             assert np.abs((np.array([*command(seen).values()]) - expected[row]) / span).max() < 2e-6
         batch.step(actions, batch.ended)

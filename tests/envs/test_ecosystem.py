@@ -101,7 +101,7 @@ def test_results_in_threads_are_those_of_one_thread():
 
 
 def test_batch_for_stable_baselines3_warns_once_if_torch_uses_more_than_half_of_the_cores():
-    sb3 = pytest.importorskip("impact_gym.envs.sb3")
+    sb3 = pytest.importorskip("impact_gym.sb3")
     sb3.warn_of_threads.cache_clear()
     with pytest.warns(UserWarning, match=r"9 threads on 16 cores.*set_num_threads\(1\)"):
         sb3.warn_of_threads(9, 16)
