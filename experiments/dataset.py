@@ -9,6 +9,7 @@ from functools import partial
 from importlib.metadata import metadata, version
 from itertools import chain, repeat
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Annotated, Any
 from unittest.mock import patch
 
@@ -176,7 +177,7 @@ def of_tries(options: DatasetOptions) -> Any:
     def again() -> Iterator[EpisodeBuffer]:
         for number, this in enumerate(tqdm(found, name, unit="episodes")):
             record = {**this.record, "operator.recording": number + 0.5}
-            done = recorded(env, this.seed, record, partial(Given, this.actions))
+            done = recorded(env, this.seed, record, partial(given, this.actions))
             if done.infos["done_time"][-1] != this.result["done_time"]:
                 raise ValueError("replayed, a try ends at another time: it is of another version of the environment")
             yield done
@@ -185,16 +186,11 @@ def of_tries(options: DatasetOptions) -> Any:
     return write(name, env, again(), options, assists, "persons steer, assisted as named")
 
 
-class Given:
-    """A controller whose actions are given; after the last given action, its actions are zeros."""
-
-    def __init__(self, actions: Sequence[Sequence[float]], _weight: float) -> None:
-        given = np.array(actions, np.float32)
-        self.ahead = chain(given, repeat(0.0 * given[0]))
-
-    def predict(self, *_: Any, **__: Any) -> tuple[Any, Any]:
-        """Return the next action."""
-        return next(self.ahead)[None], None
+def given(actions: Sequence[Sequence[float]], _weight: float) -> Any:
+    """Return a controller with these actions; after the last one, its actions are zeros."""
+    first, *others = np.array(actions, np.float32)
+    ahead = chain([first], others, repeat(0.0 * first))
+    return SimpleNamespace(predict=lambda *_, **__: (next(ahead)[None], None))
 
 
 def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
@@ -228,7 +224,7 @@ def check(name: str) -> int:
     abouts = dataset.storage.get_episode_metadata(range(dataset.total_episodes))
     for episode, begun in zip(tqdm(dataset, name, unit="episodes"), abouts, strict=True):
         record = begun.get("options", {}).get("record", {})
-        done = recorded(env, begun["seed"], record, partial(Given, episode.actions))
+        done = recorded(env, begun["seed"], record, partial(given, episode.actions))
         for what in ("observations", "rewards", "terminations", "truncations"):
             if not np.array_equal(getattr(done, what), getattr(episode, what)):
                 raise ValueError(f"{name}: {what} of episode {episode.id} differ when replayed: {other}")

@@ -12,7 +12,7 @@ def design(options: DesignOptions) -> None:
     run = Run(study_of(checked), StudyOptions(checked.out, processes=checked.processes), command)
     page = run.write()
     search = Search(checked)
-    chosen = search.candidate(search.chosen(run.frames))
+    chosen = search.candidate(search.chosen(run))
     print(f"set-up: {write_setup(checked.file, checked.arm, chosen, command)}")
     print(f"results: {page.resolve().as_uri()}")
 

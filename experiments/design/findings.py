@@ -4,6 +4,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
 
@@ -11,7 +12,7 @@ from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions
 from experiments.lab import grid
 from experiments.lab.charts import OTHERS, SERIES
 from experiments.lab.parts import Picture, Section, Table, percent
-from experiments.lab.statistics import Comparison, Estimate, Resamples, quantile_groups
+from experiments.lab.statistics import Comparison, Estimate, Resamples
 from experiments.lab.study import Findings, Frames
 from impact_gym.quantities import QUANTITIES
 
@@ -87,8 +88,8 @@ def analyse(options: DesignOptions, frames: Frames, _: bool) -> Findings:
     gains = {name: reduction(played, paper) for name, played in lines.items()}
     chosen = lines[CHOSEN].filter(allowed=options.typical)
     velocities, of_paper = (played["object_velocity"].to_numpy() for played in (chosen, paper))
-    fifths = [mask for mask, *_ in quantile_groups(chosen["distance"].to_numpy(), BINS)]
-    least = min(1.0 - velocities[mask].mean() / of_paper[mask].mean() for mask in fifths)
+    fifths = np.array_split(np.argsort(chosen["distance"].to_numpy()), BINS)
+    least = min(1.0 - velocities[part].mean() / of_paper[part].mean() for part in map(np.sort, fifths))
     moved = max(row["deflection"] for row in rows if row["line"] == CHOSEN)
     missed = f" It misses {chosen['missed'].sum()} of {chosen.height} objects." if chosen["missed"].any() else ""
     pad = f" with a pad of {options.pad}" if options.pad else ""

@@ -1,7 +1,6 @@
 """The options of `impact-gym design`, and the set-up file of the chosen design."""
 
 import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -128,7 +127,10 @@ def write_setup(path: Path, setup: Setup, candidate: Candidate, command: str) ->
     content = parsed(setup.path, "TOML", tomllib.loads)
     environment = Task(**setup.environment).changed(candidate.design).arguments()
     if candidate.pad:
-        environment["scenario"] = _on_pad(environment, candidate.pad)
+        ranges = {name: list(ends) for name, ends in Task(**environment).scenario.by_id().items()}
+        corners = on_pad(candidate.pad, *np.meshgrid(*(ranges[name] for name in CONTACT)))
+        through_pad = {name: [float(v.min()), float(v.max())] for name, v in zip(CONTACT, corners, strict=True)}
+        environment["scenario"] = ranges | through_pad
     about = "; ".join(f"{name} {value:.4g}" for name, value in candidate.design.items())
     baseline = f"{path.stem}-profile"
     tables = {
@@ -146,9 +148,3 @@ def write_setup(path: Path, setup: Setup, candidate: Candidate, command: str) ->
     write_file(path, f"# {command}\n# Its controller: the {controller}\n{written}")
     load_setup(path)
     return path
-
-
-def _on_pad(environment: Mapping[str, Any], pad: str) -> dict[str, list[float]]:
-    ranges = {name: list(ends) for name, ends in Task(**environment).scenario.by_id().items()}
-    corners = on_pad(pad, *np.meshgrid(*(ranges[name] for name in CONTACT)))
-    return ranges | {name: [float(v.min()), float(v.max())] for name, v in zip(CONTACT, corners, strict=True)}

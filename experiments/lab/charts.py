@@ -1,6 +1,7 @@
 """The style of all charts, and a function that saves a chart as SVG."""
 
 import io
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,6 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from experiments.lab import colours
-from experiments.lab.page import mathtext
 from impact_gym.files import write_file
 from impact_gym.render import palette
 
@@ -33,10 +33,17 @@ mpl.rcParams.update(
     }
 )
 
-RULE, POLICY, PROFILE, PERSON = palette.RULE, palette.POLICY, palette.PROFILE, palette.PERSON
-FLANGE, TOOL, OBJECT, FORCE = palette.FLANGE, palette.TOOL, palette.OBJECT, palette.FORCE
-SERIES = (RULE, POLICY, PROFILE, PERSON, palette.WARNING, FORCE)
-OTHERS = FLANGE  # colour of each further series, if SERIES has too few colours
+SERIES = (palette.RULE, palette.POLICY, palette.PROFILE, palette.PERSON, palette.WARNING, palette.FORCE)
+OTHERS = palette.FLANGE  # colour of each further series, if SERIES has too few colours
+SYMBOL = re.compile(r"\b([A-Za-z])_([a-z]{1,2}|[A-Z])\b")
+POWER = re.compile(r"\^(?:\(([^()]+)\)|(-?\d+(?:\.\d+)?))")
+
+
+def mathtext(text: str) -> str:
+    """Return text with subscripts and superscripts for matplotlib; text between dollar signs is not changed."""
+    pieces = text.split("$")
+    pieces[::2] = [POWER.sub(r"$^{\1\2}$", SYMBOL.sub(r"$\1_{\2}$", piece)) for piece in pieces[::2]]
+    return "$".join(pieces)
 
 
 def save(figure: Figure, path: Path) -> Path:

@@ -1,8 +1,7 @@
-"""The grid of most studies: each contestant plays the same scenarios in each place, a set-up with one change."""
+"""Cells of most studies: a contestant plays scenarios in an environment. Functions that evaluate their rows."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import product
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -10,7 +9,7 @@ import polars as pl
 from agents.evaluate import play as jobs
 from agents.evaluate.scenario_batch import MEASURED
 from experiments.lab.statistics import Floats, Front, Resamples
-from experiments.lab.study import Cell
+from experiments.lab.study import Cell, Row
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
 
@@ -19,47 +18,28 @@ PLAYED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.policies.
           "agents.setups.evaluation")  # fmt: skip
 
 
-class Contestant(NamedTuple):
-    """A controller. Policies from several seeds of one training have the same name."""
-
-    name: str
-    controller: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
-    seed: int = 0
-
-
-class Place(NamedTuple):
-    """A set-up with one change of its environment, such as friction."""
-
-    setup: str
-    change: str  # name of the change
-    environment: Mapping[str, Any]  # arguments of the environment, without time weight
-    labels: Mapping[str, Any] = {}  # additional columns of the rows
-    scenarios: Mapping[str, Any] | None = None  # JSON; None: the argument `scenarios` of `cells`
-
-
-def cells(
-    places: Iterable[Place], contestants: Iterable[Contestant], scenarios: Mapping[str, Any], weights: Sequence[float],
-    **more: Any,
-) -> Iterator[Cell]:  # fmt: skip
-    """Yield a cell for each contestant in each place. `scenarios`, `weights` and `more` are arguments of `play`."""
-    for place, contestant in product(places, contestants):
-        labels = {"setup": place.setup, "change": place.change, **place.labels}
-        labels |= {"contestant": contestant.name, "seed": contestant.seed}
-        environment, where = jobs.environment_and_scenarios(place.environment, place.scenarios or scenarios)
-        arguments = {"controller": contestant.controller, "environment": environment, "scenarios": where}
-        yield Cell(labels, {**arguments, "weights": list(weights), **more})
+def cell(
+    labels: Row, controller: Mapping[str, Any], environment: Mapping[str, Any], scenarios: Mapping[str, Any],
+    weights: Sequence[float], **more: Any,
+) -> Cell:  # fmt: skip
+    """Return a cell that plays a controller; the arguments after `labels` are those of `play`."""
+    environment, where = jobs.environment_and_scenarios(environment, scenarios)
+    arguments = {"controller": controller, "environment": environment, "scenarios": where}
+    return Cell(labels, {**arguments, "weights": list(weights), **more})
 
 
 def play(
     controller: Mapping[str, Any], environment: Mapping[str, Any], scenarios: Mapping[str, Any],
     weights: Sequence[float], lenient: bool = False,
 ) -> pl.DataFrame:  # fmt: skip
-    """Return a row for each episode, with weight (m/s per s), number, scenario and results of the episode."""
+    """Return a row for each episode, with weight (m/s per s), number, scenario, results and cost (m/s)."""
     results = jobs.play(controller, scenarios, weights, environment, lenient)
     measured = {name: results[name] for name in MEASURED if name in results}
     shape = next(iter(measured.values())).shape
     columns: dict[str, Any] = {"weight": np.array(weights)[:, None], "episode": np.arange(shape[1])}
     columns |= {name: results[name] for name in FIELDS} | measured
+    columns["cost"] = measured["object_velocity"] + columns["weight"] * measured["approach_time"]
+    columns["cost"] += missed_cost(environment) * measured["missed"]  # in this order, as `Episodes.loss`
     return pl.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in columns.items()})
 
 
@@ -74,20 +54,16 @@ def sample(frame: pl.DataFrame, name: str) -> Floats:
     return ordered[name].to_numpy().astype(np.float64).reshape(ordered["seed"].n_unique(), -1)
 
 
-def front(
-    frame: pl.DataFrame, resamples: Resamples, measures: Sequence[str] = ("approach_time", "object_velocity")
-) -> Front:
-    """Return the means (1 + n, weights) of both `measures`; `frame` has one contestant and one place."""
+def front(frame: pl.DataFrame, resamples: Resamples) -> Front:
+    """Return the front of rows of one contestant in one place."""
     each = [rows for _, rows in groups(frame.sort("weight"), "weight")]
-    first, second = (np.stack([resamples.means(sample(rows, name)) for rows in each], axis=1) for name in measures)
-    return first, second
+    times, velocities = (
+        np.stack([resamples.means(sample(rows, name)) for rows in each], axis=1)
+        for name in ("approach_time", "object_velocity")
+    )
+    return times, velocities
 
 
 def missed_cost(environment: Mapping[str, Any]) -> float:
     """Return the cost of a miss in an environment, m/s."""
     return float(environment.get("missed_cost", MISSED_COST))
-
-
-def cost(weight: float, missed_cost: float) -> pl.Expr:
-    """Return the cost of an episode, m/s: V_p + w T + the cost of a miss."""
-    return pl.col("object_velocity") + weight * pl.col("approach_time") + missed_cost * pl.col("missed")

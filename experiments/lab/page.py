@@ -9,14 +9,13 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from experiments.lab import player
+from experiments.lab import charts, player
+from experiments.lab.charts import POWER, SYMBOL
 from experiments.lab.parts import HeatMap, Picture, Table
 from impact_gym.files import write_file
 
 EXPERIMENTS = Path(__file__).parents[1]
 INTERVAL = re.compile(r"\[[^][]*\]")
-SYMBOL = re.compile(r"\b([A-Za-z])_([a-z]{1,2}|[A-Z])\b")
-POWER = re.compile(r"\^(?:\(([^()]+)\)|(-?\d+(?:\.\d+)?))")
 
 
 def factor(value: float) -> str:
@@ -38,22 +37,16 @@ MACROS: Mapping[type, str] = {  # macros of lab/parts.html.jinja, by the type of
 def write(folder: Path, template: str, **content: Any) -> Path:
     """Write `folder`/index.html from a template below experiments/, and return the path of the page.
 
-    The template can use the filter `typeset`, `image(name)` (the content of `folder`/NAME.svg as a URI) and
-    `macro_name(part)` (the macro that shows a part of a section). `content` has `runs`, records of `recorded_run`.
+    The template can use the filter `typeset`, `image(picture)` (writes `folder`/NAME.svg, and returns its content as a
+    URI) and `macro_name(part)` (the macro that shows a part of a section). `content` has `runs`, records of runs.
     """
 
-    def image(figure: str) -> str:
-        return "data:image/svg+xml;base64," + base64.b64encode((folder / f"{figure}.svg").read_bytes()).decode()
+    def image(picture: Picture) -> str:
+        file = charts.save(picture.figure, folder / f"{picture.name}.svg")
+        return "data:image/svg+xml;base64," + base64.b64encode(file.read_bytes()).decode()
 
     pages = Environment(loader=FileSystemLoader(EXPERIMENTS), autoescape=True, undefined=StrictUndefined)
     pages.filters["typeset"] = typeset
     pages.globals |= {"image": image, "macro_name": lambda part: MACROS[type(part)], "player": player}
     text = pages.get_template(template).render(**content)
     return write_file(folder / "index.html", text.encode(errors="replace"))
-
-
-def mathtext(text: str) -> str:
-    """Return text with subscripts and superscripts for matplotlib; text between dollar signs is not changed."""
-    pieces = text.split("$")
-    pieces[::2] = [POWER.sub(r"$^{\1\2}$", SYMBOL.sub(r"$\1_{\2}$", piece)) for piece in pieces[::2]]
-    return "$".join(pieces)

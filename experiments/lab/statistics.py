@@ -34,9 +34,9 @@ class Estimate:
 class Resamples:
     """The sample and n bootstrap resamples, of scenarios and of seeds."""
 
-    def __init__(self, scenarios: int, resamples: int = RESAMPLES, seed: int = 0) -> None:
-        self._seed, self.scenarios, self.count = seed, scenarios, resamples
-        self._scenario_shares = _shares((seed, 0), scenarios, resamples)
+    def __init__(self, scenarios: int, resamples: int = RESAMPLES) -> None:
+        self.scenarios, self.count = scenarios, resamples
+        self._scenario_shares = _shares((0, 0), scenarios, resamples)
 
     def means(self, values: Floats) -> Floats:
         """Return the means (1 + n, ...) of `values` (seeds, ..., scenarios), or (scenarios,), in sample and resamples.
@@ -45,7 +45,7 @@ class Resamples:
         """
         values = np.atleast_2d(values).astype(np.float64)
         seeds = len(values)
-        shares = _shares((self._seed, seeds), seeds, self.count)
+        shares = _shares((0, seeds), seeds, self.count)
         flat = values.reshape(-1, self.scenarios) @ self._scenario_shares.T  # (seeds * ..., 1 + n)
         by_seed = flat.reshape(seeds, -1, self.count + 1)
         means = np.einsum("rs,skr->rk", shares, by_seed)
@@ -91,14 +91,6 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
     order = np.argsort(curve_x, axis=1)
     x, y = np.take_along_axis(curve_x, order, 1), np.take_along_axis(curve_y, order, 1)
     return np.array([np.interp(point, *line) for point, *line in zip(at, x, y, strict=True)])
-
-
-def quantile_groups(values: Floats, count: int) -> list[tuple[NDArray[np.bool_], float, float]]:
-    """Split `values` (n,) by quantiles into `count` groups; return mask (n,), lower and upper edge of each group."""
-    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
-    last = max(len(edges) - 2, 0)
-    group = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, last)
-    return [(group == k, float(edges[k]), float(edges[min(k + 1, len(edges) - 1)])) for k in range(last + 1)]
 
 
 @dataclass(frozen=True)

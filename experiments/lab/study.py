@@ -1,6 +1,9 @@
 """Studies: a study has a question, tables of measurements, and an analysis; a run of the study writes a page."""
 
+import json
+import os
 import shutil
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,18 +13,17 @@ import polars as pl
 
 from agents.command_line import command_of
 from agents.jobs import cached
-from agents.provenance import digest_of
+from agents.provenance import circumstances, digest_of
 from experiments.lab import page
-from experiments.lab.charts import save
-from experiments.lab.parts import Picture, Section
-from experiments.lab.results import KEPT, REPORTS, csv_of, recorded_run
-from impact_gym.files import whole_file
+from experiments.lab.parts import Section
+from impact_gym.files import whole_file, write_file
 from impact_gym.sources import compiled_from
 from impact_gym.validation import whole
 
 Row = Mapping[str, Any]
 Rows = Sequence[Row] | pl.DataFrame
 Frames = Mapping[str, pl.DataFrame]
+KEPT = "kept"  # subfolder of a study's folder, with the results of the study's cells
 LARGE = 50_000  # rows; a larger table is written as Parquet
 SOLVER = tuple(  # modules on which the result of `simulate` depends, in addition to the compiled solver
     f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "to_kernel", "outcome", "simulation")
@@ -103,17 +105,20 @@ class StudyOptions:
             whole("processes", self.processes, at_least=0)
 
 
-class Run:
-    """A run of a study; `command` is the command line that repeats the run."""
+class Run(dict[str, pl.DataFrame]):
+    """A run of a study: its measured tables by name. A missing table is measured when it is read."""
 
     def __init__(self, study: Study, options: StudyOptions, command: str = "") -> None:
+        """Prepare a run that the command line `command` repeats."""
+        super().__init__()
         self.study, self.options, self.command = study, options, command
-        self.folder = options.out or REPORTS / f"{study.name}{'-quick' if options.quick else ''}"
-        self.frames: dict[str, pl.DataFrame] = _Frames(self)  # measured tables
+        self.folder = options.out or Path("reports", f"{study.name}{'-quick' if options.quick else ''}")
+        self.measurements = {measurement.name: measurement for measurement in study.measurements}
 
-    def frame(self, measurement: Measurement) -> pl.DataFrame:
-        """Return the rows of all cells; only cells without kept results are measured."""
-        cells, row_of = list(measurement.cells(self.options.quick, self.frames)), measurement.failed
+    def __missing__(self, name: str) -> pl.DataFrame:
+        """Return the rows of all cells of a table; only cells without kept results are measured."""
+        measurement = self.measurements[name]
+        cells, row_of = list(measurement.cells(self.options.quick, self)), measurement.failed
 
         def failed(arguments: Mapping[str, Any], reason: str) -> Rows:
             labels = next(cell.labels for cell in cells if cell.arguments == arguments)
@@ -125,49 +130,50 @@ class Run:
             [cell.arguments for cell in cells],
             self.folder / KEPT,
             depends=measurement.digest,
-            title=measurement.name,
+            title=name,
             processes=requested if limit is None else limit if requested is None else min(limit, requested),
             cluster=self.options.cluster if limit is None else None,
             seconds=measurement.seconds,
             failed=failed if row_of else None,
         )
-        return frame_of(zip((cell.labels for cell in cells), results, strict=True))
+        self[name] = frame_of(zip((cell.labels for cell in cells), results, strict=True))
+        return self[name]
 
-    def measure(self) -> None:
-        """Measure the tables in `only`, or all tables if `only` is empty."""
-        names = [measurement.name for measurement in self.study.measurements]
-        if unknown := set(self.options.only) - {*names}:
-            raise ValueError(f"only: no table {min(unknown)!r} in the study {self.study.name}: {', '.join(names)}")
-        for measurement in self.study.measurements:
-            if measurement.name in (self.options.only or names):
-                _ = self.frames[measurement.name]
+    def measure(self) -> Findings:
+        """Measure the tables in `only`, or all tables if `only` is empty; return their analysis."""
+        if unknown := {*self.options.only} - {*self.measurements}:
+            names = ", ".join(self.measurements)
+            raise ValueError(f"only: no table {min(unknown)!r} in the study {self.study.name}: {names}")
+        for name in self.options.only or self.measurements:
+            _ = self[name]
+        return self.study.analyse(self, self.options.quick)
 
     def write(self) -> Path:
-        """Measure missing cells, write tables, figures and the page, and return the path of the page."""
+        """Measure missing cells, write tables, figures and the page, and return the path of the page.
+
+        The file results.json has a record of each run: command, versions and machine, the machine's load before the
+        run, and the duration in seconds (None: the run was stopped). The page shows these records.
+        """
+        kept, log = self.folder / KEPT, self.folder / "results.json"
         if self.options.force:
-            shutil.rmtree(self.folder / KEPT, ignore_errors=True)
-        with recorded_run(self.folder, self.command, self.study.packages) as runs:
-            self.measure()
-            findings = self.study.analyse(self.frames, self.options.quick)
-        tables = {**self.frames, **findings.tables}
-        files = [_write_table(self.folder / name, frame) for name, frame in tables.items()]
-        for picture in (part for section in findings.sections for part in section.parts if isinstance(part, Picture)):
-            save(picture.figure, self.folder / f"{picture.name}.svg")
+            shutil.rmtree(kept, ignore_errors=True)
+        runs = json.loads(log.read_text())["runs"] if kept.is_dir() and log.is_file() else []
+        begun = time.perf_counter()
+        record: dict[str, Any] = {"command": self.command, "seconds": None, "load_before": os.getloadavg()[0]}
+        runs.append(record | circumstances("impact-gym", "numpy", "scipy", *self.study.packages))
+        try:
+            findings = self.measure()
+            runs[-1]["seconds"] = time.perf_counter() - begun
+        finally:
+            write_file(log, json.dumps({"runs": runs}, indent=2) + "\n")
+        files = [_write_table(self.folder / name, frame) for name, frame in {**self, **findings.tables}.items()]
         about: dict[str, Any] = {"question": self.study.question, "findings": findings, "files": files}
         return page.write(self.folder, "lab/study.html.jinja", runs=runs, quick=self.options.quick, **about)
 
 
-class _Frames(dict[str, pl.DataFrame]):
-    """Tables by name; a missing table is measured when it is read."""
-
-    def __init__(self, run: Run) -> None:
-        super().__init__()
-        self._run = run
-
-    def __missing__(self, name: str) -> pl.DataFrame:
-        measurements = {measurement.name: measurement for measurement in self._run.study.measurements}
-        self[name] = self._run.frame(measurements[name])
-        return self[name]
+def csv_of(frame: pl.DataFrame) -> str:
+    """Return a table as CSV; a text that a spreadsheet could read as a formula gets an apostrophe (OWASP)."""
+    return frame.with_columns(pl.selectors.string().str.replace(r"^([=+\-@\t\r\n])", "'$1")).write_csv()
 
 
 def _write_table(path: Path, frame: pl.DataFrame) -> str:

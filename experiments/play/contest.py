@@ -8,7 +8,7 @@ import numpy as np
 
 from agents.setups import load_setup
 from experiments.lab import player
-from experiments.lab.player.films import COLUMNS, Run, scene_of
+from experiments.lab.player.films import COLUMNS, scene_of
 from experiments.play.assistance import COUPLINGS, PERIOD, record_of, related, usual
 from experiments.play.tries import Live, Try, replayed
 from impact_gym.render.film import History
@@ -70,8 +70,7 @@ def _without_delay(this: Try) -> Try:
 
 def film(variants: Mapping[str, Variant]) -> dict[str, Any]:
     """Return `html`, a slow-motion film, and `slides`: the object's slide (m) by variant, None if it was missed."""
-    replays = {name: replayed(each.played) for name, each in variants.items()}
-    runs = {name: Run(History(*each, ended=True), each[1]) for name, each in replays.items()}
+    runs = {name: History(*replayed(each.played), ended=True) for name, each in variants.items()}
     scene: dict[str, Any] = {"label": "one scenario for all", "number": 0, "compact": True}
     scene |= scene_of(runs, COARSE)
     for run, variant in zip(scene["runs"], variants.values(), strict=True):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.setups import Setup
-from experiments.play import clock, contest, try_files
+from experiments.play import clock, try_files
 from experiments.play.assistance import NAMES, RANGES, about, assistance, playable, record_of, related
 from experiments.play.tries import Try
 from impact_gym.files import locked
@@ -145,7 +145,3 @@ class Session:
         self.pipe.close()
         self._clock.join(20.0)
         self._lock.close()
-
-    def film(self, name: str) -> dict[str, Any]:
-        """Return one film that shows a try and its variants (see `contest.again`); ValueError: no such try."""
-        return contest.film(contest.again(try_files.read(self.folder / f"{name}.json")))

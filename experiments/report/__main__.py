@@ -19,7 +19,6 @@ from agents.provenance import circumstances, digest_of, revision
 from agents.setups import README, load_setup
 from agents.setups.evaluation import RESERVED
 from agents.setups.keys import within
-from experiments.lab.results import REPORTS
 from experiments.lab.statistics import RESAMPLES
 from experiments.report.matchups import Matchup, of_policies, of_setup
 from impact_gym.files import locked, parsed, whole_file, write_file
@@ -66,7 +65,7 @@ class ReportOptions:
     """Cost of a second until the touch, in m/s of the object's final velocity. The page recommends the controller with
     the lowest mean cost. Without this option, the value is `evaluation.typical` of the set-up (2, if the file does not
     contain another value)."""
-    out: Path = REPORTS / "latest"
+    out: Path = Path("reports/latest")
     """Folder for the page. A hidden folder beside this folder keeps the results of all episodes. If you repeat the
     command after an interruption, it continues."""
     force: bool = False
@@ -181,6 +180,7 @@ def results_of(folder: Path) -> dict[str, Any]:
 
 def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, begun: float) -> None:
     """Write the files of the report over those of an earlier report; write results.json last."""
+    from experiments.lab.page import write as write_page
     from experiments.report import page
     from experiments.report.played import episodes
 
@@ -217,8 +217,10 @@ def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, 
         "own": bool(options.policy) or not all(load_setup(name).shipped for name in options.setups),
         "trained_with": ", ".join(dict.fromkeys(map(" ".join, versions))) or "versions that their files do not name",
         "resamples": f"{RESAMPLES:,}",
+        "policies": page.policies_table(played),
+        "seeds": max(len(each.seeds) for each in played),
     }
-    page.write(folder, about, tabs, played)
+    write_page(folder, "report/page.html.jinja", runs=[about], about=about, tabs=tabs)
     write_file(folder / RESULTS, json.dumps(results, indent=2) + "\n")
 
 

@@ -35,21 +35,21 @@ class Failing(NamedTuple):
 
 def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
     """Yield a cell for each change with each of paper's rule, rival and policy, at the typical time weight."""
-    places = []
     for change in variants(matchup.evaluation, matchup.environment):
-        own = None
+        played = scenarios
         if change.scenarios:
             there = evaluation_sets.load(change.scenarios).count
-            own = {"set": change.scenarios, "count": min(scenarios["count"], there)}
+            played = {"set": change.scenarios, "count": min(scenarios["count"], there)}
         nominal = {**matchup.environment, **matchup.evaluation.nominal}
         environment = nominal if change.same else change.environment
         labels = {
+            "change": f"{factor(change.argument)}: {setting(change)}",
             "factor": factor(change.argument, environment.get("alarm") == "reading"), "setting": setting(change),
-            "same": change.same, "value": change.value, "missed_cost": grid.missed_cost(environment),
+            "same": change.same, "value": change.value,
         }  # fmt: skip
-        places.append(grid.Place(matchup.name, words(change), environment, labels, own))
-    contestants = [grid.Contestant(each.name, each.controller) for each in matchup.rivals]
-    return grid.cells(places, contestants, scenarios, [matchup.typical])
+        for each in matchup.rivals:
+            about = {**labels, "contestant": each.name}
+            yield grid.cell(about, each.controller, environment, played, [matchup.typical])
 
 
 def factor(argument: str, by_reading: bool = False) -> str:
@@ -68,11 +68,6 @@ def setting(change: Change) -> str:
     return f"{scale * change.value:g} {name}"
 
 
-def words(change: Change) -> str:
-    """Return the name of a change: the argument and its value."""
-    return f"{factor(change.argument)}: {setting(change)}"
-
-
 def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
     """Return a row for each contestant under each change; the median seed is called POLICY.
 
@@ -83,17 +78,16 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
     if not played.varied:
         numbers = dict.fromkeys(("value", "off", "missed", "of", "more"), float)
         return pl.DataFrame(schema={"factor": str, "setting": str, "contestant": str, "same": bool, **numbers})
-    loss = grid.cost(played.matchup.typical, 0.0) + pl.col("missed_cost") * pl.col("missed")
     policy = pl.col("contestant").replace(played.matchup.chosen, POLICY)
-    frame = frame_of(played.varied).with_columns(policy, loss=loss)
-    ours = frame.filter(contestant=controller).select("change", "episode", more=pl.col("loss"))
-    more = pl.col("more") - pl.col("loss")
+    frame = frame_of(played.varied).with_columns(policy)
+    ours = frame.filter(contestant=controller).select("change", "episode", more=pl.col("cost"))
+    more = pl.col("more") - pl.col("cost")
     clear = more.mean() > 2.0 * more.std() / more.len().sqrt()
     off = (pl.col("value") - pl.col("value").filter("same").first().over("factor")).abs().fill_nan(0.0).fill_null(0.0)
     by = ["change", "factor", "setting", "same", "value", "contestant"]
     return frame.join(ours, on=["change", "episode"], maintain_order="left").group_by(by, maintain_order=True).agg(
-        pl.mean("loss"), V=pl.mean("object_velocity"), T=pl.mean("approach_time"), missed=pl.sum("missed"), of=pl.len(),
-        more=pl.when(clear).then(more.mean()).otherwise(0.0),
+        loss=pl.mean("cost"), V=pl.mean("object_velocity"), T=pl.mean("approach_time"), missed=pl.sum("missed"),
+        of=pl.len(), more=pl.when(clear).then(more.mean()).otherwise(0.0),
     ).with_columns(off=off)  # fmt: skip
 
 

@@ -83,11 +83,6 @@ class Matchup:
         return Task(**self.environment).operator is not None
 
     @property
-    def until(self) -> str:
-        """Plain name of the event that ends T."""
-        return "all is done" if self.operated else "the touch"
-
-    @property
     def labels(self) -> dict[str, str]:
         """Labels of the baselines and of the median seed, by name."""
         return {baseline.name: baseline.label for baseline in self.baselines} | {self.chosen: POLICY}

@@ -1,15 +1,13 @@
 """The page: a tab for each set-up, with the answer on the first screen and the details below."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
 from agents.evaluate.play import controller_of, frozen_of
 from agents.provenance import todays
-from experiments.lab import charts, page
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.player import choose, films, fragment
 from experiments.report import ablation, answer, choice, holds, tables
@@ -99,36 +97,12 @@ def watch(played: Played) -> dict[str, Any]:
     matchup, as_late = played.matchup, played.as_late[played.matchup.chosen]
     (weight,) = as_late.weights
     runs = {PAPER: played.paper.at(weight), POLICY: as_late.at(weight)}
-    frozen, environment = frozen_of(matchup.scenarios), dict(matchup.environment)
-    if frozen is None:
-        environment["scenario"] = {name: tuple(pair) for name, pair in matchup.scenarios["ranges"].items()}
-    controllers = {PAPER: matchup.baselines[0].controller, POLICY: matchup.policy.controller}
-    task = Task(**environment)
-    watched = films(
-        {name: controller_of(controller, weight, task) for name, controller in controllers.items()},
-        choose(*runs.values()),
-        runs,
-        seed=frozen.seed if frozen else matchup.scenarios["seed"],
-        frozen=frozen,
-        environment=environment,
-        time_weight=weight,
-    )
+    frozen, task = frozen_of(matchup.scenarios), Task(**matchup.environment)
+    specs = {PAPER: matchup.baselines[0].controller, POLICY: matchup.policy.controller}
+    controllers = {name: controller_of(spec, weight, task) for name, spec in specs.items()}
+    seed = frozen.seed if frozen else matchup.scenarios["seed"]
+    watched = films(controllers, choose(*runs.values()), runs, seed, {**matchup.environment, "time_weight": weight})
     if not matchup.operated:
         for run in (run for scene in watched["scenes"] for run in scene["runs"]):
             run["sentence"] = ABOUT[run["name"]]
     return watched
-
-
-def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> None:
-    """Write the page into `folder`, and the page's pictures into `folder`/figures."""
-    for tab in tabs:
-        for part in (tab.chart, *(part for section in tab.statistician for part in section.parts)):
-            if isinstance(part, Picture):
-                charts.save(part.figure, folder / f"{part.name}.svg")
-    page.write(
-        folder,
-        "report/page.html.jinja",
-        runs=[about],
-        about={**about, "policies": policies_table(all_played), "seeds": max(len(each.seeds) for each in all_played)},
-        tabs=tabs,
-    )

@@ -91,10 +91,6 @@ class Played:
         """Resamples of the scenarios; they are the same for all contestants."""
         return Resamples(self.count)
 
-    def losses(self, weight: float) -> Floats:
-        """Return the cost of all seeds at a weight (seeds, scenarios), m/s."""
-        return np.array([run.loss(weight) for run in self.seeds.values()])
-
 
 def episodes(all_played: Sequence[Played]) -> pl.DataFrame:
     """Return a row for each episode of the seeds, the baselines and the bound."""

@@ -55,7 +55,8 @@ def by_weight(played: Played) -> Table:
     """Return the table that compares the cost of policy, rival and clairvoyant search at each weight."""
     body = []
     for weight in played.matchup.weights:
-        ours, theirs, chosen = played.losses(weight), played.rival.loss(weight), played.policy.loss(weight)
+        ours = np.array([run.loss(weight) for run in played.seeds.values()])
+        theirs, chosen = played.rival.loss(weight), played.policy.loss(weight)
         median, recipe = (Comparison.of_means(loss, theirs).ratio for loss in (chosen, ours))
         by_seed, gap = ours.mean(axis=1), "-"
         if played.bound is not None and weight in played.bound.weights:
@@ -114,6 +115,7 @@ def measures(played: Played) -> Table:
 def trade_off(played: Played, first_screen: bool = False) -> Picture:
     """Return the chart of V_p against time: for the first screen only rule, median seed and rival, else all runs."""
     matchup = played.matchup
+    until = "all is done" if matchup.operated else "the touch"
     names = (PAPER, matchup.rival.name) if first_screen else played.baselines
     labels = {each.name: each.plain if first_screen else each.label for each in matchup.baselines}
     bound = None if first_screen else played.bound
@@ -133,7 +135,7 @@ def trade_off(played: Played, first_screen: bool = False) -> Picture:
                 axes.plot(*curve, color=colour, linestyle=line, marker=marker, label=name)
             else:
                 axes.plot(*curve, color=colour, linewidth=0.8, alpha=0.45)
-    axes.set(xlabel=f"mean time until {matchup.until} (s)", ylabel="mean V_p (m/s)", ylim=(0.0, None))
+    axes.set(xlabel=f"mean time until {until} (s)", ylabel="mean V_p (m/s)", ylim=(0.0, None))
     axes.legend(fontsize=9)
     places = [f"{time:.3f} s and {velocity:.3f} m/s" for time, velocity in (*played.paper.front, *played.policy.front)]
     alternative = f"Paper's rule: {places[0]}. The learned policy: from {places[1]} to {places[-1]}."
@@ -147,7 +149,7 @@ def trade_off(played: Played, first_screen: bool = False) -> Picture:
             f"2020, moves at {speed:g} m/s and brakes at the alarm."
         )
     else:
-        heading = f"Time until {matchup.until} against V_p, all contestants and seeds"
+        heading = f"Time until {until} against V_p, all contestants and seeds"
         caption = (
             "Down and left is better. Each line joins the time weights of one contestant; faint lines are other seeds."
         )

@@ -32,11 +32,6 @@ STYLES: dict[str, dict[str, Any]] = {
 }
 
 
-def cells_of_truth(_: bool, __: Frames) -> list[Cell]:
-    """Return a cell for each named approach."""
-    return [Cell({"scene": approach.name}, {"approach": approach.name}) for approach in named()]
-
-
 def cells_of_times(quick: bool, frames: Frames) -> Iterator[Cell]:
     """Yield a cell for each rival on each named approach."""
     rtols, rounds = ((1e-3, 1e-6, 1e-9), 1) if quick else (RTOLS, 3)
@@ -159,7 +154,10 @@ STUDY = Study(
     name="speed",
     question="How fast is the solver at a given error?",
     measurements=(
-        Measurement("truth", cells_of_truth, contenders.true_row, JUDGES),
+        Measurement(
+            "truth", lambda *_: [Cell({"scene": each.name}, {"approach": each.name}) for each in named()],
+            contenders.true_row, JUDGES,
+        ),
         Measurement(
             "times", cells_of_times, contenders.timed, (*SOLVER, *JUDGES), seconds=LONGEST, processes=1,
             failed=lambda labels: {"contender": RIVALS[labels["rival"]][0], "setting": FINE},

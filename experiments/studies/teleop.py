@@ -14,7 +14,6 @@ from agents.policies import load_ensemble
 from agents.setups import load_setup
 from experiments.lab import grid
 from experiments.lab.charts import SERIES
-from experiments.lab.grid import Contestant, Place
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.statistics import Resamples, estimate
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
@@ -22,8 +21,6 @@ from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Stud
 COUPLINGS = ("rigid", "spring", "bistable")
 DELAYS, TYPICAL = (0.0, 0.05, 0.1, 0.2, 0.4), 0.2  # s, of the round trip
 BELIEF = {"place_error": [-0.05, 0.05], "creep": [0.05, 0.15]}
-
-
 REACH, SEEN = "reach", "training's recordings"
 HELD_OUT: Mapping[str, Mapping[str, Any]] = {  # operators with which no policy was trained
     "tracker": {"type": "Tracker", **BELIEF},
@@ -33,7 +30,7 @@ HELD_OUT: Mapping[str, Mapping[str, Any]] = {  # operators with which no policy 
 OPERATORS = (REACH, SEEN, *HELD_OUT)
 ALONE, RULE, BRAKE, POLICY = "operator alone", "paper's rule", "local brake", "policy"
 ASSISTANCE = (ALONE, RULE, BRAKE, POLICY)
-MEASURES = ("object_velocity", "slide", "done_time", "taken", "missed")
+MEASURES = ("object_velocity", "slide", "done_time", "taken", "missed", "cost")
 COLOURS = {ALONE: SERIES[3], BRAKE: SERIES[4], POLICY: SERIES[1]}
 SHOWN = {"slide": (100.0, "slide (cm)"), "done_time": (1.0, "done (s)")}  # factor and label of each row of panels
 
@@ -46,30 +43,25 @@ def environment_of(coupling: str, operator: str, delay: float) -> dict[str, Any]
     return {**setup.environment, "operator": operators[operator], "uplink": link, "downlink": link}
 
 
-def places(quick: bool) -> Iterator[Place]:
-    """Yield all places: each coupling with each operator at each delay."""
-    delays, operators = ([TYPICAL], [REACH, "steady"]) if quick else (DELAYS, OPERATORS)
-    for coupling, delay, operator in product(COUPLINGS, delays, operators):
-        labels = {"coupling": coupling, "delay": delay, "operator": operator}
-        environment = environment_of(coupling, operator, delay)
-        yield Place(f"teleop-{coupling}", f"{operator}, {1e3 * delay:g} ms", environment, labels)
-
-
-def contestants(setup: str) -> list[Contestant]:
-    """Return the assistances as contestants."""
+def contestants(setup: str) -> dict[tuple[str, int], dict[str, Any]]:
+    """Return the controller (JSON) of each assistance and seed."""
     fixed = {ALONE: "operator-alone", RULE: "paper-trapezoid", BRAKE: "local-brake"}
-    everybody = [Contestant(name, {"baseline": baseline}) for name, baseline in fixed.items()]
-    for policy in load_ensemble(setup).policies:
-        everybody.append(Contestant(POLICY, {"policy": base64.b64encode(policy.to_bytes()).decode()}, policy.seed))
-    return everybody
+    policies = {each.seed: base64.b64encode(each.to_bytes()).decode() for each in load_ensemble(setup).policies}
+    return {(name, 0): {"baseline": baseline} for name, baseline in fixed.items()} | {
+        (POLICY, seed): {"policy": content} for seed, content in policies.items()
+    }
 
 
 def assisted(quick: bool, _: Frames) -> Iterator[Cell]:
-    """Yield a cell for each contestant in each place."""
+    """Yield a cell for each assistance with each coupling and operator at each delay."""
+    delays, operators = ([TYPICAL], [REACH, "steady"]) if quick else (DELAYS, OPERATORS)
     scenarios = {"set": "test", "count": 40 if quick else 500}
-    for place in places(quick):
-        weights = [load_setup(place.setup).evaluation.typical]
-        yield from grid.cells([place], contestants(place.setup), scenarios, weights, lenient=True)
+    for coupling, delay, operator in product(COUPLINGS, delays, operators):
+        environment = environment_of(coupling, operator, delay)
+        weights = [load_setup(f"teleop-{coupling}").evaluation.typical]
+        for (name, seed), controller in contestants(f"teleop-{coupling}").items():
+            labels = {"coupling": coupling, "delay": delay, "operator": operator, "contestant": name, "seed": seed}
+            yield grid.cell(labels, controller, environment, scenarios, weights, lenient=True)
 
 
 LABELS = ("coupling", "delay", "operator")
@@ -79,17 +71,14 @@ def table_of_cells(frames: Frames) -> list[dict[str, Any]]:
     """Return a row for each assistance in each cell: means, and by how much slide and cost are below the brake's."""
     found = list[dict[str, Any]]()
     for labels, rows in grid.groups(frames["episodes"], *LABELS):
-        setup = load_setup(f"teleop-{labels[0]}")
-        weight = setup.evaluation.typical
-        rows = rows.with_columns(cost=grid.cost(weight, grid.missed_cost(setup.environment)))
         resamples = Resamples(rows["episode"].n_unique())
         means = {
-            who: {name: resamples.means(grid.sample(each, name)) for name in (*MEASURES, "cost")}
+            who: {name: resamples.means(grid.sample(each, name)) for name in MEASURES}
             for (who,), each in grid.groups(rows, "contestant")
         }
         for who, ours in means.items():
             row = dict(zip(LABELS, labels, strict=True))
-            row |= {"contestant": who, "scenarios": resamples.scenarios, "weight": weight}
+            row |= {"contestant": who, "scenarios": resamples.scenarios, "weight": rows["weight"][0]}
             estimates = {name: estimate(resampled) for name, resampled in ours.items()}
             for name in ("slide", "cost"):
                 estimates[f"brake_{name}"] = estimate(means[BRAKE][name] - ours[name])

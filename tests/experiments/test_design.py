@@ -145,19 +145,19 @@ def run_of(options):
 
 def test_stopped_study_continues_and_ends_with_a_set_up(small):
     begun = run_of(small)
-    begun.frames["searches"] = begun.frame(begun.study.measurements[0])  # stopped here
+    assert len(begun["searches"]) > 0  # stopped here
     before = kept(small.out)
     run = run_of(small)
     run.write()
-    assert run.frames["searches"].equals(begun.frames["searches"])
+    assert run["searches"].equals(begun["searches"])
     assert kept(small.out).items() >= before.items()
-    rows = summary(run.frames["designs"])
+    rows = summary(run["designs"])
     assert [(row["line"], row["allowed"]) for row in rows if row["line"] != FRONT] == [
         (PAPER, 1.0), *((name, time) for name in (CHOSEN, "paper's spring") for time in (1.0, 1.3))
     ]  # fmt: skip
     search = Search(small)
-    chosen = search.candidate(search.chosen(run.frames))
-    (cell,) = search.controllers(False, run.frames)  # searched with the design as it may be built
+    chosen = search.candidate(search.chosen(run))
+    (cell,) = search.controllers(False, run)  # searched with the design as it may be built
     searched = cell.arguments["candidate"]["environment"]["coupling"]["stiffness"]
     assert np.mean(searched) == pytest.approx(chosen.design["coupling.stiffness"])
     setup = load_setup(write_setup(small.out / "it-designed.toml", small.arm, chosen, "the command"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from experiments.lab.statistics import Comparison, Resamples, along, estimate, quantile_groups, tolerated
+from experiments.lab.statistics import Comparison, Resamples, along, estimate, tolerated
 from impact_gym.render import palette
 
 
@@ -55,15 +55,6 @@ def test_along_reads_between_points_and_at_ends():
     x, y = np.array([[3.0, 1.0, 2.0]]), np.array([[9.0, 1.0, 4.0]])
     for at, expected in ((1.5, 2.5), (2.75, 7.75), (0.0, 1.0), (5.0, 9.0)):
         assert along(x, y, np.array([at])) == pytest.approx([expected])
-
-
-def test_quantile_groups_are_equal_and_fewer_where_values_repeat():
-    sample = np.random.default_rng(5).permutation(np.arange(1.0, 26.0))
-    groups = quantile_groups(sample, 5)
-    assert [sorted(sample[inside]) for inside, _, _ in groups] == np.arange(1.0, 26.0).reshape(5, 5).tolist()
-    assert (groups[0][1], groups[-1][2]) == (1.0, 25.0)
-    ((inside, low, high),) = quantile_groups(np.full(7, 0.4), 5)
-    assert (inside.sum(), low, high) == (7, 0.4, 0.4)
 
 
 @pytest.mark.parametrize(("n", "factor"), [(5, 4.203), (10, 2.911), (30, 2.220), (50, 2.065)])

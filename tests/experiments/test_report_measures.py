@@ -136,6 +136,7 @@ def play_changes(results, losses, missed=0):
         episodes, velocity = np.arange(100), np.broadcast_to(losses[change][name], 100)
         missing = (episodes < missed) & (name == "seed-0") & (change == list(losses)[-1])
         rows = {"episode": episodes, "object_velocity": velocity, "approach_time": np.zeros(100), "missed": missing}
+        rows["cost"] = velocity + 2.0 * missing
         results.varied.append((cell.labels, pl.DataFrame(rows)))
 
 

@@ -169,17 +169,17 @@ def test_page_lists_every_failure(tmp_path):
     run.write()
     text = text_of_a_page_that_stands_on_its_own(tmp_path, figures=0)
     assert all(promise.text in text for promise in promises.PROMISES)
-    late, _ = run.frames["truth"].to_dicts()
+    late, _ = run["truth"].to_dicts()
     assert (late["speed"], late["velocity"]) == (approaches.storm(2).motion.speed, None)
     assert "TimeoutError" in late["failure"]
     changes = (
         {"scene": 3, "milliseconds": 77.0}, {"scene": 5, "failure": "RuntimeError: the run stopped"},
         {"scene": 8, "energy_created": 1e-3, "energy_doubt": 1e-9, "traced": True},
     )  # fmt: skip
-    wrong = run.frames["storm"]
+    wrong = run["storm"]
     for change in changes:
         wrong = wrong.update(pl.DataFrame(change), on="scene")
-    findings = stability.STUDY.analyse(run.frames | {"storm": wrong}, False)
+    findings = stability.STUDY.analyse(run | {"storm": wrong}, False)
     listed = {row[:3] for row in findings.tables["failures"].iter_rows()}
     assert listed >= {(3, promises.FAST.text, "77"), (5, promises.ENDED.text, "RuntimeError: the run stopped")}
     assert (8, promises.PASSIVE.text) in {row[:2] for row in listed}

@@ -48,10 +48,10 @@ def test_shares_add_up(tmp_path):
     assert len(searches) == 1 + 2 * len(gain.QUICK_WEIGHTS)
     run = small_run(gain.STUDY, tmp_path, priors=lambda *_: searches)
     run.write()
-    (line,) = gain.by_prior(run.frames["priors"])
+    (line,) = gain.by_prior(run["priors"])
     assert line["limits"].value + line["place"].value == pytest.approx(line["all"].value, rel=1e-12)
     rule, steady, profile = line["velocity"]
-    assert rule.value == pytest.approx(run.frames["priors"].filter(rule="rule")["object_velocity"].mean())
+    assert rule.value == pytest.approx(run["priors"].filter(rule="rule")["object_velocity"].mean())
     assert (line["limits"].value, line["profile"].value) == pytest.approx(
         ((rule.value - steady.value) / rule.value, 1.0 - profile.value / steady.value)
     )
@@ -63,9 +63,9 @@ def test_page_has_rates_beside_gymnasiums(tmp_path):
     run = small_run(bench.STUDY, tmp_path, environments=lambda *_: environments, rates=lambda *_: rates)
     run.write()
     text_of_a_page_that_stands_on_its_own(tmp_path, figures=0)
-    (ours,) = run.frames["rates"].to_dicts()
+    (ours,) = run["rates"].to_dicts()
     assert 0.0 < ours["training"] < ours["environment"]  # the same steps without learning
-    rows = {(name, envs): (steps, ratio) for name, envs, steps, ratio in run.frames["environments"].rows()}
+    rows = {(name, envs): (steps, ratio) for name, envs, steps, ratio in run["environments"].rows()}
     steps, ratio = rows[bench.SCALE, 1]
     assert ratio == rows[bench.ID, 1][0] / steps
     assert {envs for name, envs in rows if name == bench.ID} == {1, *bench.SIZES[::2]}
@@ -92,7 +92,7 @@ def test_page_of_operators_has_every_contestant_and_numbers_that_hold_together(t
     run = small_run(teleop.STUDY, tmp_path, episodes=lambda *_: cells)
     run.write()
     text = unescape(text_of_a_page_that_stands_on_its_own(tmp_path, figures=2))
-    found = teleop.table_of_cells(run.frames)
+    found = teleop.table_of_cells(run)
     names = {row["contestant"] for row in found}
     assert names == {*teleop.ASSISTANCE}
     assert all(name in text for name in names)
@@ -169,10 +169,10 @@ def test_page_has_every_contender_and_two_truths_that_agree(tmp_path):
 
     run = small_run(speed.STUDY, tmp_path, truth=lambda *_: cells, times=times)
     run.write()
-    rows = run.frames["times"]
+    rows = run["times"]
     assert {*rows["contender"]} == {OURS, *speed.RIVALS[CAREFUL]}
     assert rows.filter(contender=OURS, setting=1e-9)["velocity_error"].item() < 1e-7
-    (truth,) = run.frames["truth"].to_dicts()
+    (truth,) = run["truth"].to_dicts()
     assert truth["second_contacts"] == truth["contacts"]
     assert truth["velocity_doubt"] < 1e-9
     assert "No rival is faster" in text_of_a_page_that_stands_on_its_own(tmp_path, figures=1)

@@ -10,8 +10,7 @@ from pages import stands_on_its_own
 
 from experiments import studies
 from experiments.lab.parts import Heat, HeatMap, Picture, Section, Table
-from experiments.lab.results import csv_of
-from experiments.lab.study import LARGE, Cell, Findings, Measurement, Run, Study, StudyOptions
+from experiments.lab.study import LARGE, Cell, Findings, Measurement, Run, Study, StudyOptions, csv_of
 
 
 def squares(numbers, log):
@@ -66,7 +65,7 @@ def calls(tmp_path):
 
 @pytest.mark.parametrize("only", [(), ("cubes",)])
 def test_rows_have_the_labels_of_their_cell_and_later_tables_see_earlier_ones(study, tmp_path, only):
-    frames = run(study, tmp_path / "out", only=only).frames
+    frames = run(study, tmp_path / "out", only=only)
     assert frames["squares"].rows() == [("small", 1, 1), ("small", 2, 4), ("large", 10, 100)]
     assert frames["cubes"]["cube"].to_list() == [1, 8, 1000]
 
@@ -112,7 +111,7 @@ def test_cell_that_fails_is_an_error_or_a_row_with_its_reason(study, tmp_path):
     with pytest.raises(RuntimeError, match="1 of 2 jobs failed"):
         run(replace(study, measurements=(first,)), tmp_path / "out")
     allowed = replace(first, failed=lambda labels: {"number": len(labels["kind"])})
-    rows = run(replace(study, measurements=(allowed,)), tmp_path / "out").frames["squares"].to_dicts()
+    rows = run(replace(study, measurements=(allowed,)), tmp_path / "out")["squares"].to_dicts()
     assert rows[0] == {"kind": "none", "number": 4, "failure": "ValueError: no zero", "square": None}
     assert rows[1] == {"kind": "one", "number": 1, "failure": None, "square": 1}
 

@@ -1,20 +1,18 @@
 """Films of notable scenarios: replays, with fewer points of the time histories, and with a common clock."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluate.scenario_batch import RESULTS, TEST_SEED, Episodes
+from agents.evaluate.scenario_batch import RESULTS, Episodes
 from agents.policies import Controller
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.render.chain import object_radius, rest_length
 from impact_gym.render.film import FRAME_RATE, History
 from impact_gym.scene import Bistable, Rigid, SpringDamper
 from impact_gym.task import Task
-from impact_gym.task.evaluation_sets import EvaluationSet
 
 MOST = 200  # largest number of points of a time history
 POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005  # errors that `thin` allows / largest value in a film
@@ -106,37 +104,30 @@ AFTER = 0.15  # s, length of the film after the last contact
 Columns = dict[str, NDArray[np.float64]]
 
 
-@dataclass(frozen=True)
-class Run:
-    """One contestant in one scenario."""
-
-    history: History
-    info: dict[str, Any]
-
-    @property
-    def contacts(self) -> list[tuple[float, float]]:
-        """Start and end (s) of each contact; an unfinished contact ends with the trace."""
-        ends = np.minimum(self.history.partings, self.history.now)
-        return list(zip(self.history.touches.tolist(), ends.tolist(), strict=True))
-
-    def until(self, end: float) -> Columns:
-        """Return the time histories up to `end` (s) or the end of the trace, whichever is earlier."""
-        end, time = min(end, self.history.now), self.history.time
-        before = (time < end) & np.append(True, np.diff(time) > 0.0)  # a trace has two rows at each event
-        columns = {name: self.history.columns[name] for name in COLUMNS}
-        return {name: np.append(column[before], np.interp(end, time, column)) for name, column in columns.items()}
-
-    def farthest(self, end: float) -> float:
-        """Return the object's position (m) at `end` (s); after the trace, the object moves at constant velocity."""
-        last = self.history.at(self.history.now)
-        return last.object_position + last.object_velocity * max(end - last.time, 0.0)
+def contacts_of(run: History) -> list[tuple[float, float]]:
+    """Return start and end (s) of each contact; an unfinished contact ends with the trace."""
+    return list(zip(run.touches.tolist(), np.minimum(run.partings, run.now).tolist(), strict=True))
 
 
-def clock(runs: Sequence[Run], end: float, coarse: float = 1.0) -> list[list[float]]:
+def until(run: History, end: float) -> Columns:
+    """Return the time histories up to `end` (s) or the end of the trace, whichever is earlier."""
+    end, time = min(end, run.now), run.time
+    before = (time < end) & np.append(True, np.diff(time) > 0.0)  # a trace has two rows at each event
+    columns = {name: run.columns[name] for name in COLUMNS}
+    return {name: np.append(column[before], np.interp(end, time, column)) for name, column in columns.items()}
+
+
+def farthest(run: History, end: float) -> float:
+    """Return the object's position (m) at `end` (s); after the trace, the object moves at constant velocity."""
+    last = run.at(run.now)
+    return last.object_position + last.object_velocity * max(end - last.time, 0.0)
+
+
+def clock(runs: Sequence[History], end: float, coarse: float = 1.0) -> list[list[float]]:
     """Return [start (s), slow-motion factor] of each part of a film until `end` (s): the largest of all `runs`."""
     time, stretches = 0.0, list[list[float]]()
     while time < end:
-        slower = max(run.history.factor(time) for run in runs)
+        slower = max(run.factor(time) for run in runs)
         if not stretches or slower != stretches[-1][1]:
             stretches.append([round(time, DECIMALS["time"]), slower])
         time += coarse / (FRAME_RATE * slower)
@@ -144,24 +135,20 @@ def clock(runs: Sequence[Run], end: float, coarse: float = 1.0) -> list[list[flo
 
 
 def films(
-    contestants: Mapping[str, Controller], numbers: Mapping[str, int], played: Mapping[str, Episodes], *,
-    seed: int = TEST_SEED, frozen: EvaluationSet | None = None, environment: Mapping[str, Any] | None = None,
-    time_weight: float = 2.0,
+    contestants: Mapping[str, Controller], numbers: Mapping[str, int], played: Mapping[str, Episodes], seed: int,
+    environment: Mapping[str, Any],
 ) -> dict[str, Any]:  # fmt: skip
     """Return the argument of `fragment`, as JSON. RuntimeError: a replay differs from the result in `played`.
 
     The first of `contestants` is the baseline. `numbers` is the result of `choose`; `played` has the results of
-    `ScenarioBatch.play`, by contestant. Scenario k is that of the set `frozen`, or is drawn with `seed` + k.
-    `time_weight` (m/s per s) replaces that of `environment`.
+    `ScenarioBatch.play`, by contestant, in `environment`. Scenario k is that of an episode with the seed `seed` + k.
     """
     scenes = []
-    options = {"scenario": "test", **(environment or {})}
-    options.pop("time_weight", None)
     for label, number in numbers.items():
-        runs, fixed = {}, frozen.scenario if frozen else {}
-        record = {"time_weight": time_weight} | {field: float(values[number]) for field, values in fixed.items()}
+        runs = {}
         for name, controller in contestants.items():
-            runs[name] = play(controller, frozen.seed if frozen else seed, number, record, options)
+            record = {field: float(values[number]) for field, values in played[name].scenario.items()}
+            runs[name] = play(controller, seed, number, record, {"scenario": "test", **environment})
             judged, replayed = float(played[name].object_velocity[number]), runs[name].info["object_velocity"]
             if abs(replayed - judged) > 0.0:
                 raise RuntimeError(f"scenario {number}: the replay of {name!r} leaves the object at {replayed!r} m/s, "
@@ -172,8 +159,8 @@ def films(
 
 def play(
     controller: Controller, seed: int, number: int, record: Mapping[str, float], options: Mapping[str, Any]
-) -> Run:
-    """Play scenario `number` as `ScenarioBatch` does, and return the run with its trace."""
+) -> History:
+    """Play scenario `number` as `ScenarioBatch` does, and return its history."""
     env = ImpactApproachEnv(record_trace=True, **options)
     observation, info = env.reset(seed=seed + number, options={"record": dict(record)})
     state, start, ended = None, np.ones(1, np.bool_), False
@@ -183,14 +170,14 @@ def play(
         start, ended = np.zeros(1, np.bool_), terminated or truncated
     if info["status"] != "ok":
         raise RuntimeError(f"scenario {number}: {info['status']}")
-    return Run(History(env.trace(), info, Task(**options), env.episode_state(), ended=True), info)
+    return History(env.trace(), info, Task(**options), env.episode_state(), ended=True)
 
 
-def scene_of(runs: Mapping[str, Run], coarse: float = 1.0) -> dict[str, Any]:
+def scene_of(runs: Mapping[str, History], coarse: float = 1.0) -> dict[str, Any]:
     """Return one scenario for `fragment`: clock, limits of the axes, and time histories; `coarse` as in `thin`."""
-    ends = [run.contacts[-1][1] + AFTER if run.contacts else run.history.now for run in runs.values()]
+    ends = [contacts_of(run)[-1][1] + AFTER if run.touches.size else run.now for run in runs.values()]
     end = round(max(ends), DECIMALS["time"])
-    histories = {name: run.until(end) for name, run in runs.items()}
+    histories = {name: until(run, end) for name, run in runs.items()}
     all_of = {name: np.concatenate([columns[name] for columns in histories.values()]) for name in COLUMNS}
     velocities = np.concatenate([all_of[f"{body}_velocity"] for body in BODIES])
     limits = {
@@ -198,7 +185,7 @@ def scene_of(runs: Mapping[str, Run], coarse: float = 1.0) -> dict[str, Any]:
         "speed": max(1e-3, float(np.abs(velocities).max())),
         "lowest": float(velocities.min()),
         "depth": max(0.0, float((all_of["tool_position"] - all_of["object_position"]).max())),
-        "farthest": max(run.farthest(end) for run in runs.values()),
+        "farthest": max(farthest(run, end) for run in runs.values()),
         "rearmost": float(all_of["flange_position"].min()),
     }
     scenario = next(iter(runs.values())).info["scenario"]
@@ -212,20 +199,20 @@ def scene_of(runs: Mapping[str, Run], coarse: float = 1.0) -> dict[str, Any]:
     }
 
 
-def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float], coarse: float) -> dict[str, Any]:
-    alarm, digits = float(run.history.events.alarm), DECIMALS["time"]
+def _run(name: str, run: History, columns: Columns, limits: Mapping[str, float], coarse: float) -> dict[str, Any]:
+    alarm, digits = float(run.events.alarm), DECIMALS["time"]
     operated = {}
-    if run.history.task.operator:
-        delay = run.info["record"].get("downlink.delay", run.history.task.downlink.delay)
+    if run.task.operator:
+        delay = run.info["record"].get("downlink.delay", run.task.downlink.delay)
         operated = {"late": delay, **{name: run.info[name] for name in ("slide", "done_time")}}
     rows = thin(columns, limits, coarse)
     rows = rows[np.append(True, np.diff(np.round(columns["time"][rows], digits)) > 0.0)]
     return {
         "name": name,
-        "chain": chain_of(run.history.task),
+        "chain": chain_of(run.task),
         **{field: run.info[field] for field in RESULTS},
         **operated,
-        "contacts": [[round(instant, digits) for instant in contact] for contact in run.contacts],
+        "contacts": [[round(instant, digits) for instant in contact] for contact in contacts_of(run)],
         "alarm": round(alarm, digits) if np.isfinite(alarm) else None,
         "rows": [np.round(columns[key][rows], decimals).tolist() for key, decimals in DECIMALS.items()],
     }

@@ -1,7 +1,7 @@
 """The study `paper`: the paper's figures, computed with our model, and verdicts on the paper's statements.
 
 Each section of the paper has a module with two functions for each figure. `figure_05` returns the table of Fig. 5, and
-`_numbers_figure_05` the numbers that statements.toml names. `_draw_figure_05`, if it exists, draws additional curves.
+`_numbers_figure_05` the numbers that statements.toml names.
 """
 
 from collections import Counter
@@ -15,6 +15,7 @@ from experiments.lab.charts import SERIES
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
 from experiments.studies.paper import beyond, section_2, section_3, section_4, section_5
+from experiments.studies.paper.runs import impulses
 from experiments.studies.paper.statements import AGREEING, DATA, Basis, Verdict, judged
 from impact_gym.render.palette import LIGHT
 
@@ -66,8 +67,8 @@ def picture(name: str, frame: pl.DataFrame) -> Picture:
     about = DATA["figures"][name]
     figure = Figure(figsize=tuple(SCALE * length for length in about["size"]))
     grid: Any = figure.subplots(**about.get("panels", {}))
-    if draw := MADE.get(f"_draw_{name}"):
-        draw(frame, grid, **about.get("arguments", {}))
+    if cases := about.get("impulses"):
+        impulses(frame, grid, cases)
     for axes, given in zip(np.ravel(grid), about["axes"], strict=True):
         texts = dict(given)
         draw_curves(frame, axes, texts.pop("curves", []), texts.pop("where", {}))

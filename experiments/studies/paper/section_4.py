@@ -13,8 +13,7 @@ from scipy.signal import find_peaks
 import impact_gym as ig
 from experiments.lab.scenes import DISTANCE, DURATION, MOTION, STEADY, scene
 from experiments.lab.study import Row
-from experiments.studies.paper import runs
-from experiments.studies.paper.runs import Array, Numbers, Run, histories, runs_of, where
+from experiments.studies.paper.runs import Array, Numbers, Run, changes, enclose_changes, histories, runs_of, where
 
 CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
 COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
@@ -43,7 +42,7 @@ def _sweep(restitution: float) -> list[Row]:
     rows: list[Row] = []
     for k_c in CONTACT_STIFFNESSES:
         along = partial(_point, k_c=k_c, restitution=restitution)
-        rows += runs.enclose_changes(COUPLING_STIFFNESSES, along, "coupling_stiffness", "contacts")
+        rows += enclose_changes(COUPLING_STIFFNESSES, along, "coupling_stiffness", "contacts")
     pairs = product(CONTACT_STIFFNESSES, SETTLED_STIFFNESSES)
     return rows + [_point(k_t, k_c, restitution, distance=SETTLED) for k_c, k_t in pairs]
 
@@ -94,7 +93,7 @@ def _numbers_figure_16(frame: pl.DataFrame) -> Numbers:
     inner = COUPLING_STIFFNESSES[1:-1]
     jump = np.where((inner > 60.0) & (inner < 120.0), np.diff(stiff, n=2), -np.inf)
     slope_break = float(inner[np.argmax(jump)])
-    (onset, before, after), *_ = runs.changes(curves(frame)[-1], "coupling_stiffness", "contacts")
+    (onset, before, after), *_ = changes(curves(frame)[-1], "coupling_stiffness", "contacts")
     return {
         "largest": grid.max(), "rising_from": _rising_from(frame),
         "damping_falls": (damped_steps <= 0).sum(axis=1),
@@ -115,9 +114,6 @@ def _numbers_figure_18(frame: pl.DataFrame) -> Numbers:
         "ordered_unbraked": (unbraked_steps > 0).all(axis=0).sum(), "values_unbraked": unbraked_steps.shape[1],
         "at_150": at_150, "steps_at_150": np.diff(at_150), "rising_from": _rising_from(frame),
     }  # fmt: skip
-
-
-_draw_figure_20 = runs.impulses
 
 
 def figure_17() -> pl.DataFrame:
@@ -188,9 +184,7 @@ def _numbers_figure_19(frame: pl.DataFrame) -> Numbers:
     }  # fmt: skip
 
 
-def figure_20() -> pl.DataFrame:
-    """Simulate Fig. 19a and 19b again."""
-    return histories(INELASTIC)
+figure_20 = figure_19
 
 
 def _numbers_figure_20(frame: pl.DataFrame) -> Numbers:

@@ -8,7 +8,6 @@ import polars as pl
 import impact_gym as ig
 from experiments.lab.scenes import HOLD, LINEAR, MECHANISM, MOTION, scene
 from experiments.lab.study import Row
-from experiments.studies.paper import runs
 from experiments.studies.paper.runs import Array, Numbers, Run, histories, runs_of, where
 
 HEIGHTS = (0.020, 0.024, 0.028, 0.032, 0.035)  # m
@@ -83,7 +82,7 @@ def _numbers_figure_23(frame: pl.DataFrame) -> Numbers:
     }  # fmt: skip
 
 
-figure_24, _draw_figure_24 = figure_23, runs.impulses  # the same two runs
+figure_24 = figure_23
 
 
 def _numbers_figure_24(frame: pl.DataFrame) -> Numbers:

@@ -21,11 +21,6 @@ def unknown_row(labels: Row) -> Row:
     return approaches.storm(labels["scene"]).about
 
 
-def cells_of_storm(quick: bool, _: Frames) -> list[Cell]:
-    """Return a cell for each scene."""
-    return [Cell({"scene": number}, {"number": number}) for number in range(QUICK_SCENES if quick else SCENES)]
-
-
 def cells_of_truth(quick: bool, frames: Frames) -> Iterator[Cell]:
     """Yield a cell for each scene that the independent solver judges."""
     for number in range(FIRST, frames["storm"].height, EVERY):
@@ -72,8 +67,12 @@ STUDY = Study(
     name="stability",
     question="Is the solver stable on random scenes?",
     measurements=(
-        Measurement("storm", cells_of_storm, storm_row, (*SOLVER, *JUDGES), unknown_row, HANG),
+        Measurement(
+            "storm",
+            lambda quick, _: [Cell({"scene": k}, {"number": k}) for k in range(QUICK_SCENES if quick else SCENES)],
+            storm_row, (*SOLVER, *JUDGES), unknown_row, HANG,
+        ),
         Measurement("truth", cells_of_truth, truth_row, JUDGES, unknown_row, 3 * PATIENCE),
     ),
     analyse=analyse,
-)
+)  # fmt: skip
