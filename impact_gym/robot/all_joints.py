@@ -36,7 +36,7 @@ class Blow:
     touch_time: float | None  # s, time of the first touch; None: the object is not touched
     impact_velocity: float | None  # m/s, of the tool at the first touch
     peak_force: float  # N
-    contact_time: float | None  # s, duration of the first contact; None: it has not ended
+    contact_time: float | None  # s, duration of the first contact; None: there was none, or it has not ended
     impulse: float  # N s, on the object
     contact_count: int
     sideways: float  # m, largest distance of the flange from the line during contacts
