@@ -42,7 +42,7 @@ class DetectorRule(ReactingRule):
     MEMORY = 4  # cumulative sum; count, mean and sum of squared deviations of force readings while the alarm is off
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return the view with the rule's own alarm, and the next state: begin of the alarm (s), then see MEMORY."""
+        """Return the view with the rule's own alarm, and the state: begin of the alarm (s), and MEMORY numbers."""
         time, start = view["time"], state is None or (episode_start is not None and episode_start)
         raised, *memory = np.zeros((1 + self.MEMORY, *np.shape(time))) if state is None else state
         cleared = start | (time > raised + self.task.after_alarm - CLOCK)

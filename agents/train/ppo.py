@@ -2,7 +2,7 @@
 
 Each training writes a run folder. It holds `config.json` (settings, versions, command), `progress.csv` and events for
 TensorBoard, `best.npz` (the policy with the best validation score), `final.npz`, and `metrics.json` (with the speed of
-the training). Until the training ends, the folder also holds `checkpoint.npz`, from which an interrupted one resumes.
+the training). Until the training ends, the folder also holds `checkpoint.npz`, from which `resume` continues.
 """
 
 import json

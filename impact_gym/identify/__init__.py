@@ -1,7 +1,7 @@
 """Estimate numbers of a scene from measured blows, with confidence intervals: `identify(log, scene, motion)`.
 
     `log`, `sensor`   read and check a log; compute the response of a sensor
-    `model`           the numbers to fit as coordinates, the residuals by our simulator, and their derivatives
+    `model`           the numbers to fit as coordinates, the residuals by `simulate`, and their derivatives
     `search`, `fit`   find the best fit from several starting points; intervals by profile likelihood
     `result`          estimates, intervals, and sentences that say what the log cannot determine
     `held_out`        fit each half of the logs, and predict the other half

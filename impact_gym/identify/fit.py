@@ -127,7 +127,7 @@ def _extra_blows(fit: Fit) -> str:
 
 
 def _estimate_noise(model: Model, x: Array) -> bool:
-    """Set the unknown noise of each column to the root mean square of its residuals at x; return whether it changed."""
+    """Estimate the unknown noise of each column from its residuals at x; return whether a noise changed."""
     left = model.residuals(x) * model.scales()
     share = 1.0 - model.size / model.samples
     changed = False

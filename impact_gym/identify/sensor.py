@@ -29,7 +29,7 @@ def curve(time: Array, values: Array) -> PPoly:
     rise = np.diff(y) / steps
     before, after = steps[:-1], steps[1:]
     middle = (after * rise[:-1] + before * rise[1:]) / (before + after)
-    middle[(rise[:-1] == 0.0) | (rise[1:] == 0.0)] = 0.0  # where a rest begins or ends
+    middle[(rise[:-1] == 0.0) | (rise[1:] == 0.0)] = 0.0  # where a constant part begins or ends
     slope = np.concatenate([rise[:1], middle, rise[-1:]])
     square = (3.0 * rise - 2.0 * slope[:-1] - slope[1:]) / steps
     cube = (slope[:-1] + slope[1:] - 2.0 * rise) / steps**2

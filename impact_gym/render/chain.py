@@ -26,7 +26,7 @@ DENSITY, LARGEST_RADIUS = 1500.0, 0.5  # kg/m^3, m
 TOP, BOTTOM = 190.0, 416.0  # pixels from the upper edge of the picture to the edges of the area with the chain
 TEXT, SMALL = 30, 24  # pixels, sizes of text; legible in a picture of half the size
 LARGEST_SPAN = 3.0  # m, largest part of the line of motion that is shown; an object beyond it is outside the picture
-RULER, DISTANCE = 34.0, 56.0  # pixels, height of the ruler below the ground, and of the gap's length above the bodies
+RULER, DISTANCE = 34.0, 56.0  # pixels, height of the ruler below the ground, and of the text above the bodies
 SHOWN_PUSH = 5e-4  # m; a shorter push of the object is not shown
 
 

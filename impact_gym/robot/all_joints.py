@@ -36,7 +36,7 @@ class Blow:
     touch_time: float | None  # s, time of the first touch; None: the object is not touched
     impact_velocity: float | None  # m/s, of the tool at the first touch
     peak_force: float  # N
-    contact_time: float | None  # s, duration of the first contact; None: it has not ended
+    contact_time: float | None  # s, duration of the first contact; None: there was none, or it has not ended
     impulse: float  # N s, on the object
     contact_count: int
     sideways: float  # m, largest distance of the flange from the line during contacts
@@ -81,7 +81,7 @@ def simulate(
     if not distance <= approach.position[-1]:
         raise ValueError(f"object.distance is {distance!r} m, but the line ends after {approach.position[-1]:.4g} m")
     if arm.joints != approach.joints or np.abs(arm.flange(approach.joint_angles[0])[0] - approach.start).max() > 1e-6:
-        raise ValueError("approach must be of this arm: names of joints differ, or approach.start is not at its angles")
+        raise ValueError("approach must be of this arm: joints differ, or joint_angles[0] do not lead to its start")
     if servo is not None and not (arm.rotors > 0).all():
         raise ValueError("a servo needs the arm's rotor_inertia, in kg m^2, above 0")
     return _run(Equations(arm, approach, scene, Path(motion), gravity, servo, int(most_evaluations)), duration, rtol)

@@ -70,7 +70,7 @@ class Arm:
 
     @cached_property
     def length(self) -> float:
-        """Largest distance between neighbouring joints, m; rotations are scaled by it."""
+        """Largest distance between neighbours among joints and flange, m; rotations are multiplied by it."""
         self._place(np.zeros(self.count))
         anchors = np.vstack([self._data.xanchor, self._data.xpos[self._tip]])
         return float(np.linalg.norm(np.diff(anchors, axis=0), axis=1).max())

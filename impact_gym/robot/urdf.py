@@ -147,7 +147,7 @@ def _downwards(links: Collection[str], elements: Mapping[str, Element]) -> list[
 
 
 def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, most: float) -> tuple[float, ...]:
-    """Return the numbers in an attribute; if it is absent, those in the text `missing`, which has the same count."""
+    """Return the numbers in an attribute, as many as `missing` has words; without the attribute, those in `missing`."""
     text = missing if of is None else of.get(key, missing)
     try:
         values = [float(each) for each in text.split()] if "_" not in text else []  # float() would accept 1_0
