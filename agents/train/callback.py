@@ -109,15 +109,14 @@ class TrainingCallback(BaseCallback):
             policy.save(self._folder / "best.npz")
         if self._on_validation:
             self._on_validation(steps, result)
-        missed = float(np.mean(result["missed"]))
-        again = missed >= NEARLY_ALL and steps > BEGINNING * self._training.whole_steps
+        again = np.mean(result["missed"]) >= NEARLY_ALL and steps > BEGINNING * self._training.whole_steps
         self.kept["collapsed"] = self.kept["collapsed"] + 1 if again else 0
-        self._refuse_collapse(missed)
+        self._refuse_collapse()
         return policy
 
-    def _refuse_collapse(self, missed: float = 0.0) -> None:
-        """Raise CollapsedError with a remedy if the training collapsed; `missed` is a fraction of the objects."""
-        reason = f"{missed:.1%} of the objects missed, and nearly all of them in {COLLAPSED} validations in a row"
+    def _refuse_collapse(self) -> None:
+        """Raise CollapsedError with a remedy if the training collapsed."""
+        reason = f"at least {NEARLY_ALL:.0%} of the objects missed in {COLLAPSED} validations in a row"
         if not torch.nn.utils.parameters_to_vector(self.model.policy.parameters()).isfinite().all():
             reason = "the weights are no longer finite"
         elif self.kept["collapsed"] < COLLAPSED:

@@ -9,7 +9,7 @@ GO, STOP = np.float32([[0.5, -5 / 19], [-0.5, -5 / 19]])  # 1 and 0 m/s, at 8 m/
 ALARM = 3  # its place in the observation
 
 envs = gym.make_vec("ImpactApproach-v0", num_envs=1000)
-observations, infos = envs.reset(seed=0)  # environment i begins as a single one with seed i
+observations, infos = envs.reset(seed=0)  # as single ones with seeds 0, 1, ...
 time, velocity = np.full((2, envs.num_envs), np.nan)
 while np.isnan(time).any():
     actions = np.where(observations[:, [ALARM]] > 0, STOP, GO)

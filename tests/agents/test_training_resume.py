@@ -154,7 +154,7 @@ def unreachable(tmp_path):
 def test_train_stops_with_the_reason_if_it_touches_no_object(unreachable, tmp_path):
     """At the same step if the training was interrupted."""
     interrupted(unreachable, tmp_path / "run", after=1024)
-    reason = r"after 1,536 of 4,096 steps: 100\.0% of the objects missed.*learning_rate below.*log_std below"
+    reason = r"after 1,536 of 4,096 steps: at least \d+% of the objects missed.*learning_rate below.*log_std below"
     for _ in range(2):
         with pytest.raises(CollapsedError, match=f"{reason}.*impact-gym check .*slow.toml"):
             resume(tmp_path / "run")
