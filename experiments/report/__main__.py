@@ -1,4 +1,4 @@
-"""`impact-gym report`: write reports/latest/index.html and print its address."""
+"""`impact-gym report`: write a page that compares controllers, and print its address."""
 
 import hashlib
 import json
