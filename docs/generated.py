@@ -76,7 +76,7 @@ def on_page_content(content: str, **_: Any) -> str:
 
 
 def on_post_build(config: Any, **_: Any) -> None:
-    """In every page, replace the theme's script `iframe-worker/shim`, from the network, by our `search.js`."""
+    """In every page, replace the theme's script `iframe-worker/shim`, which is not on our server, by `search.js`."""
     site = Path(config.site_dir)
     for page in site.rglob("*.html"):
         root = "../" * (len(page.relative_to(site).parts) - 1)

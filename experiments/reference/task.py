@@ -1,6 +1,6 @@
 """The environment, computed with the independent solver and written from the specification in `impact_gym.envs.single`.
 
-From `impact_gym` it imports only data: options and constants of the task, scales of observations, frozen scenarios.
+From `impact_gym` it imports only options and constants of the task, scales of observations, scenarios, random numbers.
 Set OPENBLAS_NUM_THREADS=1: with more threads, small products of matrices make an episode up to 25 times as long.
 """
 

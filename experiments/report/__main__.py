@@ -1,4 +1,4 @@
-"""`impact-gym report`: write reports/latest/index.html and print its address."""
+"""`impact-gym report`: write a page that compares controllers, and print its address."""
 
 import hashlib
 import json
@@ -62,9 +62,8 @@ class ReportOptions:
     """Number of scenarios. Without this option, the number comes from the set-up. If --scenarios or --policy is given,
     the number comes from the frozen set, or from "count" in the JSON file."""
     time_weight: float | None = None
-    """Cost of a second until the touch, in m/s of the object's final velocity. The page recommends the controller with
-    the lowest mean cost. Without this option, the value is `evaluation.typical` of the set-up (2, if the file does not
-    contain another value)."""
+    """Cost of a second until the touch, in m/s of the object's final velocity. The page recommends a controller at
+    this cost. Without this option, it is `evaluation.typical` of the set-up (2 if the file has no other value)."""
     out: Path = Path("reports/latest")
     """Folder for the page. A hidden folder beside this folder keeps the results of all episodes. If you repeat the
     command after an interruption, it continues."""

@@ -31,7 +31,7 @@ def power(value: float) -> str:
 
 
 def failure(solution: Solution, truth: Solution, allowed: float) -> str:
-    """Return why a solution is wrong; "": V_p is within `allowed` (m/s) of the truth, and the counts are right."""
+    """Return why a solution is wrong; "": V_p is within `allowed` (m/s) of the truth, and the events are right."""
     if not math.isfinite(solution.velocity):
         return NOT_FINITE
     if not abs(solution.velocity - truth.velocity) <= allowed:
@@ -89,10 +89,7 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
 
 
 def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Row:
-    """Return the row of a contender; if the contender raises an error, the row has only time and failure.
-
-    Columns: mean processor time of a call (µs), error of V_p (m/s), failure, and the counts of `Solution`.
-    """
+    """Return a contender's time of a call (µs) and failure; without an exception, also V_p's error (m/s) and counts."""
     try:
         if name == PEER:  # a first call, which compiles
             solved(approach, name, setting)
