@@ -31,7 +31,7 @@ def observation_space(spec: ObservationSpec) -> Space[Any]:
 
 
 def steps_per_second(task: Task) -> int:
-    """Return how many control steps per second a film shows, so that the longest episode lasts about 18 s."""
+    """Return how many control steps per second a film shows: 1 to 30, chosen for a longest episode of about 18 s."""
     return min(max(round(task.horizon / task.control_period / 18.0), 1), 30)
 
 
@@ -124,10 +124,11 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
       second table must lie in the environment's range for this number.
 
     ## Episode End
-    An episode terminates 0.15 s (`after_alarm`) after the alarm. The flange then brakes to rest at the largest
-    acceleration of an action. The simulation continues until tool and object do not touch and cannot touch again. V_p
-    is the velocity of the object at the end of this simulation. The simulation continues for at most 10 s. If tool and
-    object can still touch then, as with an object of several tonnes, `info["status"]` is "not settled".
+    An episode terminates 0.15 s (`after_alarm`) after the alarm. If the object was touched, the flange then brakes to
+    rest at the largest acceleration of an action. The simulation continues, for at most 10 s, until tool and object do
+    not touch and cannot touch again. With `friction`, the simulation continues until V_p is final and the tool is
+    slower than 1 mm/s. Without friction, V_p is the velocity of the object at the end of this simulation. If contacts
+    are still possible after the 10 s, as with an object of several tonnes, `info["status"]` begins with "not settled".
 
     Without an alarm an episode terminates at 1.2 s (`horizon`). If the object was touched too softly to raise the
     alarm, the reward contains V_p. If the object was not touched, the episode is `missed`. An episode also terminates
@@ -139,9 +140,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     drawn numbers; those of the second table have dotted names such as `coupling.stiffness`) and `status`. With
     `friction` the final `info` also has `slide` and `rest_time`. `slide` (m) is the distance from the object's first
     position to its last position. `rest_time` (s) is the time at which the object has stopped and the tool stays slower
-    than 1 mm/s. If this never happens, `rest_time` is inf. If this happens after the last control step, the error of
-    `rest_time` is at most 1 ms. Otherwise the error is at most two control steps. During an episode and after a
-    truncation, `env.unwrapped.episode_info()` returns the present values.
+    than 1 mm/s. If this does not happen, `rest_time` is inf. The simulation checks once per ms after the last control
+    step whether the tool rests; for a tool that rests earlier, `rest_time` is at least the time of the first check.
+    During an episode and after a truncation, `env.unwrapped.episode_info()` returns the present values.
 
     ## Arguments
     To draw a number of a coupling or a robot from a range, give the coupling or robot as a dict:
