@@ -176,7 +176,7 @@ def of_tries(options: DatasetOptions) -> Any:
             record = {**this.record, "operator.recording": number + 0.5}
             done = recorded(env, this.seed, record, partial(given, this.actions))
             if done.infos["done_time"][-1] != this.result["done_time"]:
-                raise ValueError("replayed, a try ends at another time: it is of another version of the environment")
+                raise ValueError("replayed, the try ends at another time: it is of another version of the environment")
             yield done
 
     assists = ", ".join(sorted({this.assist for this in found}))
