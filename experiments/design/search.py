@@ -104,11 +104,11 @@ class SearchBudget:
     """Largest relative error of each number of a design when it is built. Each scenario has its own errors, in the
     search up to 1.2 times as large. Without errors, the search would find mechanisms that hardly hold their tool."""
     scenarios: int = 500
-    """Number of scenarios in which the search tries each candidate (a design with a controller)."""
+    """Number of scenarios in which each candidate (a design with a controller) is simulated."""
     budget: int = 7200
     """Number of candidates in each search, rounded up to a multiple of --population."""
     population: int = 18
-    """Number of candidates that the search tries at the same time."""
+    """Number of candidates in each generation of the search (CMA-ES)."""
 
     def __post_init__(self) -> None:
         number("tolerance", self.tolerance, "-", at_least=0.0, at_most=0.5)

@@ -32,7 +32,7 @@ class Estimate:
 
 
 class Resamples:
-    """The sample and n bootstrap resamples, of scenarios and of seeds."""
+    """The sample, and n bootstrap resamples of its scenarios and seeds."""
 
     def __init__(self, scenarios: int, resamples: int = RESAMPLES) -> None:
         self.scenarios, self.count = scenarios, resamples

@@ -144,7 +144,7 @@ def entry_of(name: str, this: Try) -> dict[str, Any]:
 def run(server: Connection, theirs: Connection) -> None:
     """Run the clock in its own process, and close `theirs`, the server's end of the connection."""
     theirs.close()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # only the server stops the clock
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server stops the clock, Ctrl-C does not
     clock = Clock(server)
     threading.Thread(target=clock.listen, daemon=True).start()
     with suppress(OSError, AttributeError):  # real-time priority needs permission, and Linux

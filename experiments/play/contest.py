@@ -15,7 +15,7 @@ from impact_gym.render.film import History
 
 SECONDS = 7.0  # length of a film
 COARSE = 5.0  # factor on the allowed errors of the film, so that the film is computed fast
-BEFORE = 0.4  # s, time from which the film is slow to the first touch
+BEFORE = 0.4  # s, the film becomes slow this time before the first touch
 SENTENCES = {
     "brake": "The brake at the arm senses the touch at once; it does not wait for you.",
     "none": "Nobody corrects you: the arm moves on until your command to stop arrives.",
@@ -58,7 +58,7 @@ def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Tr
 
 
 def _without_delay(this: Try) -> Try:
-    """Return the try without delays and without the commands that arrived after the touch, sent before it was seen."""
+    """Return the try without delays, without commands that arrived after the touch but were sent before it was seen."""
     record, touch, velocity = this.record, this.result["touch_time"], this.operator["velocity"]
     silent = {f"{way}.{name}": 0.0 for way in ("uplink", "downlink") for name in ("delay", "jitter")}
     sent = math.floor((touch - record["uplink.delay"]) / PERIOD)

@@ -31,7 +31,7 @@ class Session:
         self.clients: list[Any] = []  # the first page steers
         self.setups = {name: about(playable(name)) for name in related(setup).values()}
         self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is in progress; velocity range of the arm, m/s
-        self._seen_at, self._newest = 0.0, -1  # s, when pages show the last frame; number of the newest frame shown
+        self._seen_at, self._newest = 0.0, -1  # s, when pages show the latest frame; number of the newest frame shown
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
         self.left_out = list[str]()  # reasons why .json files are no valid tries, or have invalid names
         for path in sorted(folder.glob("*.json")):

@@ -31,8 +31,8 @@ class Try:
     setup: str
     assist: str
     seed: int
-    record: dict[str, float]  # chosen numbers of the episode's record; after the begin, all numbers
-    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # after the begin, a Replay of a person's commands
+    record: dict[str, float]  # chosen numbers of the episode's record; once the try has begun, all numbers
+    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # once begun, a Replay of a person's commands
     slow: float = 1.0  # duration in real time / simulated time
     environment: dict[str, Any] = field(default_factory=dict)  # arguments of the environment, without the operator
     actions: list[list[float]] = field(default_factory=list)  # actions of the assistance, one for each step

@@ -47,7 +47,8 @@ class Motion:
         self.peak_force = 0.0  # N
         self.unread_force = 0.0  # N, largest force since the last reading of the sensor
         self.records: list[ContactRecord] = []
-        self.past_impulse = self.coupling_impulse = 0.0  # N s, in past contacts: on object; coupling's on tool
+        self.past_impulse = 0.0  # N s, on the object, in past contacts
+        self.coupling_impulse = 0.0  # N s, of the coupling on the tool, in past contacts
         self.snap_through: list[float] = []  # s
         self.contacts, self.first_contact = 0, inf  # number of contacts begun; start of the first contact, s
         self.contact_seconds = 0.0  # processor time in contacts, s

@@ -1,7 +1,7 @@
 """The recommended controller at one time weight, chosen on other scenarios than the report's unless these are a table.
 
-It is the simplest controller whose mean cost is not clearly above the lowest (the 95 % interval of the difference has
-0). The order: baselines that are not tuned, tuned baselines by number of parameters, objects of the user, the policy.
+It is the simplest controller whose mean cost is not clearly above the lowest: 0 is in the 95 % interval of the
+difference. The order: baselines that are not tuned, tuned ones by number of parameters, the user's objects, the policy.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from experiments.report.matchups import PAPER, POLICY, Contestant
 from experiments.report.played import Played
 from impact_gym.task.scenario import NAMED
 
-SEED = 60_000_000  # added to the seed of `scenarios`; training, tuning and evaluation use other seeds
+SEED = 60_000_000  # added to the seed of the report's scenarios; training, tuning and evaluation use other seeds
 COUNT = 2000  # number of scenarios
 
 

@@ -57,7 +57,7 @@ class Approach:
 
     @property
     def run(self) -> tuple[ig.Scene, ig.Trapezoid, float]:
-        """The first arguments of `simulate`."""
+        """Scene, motion and duration, the first arguments of `simulate`."""
         return self.scene, self.motion, self.duration
 
     @property

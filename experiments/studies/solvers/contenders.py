@@ -21,7 +21,7 @@ JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studie
 MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
 TOO_WRONG = 1e-2  # m/s, error of V_p above which a contender has failed
 TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, which computes the truth, and of Radau, which checks it
-LEAST, MOST_CALLS = 5e-3, 10_000  # s, least sum of the times of a contender's calls; limit of their number
+LEAST, MOST_CALLS = 5e-3, 10_000  # s, sum of times up to which a contender's call is repeated; largest number of calls
 SLOW = 0.2  # s; a longer call is timed only in the first round
 
 

@@ -86,7 +86,7 @@ def integrator(kind: str, touching: bool, tolerance: float) -> tuple[Any, dict[i
 
 
 class Run:
-    """One approach, integrated at a tolerance. The first run with its coupling and tolerance compiles."""
+    """One approach, integrated at a tolerance. The first run of a coupling class at a tolerance compiles."""
 
     def __init__(self, scene: ig.Scene, motion: ig.Trapezoid, duration: float, tolerance: float) -> None:
         assert motion.brake is not None
