@@ -37,8 +37,9 @@ class ControllerOptions:
     processes: int = 2
     """Number of tunings or trainings at the same time on this machine, each on one core."""
     time_weight: float | None = None
-    """Cost of a second until the touch, in m/s of the object's final velocity. The report recommends a controller at
-    this cost. Without this option, it is `evaluation.typical` of the set-up (2 if the file has no other value)."""
+    """Cost of a second until the touch, in m/s of the object's final velocity. The command exports the simplest
+    controller whose mean cost is not clearly above the lowest mean cost. Without this option, the value is
+    `evaluation.typical` of the set-up (2, if the file does not contain another value)."""
     all: bool = False
     """Export all controllers, not only the best one."""
     cluster: str | None = None

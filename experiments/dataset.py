@@ -52,8 +52,8 @@ class DatasetOptions:
     """Record episodes as Minari datasets, or check a dataset.
 
     If you give a set-up, each player in --who plays episodes, and the command writes a dataset for each player. If you
-    give a folder of tries from impact-gym play, the command writes a dataset with these tries. The id of a dataset is
-    NAMESPACE/SETUP/PLAYER-vVERSION.
+    give a folder of tries from impact-gym play, the command writes a dataset with these tries (with --operator: a
+    file). The id of a dataset is NAMESPACE/SETUP/PLAYER-vVERSION.
     """
 
     source: Annotated[Positional[str], arg(metavar="SETUP|FOLDER|DATASET")]
@@ -66,8 +66,8 @@ class DatasetOptions:
     seed: Annotated[int, arg(metavar="N")] = SEED
     """Seed of the first episode. Each later episode has the next seed."""
     operator: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: make a dataset)")] = None
-    """With a folder of tries: file for an operator, who replays one randomly chosen try in each episode. The file is
-    TOML for the table [environment] of a set-up."""
+    """With a folder of tries: file for an operator, who replays one randomly chosen try in each episode. The file
+    contains the table [environment.operator] for a set-up."""
     include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
     """Also use tries that impact-gym play marked as interrupted or late."""
     namespace: Annotated[str, arg(metavar="NAME")] = "impact"

@@ -53,9 +53,9 @@ class Task:
     scenario: Any = argument("train", '"train", "test", "hard", a `ScenarioRanges` or a dict of ranges')
     coupling: Any = argument(SpringDamper(50.0, 1.0), "how the tool is mounted on the flange; or a dict")
     tool_mass: Any = argument(0.125, "")
-    time_weight: Any = argument(2.0, "cost of a second of approach; from a pair each episode draws log-uniformly")
+    time_weight: Any = argument(2.0, "cost of a second of approach; a pair is a range for log-uniform draws")
     force_weight: float = argument(0.0, "")
-    reaction_delay: Any = argument(0.016, "from sensor to controller; from a pair each episode draws uniformly")
+    reaction_delay: Any = argument(0.016, "delay from sensor to controller; a pair is a range for uniform draws")
     control_period: float = argument(0.016, "")
     velocity_range: Range = argument(VELOCITY_RANGE, "")
     acceleration_range: Range = argument(
