@@ -76,7 +76,7 @@ def links(played: Played) -> list[Link]:
 
 
 def steps_of(played: Played) -> list[Step]:
-    """Return the steps; the clairvoyant search, if it has the typical weight, is the last step, on its own scenarios."""
+    """Return the steps; the clairvoyant search, if it has the typical weight, is the last step, in its scenarios."""
     sequence, weight = links(played), played.matchup.typical
     steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
     if played.bound is None or weight not in played.bound.weights:
