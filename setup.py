@@ -17,9 +17,9 @@ from setuptools.command.build_py import build_py
 FLAGS = [
     "-O3",
     "-g0",  # debug information would take a quarter of the build's time and three quarters of the file
-    "-fno-math-errno",  # no code reads errno
-    "-fno-trapping-math",  # no code traps floating-point exceptions
-    "-ffp-contract=off",  # a * b + c is rounded twice on every processor, so all processors give the same bits
+    "-fno-math-errno",  # the solver does not read errno
+    "-fno-trapping-math",  # the solver does not trap floating-point exceptions
+    "-ffp-contract=off",  # a * b + c is rounded twice on every processor
 ]
 BELOW = ("agents", "experiments")
 DATA = {

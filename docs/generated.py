@@ -76,7 +76,7 @@ def on_page_content(content: str, **_: Any) -> str:
 
 
 def on_post_build(config: Any, **_: Any) -> None:
-    """In every page, replace the theme's script `iframe-worker/shim`, from the network, by our `search.js`."""
+    """In every page, replace the theme's script `iframe-worker/shim`, which is not on our server, by `search.js`."""
     site = Path(config.site_dir)
     for page in site.rglob("*.html"):
         root = "../" * (len(page.relative_to(site).parts) - 1)
@@ -95,7 +95,7 @@ def environment() -> str:
 
 
 def teleop() -> str:
-    """Return the docstring of `ImpactTeleopEnv` without its first paragraph and without rows that need no operator."""
+    """Return the docstring of `ImpactTeleopEnv` without its first paragraph and table rows that need no operator."""
     text = inspect.cleandoc(ImpactTeleopEnv.__doc__ or "").split("\n\n", 1)[1]
     shared = re.compile(r"^\| (?:\d|then) (?=(?:.*\|){6}$)(?!.*only with `operator`).*\n", re.MULTILINE)
     return shared.sub("", text)

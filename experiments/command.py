@@ -57,7 +57,7 @@ def overview() -> str:
 
 
 def versions() -> str:
-    """Return the versions of this package, of Python and of the main libraries that are installed."""
+    """Return the versions of this package, of the main installed libraries and of Python, and the platform."""
     named = ("impact-gym", "numpy", "scipy", "gymnasium", "torch", "stable-baselines3")
     there = [f"{name} {version(name)}" for name in named if any(Distribution.discover(name=name))]
     return "\n".join([*there, f"Python {platform.python_version()}, {platform.platform()}"])
@@ -71,7 +71,7 @@ def missing(extras: tuple[str, ...]) -> list[str]:
 
 
 def main() -> None:
-    """Run the command whose name is the first argument."""
+    """Run the command that the first argument names, or print help or versions."""
     name, *arguments = sys.argv[1:] or ["--help"]
     commands = {name: command for group in COMMANDS.values() for name, command in group.items()}
     if name in ("--help", "-h", "help"):
@@ -88,7 +88,7 @@ def main() -> None:
         remedy = f"pip install 'impact-gym[{','.join(command.extras)}]'"
         sys.exit(f"impact-gym {name} needs {', '.join(absent)}: {remedy}")
     sys.argv[1:] = arguments
-    sys.path.append("")  # to find MODULE:OBJECT; last, because the working folder may have a folder `experiments`
+    sys.path.append("")  # for MODULE:OBJECT; last, because the current folder may contain another `experiments`
     runpy.run_module(command.module, run_name="__main__", alter_sys=True)
 
 

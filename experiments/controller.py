@@ -32,15 +32,14 @@ class ControllerOptions:
     """Folder for all results. If the folder contains an unfinished run for this set-up, the command continues
     this run."""
     quick: bool = False
-    """Make a first controller in a few minutes. The command then tries fewer parameters in the tuning, trains three
-    policies for a million steps each, and compares the controllers in 200 scenarios. For the full run, use another
-    folder."""
+    """Make a first controller in a few minutes: with a shorter tuning, at most three policies and a million steps for
+    each, and a comparison in 200 scenarios. For the full run, use another folder."""
     processes: int = 2
     """Number of tunings or trainings at the same time on this machine, each on one core."""
     time_weight: float | None = None
-    """Cost of a second until the touch, in m/s of the object's final velocity. The command exports the controller with
-    the lowest mean cost. Without this option, the value is `evaluation.typical` of the set-up (2, if the file does not
-    contain another value)."""
+    """Cost of a second until the touch, in m/s of the object's final velocity. The command exports the simplest
+    controller whose mean cost is not clearly above the lowest mean cost. Without this option, the value is
+    `evaluation.typical` of the set-up (2, if the file does not contain another value)."""
     all: bool = False
     """Export all controllers, not only the best one."""
     cluster: str | None = None
@@ -49,7 +48,7 @@ class ControllerOptions:
 
 
 def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
-    """Copy the set-up's file to `out` and return the copy's path; ValueError: `out` has results of another run."""
+    """Copy the set-up's file to `out` and return the copy's path; ValueError: `out` is a file or has another run."""
     copy, sign = out / f"{setup.path.stem}.toml", out / "quick"
     if out.exists() and not out.is_dir():
         raise ValueError(f"out must be a folder, but {out} is a file")

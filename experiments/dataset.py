@@ -52,22 +52,22 @@ class DatasetOptions:
     """Record episodes as Minari datasets, or check a dataset.
 
     If you give a set-up, each player in --who plays episodes, and the command writes a dataset for each player. If you
-    give a folder of tries from impact-gym play, the command writes a dataset with these tries. The id of a dataset is
-    NAMESPACE/SETUP/PLAYER-vVERSION.
+    give a folder of tries from impact-gym play, the command writes a dataset with these tries (with --operator: a
+    file). The id of a dataset is NAMESPACE/SETUP/PLAYER-vVERSION.
     """
 
     source: Annotated[Positional[str], arg(metavar="SETUP|FOLDER|DATASET")]
     """Name or file of a set-up, folder of tries, or with --check the id of a dataset."""
     who: Annotated[tuple[str, ...], arg(metavar="NAME...")] = tuple(PLAYERS)
     """Players: rule (the paper's rule), profile (the first baseline in the set-up's `against`), policy (the set-up's
-    policy), the name of another baseline, or MODULE:OBJECT. The object has the method `predict`."""
+    policy), the name of another baseline, or MODULE:OBJECT. OBJECT must have the method `predict`."""
     episodes: Annotated[int, arg(metavar="N")] = 1000
     """Number of episodes that each player plays."""
     seed: Annotated[int, arg(metavar="N")] = SEED
     """Seed of the first episode. Each later episode has the next seed."""
     operator: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: make a dataset)")] = None
-    """With a folder of tries: file for an operator, who replays one randomly chosen try in each episode. The file is
-    TOML for the table [environment] of a set-up."""
+    """With a folder of tries: file for an operator, who replays one randomly chosen try in each episode. The file
+    contains the table [environment.operator] for a set-up."""
     include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
     """Also use tries that impact-gym play marked as interrupted or late."""
     namespace: Annotated[str, arg(metavar="NAME")] = "impact"
@@ -79,7 +79,7 @@ class DatasetOptions:
     link: Annotated[str, arg(metavar="URL", help_behavior_hint="(default: version and commit)")] = ""
     """Public address of the code that made the dataset."""
     check: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
-    """Play the episodes of a dataset again, and check that observations, rewards and ends are exactly the same."""
+    """Play the episodes of a dataset again, and check that observations, rewards and ends are exactly equal."""
 
     def __post_init__(self) -> None:
         whole("episodes", self.episodes, at_least=1)
@@ -108,10 +108,7 @@ def players(name: str, setup: Setup) -> Players:
 
 
 def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], play: Players) -> EpisodeBuffer:
-    """Play an episode and return it. A reset with the episode's seed and options repeats the scenario.
-
-    The infos have the values of `sensors` (SI units) and of `episode_info` after the reset and after each step.
-    """
+    """Play an episode and return it; its infos have `sensors` (SI units) and the numbers of `episode_info`."""
     bare: Any = env.unwrapped
 
     def info() -> dict[str, Any]:
@@ -169,7 +166,7 @@ def of_setup(options: DatasetOptions) -> Iterator[Any]:
 
 
 def of_tries(options: DatasetOptions) -> Any:
-    """Write and return a dataset of the persons' tries in the folder `options.source`."""
+    """Write and return a dataset of persons' tries in the folder `options.source`."""
     found = try_files.of_persons(Path(options.source), options.include_marked)
     env = gym.make("impact_gym:ImpactTeleop-v0", **found[0].environment, operator=try_files.operator_of(found))
     name = f"{options.namespace}/{found[0].setup}/person-v{options.version}"
@@ -179,7 +176,7 @@ def of_tries(options: DatasetOptions) -> Any:
             record = {**this.record, "operator.recording": number + 0.5}
             done = recorded(env, this.seed, record, partial(given, this.actions))
             if done.infos["done_time"][-1] != this.result["done_time"]:
-                raise ValueError("replayed, a try ends at another time: it is of another version of the environment")
+                raise ValueError("replayed, the try ends at another time: it is of another version of the environment")
             yield done
 
     assists = ", ".join(sorted({this.assist for this in found}))
@@ -194,7 +191,7 @@ def given(actions: Sequence[Sequence[float]], _weight: float) -> Any:
 
 
 def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
-    """Make a dataset's environment; ValueError: it is not of this package, or metadata name other code or files."""
+    """Make a dataset's environment; ValueError: it is not of this package, or its metadata name other code or files."""
     spec = json.loads(about["env_spec"])
     if spec["id"] not in IDS:
         raise ValueError(f"its id must be one of {', '.join(IDS)}, got {shown(spec['id'])}")
@@ -215,7 +212,7 @@ def check(name: str) -> int:
     made = f"it was made with {', '.join(about.get('requirements', ['?']))}, solver {about.get('solver', '?')}"
     other = f"{made}; installed are impact-gym {version('impact-gym')}, solver {compiled_from()}"
     try:
-        env = environment_of(about)  # before `load_dataset`, which may import what the metadata name
+        env = environment_of(about)  # before `load_dataset`, which may import modules that the metadata name
         dataset = minari.load_dataset(name)
     except (AssertionError, AttributeError, LookupError, TypeError, ValueError, gym.error.Error) as problem:
         raise ValueError(

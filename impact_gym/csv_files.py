@@ -1,7 +1,6 @@
-"""Read columns of numbers from a CSV file, whatever program wrote it: logs of blows, and traces of channel delays.
+"""Read columns of numbers from CSV files of many programs: logs of blows, and traces of channel delays.
 
 `read_columns` finds encoding, separator, decimal sign, the lines before the numbers, and the columns' names and units.
-It reports which columns of the file it used, and refuses an ambiguous file.
 """
 
 import codecs
@@ -33,7 +32,7 @@ SCALES: Mapping[str, Mapping[str, float]] = {
 """For each SI unit: accepted spellings of units, in lower case, and their factors to the SI unit."""
 IN_BRACKETS = (r"(.+?)[\s_]*[\[({<]([^\[({<]*)[\])}>]\s*", r"([^/]+?)\s*/\s*\(?(.+?)\)?")
 UNIT_FORMS = (*IN_BRACKETS, r"(.+)()", r"(.+?)(?:[\s_,:-]|\bin\b)+([^\s_]+)")
-"""Patterns of a column's header: Force (N) and force/N, in which an unknown unit is refused; force; force_N."""
+"""Patterns of a header: Force (N) and force/N, in which an unknown unit is refused; force without a unit; force_N."""
 SEPARATORS = ("\t", ";", ",", "|", None)  # None: any run of blanks
 NUMBERS = {
     sign: re.compile(rf"[+-]?((\d+[{sign}]?\d*|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
@@ -41,7 +40,7 @@ NUMBERS = {
 }
 COMMENTS = ("#", "%", "//")
 COMMENT_LINE = re.compile(r"^[ \t]*(#|%|//).*", re.MULTILINE)
-FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # largest part of a file from which the layout is found
+FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # largest part, in lines and characters, that determines the layout
 
 
 class Column(NamedTuple):
@@ -61,8 +60,8 @@ class _Layout(NamedTuple):
     separator: str | None
     decimal: str
     first: int  # index of the line with the first numbers
-    least: int  # smallest number of values allowed in a line of numbers
-    most: int  # number of values in the first line of numbers
+    least: int  # number of columns up to the last one that usually has a number
+    most: int  # number of fields in the first line of numbers
 
 
 _Sources = dict[str, tuple[int, float | None]]
@@ -70,7 +69,7 @@ _Sources = dict[str, tuple[int, float | None]]
 
 
 def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> Table:
-    """Return those of the `wanted` columns that a CSV file contains.
+    """Return a `Table` with those of the `wanted` columns that a CSV file contains.
 
     Args:
         path: a regular file in UTF-8, Latin-1, or UTF-16 with a byte order mark.
@@ -80,7 +79,7 @@ def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str
 
     Raises:
         ValueError: a column is missing or ambiguous, a unit is unknown or missing, or a value is not a number. The
-            message names file, line, column and value.
+            message names the file, and for a wrong value line, column and value.
     """
     return parsed(path, "CSV", partial(_table, wanted=wanted, unnamed=unnamed), _decoded)
 
@@ -145,7 +144,7 @@ def _split(line: str, separator: str | None) -> list[str]:
 
 
 def _layout(lines: Sequence[str]) -> _Layout:
-    """Find the separator and decimal sign with which most fields are numbers, and the line where numbers begin."""
+    """Find separator and decimal sign (largest sum of the lines' shares of numbers), and where numbers begin."""
     best, most = None, 0.0
     for separator in SEPARATORS:
         rows = [[] if line.lstrip().startswith(COMMENTS) else _split(line, separator) for line in lines]
@@ -202,7 +201,7 @@ def _sources(
 def _names(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column]
 ) -> tuple[list[str], list[str], list[int]]:
-    """Return names and units of the columns, and indices of lines between names and numbers that are something else."""
+    """Return names and units of the columns, and the indices of unknown lines between names and numbers."""
     units: list[str] = []
     between: list[int] = []
     for k in reversed(range(layout.first)):
@@ -221,7 +220,7 @@ def _names(
 
 
 def _heads(line: str, layout: _Layout) -> Iterator[list[str]]:
-    """Split a line by each separator in turn; yield the results with as many names as there can be columns."""
+    """Split a line in several ways; yield the results that have a possible number of columns."""
     rows = [_split(line, separator) for separator in (layout.separator, *SEPARATORS) if separator]
     rows += [re.split(pattern, line.strip()) for pattern in (r"\s{2,}", r"\s+(?![\[({</])")]
     for row in rows:

@@ -44,7 +44,7 @@ def parsed(
     The text is `decode(bytes)` or, without `decode`, the bytes as UTF-8, with line feeds and no byte order mark.
 
     Raises:
-        ValueError: the file does not exist, is not a regular file, is larger than `LARGEST`, is not text, or `parse`
+        ValueError: the file cannot be opened, is not a regular file, is larger than `LARGEST`, is not text, or `parse`
             refuses it. The message names the file and its `kind`.
     """
     try:
@@ -72,12 +72,12 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class DiskFullError(OSError):
-    """The disk or the quota is full."""
+    """The disk or the quota is full, or a file exceeds the largest size allowed."""
 
 
 @contextmanager
 def writing(what: str) -> Iterator[None]:
-    """Replace the OSError of a full disk or quota by a DiskFullError, which says that `what` was being written."""
+    """Replace an OSError with a code in NO_ROOM by a DiskFullError, which says that `what` was being written."""
     try:
         yield
     except DiskFullError:  # an inner `writing` has already named its file
@@ -117,14 +117,13 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
 
 @contextmanager
 def locked(path: Path, wait: bool = True) -> Iterator[None]:
-    """Lock the file `path`, so that no other process or thread holds the lock at the same time.
+    """Hold the lock of the file `path`, which only one process or thread can hold at a time.
 
     The lock is released when the context or the process ends. Once the lock is held, temporary files that killed
     processes left in the lock's folder and its subfolders are removed.
 
     Raises:
-        ValueError: another process or thread holds the lock and `wait` is False; or `path` is a link, a pipe or a
-            device.
+        ValueError: another process or thread holds the lock and `wait` is False; or `path` is no regular file.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.is_symlink() or (path.exists() and not path.is_file()):

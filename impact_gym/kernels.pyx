@@ -1,7 +1,7 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, initializedcheck=False, cdivision=True, cpow=True
-"""The compiled program: all code that runs inside a step, in one module, so that the compiler can inline every function.
+"""The compiled program, in one module, so that the compiler can inline functions from all its files.
 
-The functions that Python calls do not check their arrays, which must be contiguous and of the data types defined below.
+The functions that Python calls do not check shapes and data types of their arrays.
 """
 
 from cpython.buffer cimport PyBUF_SIMPLE, PyBuffer_Release, PyObject_GetBuffer
@@ -91,7 +91,6 @@ assert (APPROACH.itemsize, CHAIN.itemsize, EPISODE.itemsize) == (sizeof(Approach
 
 
 cdef void *memory_of(object array) except? NULL:
-    """Return the memory address of the first number of a contiguous array."""
     cdef Py_buffer buffer
     PyObject_GetBuffer(array, &buffer, PyBUF_SIMPLE)
     cdef void *address = buffer.buf
@@ -100,7 +99,6 @@ cdef void *memory_of(object array) except? NULL:
 
 
 cdef Recorder recorder_of(tuple arrays):
-    """Return a recorder for the argument `recorder` of `approach_rows`."""
     contacts, trace, snaps, interval = arrays
     return Recorder(
         <ContactRow *> memory_of(contacts), <TraceRow *> memory_of(trace), <double *> memory_of(snaps),
@@ -114,7 +112,7 @@ def approach_rows(
     """Run the approaches `first` to `last` - 1 of `plans` (n, APPROACH), and write the results to `chains` (n, CHAIN).
 
     Args:
-        tables: numbers of all robots' tables (k,); `mount.table` of a plan is the index at which its robot's table begins.
+        tables: numbers of all tables (k,); `mount.table` and `motion` of a plan are the indices at which its tables begin.
         tolerance: local error allowed in a step, in the natural units of the contact or the flight.
         max_steps: integration steps after which a row stops with the status STEP_LIMIT.
         recorder: arrays for contacts (CONTACT), trace points (TRACE) and times at which a slider passes its alignment
@@ -150,7 +148,7 @@ def laws_of(mounts):
 
 
 def draw_uniforms(list generators, rows, uniforms):
-    """For each of `rows` (k, int64), draw an episode's numbers from the row's generator into `uniforms` (k, UNIFORMS)."""
+    """For each of `rows` (k, int64), draw uniform numbers from the row's generator into `uniforms` (k, UNIFORMS)."""
     cdef const int64_t *row = <const int64_t *> memory_of(rows)
     cdef double *number = <double *> memory_of(uniforms)
     cdef Generator *generator
@@ -192,7 +190,7 @@ cdef class Rows:
         Args:
             tasks: (size,) or (1,), TASK.
             draws: the draws of all tasks one after another (n,), DRAW.
-            laws: (size,) LAW, or (1,) if all rows have the same mount and no episode draws a number of the mount.
+            laws: (size,) LAW; (1,) with one task whose episodes draw no number of the mount.
             tables: see `approach_rows`.
             chains, episodes, rewards: (size,), CHAIN, EPISODE and float64.
             readings: (size, slots), READING.
@@ -229,7 +227,7 @@ cdef class Rows:
         )
 
     def begin(self, rows, uniforms, fixed):
-        """Begin an episode in each of `rows` (k, int64); what is nan in `fixed` (k,), RECORD, is drawn from `uniforms` (k, UNIFORMS)."""
+        """Begin an episode in each of `rows` (k, int64); for `uniforms` (k, UNIFORMS) and `fixed` (k,), RECORD, see `draw_record`."""
         cdef const int64_t *places = <const int64_t *> memory_of(rows)
         cdef const double *uniform = <const double *> memory_of(uniforms)
         cdef const Record *given = <const Record *> memory_of(fixed)

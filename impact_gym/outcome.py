@@ -28,7 +28,7 @@ class ContactRecord(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """Time histories of a run, each (n,); the points are denser during contacts than between them."""
+    """Time histories of a run, each (n,)."""
 
     time: Array  # s
     flange_position: Array  # m; with a compliant robot and a rigid coupling it equals the tool position
@@ -49,7 +49,7 @@ class Trace(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """Result of one approach; the velocities are those at the end of the run, at the time `duration`."""
+    """Result of one approach; the first three velocities are those at the end of the run, at the time `duration`."""
 
     object_velocity: float  # m/s
     tool_velocity: float  # m/s
@@ -65,21 +65,18 @@ class Outcome(NamedTuple):
     snap_through: tuple[float, ...]  # s, times at which the slider of a `Bistable` coupling passes its alignment
     peak_object_velocity: float  # m/s, largest velocity of the object; without friction that is its final velocity
     slide: float | None  # m, from the object's start to where it stops if no contact follows; None without friction
-    rest_time: float | None  # s, since when object and tool (below 1 mm/s) rest; inf: never; None: no friction
+    rest_time: float | None  # s, since when object and tool rest (tool: below 1 mm/s); inf: never; None: no friction
 
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """Results of a sweep: arrays in the shape to which the varied values were broadcast; for the fields see `Outcome`.
-
-    If a run cannot finish, its floats are nan and its status says why.
-    """
+    """Results of a sweep: arrays in the shape to which the varied values were broadcast; fields: see `Outcome`."""
 
     object_velocity: Array  # m/s
     tool_velocity: Array  # m/s
     flange_velocity: Array  # m/s
     peak_force: Array  # N
-    detection_time: Array  # s, nan if the contact force never exceeded the threshold
+    detection_time: Array  # s, nan if the contact force never exceeded the threshold, or without a brake
     first_contact: Array  # s, nan if there was no contact
     contact_count: NDArray[np.int64]
     snap_count: NDArray[np.int64]  # how often the slider of a `Bistable` coupling passed its alignment
@@ -89,7 +86,7 @@ class Outcomes:
     slide: Array  # m, nan without friction
     rest_time: Array  # s, nan without friction, or if tool and object are never at rest at the same time
     steps: NDArray[np.int64]
-    status: NDArray[np.object_]  # "ok", or a sentence that says why the run could not finish
+    status: NDArray[np.object_]  # "ok", or why the run could not finish: then its floats are nan
 
 
 @dataclass(frozen=True)
@@ -98,7 +95,7 @@ class Model:
 
     name: str
     simplify: Callable[[Scene], Scene]
-    errors: Array  # (scenes,), -, relative to the full model's result; inf if a run did not finish
+    errors: Array  # (scenes,), -, relative to the full model's result; inf: a run failed, or only that result is 0
     time_saved: float  # -, computing time saved, divided by the full model's computing time
 
     @property
@@ -109,7 +106,7 @@ class Model:
 
 @dataclass(frozen=True)
 class Advice:
-    """What `advise` recommends: the fastest model whose error is within the tolerance in every scene."""
+    """What `advise` recommends: the fastest model in `tried` whose error is within the tolerance in every scene."""
 
     quantity: Advised
     tolerance: float  # -, relative error allowed

@@ -1,4 +1,4 @@
-"""The base class of scenes, motions, operators and channels: frozen dataclasses that check their numbers."""
+"""The base class of tools, motions, operators, channels and others: frozen dataclasses that check their numbers."""
 
 from collections.abc import Callable
 from dataclasses import fields
@@ -42,7 +42,7 @@ class Parameters:
 
 @cache
 def _checks(kind: Any) -> list[tuple[str, bool, Callable[[Any], Any]]]:
-    """Return, for each number of a class, its name, whether it may be None, and the function that checks it."""
+    """Return name, whether None is allowed, and check, for each number of a class but those in `checked_by_itself`."""
     checks: list[tuple[str, bool, Callable[[Any], Any]]] = []
     for field in fields(kind):
         hint: Any = field.type

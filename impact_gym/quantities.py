@@ -1,7 +1,7 @@
-"""The table of all numbers of a scene and of the task: the id, words, unit, limits, draw and scale of each number.
+"""The table of the numbers of a scene and of the task: the id, words, unit, limits, draw and scale of each number.
 
-The checks of input, the draws, the dotted paths of a scene, the records of the compiled program, the observation, the
-keys in the file of a set-up, and tables of the documentation come from this table.
+Checks of input, draws, dotted paths of a scene, records of the compiled program, the observation, keys in the file of a
+set-up, and tables of the documentation come from this table.
 """
 
 import math
@@ -60,7 +60,7 @@ class Quantity:
     unit: str  # "-": no unit
     limits: Limits = Limits()
     draw: Draw | None = None
-    observed: str = ""  # "always", or the argument that adds it to the observation; "": only for a critic, if drawn
+    observed: str = ""  # "always", or the argument that adds the number; "": only for a critic, if in `Task.drawn`
     scale: Scale = NEVER_OBSERVED
     path: str = ""  # dotted path in a `Scene` with its motion, if it differs from the id
     from_flange: bool = False  # True: the observed value is relative to the flange
@@ -89,7 +89,7 @@ class Quantity:
 def set_up(
     name: str, words: str, unit: str, limits: Limits, place: int, scale: Scale, path: str = "", observed: str = ""
 ) -> Quantity:
-    """Return the row of a set-up's number, drawn by the noise seed, log-uniformly if the scale is logarithmic."""
+    """Return the row of a number of the set-up; its draw is `by_ratio` if its scale is logarithmic."""
     return Quantity(name, words, unit, limits, Draw(place, scale.curve == "log", False, True), observed, scale, path)
 
 
@@ -98,7 +98,7 @@ def log(low: float, high: float) -> Scale:
     return Scale(low, high, curve="log")
 
 
-# The limits are far inside the range of floats: a run near them is correct, or its status says why it is not
+# The limits are far inside the range of floats, because a run multiplies several numbers
 MASS, STIFFNESS = Limits(at_least=1e-12, at_most=1e12), Limits(at_least=1e-9, at_most=1e18)
 HERTZ, STOP = Limits(at_least=1e-12, at_most=1e20), Limits(at_least=1e-9, at_most=1e16)
 AWAY, POSITIVE = Limits(at_least=1e-24, at_most=1e9), Limits(above=0.0, at_most=1e3)
@@ -164,7 +164,7 @@ EPISODE = (
     Quantity("force_error", "error of all force readings of the episode", "N", PLACE, Draw(8, normal=True)),
     Quantity("noise_seed", "seed of the force noise", "-", Limits(at_least=0.0, at_most=2.0**53), Draw(10)),
 )  # fmt: skip
-"""Numbers that an episode draws in addition; they and the scenario are the keys of the final `info["record"]`."""
+"""Numbers that an episode draws in addition to the scenario and to numbers of the set-up."""
 
 SET_UP = (
     set_up("tool_mass", "tool mass", "kg", MASS, 0, log(0.01, 10.0), path="tool.mass"),
@@ -210,7 +210,7 @@ SET_UP = (
     set_up("range_sensor.dropout", "share of range readings that is lost", "-", LOST, 51, SHARE),
     set_up("range_sensor.delay", "delay of range readings", "s", SECONDS, 52, HALF),
 )  # fmt: skip
-"""Numbers of the set-up: arguments of the environment that may be ranges, from which each episode then draws."""
+"""Numbers of the set-up: arguments, or parts of them, that may be ranges, from which each episode then draws."""
 
 DEFLECTION = Quantity("deflection", "displacement of the tool one reaction delay ago", "m", scale=Scale(-0.05, 0.05),
                       observed="deflection_sensor", shaped_by=("reaction_delay",))  # fmt: skip
@@ -275,12 +275,12 @@ OTHERS = (
     Quantity("velocity_range", "range of the first number of an action", "m/s", OFFSET),
     Quantity("acceleration_range", "range of the second number", "m/s^2", Limits(at_least=1e-9, at_most=1e6)),
 )
-"""Numbers that only a scene, its motion or a run have, and arguments of the environment that are never drawn."""
+"""Numbers that occur only in a scene, its motion or a run, and arguments of the environment that are never drawn."""
 
 QUANTITIES: dict[str, Quantity] = {
     row.id: row for row in (*SENSORS, *SCENARIO, *EPISODE, *SET_UP, *MORE_SENSORS, *RESULTS, *STEERED, *OTHERS)
 }
-"""All rows by id; the observed numbers are in the order of the observation."""
+"""All rows by id; an observation has its numbers in this order, but those for a critic last."""
 
 BY_PATH: dict[str, Quantity] = {row.path or row.id: row for row in QUANTITIES.values() if row.path or "." in row.id}
-"""The rows of the numbers of a scene and its motion, by dotted path."""
+"""The rows of numbers that have a dotted path, by this path."""

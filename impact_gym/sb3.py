@@ -1,4 +1,4 @@
-"""The batch as a `VecEnv`, as stable-baselines3 accepts no vector environment of Gymnasium; needs the extra `train`."""
+"""The batch as a `VecEnv` for stable-baselines3, which takes no Gymnasium vector environments; needs extra `train`."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -22,18 +22,18 @@ from impact_gym.validation import one_of
 
 @cache
 def warn_of_threads(threads: int, available: int) -> None:
-    """Warn, once per process, if torch uses more than half of the cores, which slows down small networks."""
+    """Warn, once for each number of threads, if torch uses several threads and more than half of the cores."""
     if threads > max(1, available // 2):
         text = f"torch uses {threads} threads on {available} cores, which makes small networks several times slower:"
         warnings.warn(f"{text} call torch.set_num_threads(1)", stacklevel=2)
 
 
 class ImpactVecEnv(VecEnv):
-    """`num_envs` environments for stable-baselines3, stepped in one call; arguments as in `ImpactApproachVectorEnv`.
+    """`num_envs` environments for stable-baselines3, stepped in one call; arguments: see `ImpactApproachVectorEnv`.
 
     On the step that ends an episode, `info` is the final info of that episode, with `terminal_observation` and
     `TimeLimit.truncated`; the observation is the first one of the next episode. With `render_mode="rgb_array"`, for at
-    most 16 environments, `render` returns one picture with all environments side by side, as `VecVideoRecorder` needs.
+    most 16 environments, `render` returns one picture with all environments in a grid, as `VecVideoRecorder` needs.
     """
 
     def __init__(
@@ -57,11 +57,11 @@ class ImpactVecEnv(VecEnv):
         self.metadata = self.envs.metadata
 
     def get_images(self) -> list[NDArray[np.uint8] | None]:
-        """Return a picture (540, 960, 3) of each environment."""
+        """Return a picture (540, 960, 3) of each environment; none without a `render_mode`."""
         return list(self.envs.render() or ())
 
     def reset(self) -> VecEnvObs:
-        """Begin an episode in every slot, with the arguments last passed to `seed` and `set_options`."""
+        """Begin an episode in every slot, with the seeds and options that were set since the last reset."""
         one_of("options", self._options, list)
         if len(self._options) != self.num_envs:
             raise ValueError(f"options must be a mapping or {self.num_envs} of them, got {len(self._options)}")

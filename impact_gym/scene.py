@@ -1,7 +1,7 @@
-"""The description of a scene: a tool, its coupling to the flange, the robot behind it, an object, and their contact.
+"""The description of a scene: tool, coupling of tool and flange, robot, object, and contact of tool and object.
 
-The one axis, +x, points from the robot to the object. The classes store floats in SI units, and check them once, when
-an object is made; `impact_gym.quantities` has the limits.
+The only axis, +x, points from the robot to the object. The classes check their numbers, and store them as floats in SI
+units; `impact_gym.quantities` has the limits.
 """
 
 import math
@@ -22,7 +22,7 @@ from impact_gym.validation import choice, number, one_of
 Dissipation = Literal[
     "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores", "fixed"
 ]
-"""Laws of the damping for a nominal restitution; `effective_restitution` gives the restitution that results."""
+"""Laws of the damping for a nominal restitution, see `Contact`."""
 LAWS = get_args(Dissipation)
 
 STOP_STIFFNESS, STOP_DAMPING_RATIO = 1e5, 1.0
@@ -42,7 +42,7 @@ class Tool(Parameters, path="tool"):
 class Object(Parameters, path="object"):
     """The body that is struck; it is at rest before the first contact.
 
-    With `friction` the object sticks to the ground until the contact force exceeds mu m_p g, with g = 9.80665 m/s^2.
+    With `friction` the object (mass m_p) sticks until the contact force exceeds mu m_p g, with g = 9.80665 m/s^2.
     Then it slides, and sticks again when it comes to rest. The paper neglects friction and calls it small and
     beneficial.
     """
@@ -56,13 +56,13 @@ class Object(Parameters, path="object"):
 class Contact(Parameters, path="contact"):
     """Contact of a plane tool with an object: F = max(k_c delta^m + chi delta^n delta_dot, 0) in N (paper, eq. 5).
 
-    delta is the penetration in m, k_c the stiffness, chi the hysteresis damping. m = n = 3/2, the default, are the
-    exponents of a sphere; m = 1 and n = 0 give a linear spring and damper. `dissipation` names the law that gives chi
-    for a nominal restitution. With "exact" a contact has the nominal restitution. With "hu-guo", the paper's eq. 7, its
-    restitution is a little lower (0.4877 for 0.5, 0.0741 for 0.1; see docs/provenance.md). The other laws are in
-    `physics.dissipation` with their sources. With all these laws chi depends on the approach velocity in such a way
-    that the restitution does not. With "fixed" chi is constant: a contact that begins at `reference_velocity` has the
-    nominal restitution. As in measurements, a faster contact has a lower one, and a slower contact a higher one.
+    delta is the penetration in m, delta_dot its rate, k_c the stiffness, chi the hysteresis damping. The default, m = n
+    = 3/2, is for a sphere; m = 1 and n = 0 give a linear spring and damper. `dissipation` names the law that gives chi
+    for a nominal restitution. With "exact" an isolated contact has this restitution, with "hu-guo" (paper, eq. 7) a
+    lower one (0.4877 for 0.5, 0.0741 for 0.1; see docs/provenance.md). The other laws are in `physics.dissipation` with
+    their sources. With all these laws the restitution does not depend on the approach velocity. With "fixed" chi is
+    constant: a contact that begins at `reference_velocity` has the nominal restitution, and with m = n a faster one has
+    a lower restitution, as in measurements.
     """
 
     checked_by_itself: ClassVar = ("stiffness",)  # checked below, because its unit depends on the exponent
@@ -71,7 +71,7 @@ class Contact(Parameters, path="contact"):
     dissipation: Dissipation = "hu-guo"
     stiffness_exponent: float = 1.5  # -, m
     damping_exponent: float = 1.5  # -, n, 0 or at least 1
-    reference_velocity: float | None = None  # m/s, for "fixed" only; None: 1 m/s
+    reference_velocity: float | None = None  # m/s, for "fixed" only, where None means 1 m/s
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
@@ -94,7 +94,7 @@ class Contact(Parameters, path="contact"):
 
 @dataclass(frozen=True, slots=True)
 class Rigid:
-    """A rigid coupling: the tool is fixed to the flange. With a rigid robot the tool's motion is imposed (Fig. 4a)."""
+    """The tool is fixed to the flange. With a rigid robot the tool's motion is imposed (paper, Fig. 4a)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +117,7 @@ class Bistable(Parameters, path="coupling"):
     vertical. A stop is a linear spring and damper that never pulls; its damping is 2 zeta_s sqrt(k_s m_t), with the
     tool mass m_t. At zeta_s = 1 the restitution of a stop is exp(-2) = 0.135; the paper assumes completely inelastic
     stops. The paper prints no positions, stiffness and damping of the stops (see docs/provenance.md). At t = 0 the
-    spring presses the slider against the front stop. If the flange accelerates too fast, the slider leaves this stop.
+    spring presses the slider against the front stop; above a flange acceleration of `holding_force` / m_t it leaves it.
     """
 
     stiffness: float = 50.0  # N/m, k
@@ -155,7 +155,7 @@ class Bistable(Parameters, path="coupling"):
 
     @property
     def holding_force(self) -> float:
-        """Force of the front stop on the tool at rest, N."""
+        """Absolute force of the front stop on the tool at rest, N."""
         return float(self.force(self.rest))
 
     def force(self, position: ArrayLike) -> NDArray[np.float64] | float:
@@ -216,7 +216,7 @@ class RobotTable(Parameters, path="robot"):
     @property
     @lru_cache(maxsize=64)  # noqa: B019  # keeping up to 64 tables in memory is accepted
     def splines(self) -> Any:
-        """Return mass, stiffness and damping as one `scipy.interpolate.CubicSpline` of the position."""
+        """Mass, stiffness and damping as one `scipy.interpolate.CubicSpline` of the position."""
         return CubicSpline(self.position, np.array([self.mass, self.stiffness, self.damping]).T)
 
     def at(self, position: float) -> Robot:

@@ -25,9 +25,9 @@ from impact_gym.to_kernel import LOCAL_SHARE, STATUS_MESSAGES, approach_to_kerne
 from impact_gym.validation import WrongTypeError, array, choice, number, one_of, shown, whole
 
 MAX_STEPS = 1_000_000
-"""Integration steps after which the solver gives up a run; an ordinary approach needs about 50."""
+"""Integration steps after which the solver gives up a run; ordinary approaches need some hundreds at most."""
 
-APPROACHES_PER_THREAD = 16  # least number of approaches per thread in a sweep
+APPROACHES_PER_THREAD = 16  # least number of approaches per thread, if a sweep uses several threads
 _CONTACT_ROWS, _SNAP_ROWS, _TRACE_ROWS = 4096, 64, 4096  # if a run needs more rows, it is repeated with larger arrays
 _NO_TRACE, _NO_SNAPS = np.empty(0, TRACE), np.empty(0)
 NOTHING_RECORDED = np.empty(0, CONTACT), _NO_TRACE, _NO_SNAPS, 1.0
@@ -45,8 +45,8 @@ def simulate(
         duration: length of the run, s.
         rtol: relative error allowed in the results of contacts. Between contacts the motion is exact where it has a
             closed form; otherwise (bistable coupling, stops, robot with coupling or table) it is integrated to `rtol`.
-        trace: whether to return time histories, which change no other result: one point per ms between contacts (at
-            most 1e5 of these), more during contacts.
+        trace: whether to return time histories, which change no other result: between contacts about one point per ms,
+            or per 1e-5 of `duration` if that is longer; in a contact 8 or 12 points per integration step.
 
     Raises:
         RuntimeError: the run cannot finish.
@@ -104,8 +104,8 @@ def sweep(
         scene: the common scene, which also determines the types of coupling and robot.
         motion: the common motion.
         varied: values by dotted path, such as "object.mass", "coupling.height" or "motion.brake.delay". The arrays of
-            values are broadcast against each other. All numbers of scene and motion can be varied, except those of a
-            `RobotTable`.
+            values are broadcast against each other. All numbers of scene and motion can be varied, except None and
+            those of a `RobotTable`.
         duration: length of the runs, s; broadcast with the values of `varied`.
         rtol: see `simulate`.
         threads: number of threads, None for one per core; it changes no result.
@@ -166,7 +166,7 @@ def _approaches(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]
         yield plan, table
 
 
-ROUNDS = 3  # `advise` runs each model this many times, and takes the shortest time
+ROUNDS = 3  # `advise` runs each model this many times (all joints: once), and takes the shortest time
 
 
 def advise(

@@ -47,7 +47,7 @@ def places(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
 
 
 LOCAL_SHARE = 0.2
-"""Local error allowed in a step, relative to the `rtol` of the run."""
+"""Local error allowed in a step, divided by the `rtol` of the run."""
 
 STATUS_MESSAGES = {
     kernels.UNSETTLED: "not settled: further contacts were possible at the time limit, V_p is the value at that time",
@@ -76,7 +76,7 @@ def approach_to_kernel(
 
 
 def to_bytes(plan: tuple[Any, ...]) -> bytes:
-    """Return the fields of an APPROACH as bytes; this is ten times faster than with a NumPy array."""
+    """Return the fields of an APPROACH as bytes, which is faster than with a NumPy array."""
     (coupling_kind, robot_kind, tool_mass, coupling, robot, *table), contact, *rest = plan
     return _APPROACH.pack(coupling_kind, robot_kind, tool_mass, *coupling, *robot, *table, *contact, *rest)
 

@@ -1,4 +1,4 @@
-"""Check input. Each error message is one sentence with the field, the value, its unit and the allowed values."""
+"""Check input, with error messages of one sentence that say what was given and what is allowed."""
 
 import math
 import operator
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Range = tuple[float, float]
-WIDEST = 1e12  # largest ratio of the two ends of a range
+WIDEST = 1e12  # largest ratio of the ends of a range that begins above 0
 IDENTIFIER = re.compile("[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
@@ -21,7 +21,7 @@ class WrongTypeError(TypeError, ValueError):
 
 
 def shown(value: Any, longest: int = 200) -> str:
-    """Return a value as text for a message, in one line; for a long value, its type and its beginning."""
+    """Return a value as text for a message, in one line; for a long value, its type, and its beginning or shape."""
     try:
         text = " ".join(repr(value).split())
     except ValueError:  # an int of thousands of digits

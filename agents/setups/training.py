@@ -74,7 +74,7 @@ class Training:
     """Fraction of the parallel environments that use the values in [evaluation.nominal] of the set-up."""
     rtol: float | None = None
     """Relative error that the simulation allows in a contact during the training. Without this option, the value comes
-    from the set-up's environment. The validation always uses the value of the environment."""
+    from the set-up's environment. The validation always uses the value of the set-up's environment."""
     threads: int = 1
     """Number of threads of PyTorch. A second thread makes the training faster only if a core is free."""
     simulation_threads: int | None = None

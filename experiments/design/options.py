@@ -102,7 +102,7 @@ class DesignOptions:
 
     @property
     def rule(self) -> str:
-        """The controller's rule: `Ranged` if there is a range sensor, else `BlindProfile`."""
+        """Name of the controllers' rule: `Ranged` if there is a range sensor, else `BlindProfile`."""
         return "BlindProfile" if Task(**self.arm.environment).range_noise is None else "Ranged"
 
     @property

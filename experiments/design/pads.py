@@ -6,8 +6,8 @@ same force F = k_i delta_i^1.5, so the sum of both penetrations is that of one s
     k^(-2/3) = k_pad^(-2/3) + k_object^(-2/3)
 
 Spring i stores the energy 2/5 F delta_i, the share k_i^(-2/3) / k^(-2/3) of the total, and loses the fraction 1 - e_i^2
-of this energy. So 1 - e^2 is the mean of 1 - e_i^2, weighted by the stored energies. k_object and e_object are measured
-without a pad, with a rigid tool.
+of this energy. So the restitution e of the contact follows from 1 - e^2, the mean of 1 - e_i^2 weighted by the stored
+energies. k_object and e_object are measured with a rigid tool without a pad.
 """
 
 import math
@@ -32,7 +32,7 @@ class Pad(NamedTuple):
 
 
 def pad_of(material: str) -> Pad:
-    """Return the pad of a material; its modulus is the geometric mean of the measured moduli."""
+    """Return the pad of a material; Young's modulus is the geometric mean of both ends of the measured range."""
     known("--pad ", [material], PADS)
     measured, radius = MATERIALS[material], PADS[material]
     assert measured.restitution is not None  # measured for all materials of PADS

@@ -20,8 +20,8 @@ from experiments.design.variables import SearchVariable, as_built
 from impact_gym.task import Task
 from impact_gym.validation import number, whole
 
-RTOL = 1e-5  # rtol of the simulation in a search: the error of V_p is below 1e-6 m/s
-PENALTY = 2.0  # m/s, cost of exceeding a limit by 100 %; it is larger than any gain in V_p by exceeding the limit
+RTOL = 1e-5  # rtol of the simulation in a search
+PENALTY = 2.0  # m/s, cost of exceeding a limit or the approach time by 100 %
 MARGIN = 1.2  # factor on the tolerance in a search, because of rare scenarios that a search does not contain
 CONTACT = ("contact_stiffness", "restitution")
 WITHIN = 0.95  # share of the episodes in which the peak force must be within its limit
@@ -101,14 +101,14 @@ class SearchBudget:
     """Size of a search."""
 
     tolerance: float = 0.05
-    """Largest relative error of each number of a design when it is built. The search and the test draw these errors for
-    each scenario. Without errors, the search would find mechanisms that hardly hold their tool."""
+    """Largest relative error of each number of a design when it is built. Each scenario has its own errors, in the
+    search up to 1.2 times as large. Without errors, the search would find mechanisms that hardly hold their tool."""
     scenarios: int = 500
-    """Number of scenarios in which the search tries each candidate (a design with a controller)."""
+    """Number of scenarios in which each candidate (a design with a controller) is simulated."""
     budget: int = 7200
-    """Number of candidates in each search."""
+    """Number of candidates in each search, rounded up to a multiple of --population."""
     population: int = 18
-    """Number of candidates that the search tries at the same time."""
+    """Number of candidates in each generation of the search (CMA-ES)."""
 
     def __post_init__(self) -> None:
         number("tolerance", self.tolerance, "-", at_least=0.0, at_most=0.5)
@@ -123,10 +123,7 @@ def objective(
     limits: Limits,
     budget: SearchBudget,
 ) -> Losses:
-    """Return a function that returns the losses (population, 1), m/s, of candidates (population, 1, k).
-
-    A candidate has the design's variables, then the rule's parameters. All candidates play the same tuning scenarios.
-    """
+    """Return a function from candidates (population, 1, k), design and parameters, to losses (population, 1), m/s."""
     population, scenarios = budget.population, budget.scenarios
     task = candidate.task.changed({"rtol": RTOL})
     stage = ScenarioBatch(TUNING_SEED, scenarios, task, copies=population, lenient=True, threads=1)
@@ -158,8 +155,8 @@ def search(
     """Search, and return one row: the best `design` and the rule's `parameters` as JSON, and the `loss` (m/s).
 
     `candidate`, `limits` and `budget` have the fields of `Candidate`, `Limits` and `SearchBudget`, each of `variables`
-    those of `SearchVariable`. The candidate's environment has a range for each variable; its `parameters` are the start
-    of the search. Without variables, only the controller is searched. `approach_time` (s) limits the mean time.
+    those of `SearchVariable`. The candidate's environment has a range for each variable. The search starts at the
+    candidate's `parameters`. `approach_time` (s) limits the mean approach time.
     """
     begin, free, much = Candidate(**candidate), [SearchVariable(*each) for each in variables], SearchBudget(**budget)
     of_rule = zip(RULES[begin.rule].PARAMETERS, begin.parameters, strict=True)
@@ -174,7 +171,7 @@ def search(
 
 
 def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any]) -> pl.DataFrame:
-    """Play a candidate on the frozen set `name`; return a row for each scenario, with numbers and results.
+    """Play a candidate on the frozen set `name`; return a row for each scenario, with its numbers and results.
 
     `candidate` has the fields of `Candidate`, `limits` those of `Limits`. In each scenario, each number of the design
     has a relative error of at most `tolerance`. Each row has the `Limits.excess` of all scenarios.

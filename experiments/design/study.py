@@ -109,7 +109,7 @@ class Search:
         return [min((row for row in found if row["allowed"] == time), key=cost) for time in self.options.times]
 
     def _searched(self, rows: Iterable[Row]) -> Iterator[Cell]:
-        """Yield a cell for each row: it searches only the controller, and on the line FRONT also the design."""
+        """Yield a cell for each row, which searches a controller, and on the line FRONT also a design."""
         options, papers_rule = self.options, self.candidate(PAPERS_RULE)
         batch = ScenarioBatch(TUNING_SEED, options.search.scenarios, papers_rule.task, threads=1)
         paper = float(batch.play(papers_rule.controller()).approach_time.mean())
@@ -134,7 +134,7 @@ class Search:
 
 
 def start_of(candidate: Candidate, approach_time: float) -> list[float]:
-    """Return parameters of a shipped baseline, at the weight with a mean approach time near `approach_time` (s)."""
+    """Return parameters of a shipped baseline, at the weight whose mean time is nearest to `approach_time` (s)."""
     bistable = isinstance(candidate.task.coupling, Bistable)
     weights = read_tuned(STARTS.get((candidate.rule, bistable), "ranged"))["weights"].values()
     nearest = min(weights, key=lambda tuned: abs(tuned["validation"]["approach_time"] - approach_time))

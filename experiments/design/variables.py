@@ -16,7 +16,7 @@ from impact_gym.scene import SpringDamper
 from impact_gym.task import Task
 from impact_gym.validation import number
 
-WIDE = 10.0  # least HIGH / LOW for a logarithmic scale; stiffness and mass always have one
+WIDE = 10.0  # least HIGH / LOW for a logarithmic scale of a number whose `by_ratio` is false
 
 
 class SearchVariable(NamedTuple):
@@ -48,7 +48,7 @@ class SearchVariable(NamedTuple):
 
 
 def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]:
-    """Return a variable for each text `NAME=LOW:HIGH`; the search starts at the set-up's value.
+    """Return a variable for each text `NAME=LOW:HIGH`; its `start` is the set-up's value.
 
     ValueError: there is no text, a text has another form, a NAME is unknown or repeated, or LOW is not below HIGH.
     """
@@ -86,7 +86,7 @@ def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[fl
 def searched_environment(setup: Setup, variables: Sequence[SearchVariable], deflection: float | None) -> dict[str, Any]:
     """Return the set-up's environment with the range of each variable, as if each number were drawn in each episode.
 
-    ValueError: the coupling is invalid at an end of a range, or all designs deflect by more than `deflection` (m).
+    ValueError: the environment is invalid, no design holds the tool, or all deflect by more than `deflection` (m).
     """
     with within("--free"):
         task = Task(**setup.environment).changed({each.name: [each.low, each.high] for each in variables})

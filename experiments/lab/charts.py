@@ -1,4 +1,4 @@
-"""The style of all charts, and a function that saves a chart as SVG."""
+"""The style of charts, and a function that saves a chart as SVG."""
 
 import io
 import re

@@ -8,7 +8,7 @@ SERIES = "rule", "policy", "profile", "person", "object", "tool", "flange", "for
 
 
 def css() -> str:
-    """Return CSS that defines each colour as `--NAME` and uses these names in SVG elements."""
+    """Return CSS with the palettes as custom properties `--NAME`, which also replace the colours of SERIES in SVG."""
     block = ":root:not([data-theme=light])"
     dark = f"@media screen and (prefers-color-scheme: dark) {{ {_block(block, 1)} }}"
     button = f"@media screen {{ {_block(':root[data-theme=dark]', 1)} }}"

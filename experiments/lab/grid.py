@@ -1,4 +1,4 @@
-"""Cells of most studies: a contestant plays scenarios in an environment. Functions that evaluate their rows."""
+"""Cells in which a contestant plays scenarios in an environment, and functions that evaluate the rows of such cells."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -39,7 +39,7 @@ def play(
     columns: dict[str, Any] = {"weight": np.array(weights)[:, None], "episode": np.arange(shape[1])}
     columns |= {name: results[name] for name in FIELDS} | measured
     columns["cost"] = measured["object_velocity"] + columns["weight"] * measured["approach_time"]
-    columns["cost"] += missed_cost(environment) * measured["missed"]  # in this order, as `Episodes.loss`
+    columns["cost"] += missed_cost(environment) * measured["missed"]  # the order of `Episodes.loss`, for equal rounding
     return pl.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in columns.items()})
 
 
@@ -49,13 +49,13 @@ def groups(frame: pl.DataFrame, *by: str) -> Iterator[tuple[tuple[Any, ...], pl.
 
 
 def sample(frame: pl.DataFrame, name: str) -> Floats:
-    """Return a column as an array (seeds, episodes); `frame` has one contestant, one place and one weight."""
+    """Return a column as an array (seeds, episodes); `frame` has one contestant in one environment at one weight."""
     ordered = frame.sort("seed", "episode")
     return ordered[name].to_numpy().astype(np.float64).reshape(ordered["seed"].n_unique(), -1)
 
 
 def front(frame: pl.DataFrame, resamples: Resamples) -> Front:
-    """Return the front of rows of one contestant in one place."""
+    """Return the `Front` of one contestant in one environment."""
     each = [rows for _, rows in groups(frame.sort("weight"), "weight")]
     times, velocities = (
         np.stack([resamples.means(sample(rows, name)) for rows in each], axis=1)

@@ -19,7 +19,7 @@ INTERVAL = re.compile(r"\[[^][]*\]")
 
 
 def factor(value: float) -> str:
-    """Return a ratio as text with two significant digits; a ratio below 10 has one decimal."""
+    """Return a ratio as text, with one decimal if it is below 10, else with two significant digits."""
     return f"{value:.1f}" if value < 10 else f"{float(f'{value:.2g}'):,.0f}"
 
 

@@ -30,7 +30,7 @@ class Table:
 
     @property
     def classes(self) -> list[str]:
-        """CSS class of each column: "" if at least half are numbers, "left words" if a cell exceeds LONG, or "left"."""
+        """CSS class of each column: "" for numbers, "left words" if a cell exceeds LONG, else "left"."""
         found = []
         for column in zip(*self.rows, strict=False):
             numbers = sum(bool(re.match(r"([-+\d]|at (least|most) \d).{,40}$", cell)) for cell in column)

@@ -1,4 +1,4 @@
-"""The scenes of the paper's sections 2 to 5. Identified numbers are not printed, see docs/provenance.md."""
+"""The scenes of the paper's sections 2 to 5. The paper does not print identified numbers, see docs/provenance.md."""
 
 import impact_gym as ig
 from impact_gym.scene import Coupling

@@ -32,7 +32,7 @@ class Estimate:
 
 
 class Resamples:
-    """The sample and n bootstrap resamples, of scenarios and of seeds."""
+    """The sample, and n bootstrap resamples of its scenarios and seeds."""
 
     def __init__(self, scenarios: int, resamples: int = RESAMPLES) -> None:
         self.scenarios, self.count = scenarios, resamples
@@ -73,8 +73,8 @@ def estimate(resampled: Floats) -> Estimate:
 def tolerated(scores: Floats) -> float:
     """Return the one-sided tolerance bound of normally distributed `scores` (n,); nan for a single score.
 
-    The share CONTENT of all trainings has a score above the bound, with the probability CONFIDENCE (G. J. Hahn, W. Q.
-    Meeker, Statistical Intervals, section 4.4).
+    At least the share CONTENT of all trainings has a score above the bound, with the probability CONFIDENCE (G. J.
+    Hahn, W. Q. Meeker, Statistical Intervals, section 4.4).
     """
     n = len(scores)
     if n < 2:
@@ -84,10 +84,7 @@ def tolerated(scores: Floats) -> float:
 
 
 def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
-    """Return y of n curves (n, k) at x = `at` (n,): linear between points of a curve, constant beyond the ends.
-
-    If a controller draws one of two weights for each episode, its means are on the line between both points.
-    """
+    """Return y of n curves (n, k) at x = `at` (n,): linear between points of a curve, constant beyond the ends."""
     order = np.argsort(curve_x, axis=1)
     x, y = np.take_along_axis(curve_x, order, 1), np.take_along_axis(curve_y, order, 1)
     return np.array([np.interp(point, *line) for point, *line in zip(at, x, y, strict=True)])

@@ -47,7 +47,7 @@ class Measurement:
     depends: tuple[str, ...] = SOLVER  # modules that rows depend on, in addition to the module of `measure`
     failed: Callable[[Row], Row] | None = None  # row of a failed cell, from its labels; None: raise an error
     seconds: float | None = None  # s, time limit of a cell
-    processes: int | None = None  # limit; 1: cells are timed one after the other; 0: in this process
+    processes: int | None = None  # largest number; 1: cells are timed one after the other; 0: in this process
 
     @property
     def digest(self) -> str:
@@ -81,8 +81,7 @@ class Study:
 class StudyOptions:
     """Run a study, and write a page with its tables.
 
-    A cell is one combination of settings, and gives one or more rows of a table. The command measures only the cells
-    that have no result yet.
+    A cell, one combination of settings, gives rows of a table. The command measures only cells that have no result yet.
     """
 
     out: Path | None = None
@@ -95,8 +94,8 @@ class StudyOptions:
     only: tuple[str, ...] = ()
     """Names of the tables to measure. The command also measures the tables that these tables or the page need."""
     processes: int | None = None
-    """Number of cells that the command measures at the same time on this machine. Without this option, the command
-    measures one cell on each core. With 0, all cells are measured in this process."""
+    """Largest number of cells that the command measures at the same time on this machine. Without this option, it is
+    the number of cores. With 0, all cells are measured in this process."""
     cluster: str | None = None
     """Measure on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster."""
 
@@ -151,8 +150,8 @@ class Run(dict[str, pl.DataFrame]):
     def write(self) -> Path:
         """Measure missing cells, write tables, figures and the page, and return the path of the page.
 
-        The file results.json has a record of each run: command, versions and machine, the machine's load before the
-        run, and the duration in seconds (None: the run was stopped). The page shows these records.
+        The file results.json, which the page shows, has a record of each run since the last --force: command, versions,
+        machine, load of the machine before the run, and the duration in seconds (None: the run was stopped).
         """
         kept, log = self.folder / KEPT, self.folder / "results.json"
         if self.options.force:

@@ -28,7 +28,7 @@ class Loop:
     """Export a controller to C, and let it steer a simulated arm in another process at 1 kHz, over UDP."""
 
     controller: tyro.conf.Positional[str]
-    """Name of a policy or baseline, or its file, as for export."""
+    """Name of a policy or baseline, or its file, as for impact-gym export."""
     out: Path
     """Folder for the header, the loop in C, its program, and the measurements."""
     seconds: float = 60.0
@@ -73,7 +73,7 @@ def start(subject: Subject, weight: float, seconds: float, out: Path) -> tuple[A
 
 
 def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -> dict[str, float]:
-    """Return statistics of `approach`'s ages (s), mean V_p (m/s), and mean V_p in the same scenarios without UDP."""
+    """Return statistics of the ages in `played` (s), mean V_p (m/s), and mean V_p in the same scenarios without UDP."""
     ages, velocity = (np.hstack([each[name] for each in played]) for name in ("ages", "object_velocity"))
     batch = ScenarioBatch(SEED, len(played), subject.task.changed({"time_weight": weight}))
     there = batch.play(subject.at(weight)).object_velocity.mean()
@@ -83,7 +83,7 @@ def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -
 
 
 def run(options: Loop) -> None:
-    """Run the loop, print and write measurements; RuntimeError: the watchdog stopped the arm, or nothing was played."""
+    """Run the loop, print and write measurements; RuntimeError: the arm or the controller stopped early."""
     subject = of_name(options.controller)
     program = compiled(subject, Path(options.controller).stem, options.out)
     written = options.out / "arm.json"

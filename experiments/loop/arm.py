@@ -22,7 +22,7 @@ MAGIC = b"IGLOOP01"
 PERIOD, SILENCE = 1e-3, 0.1  # s
 COMMAND = struct.Struct("8s4d")  # MAGIC, sequence, stamp (s), velocity (m/s), acceleration (m/s^2)
 EARLY = 1e-3  # s, how far a stamp may be ahead of the arm's clock
-WAIT = 10.0  # s, how long the arm waits for a controller's first packet
+WAIT = 10.0  # s, time limit for a controller's first packet
 
 
 class Line:

@@ -41,7 +41,7 @@ def playable(name: str) -> Setup:
 
 
 def related(setup: Setup) -> dict[str, str]:
-    """Return, by coupling, the names of the set-up and of shipped set-ups that differ from it only in the coupling."""
+    """Return the names of the set-up and, if it is shipped, of those with other couplings, by the end of the name."""
     family, _, kind = setup.called.rpartition("-")
     if setup.shipped and kind in COUPLINGS:
         return {each: f"{family}-{each}" for each in COUPLINGS}

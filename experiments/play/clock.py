@@ -34,7 +34,7 @@ class Stick:
     inputs: deque[tuple[float, float]] = field(default_factory=lambda: deque([(-1e9, 0.0)], 256))
     touched: bool = False  # whether the player has seen the touch
     let_go: bool = False  # whether the command is 0 for the rest of the try
-    marks: list[str] = field(default_factory=list)  # reasons for which the try is invalid or incomplete
+    marks: list[str] = field(default_factory=list)  # reasons for which the try was interrupted
 
     def put(self, velocity: float, came: float) -> None:
         """Add a velocity (m/s) with its time of arrival (s)."""
@@ -91,7 +91,7 @@ class Clock:
             self.server.send(message)
 
     def play(self, wanted: Try, path: Path, seen: bool) -> None:
-        """Play a try in real time, save and send it; `seen`: whether the object is visible before the touch."""
+        """Play a try, save it and send its results; `seen`: whether the object is visible before the touch."""
         try:
             live = Live(wanted)
             self.send(kind="began", setup=wanted.setup, radius=object_radius(live.kept.record["object_mass"]))
@@ -121,7 +121,7 @@ class Clock:
             self._send_frame(live, seen, rng)
 
     def _send_frame(self, live: Live, seen: bool, rng: random.Random) -> None:
-        """Send the present positions, those one step later, and the delay (s) of the downlink."""
+        """Send positions (m), now and one step later, and the delay of the downlink (s, multiplied by `slow`)."""
         now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
         then = now if live.ended else live.ahead()
         late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)
@@ -144,7 +144,7 @@ def entry_of(name: str, this: Try) -> dict[str, Any]:
 def run(server: Connection, theirs: Connection) -> None:
     """Run the clock in its own process, and close `theirs`, the server's end of the connection."""
     theirs.close()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server stops the clock
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server stops the clock, Ctrl-C does not
     clock = Clock(server)
     threading.Thread(target=clock.listen, daemon=True).start()
     with suppress(OSError, AttributeError):  # real-time priority needs permission, and Linux

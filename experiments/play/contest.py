@@ -15,7 +15,7 @@ from impact_gym.render.film import History
 
 SECONDS = 7.0  # length of a film
 COARSE = 5.0  # factor on the allowed errors of the film, so that the film is computed fast
-BEFORE = 0.4  # s, time before the first touch at which the film becomes slow
+BEFORE = 0.4  # s, the film becomes slow this time before the first touch
 SENTENCES = {
     "brake": "The brake at the arm senses the touch at once; it does not wait for you.",
     "none": "Nobody corrects you: the arm moves on until your command to stop arrives.",
@@ -58,7 +58,7 @@ def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Tr
 
 
 def _without_delay(this: Try) -> Try:
-    """Return the try, played again without delays, and without the commands between the touch and when it was seen."""
+    """Return the try without delays, without commands that arrived after the touch but were sent before it was seen."""
     record, touch, velocity = this.record, this.result["touch_time"], this.operator["velocity"]
     silent = {f"{way}.{name}": 0.0 for way in ("uplink", "downlink") for name in ("delay", "jitter")}
     sent = math.floor((touch - record["uplink.delay"]) / PERIOD)
@@ -82,7 +82,7 @@ def film(variants: Mapping[str, Variant]) -> dict[str, Any]:
 
 
 def _fitted(scene: Mapping[str, Any]) -> list[list[float]]:
-    """Return the clock for a film that lasts SECONDS; the first tenth ends 0.4 s before the first touch."""
+    """Return the clock of a film of SECONDS; the time until BEFORE the first touch takes a tenth of the film."""
     touches = [run["contacts"][0][0] for run in scene["runs"] if run["contacts"]]
     cut = max(min(touches, default=0.0) - BEFORE, 0.0)
     starts, slower = np.array(scene["clock"]).T

@@ -1,4 +1,4 @@
-"""The server of the page. It answers only this machine, and only requests with a secret token in the address."""
+"""The server of the page. It serves only this machine, and only requests with a secret token in the address."""
 
 import asyncio
 import json
@@ -46,7 +46,7 @@ class Client:
         self._allowance, self._last_message = RATE, time.monotonic()
 
     def enqueue(self, message: dict[str, Any]) -> None:
-        """Queue a message; a frame replaces a frame that still waits."""
+        """Queue a message; a frame replaces a frame that is last in the queue."""
         if message["kind"] == "frame" and self._queue and self._queue[-1]["kind"] == "frame":
             self._queue.pop()
         self._queue.append(message)
@@ -74,7 +74,7 @@ class Client:
 
 
 def foreign(request: Request, token: str, port: int) -> str | None:
-    """Return why a request is not from our page: another host (DNS rebinding), origin or token. None: it is."""
+    """Return why a request is foreign: another host (DNS rebinding), origin or token; None: it is from our page."""
     hosts = [f"{name}:{port}" for name in (HOST, "localhost")]
     host, origin = map(request.headers.get_all, ("Host", "Origin"))
     if len(host) != 1 or host[0] not in hosts:

@@ -16,14 +16,14 @@ from experiments.play.tries import Try
 from impact_gym.files import locked
 from impact_gym.validation import choice, flag, identifier, number, one_of
 
-MAX_ON_CHART = 200  # tries
+MAX_ON_CHART = 200  # largest number of tries on the chart
 
 
 class Session:
     """All pages, of which one steers the tool, and the try in progress, if there is one."""
 
     def __init__(self, setup: Setup, assist: str, folder: Path) -> None:
-        """Read the tries in `folder`, start the clock; ValueError: unknown assistance, or a session uses the folder."""
+        """Read the tries in `folder`, start the clock; ValueError: no such assistance, or the folder is in use."""
         assistance(assist, setup)
         self._lock = ExitStack()  # the clock's process inherits the lock
         self._lock.enter_context(locked(folder / ".lock", wait=False))
@@ -31,9 +31,9 @@ class Session:
         self.clients: list[Any] = []  # the first page steers
         self.setups = {name: about(playable(name)) for name in related(setup).values()}
         self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is in progress; velocity range of the arm, m/s
-        self._seen_at, self._newest = 0.0, -1  # s, when pages show the last frame; number of the newest frame shown
+        self._seen_at, self._newest = 0.0, -1  # s, when pages show the latest frame; number of the newest frame shown
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
-        self.left_out = list[str]()  # for each .json file that cannot be read as a try, the reason
+        self.left_out = list[str]()  # reasons why .json files are no valid tries, or have invalid names
         for path in sorted(folder.glob("*.json")):
             try:
                 name = identifier(f"name of {path}", path.stem)

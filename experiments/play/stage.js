@@ -1,4 +1,4 @@
-// Picture of the arm, to scale, as the server sends it.
+// Picture of the arm and the object at the positions that the server sends.
 const STAGE = {height: 186, axis: 84, ground: 138};
 
 function drawStage(svg, about, width) {
@@ -57,7 +57,7 @@ function drawStage(svg, about, width) {
     set(ghost, {cx: view.x(home) + radius, r: radius});
     measure(atObject, atObject - home > 5e-4 ? `object moved ${centimetres(atObject - home)}` : "");
   };
-  // Show the slide of the result, which is longer than that of the last frame.
+  // Show the slide of the result, which may be longer than that of the last frame.
   const result = (slide) => {
     if (home !== null && slide > 0) measure(home + slide, `slid ${centimetres(slide)}`);
   };

@@ -38,7 +38,7 @@ function stickOf(element, on) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const way = ways[event.key], rung = {ArrowUp: 1, ArrowDown: -1}[event.key];
     const {target} = event, pressable = target.closest("button, summary, a") && ["Enter", " "].includes(event.key);
-    if (!on.playing() && (pressable || target.closest("input, select"))) return;  // keys for the film
+    if (!on.playing() && (pressable || target.closest("input, select"))) return;  // these keys operate the page
     if (!way && !rung && !actions[event.key]) return;
     event.preventDefault();
     if (event.repeat) return;
@@ -101,7 +101,7 @@ function stickOf(element, on) {
       const next = [0, 1].map((k) => Boolean(pad.buttons[k] && pad.buttons[k].pressed));
       if (next[0] && !pressed[0]) on.begin();
       if (size === 0) released = true;
-      else if (released) released = !on.pushed();  // again until a try begins: the page may not be ready
+      else if (released) released = !on.pushed();  // repeated until a try begins, because the page may not be ready
       if (next[1] && !pressed[1]) on.ended();
       pressed = next;
       sources.pad = Math.sign(x) * Math.round(1000 * Math.min(size, 1)) / 1000;

@@ -18,7 +18,7 @@ from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 from impact_gym.task.episodes import EpisodeState
 
-LATE, MOST_LATE = 4e-3, 0.02  # s, delay of a late step; share of late steps above which a try is invalid
+LATE, MOST_LATE = 4e-3, 0.02  # s, limit of `Try.late`; share of steps beyond it, above which a try is invalid
 TRACE_POINTS = 1 << 18
 BEND = 1e-13  # m/s, largest error of velocity of the lines of `corners`
 ROUNDING = 1e-6  # rounding of times, as a fraction of a control period
@@ -31,14 +31,14 @@ class Try:
     setup: str
     assist: str
     seed: int
-    record: dict[str, float]  # chosen numbers of the episode's record; after the begin, all numbers
-    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # after the begin, a Replay of a person's commands
+    record: dict[str, float]  # chosen numbers of the episode's record; once the try has begun, all numbers
+    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # once begun, a Replay of a person's commands
     slow: float = 1.0  # duration in real time / simulated time
     environment: dict[str, Any] = field(default_factory=dict)  # arguments of the environment, without the operator
     actions: list[list[float]] = field(default_factory=list)  # actions of the assistance, one for each step
     late: list[float] = field(default_factory=list)  # s, delay of each step minus the delay of the step before
     marks: list[str] = field(default_factory=list)  # reasons for which the try is interrupted or invalid
-    motion: dict[str, list[float]] = field(default_factory=dict)  # motion of the flange: fields of `ig.Motion`
+    motion: dict[str, list[float]] = field(default_factory=dict)  # commanded motion: fields of `ig.Motion`
     result: dict[str, float] = field(default_factory=dict)  # results of `simulate` with `motion`; times of the episode
     made: dict[str, Any] = field(default_factory=dict)  # commit and versions
 
@@ -49,7 +49,7 @@ def advance(batch: Batch, action: ArrayLike) -> None:
 
 
 def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
-    """Play a try again; return trace, info, task, episode state; RuntimeError: it does not end at its last action."""
+    """Play a try again; return trace, info, task, episode state; RuntimeError: it lasts longer than its actions."""
     batch = Batch(1, Task(**this.environment, operator=this.operator), threads=1, trace_points=TRACE_POINTS)
     batch.begin_seeded(this.seed, this.record)
     for action in this.actions:
@@ -62,7 +62,7 @@ def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
 
 
 def corners(trace: Trace) -> ig.Motion:
-    """Return the commanded motion of a trace, with a piecewise linear velocity through all points of the trace."""
+    """Return the commanded motion of a trace, with a piecewise linear velocity within BEND of all its points."""
     times, velocities = [0.0], [0.0]
     low, high, before = -math.inf, math.inf, (0.0, 0.0)
     for time, velocity in zip(trace.time.tolist(), trace.command_velocity.tolist(), strict=True):
@@ -132,7 +132,7 @@ class Live:
         return (math.floor(self.time / PERIOD + ROUNDING) + 1) * PERIOD
 
     def step(self, velocity: float = 0.0, late: float = 0.0) -> None:
-        """Play a control step. `late` (s): its delay; `velocity` (m/s): a person's command at a tick in the step."""
+        """Play a control step. `late` (s): as in `Try`; `velocity` (m/s): a person's command at a tick in the step."""
         tick = self.next_tick
         if self.person:
             self.batch.set_operator_velocity(velocity)

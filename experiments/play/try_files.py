@@ -29,7 +29,7 @@ def from_text(text: str) -> Try:
         one_of(name, getattr(this, name), type(sample))
     texts = "".join([this.setup, *this.marks])
     if len(texts) > MAX_TEXT or not texts.isprintable() or "<" in texts:
-        raise ValueError(f"setup and marks must be at most {MAX_TEXT} printable letters without <")
+        raise ValueError(f"setup and marks must be at most {MAX_TEXT} printable characters without <")
     choice("assist", this.assist, list(NAMES))
     choice("type of its operator", this.operator["type"], [kind.__name__ for kind in KINDS])
     number("slow", this.slow, "(times)", at_least=1.0, at_most=SLOWEST)
@@ -59,7 +59,7 @@ def read(path: Path) -> Try:
 
 
 def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
-    """Return paths and tries of a folder, the oldest first."""
+    """Return paths and tries of a folder, sorted by the files' names."""
     return ((path, read(path)) for path in sorted(folder.glob("*.json")))
 
 

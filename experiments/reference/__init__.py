@@ -1,7 +1,7 @@
 """The independent solver (slow and simple), with which tests and studies compare the solver of `impact_gym`.
 
 It shares no code with `impact_gym`, and only reads the attributes of a scene and a motion. Events divide a motion into
-phases with smooth equations, see `chain.System.switches`. Flight is integrated in SI units, a contact in units of
+phases with smooth equations, see `chain.System.switches`. Flight is computed in SI units, a contact in units of
 
     length: delta0 = (M v_in^2/k_c)^(1/(m+1)),    time: t0 = delta0/v_in,    force: F0 = k_c delta0^m = M v_in/t0,
 

@@ -41,7 +41,7 @@ UNITS = Scales(1.0, 1.0, 1.0)
 
 
 class StiffError(Exception):
-    """An explicit method needs too many steps."""
+    """An explicit method needs too many evaluations."""
 
 
 class Chain:

@@ -125,7 +125,7 @@ def _root(switch: Switch, dense: Any, times: list[float], g: list[float]) -> flo
 
 def fly(A: Vector, z: Vector, t: float, t_end: float) -> tuple[float, Vector, bool]:
     """Solve z' = A z from t until z[0] rises through zero or until `t_end`; return time, state, whether z[0] rose."""
-    n = ceil(max(8, 5 * (t_end - t) * np.abs(np.linalg.eigvals(A)).max()))  # 5 steps per time constant
+    n = ceil(max(8, 5 * (t_end - t) * np.abs(np.linalg.eigvals(A)).max()))  # at least 5 steps per time constant
     h = (t_end - t) / n
     P = expm(A * h)
     for i in range(n):

@@ -45,7 +45,7 @@ def damping_factor(name: str, e: float, m: float, n: float) -> float:
 
 
 def _equal_exponents(e: float) -> float:
-    """Return the root d > 0 of ln((1+d)/(1-d e)) = d (1+e), or phi(d) = e^2 phi(-d e), which has no root d = 0."""
+    """Return the root d > 0 of ln((1+d)/(1-d e)) = d (1+e); `excess` has this root, but not the root d = 0."""
 
     def phi(z: float) -> float:  # (ln(1+z) - z)/z^2
         if abs(z) > 0.1:

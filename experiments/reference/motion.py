@@ -46,10 +46,9 @@ class Motion:
         self.t = 0.0  # s
         self.peak_force = 0.0  # N
         self.unread_force = 0.0  # N, largest force since the last reading of the sensor
-        self.records: list[ContactRecord] = []  # finished contacts
-        self.past_impulse = self.coupling_impulse = (
-            0.0  # N s, in past contacts: impulse on the object; impulse of the coupling on the tool
-        )
+        self.records: list[ContactRecord] = []
+        self.past_impulse = 0.0  # N s, on the object, in past contacts
+        self.coupling_impulse = 0.0  # N s, of the coupling on the tool, in past contacts
         self.snap_through: list[float] = []  # s
         self.contacts, self.first_contact = 0, inf  # number of contacts begun; start of the first contact, s
         self.contact_seconds = 0.0  # processor time in contacts, s
@@ -85,7 +84,7 @@ class Motion:
         return float((self.past_impulse + scales.force * scales.time * self._y[6]) / self.chain.m_p)
 
     def over(self) -> bool:
-        """Return whether no contact can follow, because the chain has too little energy and the command is at rest."""
+        """Return whether the command is at rest, no contact is under way, and none can follow."""
         x_r, v_r, a, cut = self.command.at(self.t)
         if self.touching or v_r or a or cut < inf:  # a contact, or the command moves now or later
             return False

@@ -1,6 +1,6 @@
 """The environment, computed with the independent solver and written from the specification in `impact_gym.envs.single`.
 
-From `impact_gym` it imports only data: options and constants of the task, scales of observations, frozen scenarios.
+From `impact_gym` it imports only options and constants of the task, scales of observations, scenarios, random numbers.
 Set OPENBLAS_NUM_THREADS=1: with more threads, small products of matrices make an episode up to 25 times as long.
 """
 
@@ -28,7 +28,7 @@ SERVED = (
 RTOL = 1e-10  # rtol in contacts
 FLOOR = 1e-12  # m/s, `Motion.floor`, as in the environment
 PATIENCE = 3000  # `Motion.patience`
-ROUNDING = 1e-9  # s, rounding of the clock
+ROUNDING = 1e-9  # s, allowed rounding error of a time
 SETTLE_SLICE = 0.05  # s, time between two calls of `Motion.over` after the episode
 CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}  # curves of scales
 
@@ -168,7 +168,7 @@ def _at_rest(task: Task, scenario: Mapping[str, float]) -> Motion:
 
 
 def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float]:
-    """Return the times of observations and of the end (s). An alarm by force restarts the clock."""
+    """Return the times of observations and of the end (s). An alarm by force begins a new control period."""
     end, period = task.horizon if alarm == inf else alarm + task.after_alarm, task.control_period
     start = 0.0 if alarm == inf or by_reading else alarm
     before = [] if start == 0.0 else [k * period for k in range(1, 1 + int((alarm - ROUNDING) / period))] + [alarm]

@@ -1,4 +1,4 @@
-"""`impact-gym report`: write reports/latest/index.html and print its address."""
+"""`impact-gym report`: write a page that compares controllers, and print its address."""
 
 import hashlib
 import json
@@ -55,18 +55,18 @@ class ReportOptions:
     module:object. The object must have the method `predict`, or be a function or class that returns such an object.
     Without this option, the baselines are those of the policy's set-up."""
     scenarios: str | None = None
-    """Scenarios that replace the scenarios of the set-ups. Give the name or the CSV file of a frozen set of scenarios,
+    """Scenarios that replace the scenarios of the set-ups. Give the name or the CSV file of a fixed set of scenarios,
     or a JSON file {"ranges": {...}, "seed": s, "count": n, "environment": {...}}. The JSON file may leave out any key.
     "environment" holds arguments of gym.make, for example your tool and coupling."""
     count: int | None = None
     """Number of scenarios. Without this option, the number comes from the set-up. If --scenarios or --policy is given,
-    the number comes from the frozen set, or from "count" in the JSON file."""
+    the number comes from the fixed set, or from "count" in the JSON file."""
     time_weight: float | None = None
-    """Cost of a second until the touch, in m/s of the object's final velocity. The page recommends the controller with
-    the lowest mean cost. Without this option, the value is `evaluation.typical` of the set-up (2, if the file does not
-    contain another value)."""
+    """Cost of a second until the touch, in m/s of the object's final velocity. The page recommends the simplest
+    controller whose mean cost is not clearly above the lowest mean cost. Without this option, the value is
+    `evaluation.typical` of the set-up (2, if the file does not contain another value)."""
     out: Path = Path("reports/latest")
-    """Folder for the page. A hidden folder beside this folder keeps the results of all episodes. If you repeat the
+    """Folder for the page. A hidden folder next to this folder keeps the results of all episodes. If you repeat the
     command after an interruption, it continues."""
     force: bool = False
     """Play all episodes and write the page again, even if the page is up to date."""

@@ -1,4 +1,4 @@
-"""Ablation: contestants from the paper's rule to the policy, each with one ability more than the contestant before.
+"""Ablation: contestants from the paper's rule to the policy, each with more abilities than the contestant before.
 
 The abilities are: the arm's limits (constant speed and deceleration, tuned for each weight), known distances, the shape
 of the speed profile, the distance estimate, and learning. A gain is the difference in V_p, or in cost, from the
@@ -22,11 +22,11 @@ from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
 """Words before a gain. Key: whether the contestant before, and the contestant itself, approach faster than the paper's
-rule at every weight. V_p of such a contestant at the rule's time would be lower than the value that is compared."""
+rule at every weight. The compared V_p of such a contestant is higher than its V_p at the rule's time would be."""
 
 
 class Link(NamedTuple):
-    """A contestant, and the ability that it has in addition to those of the contestant before."""
+    """A contestant, and the abilities that it has in addition to those of the contestant before."""
 
     added: str
     contestant: str

@@ -30,7 +30,7 @@ class Answer:
     beyond: str  # "": the front reaches the rule's V_p; "slower": it is below this V_p at all weights; "faster": above
     velocity: Estimate  # m/s, V_p of the policy at the paper's time
     rival: str  # name of the best tuned baseline; "": there is none
-    rival_reduction: Estimate | None  # `reduction` of the rival; None: it takes longer than the rule at all weights
+    rival_reduction: Estimate | None  # `reduction` of a tuned rival; None: it takes longer than the rule at all weights
     improvement: Estimate  # share of scenarios with a touch and a lower V_p than the rule's; an equal V_p counts half
     missed: int  # number of missed objects in all episodes: all seeds, all weights
     episodes: int  # number of these episodes
@@ -94,7 +94,7 @@ def reductions(played: Played) -> Floats:
 
 
 def at_least(answer: Answer) -> str:
-    """Return in words the reduction of V_p that 95 % of all trainings exceed; "-" for a single seed."""
+    """Return in words the reduction of V_p that 95 % of all trainings exceed; "-" if it is unknown."""
     return f"{100 * tolerated(np.array(answer.each)):.1f} %" if len(answer.each) > 1 else "-"
 
 

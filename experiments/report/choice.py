@@ -1,8 +1,7 @@
-"""The recommended controller at one time weight. It is chosen on other scenarios than those of the report.
+"""The recommended controller at one time weight, chosen on other scenarios than the report's unless these are a table.
 
-It is the simplest controller whose mean cost is not clearly above the lowest mean cost: the 95 % interval of the
-difference includes 0. From simple to complex: baselines without tuned numbers, tuned baselines by their number of
-parameters, objects of the user, the learned policy.
+It is the simplest controller whose mean cost is not clearly above the lowest: 0 is in the 95 % interval of the
+difference. The order: baselines that are not tuned, tuned ones by number of parameters, the user's objects, the policy.
 """
 
 from collections.abc import Mapping
@@ -16,7 +15,7 @@ from experiments.report.matchups import PAPER, POLICY, Contestant
 from experiments.report.played import Played
 from impact_gym.task.scenario import NAMED
 
-SEED = 60_000_000  # seed of the first scenario; training, tuning and evaluation use other seeds
+SEED = 60_000_000  # added to the seed of the report's scenarios; training, tuning and evaluation use other seeds
 COUNT = 2000  # number of scenarios
 
 
@@ -48,7 +47,7 @@ def simplicity(contestant: Contestant) -> tuple[int, int]:
 
 
 def simplest(costs: Mapping[str, Floats]) -> str:
-    """Return the first name whose mean cost is not clearly above the lowest; `costs` (scenarios,): simplest first."""
+    """Return the first name whose mean cost is not clearly above the lowest; `costs` has arrays (scenarios,)."""
     least = min(costs.values(), key=lambda cost: float(cost.mean()))
     return next(name for name, cost in costs.items() if Comparison.of_means(least, cost).less.low <= 0.0)
 

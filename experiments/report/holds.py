@@ -73,7 +73,7 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
 
     Columns: means of V_p (m/s), T (s) and the cost `loss` (m/s); the number of objects `missed`, and the number `of`
     objects played; `more` (m/s), by how much `controller` costs more than this contestant, 0 if it is not above two
-    standard errors; `off`, the difference from the unchanged value.
+    standard errors; `off`, the absolute difference from the unchanged value.
     """
     if not played.varied:
         numbers = dict.fromkeys(("value", "off", "missed", "of", "more"), float)

@@ -31,7 +31,7 @@ def play_matchups(
 ) -> list[Played]:
     """Return the results of each matchup; `folder` keeps results of jobs, as long as the text `depends` is the same."""
     played = [Played(matchup) for matchup in matchups]
-    # the jobs of the last set-up take longest, so they start first
+    # the jobs of the last of the default set-ups take longest, so they start first
     jobs = [(each, *job) for each in reversed(played) for job in jobs_of(each.matchup)]
     calls = [{"where": where, "arguments": arguments} for _, where, _, arguments in jobs]
     print(f"results are kept in {folder}", flush=True)
@@ -85,7 +85,7 @@ def measured(where: str, arguments: JSON) -> Any:
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return the `weight` at which the mean approach time is that of the rule, and results (1, scenarios) at it."""
+    """Return the `weight` whose mean approach time is nearest to that of the rule, and results (1, scenarios) at it."""
     choosing, task = calibration_scenarios(scenarios), Task(**environment)
 
     def mean_time(weight: float, player: Controller) -> float:
@@ -103,7 +103,7 @@ def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: 
 
 
 def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
-    """Return the scenarios in which `play_as_late` finds a weight: not `scenarios`, unless these are a table."""
+    """Return the scenarios in which `play_as_late` finds a weight: validation set, other seeds, or the same table."""
     count = min(CALIBRATION_SCENARIOS, scenarios["count"])
     if "set" in scenarios:
         return {"set": "validation", "count": count}

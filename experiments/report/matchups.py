@@ -48,7 +48,7 @@ class Contestant:
     name: str
     controller: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
     weights: tuple[float, ...]
-    checksum: str  # SHA-256 of the policy's file, the tuned parameters or the module; "": the paper's rule
+    checksum: str  # SHA-256 of the policy's file, the tuned parameters or the module; "": a fixed rule
 
     @property
     def plain(self) -> str:
@@ -144,7 +144,7 @@ def of_setup(
 
 
 def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight: float | None) -> Matchup:
-    """Return the matchup with `policies` at those weights of the evaluation that are in the range of their training."""
+    """Return the matchup with `policies` at the evaluation's weights within their training, or at its lowest weight."""
     policy, evaluation = policies[matchup.chosen], matchup.evaluation
     trained = policy.environment.get("time_weight", evaluation.typical)
     low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
@@ -162,7 +162,7 @@ def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
-    """Return the clairvoyant search of a set-up; None: it searched other scenarios than the first of these."""
+    """Return the clairvoyant search of a set-up; None: there is none, or `scenarios` begin with others."""
     its_own = setup.bound == setup.name
     parameters_at = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
     searched = min(map(len, parameters_at.values()), default=0)
@@ -223,7 +223,7 @@ def of_policies(
 def baselines(
     names: Sequence[str], environment: Mapping[str, Any], setup: Setup | None = None, folder: Path = TUNED
 ) -> tuple[Contestant, ...]:
-    """Return the paper's rule and the baselines `names`: tuned baselines, or objects with `predict` as module:object.
+    """Return the paper's rule and the baselines `names`: tuned or fixed ones, or objects as module:object.
 
     `folder` has the tuned baselines of `setup`; all others are shipped. ValueError: a name is unknown, repeated or that
     of the paper's rule, or a baseline does not fit this environment.

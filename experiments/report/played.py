@@ -30,7 +30,7 @@ class Run:
         return self.arrays[name]
 
     def at(self, weight: float) -> Episodes:
-        """Return the results at a weight (m/s per s); if there is only one weight, return those at this weight."""
+        """Return the results at a weight (m/s per s), or at the only weight of the run."""
         if len(self.weights) > 1 and weight not in self.weights:
             raise ValueError(f"the contestant was not played at a weight of {weight:g}, only at {self.weights}")
         place = self.weights.index(weight) if weight in self.weights else 0

@@ -27,7 +27,7 @@ ID, SCALE, BATCH_SCALE, BATCH = "ImpactApproach-v0", "Pendulum-v1", "CartPole-v1
 SIZES = (64, 256, 1024, 4096, 16384)  # environments in a batch
 SETUPS = ("linear-blind", "bistable-blind")
 STEPS = 1_000_000  # steps of a training
-RTOL = 1e-6  # rtol of the environments: the largest power of ten with an error of V_p below 1e-6 m/s
+RTOL = 1e-6  # rtol of the batch of the paper's rule: the largest power of ten with an error of V_p below 1e-6 m/s
 MIX = 80  # number of steps before a measurement, after which episodes of 20 to 75 steps no longer begin together
 Step = Callable[[], Any]
 
@@ -43,7 +43,7 @@ def rate(call: Step, steps: int, seconds: float, clock: Callable[[], float] = ti
 
 
 def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
-    """Return a function that steps `env`. The action is random, or `act` of the last return value of `env`."""
+    """Return a function that steps `env`. The actions are random, or `act(last)` with the last return of `env`."""
     actions = cycle([env.action_space.sample() for _ in range(32)])  # drawn before the timing
     last = env.reset()
 
@@ -57,7 +57,7 @@ def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
 
 
 def stepped(quick: bool) -> pl.DataFrame:
-    """Return the step rates of our environments and of Gymnasium's; each is the highest of several rounds."""
+    """Return the step rates of our environments and of Gymnasium's; each is the highest of all rounds."""
     batched, rule = gym.make_vec(ID, num_envs=BATCH, rtol=RTOL), PaperTrapezoid()
     steps = [
         (f"{ID}, the paper's rule", BATCH, stepping(batched, lambda last: rule.predict(last[0])[0])),
@@ -90,7 +90,7 @@ def three_rates(name: str, quick: bool) -> list[Row]:
 
 
 def words(value: Any) -> str:
-    """Return a value as text for a table: floats to three digits, an empty text for None."""
+    """Return a value as text for a table: floats with three significant digits, an empty text for None."""
     if isinstance(value, float):
         return f"{float(f'{value:.3g}'):,.15g}"
     return "" if value is None else f"{value:,}" if isinstance(value, int) else str(value)

@@ -1,8 +1,8 @@
 """Causes of the reduction of V_p below that of the paper's rule.
 
 For each distribution (prior) of the object's distance, the paper's rule is compared with the best constant speed and
-with the best profile of speed over position. Both have the same limits of the arm and the same choice of reactions to
-the alarm, so the difference between them is the value of known distances.
+with the best profile of speed over position. Constant speed and profile have the same limits of the arm and the same
+choice of reactions to the alarm, so their difference is the value of known distances.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -43,7 +43,7 @@ class Prior(NamedTuple):
 
     @property
     def mean(self) -> float:
-        """Mean distance, m."""
+        """Mean distance, m; of a memoryless distribution, from `near`."""
         return (self.far - self.near) / np.log(20.0) if self.memoryless else 0.5 * (self.near + self.far)
 
     @property

@@ -38,7 +38,7 @@ def law_of(row: Quantity) -> str:
 
 
 def observation_table() -> Rows:
-    """Return the rows of the observation table, one for each number that can be observed."""
+    """Return the rows of the observation table; earlier readings share one row."""
     seen = [row for row in QUANTITIES.values() if row.observed and row.observed != "past_readings"]
     seen.sort(key=lambda row: (row.observed != "always", row.observed == "privileged"))
     rows: Rows = [("Num", "Observation", "Unit", "from", "to", "Scaled to", "Argument")]

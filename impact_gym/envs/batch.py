@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from impact_gym.render.film import History
 
 ROWS_PER_THREAD = 256
-"""Each thread gets at least this many rows; with fewer rows, starting a thread costs more time than it saves."""
+"""Least number of rows per thread, if several are used; for fewer rows a thread costs more time than it saves."""
 
 _STATE = (
     "draws", "laws", "chains", "episodes", "readings", "ranges", "links", "packets", "observations", "rewards",
@@ -95,7 +95,6 @@ class Batch:
         self._make_rows()
 
     def _to_kernel(self, tasks: Sequence[Task]) -> None:
-        """Convert the tasks to arrays for the compiled program: records, draws, laws of the mounts, and tables."""
         records, draws, tables, numbers = [], list[tuple[Any, ...]](), [], 0
         for task in tasks:
             record, its_draws, table = task.to_kernel(len(draws), numbers)
@@ -110,7 +109,6 @@ class Batch:
             self.laws = np.resize(self.laws, self.size)
 
     def _make_rows(self) -> None:
-        """Make the compiled object `_rows`, which keeps the addresses of the arrays."""
         draws, laws, *arrays, traces = (getattr(self, name) for name in _STATE)
         recorder = np.empty(0, kernels.CONTACT), traces, np.empty(0), TRACE_INTERVAL
         shared = self._entries, recorder, self.max_steps, len(self.action_spec)
@@ -124,7 +122,7 @@ class Batch:
         self._make_rows()
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
-        """From the next episode on, draw scenarios from these ranges; raise ValueError if all are out of reach."""
+        """From the next episode on, draw scenarios from these ranges; ValueError: all distances are out of reach."""
         ranges = ScenarioRanges.of(scenario)
         for task in self.tasks:
             task.check_distance(ranges.distance[0])
@@ -151,7 +149,7 @@ class Batch:
         self._rows.begin(rows, np.ascontiguousarray(draws), records_with(len(rows), {}) if fixed is None else fixed)
 
     def begin_seeded(self, seed: int, fixed: Mapping[str, ArrayLike], copies: int = 1) -> None:
-        """Begin an episode in every row, the same as the first episode of an environment with the row's seed.
+        """Begin an episode in every row, with the random numbers of an environment's first episode with the row's seed.
 
         The rows are `copies` groups of equal size; row k of each group has the seed `seed` + k. Numbers in `fixed`, by
         id, are not drawn; each value is one number for all rows or an array (size,).
@@ -207,7 +205,6 @@ class Batch:
             getattr(self, name)[:] = state[name]
 
     def _digest(self, state: Mapping[str, Any]) -> str:
-        """Return a digest of the tasks and of `state` without its own digest."""
         rest = {name: value for name, value in state.items() if name not in (*_STATE, "sha256")}
         total = sha256(repr(rest).encode())
         for values in (self._tasks, self._tables, *(np.asarray(state[name]) for name in _STATE)):

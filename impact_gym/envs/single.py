@@ -31,7 +31,7 @@ def observation_space(spec: ObservationSpec) -> Space[Any]:
 
 
 def steps_per_second(task: Task) -> int:
-    """Return how many control steps per second a film shows, so that the longest episode lasts about 18 s."""
+    """Return how many control steps per second a film shows: 1 to 30, chosen for a longest episode of about 18 s."""
     return min(max(round(task.horizon / task.control_period / 18.0), 1), 30)
 
 
@@ -42,29 +42,29 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Description
     A robot's flange follows a commanded motion, and carries a tool of 0.125 kg. Ahead of the tool is an object. The
     controller does not know the object's distance, mass, contact stiffness and restitution. The tool should touch the
-    object early, and the object should then leave slowly. After the touch, the controller gets an *alarm*, the report
-    of a contact. The task is from the paper of Tommasino, Cipriani, Doria, Rosati (2020), 'Effect of End-Effector
-    Compliance on Collisions in Robotic Teleoperation'. The controller of this paper moves at 1 m/s, and brakes 16 ms
-    after the contact force exceeds 1 N.
+    object early, and the object should then leave slowly. If the contact force exceeds 1 N, the controller gets an
+    *alarm*, the report of a contact. The task is from the paper of Tommasino, Cipriani, Doria, Rosati (2020), 'Effect
+    of End-Effector Compliance on Collisions in Robotic Teleoperation'. The controller of this paper moves at 1 m/s, and
+    brakes 16 ms after the contact force exceeds 1 N.
 
     ## Action Space
-    `Box(-1, 1, (2,), float32)`: an action is a velocity and an acceleration. The flange accelerates to this velocity,
-    and then keeps it. Values outside the box are clipped.
+    `Box(-1, 1, (2,), float32)`: an action is a velocity and an acceleration. With this acceleration, the flange changes
+    its velocity to the commanded value, and then keeps this velocity. Values outside the box are clipped.
 
     | Num | Action                     | at -1 | at +1 | Unit  | Argument             |
     |-----|----------------------------|-------|-------|-------|----------------------|
     | 0   | velocity to go to          | -0.5  | 1.5   | m/s   | `velocity_range`     |
     | 1   | acceleration to use for it | 1     | 20    | m/s^2 | `acceleration_range` |
 
-    The environment rounds the velocity to 1e-6 m/s and the acceleration to 1e-6 m/s^2. So an action can command exactly
-    the motion of the paper's controller (1 m/s at 8 m/s^2). `action_spec` of the unwrapped environment has two methods:
-    `decode(action)` returns SI units, and `encode(velocity, acceleration)` returns an action.
+    The environment rounds the velocity to 1e-6 m/s and the acceleration to 1e-6 m/s^2. `action_spec` of the unwrapped
+    environment has two methods: `decode(action)` returns SI units, and `encode(velocity, acceleration)` returns an
+    action.
 
     ## Observation Space
-    `Box(..., (8,), float32)`. The last column of the table names the arguments that add a number or change its scale.
-    Each number is scaled to [-1, 1] or [0, 1] by constants, and clipped. Position and velocity are values of the
-    commanded motion. The flange of a rigid robot follows this motion exactly, and the flange of a compliant `robot`
-    deviates from it. `sensors()` of the unwrapped environment returns the sensor values in SI units.
+    `Box(..., (8,), float32)`. The last column of the table names the arguments that add or change a number. Each number
+    is scaled to [-1, 1] or [0, 1] by constants, and clipped. Position and velocity are values of the commanded motion.
+    The flange of a rigid robot follows this motion exactly, and the flange of a compliant `robot` deviates from it.
+    `sensors()` of the unwrapped environment returns the sensor values in SI units.
 
     `observation_spec` of the unwrapped environment describes the observation. Its list `ids` has an id for each number,
     such as "alarm". `index(id)` returns the index of the number in the observation. `decode(observation, id)` returns
@@ -83,8 +83,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     With `alarm="reading"` there is no switch. Each force reading is then the largest force since the previous reading,
     with noise and bias. A reading above `alarm_threshold` raises the alarm, which ends after 0.15 s. A later reading
-    can raise the alarm again. This alarm does not shorten a step. Noise can raise a false alarm. The episode ends 0.15
-    s after the moment when a switch would have raised the alarm.
+    can raise the alarm again. Such an alarm does not shorten a step, and noise can raise a false alarm. The episode
+    ends 0.15 s after the moment when a switch would have raised the alarm.
 
     With `range_sensor` the tool carries a proximity sensor, see `RangeSensor`. At every control step the sensor
     measures the gap to the object. A reading can have noise and a bias, be lost, or arrive late. The controller
@@ -93,11 +93,11 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     an estimate of the distance, which is made once before the episode. With `range_sensor`, `range_noise` must be None.
 
     ## Rewards
-    Each step gives `-time_weight * dt` until the first contact begins. Here dt is the duration of the step, or of the
-    part of the step before the contact. If the object was touched, the final step adds `-V_p - force_weight * peak
-    force`. V_p is the object's final velocity. With `friction` the object stops, so V_p is the object's largest
-    velocity. If the object was not touched, the final step adds `-missed_cost` (-2). If V_p is below 2 m/s and
-    `force_weight` is 0, the sum of an episode's rewards lies in [-time_weight * 1.2 - 2, 0].
+    Without an `operator`, each step gives `-time_weight * dt` until the first contact begins. Here dt is the duration
+    of the step, or of the part of the step before the contact. If the object was touched, the final step adds `-V_p -
+    force_weight * peak force`. V_p is the object's final velocity. With `friction` the object stops, so V_p is the
+    object's largest velocity. If the object was not touched, the final step adds `-missed_cost` (-2). If V_p is below 2
+    m/s and `force_weight` is 0, the sum of an episode's rewards lies in [-time_weight * 1.2 - 2, 0].
 
     ## Starting State
     Flange, tool and object are at rest. The flange is at position 0. The coupling is relaxed, but a bistable coupling
@@ -124,24 +124,25 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
       second table must lie in the environment's range for this number.
 
     ## Episode End
-    An episode terminates 0.15 s (`after_alarm`) after the alarm. The flange then brakes to rest at the largest
-    acceleration of an action. The simulation continues until tool and object do not touch and cannot touch again. V_p
-    is the velocity of the object at the end of this simulation. The simulation continues for at most 10 s. If tool and
-    object can still touch then, as with an object of several tonnes, `info["status"]` is "not settled".
+    An episode terminates 0.15 s (`after_alarm`) after the alarm. If the object was touched, the flange then brakes to
+    rest at the largest acceleration of an action. The simulation continues, for at most 10 s, until tool and object do
+    not touch and cannot touch again. With `friction`, the simulation continues until V_p is final and the tool is
+    slower than 1 mm/s. Without friction, V_p is the velocity of the object at the end of this simulation. If contacts
+    are still possible after the 10 s, as with an object of several tonnes, `info["status"]` begins with "not settled".
 
-    Without an alarm an episode terminates at 1.2 s (`horizon`). If the object was touched too softly to raise the
-    alarm, the reward contains V_p. If the object was not touched, the episode is `missed`. An episode also terminates
-    if the solver fails. Then the reward is the same as for a missed episode, and `info["status"]` gives the cause. An
-    episode is truncated only by Gymnasium's wrapper `TimeLimit` (`max_episode_steps`).
+    Without an alarm an episode terminates at 1.2 s (`horizon`). An object that was touched too softly to raise the
+    alarm counts as touched. If the object was not touched, the episode is `missed`. An episode also terminates if the
+    solver fails. Then the reward is the same as for a missed episode, and `info["status"]` gives the cause. An episode
+    is truncated only by Gymnasium's wrapper `TimeLimit` (`max_episode_steps`).
 
     The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
     `time_weight`, `reward_terms` (time, velocity, force, missed; their sum is the return), `scenario`, `record` (all
     drawn numbers; those of the second table have dotted names such as `coupling.stiffness`) and `status`. With
     `friction` the final `info` also has `slide` and `rest_time`. `slide` (m) is the distance from the object's first
     position to its last position. `rest_time` (s) is the time at which the object has stopped and the tool stays slower
-    than 1 mm/s. If this never happens, `rest_time` is inf. If this happens after the last control step, the error of
-    `rest_time` is at most 1 ms. Otherwise the error is at most two control steps. During an episode and after a
-    truncation, `env.unwrapped.episode_info()` returns the present values.
+    than 1 mm/s. If this does not happen, `rest_time` is inf. The simulation checks once per ms after the last control
+    step whether the tool rests; for a tool that rests earlier, `rest_time` is at least the time of the first check.
+    During an episode and after a truncation, `env.unwrapped.episode_info()` returns the present values.
 
     ## Arguments
     To draw a number of a coupling or a robot from a range, give the coupling or robot as a dict:

@@ -22,8 +22,8 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     commands) and `downlink` (for the operator's view) are `Channel` objects. Once per control period, at the ticks of
     the operator's clock, one packet is sent over each channel. Each packet has its own delay, and the receiver uses the
     newest packet that has arrived. Two packets do not wait for the next tick: the operator's stop, and the arm's report
-    of the first touch. An operator knows of the touch when the first packet arrives that was sent at the touch or
-    later. The operator stops `reaction` seconds later, and from then on commands 0. A `Tracker` also reads the position
+    of the first touch. A model of an operator knows of the touch when the first packet arrives that was sent at the
+    touch or later. It stops `reaction` seconds later, and from then on commands 0. A `Tracker` also reads the position
     of the flange from the packets. For a `Person`, your code passes velocities to `command(velocity)` of the unwrapped
     environment. The tick of a step sends the velocity that was passed last before this step. A `Replay` of the sent
     velocities repeats the episode bit for bit.
@@ -61,11 +61,12 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     draws a value.
 
     ## Episode End
-    An episode terminates in four cases. (1) The object has been touched and rests, and the operator's command has been
-    0 for 0.3 s. (2) The object has been touched and rests, the commanded velocity of the flange is at most 0.01 m/s,
-    and the tool is within 5 mm of the object. (3) The operator has commanded a motion, and then commands 0 for 0.3 s
-    without a touch. (4) The episode has lasted 8 s (`horizon`). If the object was touched, the flange brakes after the
-    last step, and the simulation continues until V_p is final and the tool rests, for at most 10 s.
+    An episode terminates in four cases, or if the solver fails. (1) The object has been touched and rests, and the
+    operator's command has been 0 for 0.3 s. (2) The object has been touched and rests, the commanded velocity of the
+    flange is at most 0.01 m/s, and the tool is within 5 mm of the object. (3) The operator has commanded a motion, and
+    then commands 0 for 0.3 s without a touch. (4) The episode has lasted 8 s (`horizon`). If the object was touched,
+    the flange brakes after the last step, and the simulation continues until V_p is final and the tool is slower than 1
+    mm/s, for at most 10 s.
 
     The `info` of each step has `command` (m/s, the newest command that has arrived) and `command_age` (s), both at the
     end of the step. Three other entries describe the last command that the flange executed in the step: `teleop_action`

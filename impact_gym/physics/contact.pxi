@@ -5,9 +5,9 @@ With the reduced mass M, the approach velocity v, the stiffness k_c and its expo
     delta0 = (M v^2 / k_c)^(1 / (m + 1))      t0 = delta0 / v      F0 = k_c delta0^m = M v / t0
 
 In these units the penetration is u = delta / delta0, its rate w = delta_dot / v, and the force f = u^m + d u^n w with
-the damping factor d; where f would be negative, a pull, the force is 0. With m = n = 3/2 the half-integer power makes
-u(t) non-smooth at the beginning and at the end of the contact. With the unknown z = sqrt(u) and the independent
-variable s, where dt = z ds, the same motion is
+the damping factor d and the exponent n of the damping; where f would be negative, a pull, the force is 0. With m = n
+= 3/2 the half-integer power makes u(t) non-smooth at the beginning and at the end of the contact. With the unknown z
+= sqrt(u) and the independent variable s, where dt = z ds, the same motion is
 
     dz/ds = w / 2      dw/ds = z (push - f)      f = z^3 (1 + d w)
 
@@ -19,7 +19,7 @@ exponents the variables are the same, and the right sides are polynomials if 2 m
 cdef enum:
     ROOT, RATE, TIME, IMPULSE  # components that the scaled state of every chain has: z, w, t, impulse on the object
 
-cdef double APPROACH_VELOCITY_FLOOR = 1e-6  # m/s; slower contacts use chi at this v_in, because chi grows as 1 / v_in (paper, eq. 7)
+cdef double APPROACH_VELOCITY_FLOOR = 1e-6  # m/s; slower contacts use the chi of this approach velocity v_in, because chi grows as 1 / v_in (paper, eq. 7)
 
 
 cdef struct Contact:
@@ -41,7 +41,6 @@ cdef struct Units:
 
 
 cpdef Contact contact_of(double stiffness, double damping, double m, double n, double reference) noexcept nogil:
-    """Return a contact law in the state in which the surfaces touch (`held` = 1)."""
     cdef Contact law = Contact(stiffness, damping, m, n, -1, -1, damping, reference, 1.0)
     if 2.0 * m == floor(2.0 * m):
         law.twice_m = <int64_t> (2.0 * m)

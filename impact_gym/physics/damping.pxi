@@ -75,7 +75,7 @@ cpdef double delivered(double damping) noexcept nogil:
 
 
 cpdef double delivered_linear(double damping) noexcept nogil:
-    """Return the restitution e of a linear contact (m = 1, n = 0, d = 2 zeta) that ends before its force would be a pull.
+    """Return the restitution e of a linear contact (m = 1, n = 0, damping ratio zeta = d / 2) that ends before its force would be a pull.
 
     e = exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)), which is exp(-2) at zeta = 1. For zeta > 1 the exponent is
     -2 zeta arcosh(zeta) / sqrt(zeta^2 - 1).

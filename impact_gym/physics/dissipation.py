@@ -1,7 +1,7 @@
 """Damping factors of contacts for a nominal restitution, and the restitution that a contact really has.
 
-A contact has the damping factor d = (chi / k_c) v_in, with hysteresis damping chi, stiffness k_c and approach velocity
-v_in. With equal exponents m = n an isolated contact satisfies d - ln(1 + d) = -z - ln(1 - z), with z = d e_eff and its
+With equal exponents m = n a contact has the damping factor d = (chi / k_c) v_in, with hysteresis damping chi, stiffness
+k_c and approach velocity v_in. If isolated, it satisfies d - ln(1 + d) = -z - ln(1 - z), with z = d e_eff and its
 restitution e_eff, as derived in `damping.pxi`. Published laws are approximate solutions of this equation for d.
 Skrinjar, Slavic, Boltezar, Int. J. Mech. Sci. 145 (2018) 171-187 (the paper's reference 11) collect the laws below and
 more.

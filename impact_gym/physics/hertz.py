@@ -20,10 +20,10 @@ def hertz(
 
     R is the radius, delta the penetration, and 1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2, with Young's moduli E and
     Poisson's ratios nu of both bodies (H. Hertz, J. reine angew. Math. 92 (1882) 156-171; K. L. Johnson, Contact
-    Mechanics, eq. 4.23). This holds for small strains of bodies thicker than the contact. A thin pad is stiffer.
+    Mechanics, eq. 4.23). This holds for small strains of bodies much thicker than the contact is wide.
 
     Args:
-        radius: radius of the sphere, m; for two spheres 1 / (1/R_1 + 1/R_2).
+        radius: radius of the sphere, m; for two spheres of radii R_1 and R_2: 1 / (1/R_1 + 1/R_2).
         young_tool: Young's modulus of the tool's surface, Pa.
         poisson_tool: Poisson's ratio of the tool's surface.
         young_object: Young's modulus of the object's surface, Pa.
@@ -42,7 +42,7 @@ def hertz(
 
 @dataclass(frozen=True)
 class Material:
-    """Published values of a material: each range goes from the smallest to the largest value found."""
+    """Ranges of a material's values, from publications."""
 
     young: Range  # Pa
     poisson: Range
@@ -80,8 +80,8 @@ FOAM = (
 def rubber(shore: float, source: str = GENT, restitution: Range | None = None) -> Material:
     """Return rubber of hardness `shore` (Shore A); Young's modulus is from Gent's value / 1.2 to Gent's value * 1.2.
 
-    Gent's relation treats the blunt cone of the durometer as a flat punch: E = (1 - nu^2) F / (2 R delta), where F is
-    the spring force of the durometer, delta the indentation, and R the mean radius of the cone.
+    Gent's relation treats the blunt cone of the durometer as a flat punch: E = (1 - nu^2) F / (2 R delta), with
+    Poisson's ratio nu, the durometer's spring force F, the indentation delta, and the mean radius R of the cone.
     """
     shore = number("shore", shore, "(Shore A)", at_least=20, at_most=80)
     young = 1e6 * 0.0981 * (56.0 + 7.62336 * shore) / (0.137505 * (254.0 - 2.54 * shore))
@@ -108,7 +108,7 @@ MATERIALS = {
 
 
 def material_ranges(radius: Range, tool: str | Material, target: str | Material) -> dict[str, list[float]]:
-    """Return ranges for the table `[environment.scenario]` of a set-up: contact_stiffness and, if known, restitution.
+    """Return ranges for the table `[environment.scenario]` of a set-up: contact_stiffness, and restitution if known.
 
     Args:
         radius: smallest and largest radius of the curved body, m.

@@ -45,7 +45,7 @@ def free_tool(
 
 
 def sliding_distance(object_velocity: ArrayLike, friction: ArrayLike) -> Velocities:
-    """Return how far the object slides until friction stops it, m: velocity^2 / (2 friction g); inf without friction.
+    """Return how far the object slides until friction stops it, m: velocity^2 / (2 friction g); inf if it never stops.
 
     Raises:
         ValueError: a velocity (m/s) is not finite or a coefficient of friction is negative.

@@ -105,7 +105,7 @@ cdef inline double mechanism_reach(const Mechanism *law, double stretch, double 
     """Return a bound on the stretch (m) that the slider can reach with its present energy and `kinetic` (J)."""
     cdef double energy = kinetic + mechanism_energy(law, stretch), free = energy - mechanism_energy(law, 0.0)
     cdef double reach = law.front_stop - law.rest + sqrt(2.0 * energy / law.stop_stiffness)  # all energy in the front stop
-    cdef double stiffness = law.stop_stiffness - stiffness_bound(law)  # in front of `rest` the energy grows at least with this
+    cdef double stiffness = law.stop_stiffness - stiffness_bound(law)  # in front of `rest` the energy grows at least with this stiffness
     if law.linear:
         return min(reach, sqrt(2.0 * energy / law.stiffness))
     if law.rest + stretch < 0.0 and energy < spring_energy(law, 0.0):  # behind the alignment, below the barrier

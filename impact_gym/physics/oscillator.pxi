@@ -1,6 +1,6 @@
 """The motion, in closed form, of a tool on one linear spring and damper.
 
-y = x_t - x_r is the deflection of the tool, omega the angular frequency and zeta the damping ratio. While tool and
+y is the deflection of the tool, omega the angular frequency and zeta the damping ratio. While tool and
 object do not touch, under a flange acceleration a,
 
     y'' + 2 zeta omega y' + omega^2 y = -a        (paper, eq. 17 with F = 0)

@@ -1,8 +1,8 @@
 """The outer loop: a command ramps the flange's velocity and holds it; meanwhile flights and contacts alternate."""
 
 cdef double GRAZE = 1e-12  # m/s, smallest approach velocity; with 0 the scaled equations would stay at their initial state
-cdef double LOST = 1e11  # largest ratio deflection / distance to the object; above it rounding exceeds 1e-5 of the distance
-cdef double SHORT = 1e-6  # m, added to the distance in the ratio that LOST limits
+cdef double LOST = 1e11  # largest ratio steady deflection / position of the object; above it rounding exceeds 1e-5 of the position
+cdef double SHORT = 1e-6  # m, added to the position in the ratio that LOST limits
 
 
 cdef void reset_memory(Memory *memory, double step) noexcept nogil:
@@ -65,7 +65,7 @@ cdef double take_peak(const Run *run, Chain *chain) noexcept nogil:
 
 
 cdef int command(Run *run, Chain *chain, double target, double acceleration, double until) noexcept nogil:
-    """Ramp the flange to `target` (m/s), and hold it until `until` (s); return early with DETECTED or TOUCHED."""
+    """Ramp the flange to `target` (m/s), and hold it until `until` (s); return ARRIVED, or earlier another status."""
     cdef double change, ramp, end
     cdef bint ramp_ends
     cdef int status
@@ -108,7 +108,7 @@ cdef int advance(Run *run, Chain *chain, double acceleration, double until) noex
 
 
 cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
-    """Advance a flight to the first touch (TOUCHED), or to `until` (s) or until the object comes to rest (ARRIVED)."""
+    """Advance a flight to the first event, or to `until` (s) or until the object comes to rest; return the status."""
     cdef double rest = INFINITY
     cdef int status
     if ground_now(run, chain) > 0.0:
@@ -120,7 +120,7 @@ cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept
 
 
 cdef int fly_on(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
-    """Advance a flight, during which the object neither starts nor stops, to the first touch or to `until` (s)."""
+    """Advance a flight, during which the object neither starts nor stops, to the first event or to `until` (s)."""
     cdef double distance, touch, left = until - chain.time
     if run.law.kind == INTEGRATED:
         return integrate(run, chain, acceleration, until, True)

@@ -1,4 +1,4 @@
-"""Bounds on the motion of an INTEGRATED chain: on its frequencies, its energy, and how far the tool can move."""
+"""Bounds on the motion of an INTEGRATED chain: on its energy, and how far the tool can move."""
 
 
 cdef inline double coupling_energy(const Law *law, double stretch) noexcept nogil:
@@ -24,7 +24,7 @@ cdef inline double moving_mass(const Run *run, double position) noexcept nogil:
 
 
 cdef double highest_frequency(const Run *run, double position) noexcept nogil:
-    """Return an upper bound on the angular frequencies of the chain without its stops, rad/s."""
+    """Return an estimate of the highest angular frequency of the chain without its stops, rad/s."""
     cdef const Law *law = run.law
     cdef RobotTable table = robot_table(run)
     cdef double square = law.stiffest if law.intervals else 0.0, k = law.stiffness

@@ -173,7 +173,7 @@ cdef double smooth_until(const Run *run, const Chain *chain, double acceleration
 
 
 cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
-    """Return whether no touch is possible while the imposed motion stays at rest; False if the object moves backwards."""
+    """Return True only if no touch is possible while the imposed motion stays at rest; False: possible or unknown."""
     cdef double reach
     if run.law.kind == RIGID:
         return chain.penetration_rate <= 0.0

@@ -1,7 +1,7 @@
 """Find events within a smooth piece. An event has a row: a value, which is negative until the event occurs, and its slope.
 
-The rows at the two ends of a step show which events have occurred at its end, and which may have occurred and ended
-within the step. The first event is located on the integrator's polynomial; then a step is taken that ends there.
+The rows at the two ends of a step show which events have occurred at its end, and which may have occurred and ended within
+the step. The first event is located by the integrator's polynomial or by shorter steps; then a step is taken that ends there.
 """
 
 cdef enum:
@@ -12,7 +12,7 @@ cdef enum:
     SLIP  # the force exceeds the friction of an object that sticks
     REST  # a sliding object comes to rest
     TOP  # a sliding object has its largest speed; this does not end the step
-    FRONT_STOP, REAR_STOP  # the front stop, the rear stop begins or ceases to push
+    FRONT_STOP, REAR_STOP  # the front or the rear stop begins or ceases to push
     ALIGNMENT  # the slider of a mechanism passes its alignment
     TOUCH  # tool and object touch: a flight ends
     ROWS
@@ -24,7 +24,7 @@ cdef double SHORTEST_STEP = 1e-10  # a step that starts on an event and ends bey
 
 cdef struct Events:
     double[ROWS] value
-    double[ROWS] height, slope  # a smooth quantity that equals the value near its maximum; its derivative by s, in flight by time
+    double[ROWS] height, slope  # a smooth quantity whose maximum is searched; its derivative by s, in flight by time
 
 
 cdef void evaluate_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:

@@ -6,8 +6,8 @@ cdef double LARGEST_STEP = 1.0  # largest step of a flight, scaled in the same w
 cdef double OVERSHOOT = 1e3  # largest step of a contact with friction / time left, so that the piece's end can be located in the step
 
 cdef enum:
-    TRACE_POINTS = 8  # trace points in a step of a contact
-    EVENTS_IN_TURN = 20  # number of events on which, one after another, a step is made to end
+    TRACE_POINTS = 8  # trace points in a step of a contact that is not a series step
+    EVENTS_IN_TURN = 20  # largest number of events on which, one after another, a step is made to end
 
 
 cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bint flying) noexcept nogil:
@@ -25,11 +25,11 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     load(&now, chain, work.x)
     rates(&now, work.x, work.rate)
     evaluate_events(&now, work.x, work.rate, start)
-    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:  # step to the time when the gap stops opening
+    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:  # step to about the time when the gap stops opening
         h = min(h, -work.x[RATE] / work.rate[RATE])
     if not flying:
         peak = start.height[FORCE]  # the force of a linear contact begins above 0
-        if undetected and start.value[FORCE] >= 0.0:  # a threshold of 0 is exceeded at the touch
+        if undetected and start.value[FORCE] >= 0.0:  # the force at the start can be at the threshold already
             chain.detection = chain.time
             return DETECTED
         if now.rough and now.object_state == STUCK and work.x[ROOT] == 0.0 and start.value[SLIP] > 0.0:

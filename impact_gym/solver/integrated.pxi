@@ -1,8 +1,8 @@
 """Equations of motion of an INTEGRATED chain, whose flights have no formula.
 
 Such a chain has a compliant robot with a coupling, a coupling with stops, or both; or tool and robot are one mass whose
-parameters vary along a table. Forces are computed in SI units, then scaled. After the components that all chains have,
-the state has: the impulse of the coupling on the tool; the momentum of robot mass that has joined the moving part; the
+parameters vary along a table. Forces are computed in SI units, then scaled. After z, w, t, impulse, deflection and its
+rate, the state has: the impulse of the coupling on the tool; the momentum of robot mass that has joined the moving part; the
 offset of the flange from the imposed motion; the rate of this offset.
 """
 

@@ -27,14 +27,14 @@ cdef struct Piece:
     double horizon  # scaled time until the end of the piece
     double position, velocity, acceleration  # m, m/s, m/s^2, of the imposed motion, at the start of the piece
 
-    # only RIGID and SPRING chains, in the piece's units
+    # in the piece's units; the last three only in a SPRING chain
     double push  # flange acceleration
     double pull_y, pull_y_dot  # force of the spring and damper on the tool / its mass, per deflection and per its rate
     double tool_share  # reduced mass / tool mass
 
     # only an INTEGRATED chain
     RobotTable robot
-    int place  # index of the interval of its table in this piece
+    int place  # index of the interval of the robot's table in this piece
     RobotNow lumped  # the robot's parameters, if its table has one interval
     double per_acceleration  # scaled acceleration for 1 m/s^2
     double tool_rate, object_rate  # scaled acceleration of tool and object for 1 N

@@ -1,6 +1,6 @@
 """The L-stable 5(4) pair Rodas5P, for stiff pieces: a slow contact under a push, an overdamped spring, or a hard stop.
 
-A Rosenbrock method is linearly implicit: a step inverts one matrix, 1 / (gamma h) - J with the exact Jacobian J, and
+A Rosenbrock method is linearly implicit: a step inverts one matrix, I / (gamma h) - J with the exact Jacobian J, and
 needs no iteration. Coefficients: Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks
 within the Julia Differential Equations package (BIT Numerical Mathematics 63:27, 2023), in the form of Hairer, Wanner,
 Solving Ordinary Differential Equations II (1996), IV.7, eq. 7.25. Time is a component of the state, so the equations

@@ -1,7 +1,7 @@
 """Steps by Taylor series, for analytic pieces: `taylor.h` computes the series; this file chooses and takes the step."""
 
 cdef enum:
-    LAST_ORDERS = 3  # number of highest orders that give the radius; without damping, from z = 0, two of five orders are 0
+    LAST_ORDERS = 3  # number of highest orders that give the radius; without damping, from z = 0, two of any five orders are 0
 
 cdef double LEFT_OUT = 0.05  # truncation error / local error allowed; small, because the errors of a contact's steps add up
 cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error; small, because the errors of several contacts add up

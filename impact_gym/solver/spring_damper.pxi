@@ -1,4 +1,4 @@
-"""A SPRING chain: a tool on a spring and damper. Its flights have a formula, in which the first touch is found numerically."""
+"""A SPRING chain: the tool, or tool and robot, as one mass on a spring and damper. Its flights have a formula."""
 
 cdef enum:
     MOST_BENDS = 300000  # largest number of intervals between zeros of the gap's third derivative that are searched in one flight
@@ -53,10 +53,10 @@ cdef void spring_drift(const Law *law, Chain *chain, double acceleration, double
     chain.time += time
 
 
-cdef struct Glide:  # the gap as a function of time: penetration = start + z(t) - z(0) + closing t + a t^2 / 2
+cdef struct Glide:  # the gap as a function of time: penetration = start + z(t) - z(0) + closing t + acceleration t^2 / 2
     double frequency  # rad/s
     double damping_ratio
-    double position, velocity  # m, m/s: z(0) = y + a / omega^2, z'(0)
+    double position, velocity  # m, m/s: z(0) and z'(0), see `oscillator.pxi`
     double start  # m, penetration at t = 0, not positive
     double closing  # m/s, flange velocity minus object velocity
     double acceleration  # m/s^2, flange acceleration minus object acceleration
@@ -121,7 +121,7 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
 
 
 cdef double within_reach(const Glide *glide, double now) noexcept nogil:
-    """Return the first time from `now` on at which a touch is possible, as |z| <= sqrt(z^2 + (z' / omega)^2); inf: never."""
+    """Return a time before which no touch is possible, because |z| stays within the present sqrt(z^2 + (z' / omega)^2); inf: never."""
     cdef double gap, swing, closed, z = glide.position, z_dot = glide.velocity
     if now > 0.0:
         z, z_dot = free_decay(glide.frequency, glide.damping_ratio, z, z_dot, now)
@@ -169,7 +169,7 @@ cdef double spring_touch(
 cdef double touch_in_bend(
     const Glide *glide, double begin, const Gap *first, double end, const Gap *last
 ) noexcept nogil:
-    """Return the first touch between `begin` and `end`, where the gap has no inflection; inf if there is none."""
+    """Return the time of the first touch between `begin` and `end`, where the gap has no inflection; inf if there is none."""
     cdef bint closing = first.order[1] > 0.0, still = last.order[1] > 0.0
     cdef double turn
     cdef Gap there

@@ -1,17 +1,17 @@
 """The structures of the solver; some of them also exist as NumPy data types, see `kernels.pyx`."""
 
 cpdef enum:
-    RIGID, SPRING, INTEGRATED  # kinds of chain: tool with imposed motion, tool on one spring and damper, any other chain
+    RIGID, SPRING, INTEGRATED  # kinds of chain: tool with imposed motion, one mass on a spring and damper, any other chain
 
 cpdef enum:
     ARRIVED = 0  # the requested time is reached
     DETECTED = 1  # the contact force has just exceeded the threshold for the first time
     TOUCHED = 2  # a contact begins
     PARTED = 3  # the contact has ended
-    SWITCHED = 4  # the equations of motion change: at a stop, at the alignment, or where the force would become a pull
+    SWITCHED = 4  # another event ended a piece of the motion, see `conclude`
     UNSETTLED = 5  # the simulation that follows an episode reached its time limit, and contacts were still possible
-    STEP_LIMIT = -1  # more integration steps than allowed
-    NOT_FINITE = -2  # a state became inf or nan
+    STEP_LIMIT = -1  # more integration steps, or searched intervals of a flight, than allowed
+    NOT_FINITE = -2  # a state became inf or nan, a step became too short, or rounding errors too large
 
 
 cpdef enum:
@@ -20,14 +20,14 @@ cpdef enum:
 
 
 cpdef enum:
-    SLIDING, STUCK  # the object
+    SLIDING, STUCK  # states of the object
 
 
-cdef struct Mount:  # coupling and robot, as a user describes them
+cdef struct Mount:  # tool mass, coupling and robot, as a user describes them
     int64_t coupling_kind, robot_kind
     double tool_mass  # kg
     CouplingNumbers coupling  # a number that this kind of coupling does not have is 0
-    RobotNumbers robot  # numbers of a LUMPED robot, else 0
+    RobotNumbers robot  # only of a LUMPED robot
     int64_t table, intervals  # of a TABLE_OF_POSITION, as in `Law`
     double stiffest
 
@@ -42,8 +42,8 @@ cdef struct Law:  # the simplest chain equivalent to the mount
     double tool_mass  # kg; in a RIGID or SPRING chain it includes the robot mass that moves with the tool
     double frequency  # rad/s, omega of a SPRING chain
     double damping_ratio  # -, zeta of a SPRING chain
-    int64_t coupled  # of an INTEGRATED chain: 1 with a coupling between tool and flange, 0 if they are one mass
-    int64_t with_tool  # 1 if the flange moves with the tool: a compliant robot with a DIRECT coupling
+    int64_t coupled  # of an INTEGRATED chain: 1 if a spring couples tool and flange, 0 if they are one mass
+    int64_t with_tool  # 1 with a compliant robot and a DIRECT coupling: the flange moves with the tool
     int64_t bistable  # 1 if the coupling is a mechanism
     int64_t stops  # 1 if the coupling has stops; then `mechanism` has its spring, linear or not
     double stiffness  # N/m, of a spring and damper
@@ -72,7 +72,7 @@ cdef struct Chain:  # a row: the state of motion, and results so far
     double deflection_rate  # m/s
     double penetration  # m, position of the tool's face minus that of the object's face; in flight minus the gap
     double penetration_rate  # m/s
-    double flange_offset  # m, flange minus imposed motion; nonzero only with a compliant robot and a coupling
+    double flange_offset  # m, flange minus imposed motion; nonzero only with a compliant robot and a coupling that is not rigid
     double flange_offset_rate  # m/s
     int64_t pressed  # which stop pushes: 1 front, -1 rear, 0 none
     int64_t side  # on which side of its alignment the slider of a mechanism is: 1 front, -1 rear
@@ -82,7 +82,7 @@ cdef struct Chain:  # a row: the state of motion, and results so far
     int64_t touching  # 0 or 1
     int64_t holding  # 0 while the contact force is 0 because the surfaces part faster than they spring back; else 1
     Units units
-    double start  # s, time at which the contact began; the names of other values at that time begin with start_
+    double start  # s, time at which the contact began; fields named start_... are values at this time
     double approach_velocity  # m/s
     double start_tool_velocity  # m/s
     double start_object_velocity  # m/s
@@ -104,7 +104,7 @@ cdef struct Chain:  # a row: the state of motion, and results so far
     double peak_force  # N
     double peak_object_velocity  # m/s, with friction; without friction the object never loses velocity
     double object_rest_time  # s, when the object last came to rest
-    double tool_rest_time  # s, since when the tool is slower than REST_SPEED; inf if it is faster, or without friction
+    double tool_rest_time  # s, since when the tool counts as at rest, see `reach_at_rest`; inf: it does not, or there is no friction
     double slide  # m, with friction: distance from the object's first to its last position
     double rest_time  # s, with friction: since when object and tool are at rest; inf if the tool is not
     double unread_force  # N, largest contact force since the last call of `take_peak`
@@ -147,7 +147,7 @@ cdef struct Recorder:  # arrays for contacts and trace; empty ones record nothin
 
 cdef extern from "solver/taylor.h" nogil:
     enum:
-        ORDER, PLACES  # of a series
+        ORDER, PLACES  # highest order and number of components of a series
 
     ctypedef struct Polynomial:
         double held, damping, share, ground, tool_share, push, pull_y, pull_y_dot
@@ -176,9 +176,9 @@ cdef struct Work:  # work arrays of the integrator
     Memory memory
 
 
-cdef struct Run:  # constants of a run
+cdef struct Run:  # what the functions of the solver need in a run
     const Law *law
-    const double *tables  # numbers of all robots' tables
+    const double *tables  # numbers of all tables
     Contact contact
     double object_mass  # kg
     double ground  # m/s^2, mu g, deceleration of an object that slides; 0 without friction
@@ -191,7 +191,6 @@ cdef struct Run:  # constants of a run
 
 
 cdef inline RobotTable robot_table(const Run *run) noexcept nogil:
-    """Return the robot's table: its breaks, followed in memory by its coefficients."""
     cdef RobotTable table
     table.intervals = run.law.intervals
     table.breaks = <const double *> &run.law.lumped if run.law.table < 0 else run.tables + run.law.table

@@ -1,10 +1,10 @@
 """One step of the integrator: by a Taylor series, by the explicit pair DOP853, or by the L-stable pair Rodas5P.
 
-If the equations are polynomials, a step uses their Taylor series (`series.pxi`), otherwise the explicit pair. Stiffness
-is detected as in Hairer's code: the last two stages are at the same time, and their rates differ by about lambda times
-the difference of their states, where lambda is the largest eigenvalue. Near the limit of stability, h lambda about 6,
-the error estimate keeps the step h short, however smooth the motion is. After repeated attempts near the limit, the
-L-stable pair replaces the explicit pair. Every few steps the explicit pair is tried again, and kept if it succeeds.
+In an analytic piece (see `Piece`) a step uses a Taylor series (`series.pxi`), otherwise the explicit pair. Stiffness is
+detected from h lambda, with the step h and the largest eigenvalue lambda, for the explicit pair as in Hairer's code: its last
+two stages are at the same time, and their rates differ by about lambda times the difference of their states. Near the limit of
+stability, h lambda about 6, the error estimate keeps h short, however smooth the motion is. After repeated attempts near this
+limit the L-stable pair is used. Every few steps the series or the explicit pair is tried again, and kept if it succeeds.
 """
 
 cdef enum:
@@ -19,7 +19,7 @@ cdef double NEAR = 3.5  # h lambda above this is near the limit of 6, where it a
 
 
 cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
-    """Try a step of `h` from `work.x` into `work.trial`; return estimated error / allowed error."""
+    """Try a step of `h` from `work.x` into `work.trial`; return estimated error / allowed error (a series: 0.5 or 2)."""
     if work.method == SERIES:
         evaluate(now, work, h, work.trial, work.trial_rate)
         return 0.5 if h <= work.longest else 2.0

@@ -1,7 +1,4 @@
-"""The task: the environment's arguments, and action, observation, reward and random draws of an episode.
-
-The table of all numbers is in `impact_gym.quantities`.
-"""
+"""The task: the environment's arguments, and action, observation, reward and random draws of an episode."""
 
 from impact_gym.quantities import QUANTITIES, Quantity
 from impact_gym.task.action import ActionSpec

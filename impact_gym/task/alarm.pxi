@@ -28,7 +28,7 @@ cdef void update_alarm(Row *row) noexcept nogil:
 
 
 cdef inline double end_time(const Row *row, double detection) noexcept nogil:
-    """Return the end of an episode, s, if the contact force first exceeds the threshold at `detection`, s."""
+    """Return the end of an episode, s, if the contact force first exceeds the threshold at `detection`, s (inf: never)."""
     if isinf(detection) or row.task.operator_kind:
         return row.task.horizon
     return detection + row.episode.drawn.reaction_delay + row.task.after_alarm

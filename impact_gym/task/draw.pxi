@@ -39,7 +39,7 @@ cdef inline double drawn_or(double fixed, double drawn) noexcept nogil:
 cdef Record draw_record(
     const Task *task, const Draw *draws, const double *uniforms, const Record *fixed
 ) noexcept nogil:
-    """Draw the numbers of an episode that are not fixed; those of the set-up come from the stream of the noise seed."""
+    """Draw those numbers of an episode that are nan in `fixed`; those of the set-up come from the stream of the drawn noise seed."""
     cdef Record record = task.numbers
     cdef double *number = <double *> &record
     cdef const double *given = <const double *> fixed

@@ -16,7 +16,7 @@ from impact_gym.task.task import PLACES, Task
 from impact_gym.validation import number, one_of, shown
 
 RECORD_IDS = tuple(row.id for row in (*SCENARIO, *EPISODE))
-"""Ids of all drawn numbers except those of the set-up: keys of the final `info["record"]` and `options["record"]`."""
+"""Ids of the numbers that every episode draws."""
 
 
 class EpisodeState(NamedTuple):
@@ -36,7 +36,7 @@ def first_uniforms(seed: int, count: int) -> NDArray[np.float64]:
 
 
 def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[Any]:
-    """Return records (count,) with the given numbers, each one or (count,), and nan for all other numbers."""
+    """Return records (count,) with the given values, one number or (count,) each, and nan for all other numbers."""
     records = np.empty(count, RECORD)
     columns = records.view(np.float64).reshape(count, -1)
     columns.fill(math.nan)
@@ -46,11 +46,11 @@ def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[
 
 
 def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None) -> NDArray[Any]:
-    """Return the numbers that `reset(options=...)` fixes, as records (slots or 1,).
+    """Return the numbers that `reset(options=...)` fixes, as records (slots,) or (1,).
 
     A number that is not fixed is nan. If both "scenario" and "record" fix a number, the value in "scenario" is used.
     With `slots`, a value may be a sequence (slots,). `tasks` has one task for all slots, or one for each slot. A number
-    of the set-up must lie in its task's range, and a reaction delay must not exceed its task's longest one.
+    of the set-up must lie in the ranges of the tasks that draw it; a reaction delay must not exceed its task's longest.
     """
     one_of("options", options, Mapping, type(None))
     given, fixed = dict(options or {}), dict[str, ArrayLike]()

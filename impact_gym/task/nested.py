@@ -12,7 +12,7 @@ Tree = Mapping[str, Any]
 
 
 def flatten(records: Tree, prefix: str = "") -> dict[str, float]:
-    """Return the numbers in nested records or mappings as one mapping from dotted paths, in order."""
+    """Return the floats in nested records or mappings as one mapping from dotted paths, in order."""
     numbers: dict[str, float] = {}
     for name, value in records.items():
         if isinstance(value, float):
@@ -74,8 +74,8 @@ def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[
 def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
     """Return `value` if it is a record of an `allowed` class, or make one from a mapping of its fields and "type".
 
-    "type" is the name of the class. A mapping with exactly the fields of one class needs no "type": `EnvSpec.to_json`
-    writes such mappings.
+    "type" is the name of the class. It may be left out if only one class is allowed, or if the mapping has exactly the
+    fields of one class, as `EnvSpec.to_json` writes it.
     """
     if isinstance(value, allowed):
         return value

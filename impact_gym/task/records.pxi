@@ -7,7 +7,7 @@ cdef struct Range:
 
 cdef struct Draw:  # a number that an episode draws from a range
     int64_t place  # index of the number in `Record`
-    int64_t source  # of its uniform number; >= 0: index among the generator's numbers; < 0: index in the stream of the noise seed
+    int64_t source  # index of its uniform number: >= 0 among the generator's numbers, < 0 in the stream of the noise seed
     int64_t by_ratio  # 1: log-uniform, 0: uniform
     double low, high
 
@@ -15,7 +15,7 @@ cdef struct Draw:  # a number that an episode draws from a range
 cdef struct Table:  # times, then as many values, among the numbers of all tables
     int64_t begin, points
     double length  # s, length of one recording
-    double mean  # time average of the values
+    double mean  # time average of the values, without losses
 
 
 cdef struct Task:  # of a row
@@ -53,7 +53,7 @@ cdef struct Reading:  # of the sensors, in transit to the controller
 cdef struct Entry:  # one number of the observation
     int64_t place  # index of the number in `Episode`
     int64_t curve  # LINEAR, LOGARITHM or LOGARITHM_OF_ONE_MORE
-    double low, scaled_low  # `low`, after the curve, is mapped to `scaled_low`
+    double low, scaled_low  # the value `low` of the curve is mapped to `scaled_low`
     double gain  # of the linear map
 
 
@@ -74,8 +74,8 @@ cdef struct Episode:  # a row, except its chain
     Terms terms, terms_before  # sums of the unweighted terms of the reward, so far and before the last control step
     Terms rewards  # m/s, sums of the weighted terms
     double object_velocity  # m/s, V_p so far; its final value once the episode has terminated
-    double approach_time  # s, time until the first contact, so far
-    double slide, rest_time  # m and s, known once the episode has terminated; inf without friction
+    double approach_time  # s, time of the first contact; the horizon if there was none yet
+    double slide, rest_time  # m and s; inf until the episode has terminated, and without friction
     double done_time  # s, end of the last control step so far
     double taken  # -, fraction of the operator's commanded motion withheld before the touch, so far
     double late  # s, mean time from a touch until the operator's stop reaches the arm
@@ -97,7 +97,7 @@ cdef struct Link:  # operator, channels and assistance of a row
     double sent  # s, when it was sent; negative before the first
     double next_sent, next_arrival  # s, when the next command is sent, and when the next one arrives
     double expires  # s, when the newest command becomes too old
-    double idle_since  # s, when the command became 0; inf while it is not 0
+    double idle_since  # s, when the command became 0; inf while it is not 0, and until it was not 0
     double stop  # s, when the operator stops; inf if not known yet
     double seen_position  # m, of the flange, in the newest packet that the operator has seen
     double alarmed  # s, when the last alarm reached the controller; -inf before the first

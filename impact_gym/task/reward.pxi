@@ -21,7 +21,6 @@ cdef inline void add_terms(Terms *total, const Terms *step) noexcept nogil:
 
 
 cdef double charged_time(const Chain *chain, double begun, bint to_the_end) noexcept nogil:
-    """Return the time (s) charged for a control step that began at `begun` (s)."""
     if to_the_end:
         return chain.time - begun
     return min(chain.time, chain.first_contact) - min(begun, chain.first_contact)

@@ -1,4 +1,4 @@
-"""The end of an episode: the arm brakes to rest, and the simulation continues until V_p is final."""
+"""The end of an episode: after a touch the flange brakes to rest, and the simulation continues until `is_over` or a time limit."""
 
 
 cdef inline double v_p(const Run *run, const Chain *chain) noexcept nogil:

@@ -53,9 +53,9 @@ class Task:
     scenario: Any = argument("train", '"train", "test", "hard", a `ScenarioRanges` or a dict of ranges')
     coupling: Any = argument(SpringDamper(50.0, 1.0), "how the tool is mounted on the flange; or a dict")
     tool_mass: Any = argument(0.125, "")
-    time_weight: Any = argument(2.0, "cost of a second of approach; from a pair each episode draws log-uniformly")
+    time_weight: Any = argument(2.0, "cost of a second of approach; a pair is a range for log-uniform draws")
     force_weight: float = argument(0.0, "")
-    reaction_delay: Any = argument(0.016, "from sensor to controller; from a pair each episode draws uniformly")
+    reaction_delay: Any = argument(0.016, "delay from sensor to controller; a pair is a range for uniform draws")
     control_period: float = argument(0.016, "")
     velocity_range: Range = argument(VELOCITY_RANGE, "")
     acceleration_range: Range = argument(
@@ -75,7 +75,7 @@ class Task:
     force_bias: Any = argument(0.0, "")
     deflection_sensor: bool = argument(False, "observe how far the tool is displaced on its coupling")
     past_readings: int = argument(0, f"number of earlier readings to observe, at most {PAST_READINGS}")
-    privileged: bool = argument(False, "also observe the true scenario and all drawn numbers")
+    privileged: bool = argument(False, "also observe true values for a critic, see Observation Space")
     robot: Any = argument(None, "a compliant `Robot`, or a dict; None: a rigid one")
     rtol: float = argument(1e-8, "relative error allowed in a contact, see `simulate`")
     horizon: float = argument(HORIZON, "end of an episode without an alarm")
@@ -192,7 +192,6 @@ class Task:
             number("max_episode_steps", self.max_episode_steps, "-", at_most=MOST_STEPS)
 
     def _check_reach(self) -> None:
-        """Refuse distances that are all out of reach; warn if some are, and if the coupling's stroke is too short."""
         near, far = self.scenario.distance
         way = self.check_distance(near)
         if far > self.reach:
@@ -242,7 +241,7 @@ class Task:
         return sorted(names | {name.partition(".")[0] for name in drawn})
 
     def at(self, record: Mapping[str, float]) -> "Task":
-        """Return the task of one episode, with the numbers of `record`, its final `info["record"]`, as constants."""
+        """Return the task with the drawn numbers of the set-up as in `record`, a final `info["record"]`."""
         return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
 
     def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:

@@ -27,11 +27,11 @@ TRACE_COLUMNS = {
 class Channel(Parameters, path="uplink"):
     """A channel from operator to arm, or from arm to operator, that sends a packet each control period.
 
-    A packet that is overtaken by a newer packet is dropped. The delay of a packet is `delay` plus an exponentially
+    The receiver drops a packet that arrives after a newer one. The delay of a packet is `delay` plus an exponentially
     distributed random time with the mean `jitter`, or `tail` for the fraction `tail_share` of the packets. The random
     time is at most twelve times its mean. A `trace` (rows of time and delay in s, or a CSV file of such rows) gives the
-    delays instead, beginning at a random time of the trace; a packet is lost if the nearest row has the delay `LOST`.
-    Losses come in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
+    delays instead, repeated, from a random time of the trace on; a packet is lost if the nearest row has the delay
+    `LOST`. Losses come in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
     """
 
     delay: float = 0.0  # s

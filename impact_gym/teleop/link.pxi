@@ -24,7 +24,7 @@ cdef void begin_link(Row *row) noexcept nogil:
 
 
 cdef double send_display(Row *row) noexcept nogil:
-    """Send a packet to the display; return its arrival time, s. After a touch, the first arrival makes the operator stop."""
+    """Send a packet to the display; return its arrival time, s. After a touch, set when a model of an operator stops."""
     cdef Link *link = row.link
     cdef const ChannelNumbers *channel = &row.episode.drawn.downlink
     cdef double now = row.chain.time

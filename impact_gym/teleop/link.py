@@ -12,7 +12,7 @@ from impact_gym.teleop.channels import LOST, WAYS, Channel
 from impact_gym.teleop.operators import KINDS, Operator
 from impact_gym.validation import Range
 
-LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, s; the median spacing of a trace may be the longer of these
+LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods; s: a trace's median spacing must not exceed the longer one
 FADE: float = WITHDRAWAL_FADE  # s, time in which a withdrawal is reduced to 0
 
 
@@ -30,7 +30,7 @@ class Link(NamedTuple):
         return self.drawn.get(f"{part}.{name}", (value, value))
 
     def check(self, velocity_range: Range, friction: float | None, horizon: float, control_period: float) -> None:
-        """Raise ValueError if the arm cannot follow the operator, no episode would end, or no packet would arrive."""
+        """Raise ValueError if operator, channels, arm and times do not fit together."""
         low, high = velocity_range
         if low > 0.0:
             raise ValueError(f"velocity_range must not begin above 0 m/s with an operator, got {low:g} m/s")

@@ -1,9 +1,8 @@
 """Operators: persons, models of persons, and recordings, which command the velocity of an arm over a channel.
 
 Operators do not know where the object is. Those with a `place_error` assume it this much farther away than it is, and
-search it from there on at the speed `creep`. All operators except `Replay` and `Person` stop a reaction time after the
-display shows a touch. In a dict, as in the file of a set-up, each number may be a pair, from which episodes draw. A
-number without a published source has no default.
+search for it from there on at the speed `creep`. All operators except `Replay` and `Person` stop a reaction time after
+the display shows a touch. In a dict, as in the file of a set-up, numbers may be pairs, from which episodes draw.
 """
 
 from dataclasses import dataclass
@@ -97,7 +96,7 @@ class SecondOrderLag(Searcher):
 
 @dataclass(frozen=True, slots=True)
 class Tracker(Searcher):
-    """The crossover model: the command is `gain` times the remaining distance that the operator sees on the display.
+    """The crossover model: the command is `gain` x the remaining distance on the display, within [`creep`, `speed`].
 
     `gain` and `reaction` are the initial values of the fits in `src/optimize_runs_u.m` of Idate96/MRAC_manual_control.
     """

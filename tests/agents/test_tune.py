@@ -13,7 +13,7 @@ from episodes import Always
 from refusals import refused
 
 from agents import load_setup, tune
-from agents.baselines import Clairvoyant, ConstantSpeed
+from agents.baselines import Clairvoyant, ConstantSpeed, PaperTrapezoid
 from agents.baselines.cmaes import Jittery, minimise
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import BOUND_SET, bound_of, load_baseline, read_bound, read_tuned, write_bound, write_tuned
@@ -208,6 +208,20 @@ def test_tuned_times_enclose_the_time_of_the_rule_within_5_ms(target, power):
         assert target - sooner.max() <= tune.NEAR
         assert later.min() - target <= tune.NEAR
     assert in_reach or tune.next_weight(times, target) is None
+
+
+def test_command_tunes_around_the_time_of_the_rule_if_asked(noisy, tmp_path):
+    path = tmp_path / "quiet.toml"
+    path.write_text('[baselines.tuned]\nquiet-speed = "ConstantSpeed"\n')
+    options, target = replace(noisy, setups=(str(path),)), ScenarioBatch.of("validation").play(PaperTrapezoid())
+    nearest = []
+    for asked in (False, True):
+        tune.run(replace(options, at_rule_time=asked))
+        weights = read_tuned("quiet-speed", tmp_path, load_setup(str(path)))["weights"]
+        times = np.array([found["validation"]["approach_time"] for found in weights.values()])
+        assert len(weights) == 2 or asked
+        nearest.append(np.abs(times - target.approach_time.mean()).min())
+    assert nearest[1] < nearest[0]
 
 
 def test_tuning_at_the_rules_time_ends_for_a_front_with_a_gap():

@@ -1,4 +1,4 @@
-"""Slow-motion films that show contestants side by side in the same scenario, on a page without a server."""
+"""Slow-motion films that show contestants side by side in the same scenario."""
 
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ SCRIPTS = ("svg.js", "chain.js", "loupe.js", "strips.js", "player.js")
 
 
 def fragment(films: dict[str, Any], name: str = "watch") -> str:
-    """Return the result of `films` as HTML with the id `name`; the page needs `style` before, and `script` after."""
+    """Return the result of `films` as HTML with the id `name`, for a page that also has `style` and `script`."""
     pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
     content = htmlsafe_json_dumps(films, separators=(",", ":"), allow_nan=False)
     return pages.get_template("player.html.jinja").render(
@@ -29,6 +29,6 @@ def style() -> str:
 
 
 def script(*more: Path) -> str:
-    """Return the JavaScript of the player and of the files `more`, which see the player's functions."""
+    """Return the JavaScript of the player and of the files `more`, which can call the player's functions."""
     parts = "\n".join(part.read_text() for part in (*(HERE / name for name in SCRIPTS), *more))
     return f'(() => {{\n"use strict";\n{parts}\n}})();'

@@ -1,7 +1,7 @@
-// Picture of flange, coupling, tool and object. Positions are to scale; sizes of the bodies are not.
+// Picture of flange, coupling, tool and object. Positions are to scale; sizes of the bodies are assumed.
 const TOOL = {length: 0.034, height: 0.03}, FLANGE = {length: 0.016, height: 0.052}, CLEARANCE = 0.004;  // m
 const LOUPE = {width: 166, height: 74};
-const BEHIND = 0.02, NEAR = 0.1, AHEAD = 106;  // m behind the robot, m before the object in a compact film, pixels for the speed
+const BEHIND = 0.02, NEAR = 0.1, AHEAD = 106;  // space behind the robot (m), before the object in a compact film (m), for the speed (pixels)
 
 function massText(scene) {
   return `object, ${three(scene.scenario.object_mass)} kg`;
@@ -11,7 +11,7 @@ function massFits(scene, scale) {
   return 1.7 * scene.radius * scale > 7.5 * massText(scene).length;
 }
 
-// Return the scales, equal in all panels, at which the picture contains start and end of all runs.
+// Return scale, origin and size of the picture, which are equal in all panels.
 function viewOf(scene, width) {
   const most = (name) => Math.max(...scene.runs.map((run) => run.chain[name] || 0));
   const behind = TOOL.length + most("rest") + FLANGE.length;
@@ -40,7 +40,7 @@ function coil(x0, y0, x1, y1, half, turns) {
   return path(points.concat([[x1, y1]]));
 }
 
-// Each function draws a coupling, and returns a function that moves it to the front of the flange and the back of the tool (m).
+// Each function draws a coupling, and returns a function that moves its ends to the front of the flange and the back of the tool (m).
 const COUPLINGS = {
   rigid(group, view) {
     const bar = node("rect", {class: "igw-steel", y: view.axis - 3, height: 6}, group);

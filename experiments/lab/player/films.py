@@ -23,7 +23,7 @@ def thin(
 ) -> NDArray[np.int64]:
     """Return the indices of the rows to keep, which include the rows around begins and ends of contacts.
 
-    Rows are added until linear interpolation has at most `coarse` times the allowed errors, or until there are MOST.
+    Rows are added until linear interpolation has at most `coarse` times the allowed errors, or there are MOST rows.
     """
     depth = limits["depth"]
     penetration = columns["tool_position"] - columns["object_position"]
@@ -92,7 +92,7 @@ def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, in
 
 
 BODIES = ("flange", "tool", "object")
-DECIMALS = {  # of s, m, m/s and N: a stiff contact lasts 0.1 ms, with a penetration of 1 um
+DECIMALS = {  # of values in s, m, m/s and N: a stiff contact lasts 0.1 ms, with a penetration of 1 um
     "time": 7,
     **{f"{body}_position": 7 for body in BODIES},
     **{f"{body}_velocity": 5 for body in BODIES},
@@ -124,7 +124,7 @@ def farthest(run: History, end: float) -> float:
 
 
 def clock(runs: Sequence[History], end: float, coarse: float = 1.0) -> list[list[float]]:
-    """Return [start (s), slow-motion factor] of each part of a film until `end` (s): the largest of all `runs`."""
+    """Return start (s) and slow-motion factor, the largest of all `runs`, for each part of a film until `end` (s)."""
     time, stretches = 0.0, list[list[float]]()
     while time < end:
         slower = max(run.factor(time) for run in runs)
@@ -138,7 +138,7 @@ def films(
     contestants: Mapping[str, Controller], numbers: Mapping[str, int], played: Mapping[str, Episodes], seed: int,
     environment: Mapping[str, Any],
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the argument of `fragment`, as JSON. RuntimeError: a replay differs from the result in `played`.
+    """Return the argument of `fragment`. RuntimeError: a replay differs from the result in `played`.
 
     The first of `contestants` is the baseline. `numbers` is the result of `choose`; `played` has the results of
     `ScenarioBatch.play`, by contestant, in `environment`. Scenario k is that of an episode with the seed `seed` + k.
@@ -219,7 +219,7 @@ def _run(name: str, run: History, columns: Columns, limits: Mapping[str, float],
 
 
 def chain_of(task: Task) -> dict[str, Any]:
-    """Return the kind and the dimensions (m) of the coupling."""
+    """Return kind and dimensions (m) of the coupling, and whether the robot is compliant."""
     coupling = task.coupling
     kind = {SpringDamper: "spring", Bistable: "bistable", Rigid: "rigid"}[type(coupling)]
     chain = {"coupling": kind, "rest": rest_length(task), "compliant_robot": task.robot is not None}

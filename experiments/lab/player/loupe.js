@@ -1,4 +1,4 @@
-// Enlarged picture of the faces of tool and object, because the penetration is a fraction of a millimetre.
+// Enlarged picture of the faces of tool and object, on which small penetrations are visible.
 let loupes = 0;
 
 function drawLoupe(svg, scene, view) {

@@ -1,4 +1,4 @@
-// Clock and controls of a film. A film is built when it first becomes visible, so that the page appears first.
+// Clock and controls of a film. A film is built when it first becomes visible, or by `start`.
 function watch(root, gone) {
   const films = JSON.parse(root.querySelector(".igw-films").textContent);
   films.columns.forEach((name, k) => { COLUMNS[name] = k; });
@@ -19,7 +19,7 @@ function watch(root, gone) {
     return `apart${of ? ` after contact${of}` : ""}, object ${three(state.object_velocity)} m/s${alarm}`;
   }
 
-  // Return the time in milliseconds, with more digits in slow motion.
+  // Return the time as text (ms), with a second decimal where the film is at least 100 times slower than real time.
   function clockText(time) {
     return `${(1000 * time).toFixed(clock.slower(time) >= 100 ? 2 : 1)} ms`;
   }
@@ -87,7 +87,7 @@ function watch(root, gone) {
     waiting = setTimeout(() => say(true), 400);
   }
 
-  // Return the time of the still picture: the largest force in the first contact of the first contestant that touches.
+  // Return the film time of the still picture: the largest force in the first contact of the first contestant that touches.
   function poster() {
     const touching = scene.runs.find((run) => run.contacts.length);
     if (!touching) return clock.length;

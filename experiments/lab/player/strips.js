@@ -1,7 +1,7 @@
 // Velocities and contact force over the time of the film, in which slow motion takes more space.
 const STRIP = {left: 34, right: 8, top: 16, velocity: 72, between: 10, force: 40, bottom: 20};
 
-// Return functions that convert times of a scene (s) to times of the film (s), and back.
+// Return a scene's clock, which converts times of the scene (s) to times of the film (s), and back.
 function clockOf(scene) {
   const stretches = scene.clock.map(([start, slower], k) => ({
     start, slower, end: k + 1 < scene.clock.length ? scene.clock[k + 1][0] : scene.end,
@@ -43,7 +43,7 @@ function timeTicks(svg, clock, x, y) {
   }
 }
 
-// Draw velocities and force of a run into `svg`; return a function that moves the cursor.
+// Draw velocities and force of a run into `svg`; return the area for the pointer, and functions for cursor and pointer.
 function drawStrips(svg, scene, run, clock, width) {
   svg.replaceChildren();
   const bottom = STRIP.top + STRIP.velocity + STRIP.between + STRIP.force, height = bottom + STRIP.bottom;
@@ -68,7 +68,7 @@ function drawStrips(svg, scene, run, clock, width) {
   }
   const grid = (y, text, zero) => {
     node("path", {class: zero ? "igw-rule" : "igw-grid", d: path([[STRIP.left, y], [width - STRIP.right, y]])}, svg);
-    const beside = y > STRIP.top + STRIP.velocity - 6 && y < bottom - STRIP.force;  // the unit N stands there
+    const beside = y > STRIP.top + STRIP.velocity - 6 && y < bottom - STRIP.force;  // next to the label N
     const crowded = beside && text.length > 2;
     if (!crowded) node("text", {class: "igw-small", x: STRIP.left - 5, y: y + 4, "text-anchor": "end"}, svg, text);
   };

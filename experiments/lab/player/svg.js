@@ -33,7 +33,7 @@ function clamp(value, low, high) {
   return Math.min(Math.max(value, low), high);
 }
 
-// Return a number as text with three significant digits.
+// Return a number as text with three significant digits, but at most three decimals.
 function three(value) {
   const size = Math.abs(value);
   return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3).replace("-", "\u2212");
@@ -56,8 +56,7 @@ function round(most) {
   return [5, 2, 1].map((step) => step * decade).find((step) => step <= most * (1 + 1e-9));
 }
 
-// Return the state of a run at `time`: before the first row at rest, between rows interpolated linearly, after the last row
-// with constant velocity of the object.
+// Return the state of a run at `time`, interpolated linearly; after the last row, only the object moves, at constant velocity.
 function stateAt(run, time) {
   const times = run.rows[COLUMNS.time];
   let low = 0, high = times.length - 1;

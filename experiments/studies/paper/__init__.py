@@ -1,7 +1,7 @@
 """The study `paper`: the paper's figures, computed with our model, and verdicts on the paper's statements.
 
-Each section of the paper has a module with two functions for each figure. `figure_05` returns the table of Fig. 5, and
-`_numbers_figure_05` the numbers that statements.toml names.
+Sections 2 to 5 of the paper have modules with two functions for each figure: `figure_05` returns the table of Fig. 5,
+and `_numbers_figure_05` the numbers that statements.toml names.
 """
 
 from collections import Counter

@@ -28,7 +28,7 @@ SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # radius / radius of the paper's obje
 CHANGES = np.linspace(0.9, 1.1, 9)  # factors of H and of the front stop
 ENOUGH = 40.0  # %, least reduction that we accept as 'about 50 %'
 SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s
-CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s, at constant speed in Fig. 23
+CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s, at full speed in Fig. 23
 
 
 def beyond_delay() -> pl.DataFrame:
@@ -76,7 +76,7 @@ def _numbers_beyond_delay(frame: pl.DataFrame) -> Numbers:
 
 
 def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
-    """Return when (s after the touch) contact force, and change of the coupling's force, first exceed THRESHOLD."""
+    """Return when (s after the touch) the contact force, and when the coupling's change of force, exceed THRESHOLD."""
     outcome, trace = scenes.simulate_with_trace(approach, STEADY)
     time = trace.time - outcome.contacts[0].start
     change = np.abs(trace.coupling_force - np.interp(0.0, time, trace.coupling_force))
@@ -88,7 +88,7 @@ def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
 
 
 def beyond_detection() -> list[Row]:
-    """Simulate braking after each delay FROM_TOUCH, and 16 ms after sensors at tool and robot notice the touch."""
+    """Simulate braking that begins FROM_TOUCH, if detected by then, and 16 ms after detection at tool and at robot."""
     rows: list[Row] = []
     for name, coupling in COUPLINGS.items():
         approach = scene(1e3, 0.1, coupling)

@@ -25,7 +25,7 @@ def where(frame: pl.DataFrame, **values: float | str) -> dict[str, NDArray[Any]]
 
 
 def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parameter: str, *counts: str) -> list[Row]:
-    """Return `row(value)` for rising `values`, and two rows, WIDTH apart, where one of `counts` changes."""
+    """Return `row(value)` for rising `values`, and two rows, at most WIDTH apart, where one of `counts` changes."""
     rows = [row(value) for value in values]
     enclosing: list[Row] = []
     for count, (low, high) in product(counts, pairwise(rows)):
@@ -45,10 +45,7 @@ def changes(rows: dict[str, NDArray[Any]], parameter: str, count: str) -> list[t
 
 
 def histories(cases: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION) -> pl.DataFrame:
-    """Simulate scenes for `duration` (s); return one table of their traces, with a column `case`.
-
-    `contact`: number of the current contact, 0 in flight. `impulse`: coupling's impulse in all contacts (N s; eq. 21).
-    """
+    """Simulate scenes for `duration` (s); return their traces with `case`, and `contact` and `impulse` as in `Run`."""
     parts = []
     for case, scene in cases.items():
         outcome, trace = simulate_with_trace(scene, motion, duration)

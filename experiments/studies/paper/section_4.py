@@ -153,7 +153,7 @@ def _share_before_the_brake(run: Run) -> float:
 
 
 def _coupling(touching: ig.Trace) -> Numbers:
-    behind = int(np.argmax(touching.tool_velocity < touching.flange_velocity))  # from here on slower than the flange
+    behind = int(np.argmax(touching.tool_velocity < touching.flange_velocity))
     stretch = np.max(touching.tool_position - touching.flange_position)
     gain, time = touching.tool_velocity[behind:] - touching.flange_velocity[behind:], touching.time
     slower = "throughout"

@@ -37,12 +37,12 @@ OTHERS = {  # ranges of further random numbers of a scene; we chose these ranges
     "robot damping": (1.0, 1e3),  # N s/m
     "friction": (1e-3, 3.0),  # between object and ground
     "reference velocity": (0.01, 5.0),  # m/s, of a contact with "fixed" dissipation
-    "stroke over rest": (1.01, 30.0),  # limit of a spring's deflection / deflection at a steady acceleration
+    "stroke over rest": (1.01, 30.0),  # limit of a spring's deflection / steady deflection while the flange accelerates
 }
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
 ROUGH = 0.25  # probability of each change by `roughened`
 AT_AN_END = 0.05  # share of the draws from RANGES that are an end of the range
-AFTERMATH = 0.5  # s, least duration of a run after a flange that does not brake has reached the object
+AFTERMATH = 0.5  # s, least duration of a run after the time at which a flange that does not brake reaches the object
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Approach:
 
     @property
     def run(self) -> tuple[ig.Scene, ig.Trapezoid, float]:
-        """The first arguments of `simulate`."""
+        """Scene, motion and duration, the first arguments of `simulate`."""
         return self.scene, self.motion, self.duration
 
     @property
@@ -102,7 +102,7 @@ def approach_of(name: str) -> Approach:
 def named() -> tuple[Approach, ...]:
     """Return the six named approaches."""
     soft, spring = ig.SpringDamper(50.0), ig.SpringDamper(150.0)
-    # Fig. 23 at a lower speed, just below that at which the slider stays behind its alignment (below 0.9773 m/s)
+    # Fig. 23 just below the speed of 0.97724 m/s, above which the slider stays behind its alignment
     speed = 0.9772  # m/s
     at_threshold = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))
@@ -147,7 +147,7 @@ class _Draw:
         return [self.value(f"robot {name}") for name in ("mass", "stiffness", "damping")]
 
     def robot_table(self, distance: float) -> ig.RobotTable:
-        """Return the shipped robot, or one whose parameters change by up to a factor of two along the path."""
+        """Return the shipped robot, or one whose parameters change by up to a factor of about two along the path."""
         if self.share(0, 1) < 0.25:
             return default_approach().robot_table()
         way = np.linspace(0.0, 1.0, 6)
@@ -183,7 +183,7 @@ def storm(number: int) -> Approach:
 
 
 def roughened(smooth: ig.Scene, acceleration: float, draw: _Draw) -> ig.Scene:
-    """Add friction, fixed damping and limited travel of the spring to a scene, each with probability ROUGH."""
+    """Add friction, fixed damping and limited travel of a spring to a scene, each with probability ROUGH."""
     target, contact, coupling = smooth.object, smooth.contact, smooth.coupling
     if draw.share(0, 1) < ROUGH:
         target = replace(target, friction=draw.value("friction"))

@@ -21,7 +21,7 @@ JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studie
 MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
 TOO_WRONG = 1e-2  # m/s, error of V_p above which a contender has failed
 TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, which computes the truth, and of Radau, which checks it
-LEAST, MOST_CALLS = 5e-3, 10_000  # s, least sum of the times of a contender's calls; limit of their number
+LEAST, MOST_CALLS = 5e-3, 10_000  # s, sum of times up to which a contender's call is repeated; largest number of calls
 SLOW = 0.2  # s; a longer call is timed only in the first round
 
 
@@ -31,7 +31,7 @@ def power(value: float) -> str:
 
 
 def failure(solution: Solution, truth: Solution, allowed: float) -> str:
-    """Return why a solution is wrong; "": V_p is within `allowed` (m/s) of the truth, and the counts are right."""
+    """Return why a solution is wrong; "": V_p is within `allowed` (m/s) of the truth, and the events are right."""
     if not math.isfinite(solution.velocity):
         return NOT_FINITE
     if not abs(solution.velocity - truth.velocity) <= allowed:
@@ -89,10 +89,7 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
 
 
 def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Row:
-    """Return the row of a contender; if the contender raises an error, the row has only time and failure.
-
-    Columns: mean processor time of a call (µs), error of V_p (m/s), failure, and the counts of `Solution`.
-    """
+    """Return a contender's time of a call (µs) and failure; without an exception, also V_p's error (m/s) and counts."""
     try:
         if name == PEER:  # a first call, which compiles
             solved(approach, name, setting)

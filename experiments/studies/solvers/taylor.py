@@ -20,7 +20,7 @@ LAW = ("m_t", "m_p", "k_c", "d", "k_t", "c_t", "L0", "H", "x0", "front", "rear",
 PARAMETERS = (*LAW, "a", "cut", "alarm", "length", "speed", "pressed", "front_on", "rear_on")
 STATE = ("s", "w", "v", "tau", "y", "q")
 FOREVER = 1e6  # time limit of a contact, in its scale, which no contact reaches
-BESIDE = 1e-20  # penetration at which a flight or contact begins: heyoka could miss an event at exactly zero
+BESIDE = 1e-20  # absolute value of the penetration after an event, because heyoka could miss an event at exactly zero
 ROUNDING = 1e-12  # m, rounding of the slider's position
 
 
@@ -86,7 +86,7 @@ def integrator(kind: str, touching: bool, tolerance: float) -> tuple[Any, dict[i
 
 
 class Run:
-    """One approach, integrated at a tolerance. The first run compiles the integrators."""
+    """One approach, integrated at a tolerance. The first run of a coupling class at a tolerance compiles."""
 
     def __init__(self, scene: ig.Scene, motion: ig.Trapezoid, duration: float, tolerance: float) -> None:
         assert motion.brake is not None

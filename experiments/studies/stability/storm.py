@@ -7,7 +7,7 @@ F = M (a - delta''), so the contact takes from the bodies the energy
     integral of F d(delta) = (M v_in^2 - M v_out^2) / 2 + M integral of a d(delta)
 
 This energy must not be negative. The first term is computed from a `ContactRecord`, the second as a sum over the points
-of a `Trace`. The doubt of the sum is its change if every second point is left out.
+of a `Trace`. The doubt of the sum is its change if every second point is left out, plus its rounding error.
 
 Momentum. Friction decelerates the object by at most mu g (mu: coefficient of friction), so the contact's impulse may
 exceed the object's gain in momentum by at most the impulse of friction.
@@ -101,7 +101,7 @@ def truth_row(number: int, patience: float) -> list[Row]:
 
 
 def finite(outcome: ig.Outcome) -> bool:
-    """Return whether all numbers of an outcome are finite."""
+    """Return whether all numbers of an outcome, except `rest_time`, are finite."""
     outcome = outcome._replace(rest_time=None)  # it is inf if a body moves at the end
     records = [record for record in (outcome, *outcome.contacts, outcome.trace) if record is not None]
     values = [value for record in records for value in record]
