@@ -1,4 +1,4 @@
-"""The batch as a Gymnasium vector environment: one call into compiled code steps every environment."""
+"""The batch as a Gymnasium vector environment; compiled code steps all environments."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
