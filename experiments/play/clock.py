@@ -1,4 +1,4 @@
-"""The clock: a process that plays tries in real time, and saves them even if the server is killed."""
+"""The clock: a process that plays tries in real time or slower, and saves them even if the server is killed."""
 
 import os
 import queue

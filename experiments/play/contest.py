@@ -82,7 +82,7 @@ def film(variants: Mapping[str, Variant]) -> dict[str, Any]:
 
 
 def _fitted(scene: Mapping[str, Any]) -> list[list[float]]:
-    """Return the clock of a film of SECONDS; the time until BEFORE the first touch takes a tenth of the film."""
+    """Return the clock of a film of SECONDS; the time until BEFORE the first touch takes at most a tenth."""
     touches = [run["contacts"][0][0] for run in scene["runs"] if run["contacts"]]
     cut = max(min(touches, default=0.0) - BEFORE, 0.0)
     starts, slower = np.array(scene["clock"]).T

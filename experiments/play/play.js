@@ -4,7 +4,7 @@ const GENTLE = 0.01;  // m; a shorter slide is gentle
 const PAUSE = 500;  // ms after a try, in which arrow keys do not begin the next try
 const MOST_TRIES = 200;  // largest number of tries on the chart
 const BEAT = 60, LEAST = 6;  // ms, longest and shortest time between two messages
-const AHEAD_OF_EYES = 12;  // ms between drawing a picture and its appearance on the screen
+const AHEAD_OF_EYES = 12;  // ms, assumed time between drawing a picture and its appearance on the screen
 const page = {
   hello: null, socket: null, stage: null, frame: null, came: 0, running: false, asked: false, player: false,
   tries: [], sent: NaN, sentAt: 0, overAt: 0, round: 0, played: null, playedRound: 0, film: 0,

@@ -53,7 +53,7 @@ class ReportOptions:
     baseline: tuple[str, ...] = ()
     """With --policy: baselines to compare in addition to the paper's rule. Give the name of a tuned baseline, or
     module:object. The object must have the method `predict`, or be a function or class that returns such an object.
-    Without this option, the baselines are those of the policy's set-up."""
+    Without this option, they are those of the shipped set-up with the policy's environment, if there is one."""
     scenarios: str | None = None
     """Scenarios that replace the scenarios of the set-ups. Give the name or the CSV file of a fixed set of scenarios,
     or a JSON file {"ranges": {...}, "seed": s, "count": n, "environment": {...}}. The JSON file may leave out any key.

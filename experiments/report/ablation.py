@@ -76,7 +76,7 @@ def links(played: Played) -> list[Link]:
 
 
 def steps_of(played: Played) -> list[Step]:
-    """Return the steps; if there is a clairvoyant search, it is the last step, on the scenarios of the search."""
+    """Return the steps; the clairvoyant search, if it has the typical weight, is the last step, in its scenarios."""
     sequence, weight = links(played), played.matchup.typical
     steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
     if played.bound is None or weight not in played.bound.weights:
@@ -105,7 +105,7 @@ def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy
 
 
 def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[Gain]:
-    """Return the gains between successive resampled `values` (1 + n,), m/s; if not `claimed`, the gains are None."""
+    """Return the gains of successive resampled `values` (1 + n,), m/s, without `less` and `share` if not `claimed`."""
     total = Comparison(values[policy], values[0])
     shared = claimed and total.less.low > 0.0
     steps = [Gain(estimate(values[0]), None, None)]

@@ -2,7 +2,7 @@
 
 For each distribution (prior) of the object's distance, the paper's rule is compared with the best constant speed and
 with the best profile of speed over position. Constant speed and profile have the same limits of the arm and the same
-choice of reactions to the alarm, so their difference is the value of known distances.
+choice of reactions to the alarm, so the difference of their V_p is the value of known distances.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
