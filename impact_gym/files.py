@@ -99,7 +99,7 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
         DiskFullError: the disk is full; `path` stays unchanged.
     """
     name, path = path, Path(os.path.realpath(path))
-    if path.is_symlink() or (path.exists() and not path.is_file()):  # a link after realpath is one of a ring
+    if path.is_symlink() or (path.exists() and not path.is_file()):  # still a link: part of a ring
         what = "a folder, a device, a pipe or a ring of links"
         raise OSError(f"{name} must be a file or not exist yet, but it is {what}: nothing is written")
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")

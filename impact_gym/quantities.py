@@ -67,7 +67,7 @@ class Quantity:
     shaped_by: tuple[str, ...] = ()  # arguments of the environment that change the observed value
 
     def check(self, value: Any, name: str = "") -> float:
-        """Return `value` as a float, checked by `validation.number`; messages call it `name`."""
+        """Return `value` as a float, checked by `validation.number`; messages call it `name`, "": the id."""
         above, at_least, at_most = self.limits  # faster than `_asdict`
         return number(name or self.id, value, self.unit, above=above, at_least=at_least, at_most=at_most)
 

@@ -244,7 +244,7 @@ class Scene:
 
 
 def warn_of_stroke(coupling: Coupling, tool_mass: float, acceleration: float) -> None:
-    """Warn if the tool lies against a stop under a steady `acceleration` (m/s^2) of the arm."""
+    """Warn if the tool would lie against a stop under a steady `acceleration` (m/s^2) of the arm."""
     if not isinstance(coupling, SpringDamper) or not coupling.stroke:
         return
     if (rest := acceleration * tool_mass / coupling.stiffness) > coupling.stroke:

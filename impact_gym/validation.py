@@ -162,7 +162,7 @@ def rising(field: str, time: Sequence[float], columns: Mapping[str, Sequence[flo
     """Raise ValueError unless the times, at least 2, rise from 0 and each column has a finite number for each time."""
     for name, values in columns.items():
         if len(values) != len(time) or len(time) < 2 or not np.isfinite([*time, *values]).all():
-            raise ValueError(f"{field} must have at least 2 times in s and a finite {name} at each, got {len(time)}")
+            raise ValueError(f"{field} needs 2 or more times in s, each with a finite {name}, got {len(time)} times")
     if time[0] != 0.0 or np.any(np.diff(time) <= 0.0):
         place = int(np.argmax(np.diff(time) <= 0.0))
         raise ValueError(f"{field} must have times that rise from 0 s, got {time[place]!r} s and {time[place + 1]!r} s")

@@ -1,4 +1,4 @@
-"""The environments: this module registers them with Gymnasium."""
+"""The environments, and their registration with Gymnasium."""
 
 import re
 from typing import Any

@@ -52,7 +52,7 @@ class Infos:
     """The layouts of the infos of a batch, and functions that fill them with the values of rows."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
-        """Find where EPISODE holds each entry; `tasks` has one task for all rows, or one for each row."""
+        """Find where EPISODE holds the numbers; `tasks` has one task for all rows, or one for each row."""
         numbers = numbers_of(tasks)
         entries = {name: place for place, name in enumerate([*numbers, *OTHERS])}
         self._numbers = np.array([[_PLACES[name]] for name in numbers.values()])

@@ -1,7 +1,7 @@
 """Environments with a vector reward, one number per objective, as MO-Gymnasium defines them: single and in batches.
 
-`import impact_gym` registers their ids; MO-Gymnasium itself is not needed. Except for the reward,
-"mo-impact-approach-v0" is the environment "ImpactApproach-v0".
+`import impact_gym` registers their ids, such as "mo-impact-approach-v0" for "ImpactApproach-v0"; MO-Gymnasium itself is
+not needed.
 """
 
 from collections.abc import Sequence

@@ -155,7 +155,7 @@ class Task:
         """Return a copy of the task in which the arguments, or parts of them, at these dotted paths are changed."""
         arguments = self.arguments()
         for name, value in grouped(by_path).items():
-            if name not in by_path:  # the paths of its parts are
+            if name not in by_path:  # then paths of its parts are in `by_path`
                 value = {"type": type(getattr(self, name)).__name__, **self._parts(name), **value}
             arguments[name] = value
         return Task(**arguments)

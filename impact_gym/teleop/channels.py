@@ -25,7 +25,7 @@ TRACE_COLUMNS = {
 
 @dataclass(frozen=True, slots=True)
 class Channel(Parameters, path="uplink"):
-    """A channel from operator to arm, or from arm to operator, that sends a packet each control period.
+    """A channel for packets from operator to arm, or from arm to operator.
 
     The receiver drops a packet that arrives after a newer one. The delay of a packet is `delay` plus an exponentially
     distributed random time with the mean `jitter`, or `tail` for the fraction `tail_share` of the packets. The random

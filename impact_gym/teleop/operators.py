@@ -52,7 +52,7 @@ class Person(Parameters, path="operator"):
 
 @dataclass(frozen=True, slots=True)
 class Trapezoid(Parameters, path="operator"):
-    """A constant commanded speed until the operator stops; the arm then moves in a trapezoid (paper, Fig. 11)."""
+    """A constant commanded speed until the operator stops, so that the arm's speed is a trapezoid (paper, Fig. 11)."""
 
     speed: float = 0.5  # m/s
     reaction: float = SIMPLE_REACTION  # s
@@ -86,8 +86,8 @@ class Reach(Searcher):
 class SecondOrderLag(Searcher):
     """A pointing hand, pulled by a spring and damper to a moving target.
 
-    The target moves to the place where the operator assumes the object. Its speed is chosen so that the overshooting
-    hand just reaches `speed`. Stiffness and damping are medians of 192 fits, `optparams/` of fl0fischer/OFC4HCI.
+    The target moves to the assumed place of the object, so fast that the overshooting hand just reaches `speed`.
+    Stiffness and damping are medians of 192 fits, `optparams/` of fl0fischer/OFC4HCI.
     """
 
     stiffness: float = 38.0  # 1/s^2
