@@ -144,7 +144,6 @@ def _split(line: str, separator: str | None) -> list[str]:
 
 
 def _layout(lines: Sequence[str]) -> _Layout:
-    """Find separator and decimal sign (largest sum of the lines' shares of numbers), and where numbers begin."""
     best, most = None, 0.0
     for separator in SEPARATORS:
         rows = [[] if line.lstrip().startswith(COMMENTS) else _split(line, separator) for line in lines]
@@ -220,7 +219,6 @@ def _names(
 
 
 def _heads(line: str, layout: _Layout) -> Iterator[list[str]]:
-    """Split a line in several ways; yield the results that have a possible number of columns."""
     rows = [_split(line, separator) for separator in (layout.separator, *SEPARATORS) if separator]
     rows += [re.split(pattern, line.strip()) for pattern in (r"\s{2,}", r"\s+(?![\[({</])")]
     for row in rows:

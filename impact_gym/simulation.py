@@ -233,7 +233,6 @@ def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scen
 
 
 def _simplified(robot: Any, frozen: bool, fixed: bool, scene: Scene) -> Scene:
-    """Return the scene with `robot`, constant if `frozen`; if `fixed`, with a rigid coupling in place of a spring."""
     own = scene.robot if robot == "its own" else robot
     robot = own.at(scene.object.distance) if frozen and isinstance(own, RobotTable) else own
     coupling = Rigid() if fixed and isinstance(scene.coupling, SpringDamper) else scene.coupling

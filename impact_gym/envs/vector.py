@@ -148,7 +148,6 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return batch.observations.copy(), rewards, terminated, truncated, infos
 
     def _rewards(self) -> tuple[NDArray[np.float64], dict[str, Any]]:
-        """Return the rewards of the last step, and entries to add to the infos."""
         return self.batch.rewards.copy(), {}
 
     def render(self) -> tuple[Any, ...] | None:

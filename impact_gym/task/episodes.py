@@ -70,7 +70,6 @@ def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None)
 
 
 def _checked(field: str, name: str, value: Any, tasks: Sequence[Task], slots: int | None) -> ArrayLike:
-    """Check a value of an option; return it as a number, or as a list with a number for each slot."""
     several = isinstance(value, Sequence) and not isinstance(value, (str, bytes))
     listed = slots is not None and (several or getattr(value, "ndim", 0) > 0)
     if listed and len(value) != slots:

@@ -146,7 +146,6 @@ def _argument(row: Quantity, task: Task, drawn: Container[str]) -> str:
 
 
 def _observed(row: Quantity, task: Task, argument: str) -> Quantity:
-    """Return `row` with the words and the scale of the observation of `task`, to which `argument` adds it."""
     words = f"{row.words} minus flange position" if row.from_flange else row.words
     low, high = task.ends(row.scale.ends) if row.scale.ends else row.scale[:2]
     return replace(row, words=words, observed=argument, scale=row.scale._replace(low=low, high=high))
