@@ -37,6 +37,18 @@ def test_stop_sent_at_the_touch_is_the_papers_brake_with_the_delay_of_the_channe
         assert info["touch_time"][0] == pytest.approx(delay + outcome.contacts[0].start, abs=1e-9)
 
 
+def test_task_of_the_id_is_that_of_its_docstring():
+    env = gym.make("ImpactTeleop-v0").unwrapped
+    text, task = " ".join(env.__doc__.split()), env.task
+    (near, far), (low, high) = task.scenario.distance, task.ranges["friction"]
+    assert f"The object is {near:g} to {far:g} m ahead" in text
+    assert f"coefficient of friction on the ground is {low:g} to {high:g}." in text
+    assert f"lasted {task.horizon:g} s (`horizon`)" in text
+    assert f"has the operator `{type(task.operator).__name__}`, and channels" in text
+    for channel in (task.uplink, task.downlink):
+        assert f"with a delay of {channel.delay:g} s each way" in text
+
+
 def test_rules_of_authority_hold_for_any_action_and_channel():
     rng = np.random.default_rng(1)
     for options in STEERED_DRAWN.values():
