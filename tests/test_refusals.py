@@ -10,7 +10,6 @@ import os
 import re
 import tomllib
 import zipfile
-from copy import deepcopy
 from dataclasses import replace
 from decimal import Decimal
 from functools import cache, partial
@@ -26,6 +25,7 @@ import tomli_w
 from episodes import ID, assert_identical, begin, encode
 from policies import made_up_policy
 from recorder import FLAT, FORCE, MOTION, NOISE, SCENE, SCENE_FILE, TIME, put, write_log
+from refusals import changed, filled, records
 from training import tiny
 
 import impact_gym as ig
@@ -50,40 +50,6 @@ EXAMPLES = TABLE.pop("examples")
 OF_RECORDS = ("identify", "robot", "simulation")
 VELOCITY = 50.0 * FORCE / FORCE.max()
 six = cache(viper)
-
-
-def filled(value, things):
-    """Plain data with things in place of their names, "@name"."""
-    if isinstance(value, dict):
-        return {name: filled(inner, things) for name, inner in value.items()}
-    if isinstance(value, list):
-        return [filled(inner, things) for inner in value]
-    known = isinstance(value, str) and value.startswith("@") and value[1:] in things
-    return filled(things[value[1:]], things) if known else value
-
-
-def changed(tree, changes):
-    tree = deepcopy(tree)
-    for path, value in changes.items():
-        *outer, last = path.split(".")
-        node = tree
-        for key in outer:
-            node = node[int(key)] if isinstance(node, list) else node.setdefault(key, {})
-        if value == "@gone":
-            del node[last]
-        else:
-            node[last] = value
-    return tree
-
-
-def records(value):
-    """Plain data with records of the package in place of their descriptions."""
-    if isinstance(value, list):
-        return [records(inner) for inner in value]
-    if not isinstance(value, dict):
-        return value
-    fields = {name: records(inner) for name, inner in value.items()}
-    return getattr(ig, fields.pop("type"))(**fields) if "type" in fields else fields
 
 
 def file_of(name, read):
