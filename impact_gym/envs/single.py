@@ -133,7 +133,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Without an alarm an episode terminates at 1.2 s (`horizon`). An object that was touched too softly to raise the
     alarm counts as touched. If the object was not touched, the episode is `missed`. An episode also terminates if the
     solver fails. Then the reward is the same as for a missed episode, and `info["status"]` gives the cause. An episode
-    is truncated only by Gymnasium's wrapper `TimeLimit` (`max_episode_steps`).
+    is truncated only if `max_episode_steps` is given (by Gymnasium's wrapper `TimeLimit`, or by a batch itself).
 
     The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
     `time_weight`, `reward_terms` (time, velocity, force, missed; their sum is the return), `scenario`, `record` (all
