@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 
 from impact_gym.validation import Range, interval, number
 
-HORIZON = 1.2  # s, default: time at which an episode without an alarm ends
+HORIZON = 1.2  # s, default of the argument `horizon`
 AFTER_ALARM = 0.15  # s, default: time from the alarm to the end of an episode
 PAST_READINGS = 3  # largest number of earlier readings in an observation
 LARGEST_WEIGHT = 1e6  # m/s per s or m/s per N, largest weight of time or force, so that rewards stay finite

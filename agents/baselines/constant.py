@@ -25,7 +25,7 @@ class ConstantSpeed(Rule):
         """Make a controller; each argument is a number, or an array with a number for each row of a batch.
 
         Args:
-            speed: m/s, above 0, at most 1.5.
+            speed: m/s, 0.001 to 1.5.
             acceleration: m/s^2, 1 ... 20.
             deceleration: m/s^2, 1 ... 20; None: the same as the acceleration.
         """

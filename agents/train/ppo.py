@@ -42,8 +42,8 @@ from impact_gym.task import ObservationSpec, Task
 from impact_gym.validation import array, whole
 
 FIRST_SEED = 10_000_000
-"""Environment i of training seed s has the seed FIRST_SEED + s * SLOTS + i. All seeds of the evaluation are smaller,
-and no two trainings share a seed."""
+"""Environment i of training seed s has the seed FIRST_SEED + s * SLOTS + i. The shipped evaluation sets have smaller
+seeds, and trainings with different training seeds have no environment seed in common."""
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "stable-baselines3", "torch")
 
 

@@ -27,7 +27,7 @@ from impact_gym.validation import number
 HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
 SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "settings.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
-MAX_CLIENTS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # pages; bytes of a message; messages per second of a page
+MAX_CLIENTS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # limits: pages; bytes in a message; messages per second from a page
 TIME_LIMIT, FILM_LIMIT = 5.0, 60.0  # s, in which a page must read a message; in which a film must be made
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "

@@ -32,7 +32,7 @@ class Motion:
 
     Scales and damping of a contact are computed with an approach velocity of at least `floor` (m/s). A step lasts at
     most 1 / `fastest` in a contact, and `flight_stride` / `fastest` in flight. If a phase of a contact takes more than
-    `patience` evaluations, Radau integrates the rest of the contact.
+    `patience` evaluations of the derivatives, Radau integrates the rest of the contact.
     """
 
     flight_method = "DOP853"

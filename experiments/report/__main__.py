@@ -59,8 +59,8 @@ class ReportOptions:
     or a JSON file {"ranges": {...}, "seed": s, "count": n, "environment": {...}}. The JSON file may leave out any key.
     "environment" holds arguments of gym.make, for example your tool and coupling."""
     count: int | None = None
-    """Number of scenarios. Without this option, the number comes from the set-up. If --scenarios or --policy is given,
-    the number comes from the fixed set, or from "count" in the JSON file."""
+    """Number of scenarios. Without this option, the number comes from the set-up. With --scenarios or --policy, but
+    without this option, it comes from the fixed set or from "count" in the JSON file."""
     time_weight: float | None = None
     """Cost of a second until the touch, in m/s of the object's final velocity. The page recommends the simplest
     controller whose mean cost is not clearly above the lowest mean cost. Without this option, the value is

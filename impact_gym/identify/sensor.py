@@ -71,8 +71,8 @@ class Sensor(Parameters):
         """Return the sensor's readings (n,) without bias and noise, and their time derivatives, per s.
 
         Args:
-            time: times of the signal's points (k,), s; before the first point the signal is at rest, after the
-                last point it is taken as constant.
+            time: times of the signal's points (k,), s; before the first point the signal is 0 (without
+                filter and cell: the value of the first point), after the last point constant.
             values: the signal at these times (k,); between them it is interpolated smoothly.
             at: times of the readings (n,), s, increasing.
         """

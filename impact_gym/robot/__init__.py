@@ -90,10 +90,12 @@ def _per_joint(name: str, given: Any, count: int, rng: np.random.Generator, unit
         return np.full(count, number(name, given, unit, **limits))
     each = [given] * count if len(given) == 2 != count else given
     if len(each) != count:
-        raise ValueError(f"{name} must be a number or {count} of them, one a joint, or pairs, in {unit}, got {given!r}")
+        raise ValueError(
+            f"{name} must be one number or pair, or {count} numbers or pairs (one per joint), in {unit}, got {given!r}"
+        )
     if not all(hasattr(pair, "__len__") and len(pair) == 2 for pair in each):
         return np.array(numbers(name, each, unit, **limits))
     low, high = (numbers(name, ends, unit, **limits) for ends in zip(*each, strict=True))
     if not all(0.0 < a <= b for a, b in zip(low, high, strict=True)):
-        raise ValueError(f"{name} must have pairs that rise, above 0, in {unit}, got {given!r}")
+        raise ValueError(f"{name} must have pairs (low, high) with 0 < low <= high, in {unit}, got {given!r}")
     return np.asarray(np.exp(rng.uniform(np.log(low), np.log(high))))

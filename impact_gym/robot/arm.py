@@ -25,10 +25,10 @@ SPACING, LONGEST = 0.0025, 4.0  # m, largest distance between places along a lin
 MAX_CONDITION = 30.0
 """Largest allowed condition number of the Jacobian.
 
-At a condition number of 30, joint 5 of the Viper is 6 to 10 deg from a straight wrist, or joint 3 is about 14 deg from
-a stretched arm. There a small displacement of the flange needs a large rotation of the joints: M_X,11 is some 100 kg,
-more than three times the mass of the robot, and eq. 11-16 no longer hold.
-"""
+At a condition number of 30, joint 5 of the paper's arm (`viper`) is 6 to 10 deg from its angle at a straight wrist, or
+joint 3 is about 14 deg from its angle at a stretched arm. There a small displacement of the flange needs a large
+rotation of the joints: M_X,11 is some 100 kg, more than three times the mass of the robot, and eq. 11-16 no longer
+hold."""
 SOFTEST, STIFFEST = 1.0, 1e8  # N/m, allowed stiffness along a line; outside, a unit is wrong. 20 N m/rad give 100 N/m
 
 

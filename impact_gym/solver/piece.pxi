@@ -12,7 +12,7 @@ cdef struct Piece:
     const Law *law
     int width  # number of components of the scaled state
     Units units
-    bint analytic  # the equations are polynomials in z, w, y and v, and steps use their Taylor series
+    bint analytic  # the equations are polynomials (see `contact.pxi`), and steps use the Taylor series of their solution
     bint flying  # in flight, where the first component is penetration / unit of length instead of z, and s is time
     const Contact *grip  # the contact law
     Contact contact  # the contact law, without force while the surfaces part faster than they recover

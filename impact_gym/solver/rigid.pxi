@@ -1,4 +1,4 @@
-"""A RIGID chain: the tool is fixed to the flange, so a flight is a parabola, and a contact moves only the object (paper, Fig. 4a)."""
+"""A RIGID chain: the tool is fixed to the flange. In flight the gap is quadratic in time; a contact changes only the object's motion (paper, Fig. 4a)."""
 
 
 cdef struct RigidRates:

@@ -58,8 +58,8 @@ cdef struct Glide:  # the gap as a function of time: penetration = start + z(t) 
     double damping_ratio
     double position, velocity  # m, m/s: z(0) and z'(0), see `oscillator.pxi`
     double start  # m, penetration at t = 0, not positive
-    double closing  # m/s, flange velocity minus object velocity
-    double acceleration  # m/s^2, flange acceleration minus object acceleration
+    double closing  # m/s, velocity of the imposed motion minus object velocity, at t = 0
+    double acceleration  # m/s^2, acceleration of the imposed motion minus object acceleration
 
 
 cdef struct Gap:

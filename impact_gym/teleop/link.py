@@ -48,7 +48,7 @@ class Link(NamedTuple):
         for way in WAYS:
             self._check_delay(way, horizon, control_period)
         if (timeout := self.downlink.timeout) != Channel().timeout:
-            raise ValueError(f"downlink.timeout must be left out: only the uplink's stops the arm, got {timeout:g} s")
+            raise ValueError(f"downlink.timeout must be left out: only uplink.timeout stops the arm, got {timeout:g} s")
 
     def _check_delay(self, way: str, horizon: float, control_period: float) -> None:
         channel: Channel = getattr(self, way)
