@@ -15,6 +15,7 @@ from agents.baselines.filtered import FilteredProfile, FirstReadingProfile
 from agents.baselines.profile import KNOTS, LEAST_SPREAD, REACTION
 from agents.baselines.rule import View
 from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
+from agents.evaluate.play import controller_of
 from agents.evaluate.scenario_batch import RESULTS, ScenarioBatch
 from agents.export.contract import of_name
 from agents.setups import owner, shipped_baselines
@@ -242,6 +243,14 @@ def test_errors_have_the_standard_deviation_of_the_filter():
     score = (error / spread)[-1][last]
     assert abs(score.mean()) < 5.0 / np.sqrt(score.size) + 0.05
     assert score.std() == pytest.approx(1.0, abs=0.06)
+
+
+def test_filter_keeps_the_sensor_for_which_it_was_tuned():
+    tuned_file = json.loads((tuned.TUNED / "filtered-profile.json").read_text())
+    there = Task(range_sensor={"noise": 0.002, "bias": 0.02}, tool_mass=0.5, velocity_range=(-0.2, 0.7))
+    played, known = controller_of({"tuned": tuned_file}, 2.0, there).task, Task(**tuned_file["environment"])
+    assert (played.range_sensor, played.tool_mass) == (known.range_sensor, known.tool_mass)
+    assert played.velocity_range == there.velocity_range
 
 
 def test_filter_begins_anew_with_each_episode():

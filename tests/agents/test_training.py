@@ -76,6 +76,7 @@ def test_share_of_the_environments_is_nominal():
     for name, truth in truths.items():
         assert shown[name][12:] == pytest.approx(truth, rel=1e-5)
     assert len({*shown["tool_mass"][:12]}) == 12
+    assert {each.rtol for each in environments.get_attr("batch", [0])[0].tasks} == {run.training.rtol} != {task.rtol}
 
 
 RECORDED = """[environment]

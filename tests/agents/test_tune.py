@@ -211,17 +211,13 @@ def test_tuned_times_enclose_the_time_of_the_rule_within_5_ms(target, power):
 
 
 def test_command_tunes_around_the_time_of_the_rule_if_asked(noisy, tmp_path):
-    path = tmp_path / "quiet.toml"
-    path.write_text('[baselines.tuned]\nquiet-speed = "ConstantSpeed"\n')
-    options, target = replace(noisy, setups=(str(path),)), ScenarioBatch.of("validation").play(PaperTrapezoid())
-    nearest = []
+    setup, gaps = load_setup(noisy.setups[0]), []
+    rule = ScenarioBatch.of("validation", task=setup.task).play(PaperTrapezoid().for_task(setup.task))
     for asked in (False, True):
-        tune.run(replace(options, at_rule_time=asked))
-        weights = read_tuned("quiet-speed", tmp_path, load_setup(str(path)))["weights"]
-        times = np.array([found["validation"]["approach_time"] for found in weights.values()])
-        assert len(weights) == 2 or asked
-        nearest.append(np.abs(times - target.approach_time.mean()).min())
-    assert nearest[1] < nearest[0]
+        tune.run(replace(noisy, at_rule_time=asked))
+        found = read_tuned("noisy-speed", tmp_path, setup)["weights"].values()
+        gaps.append([abs(each["validation"]["approach_time"] - rule.approach_time.mean()) for each in found])
+    assert min(gaps[1]) < min(gaps[0])
 
 
 def test_tuning_at_the_rules_time_ends_for_a_front_with_a_gap():

@@ -61,7 +61,6 @@ def loop_of(front, rows):
 
 
 def made(front, rows):
-    """A front end with a task in each row."""
     if front == "single":
         return loop_of(front, rows)
     if front == "stable-baselines3":

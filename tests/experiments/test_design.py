@@ -132,7 +132,6 @@ def test_free_number_has_a_logarithmic_scale_if_wide_and_starts_at_the_set_ups_v
 
 @pytest.fixture
 def small(tmp_path):
-    """Options of a search of a few seconds."""
     spring = ("coupling.stiffness=20:200", "coupling.damping_ratio=0.2:2")
     budget = SearchBudget(scenarios=12, budget=24, population=8)
     few = {"search": budget, "seeds": 1, "processes": 0, "against": ()}

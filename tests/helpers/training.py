@@ -13,7 +13,7 @@ from agents.train.ppo import Run, train
 
 TINY = Training(
     steps=4096, envs=16, rollout=16, batch=64, width=16, simulation_threads=1,
-    validate_every=1536, validation_scenarios=20, checkpoint_every=1024, imitation_steps=4096,
+    validate_every=1536, validation_scenarios=20, checkpoint_every=1024, imitation_steps=4096, rtol=1e-4,
 )  # fmt: skip
 
 
