@@ -29,15 +29,15 @@ class Check:
     """Check a set-up, and describe it.
 
     A set-up is a file that describes an arm and its objects. The command prints the observation, the actions, the
-    ranges, and the settings of training and evaluation. It also plays the paper's rule in 500 scenarios and prints the
-    results. It draws a picture of the robot, the tool and the object.
+    ranges, and the settings of training and evaluation. It plays the paper's rule in 500 scenarios, and prints the
+    results. It draws robot, tool and object to scale.
     """
 
     setup: tyro.conf.Positional[str]
     """Name of a shipped set-up, or file of a set-up."""
     picture: Path | None = None
-    """PNG file for the picture, which is to scale. The picture needs the packages of the extra `render`. Without this
-    option, the file is reports/setups/NAME.png."""
+    """PNG file for the picture, which needs the extra `render`. Without this option, the file is
+    reports/setups/NAME.png."""
 
 
 def lag(task: Task) -> float:

@@ -40,11 +40,10 @@ class Tune:
     setups: tyro.conf.Positional[tuple[str, ...]] = SETUPS
     """Names of shipped set-ups, or files of set-ups."""
     names: tuple[str, ...] = ()
-    """Names of the baselines to tune. Without this option, the command tunes all baselines in [baselines.tuned] of the
-    set-ups."""
+    """Baselines to tune. Without this option, the command tunes all baselines in [baselines.tuned] of the set-ups."""
     weights: tuple[float, ...] = ()
-    """Time weights, m/s per s. A time weight is the cost of a second until the touch. Without this option, the command
-    uses `evaluation.weights` of the set-up."""
+    """Time weights, m/s per s. A time weight is the cost of a second until the touch. Without this option, the weights
+    are `evaluation.weights` of the set-up."""
     scenarios: int | None = None
     """Number of scenarios in which the search tries each candidate (a set of parameters). Without this option, the
     number comes from the set-up."""
@@ -56,15 +55,14 @@ class Tune:
     seed: int = 1
     """Seed of the random numbers in the search."""
     bound: bool = False
-    """Also search the bound: the lowest cost of a controller that knows the scenario. The command searches no bound for
-    a set-up that uses the bound of another set-up."""
+    """Also search the bound: the lowest cost of a controller that knows the scenario. Set-ups that use the bound of
+    another set-up are left out."""
     at_rule_time: bool = False
-    """Also tune for more time weights (at most eight), until two mean approach times lie within 5 ms of the mean
-    approach time of the paper's rule: one below, one above. The report then interpolates V_p (the object's final
-    velocity) between these two."""
+    """Also tune for at most eight more time weights. The aim is one mean approach time at most 5 ms below that of the
+    paper's rule, and another at most 5 ms above. The report interpolates V_p (the object's final velocity) between
+    these two times."""
     processes: int = 2
-    """Number of searches at the same time on this machine, each on one core. With 0, the searches run in this
-    process."""
+    """Number of searches at the same time on this machine, each on one core. 0: the searches run in this process."""
     cluster: str | None = None
     """Search on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster."""
     out: Path | None = None

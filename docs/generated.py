@@ -142,7 +142,7 @@ def materials() -> str:
         return " to ".join(f"{value:.3g}" for value in sorted(set(of or ())))
 
     rows = [[f"`{name}`", *map(span, (one.young, one.poisson, one.restitution))] for name, one in ig.MATERIALS.items()]
-    return table("Material|E (Pa)|Poisson's ratio|Restitution, like bodies or far stiffer other", rows)
+    return table("Material|E (Pa)|Poisson's ratio|Restitution with the same or a far stiffer material", rows)
 
 
 def svg(figure: Figure) -> bytes:

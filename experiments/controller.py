@@ -29,17 +29,16 @@ class ControllerOptions:
     setup: tyro.conf.Positional[str]
     """Name of a shipped set-up, or file of a set-up."""
     out: Path
-    """Folder for all results. If the folder contains an unfinished run for this set-up, the command continues
-    this run."""
+    """Folder for all results. The command continues an unfinished run in this folder."""
     quick: bool = False
-    """Make a first controller in a few minutes: with a shorter tuning, at most three policies and a million steps for
-    each, and a comparison in 200 scenarios. For the full run, use another folder."""
+    """Make a first controller in a few minutes: tune for a shorter time, train at most three policies with at most a
+    million steps each, and compare in 200 scenarios. For the full run, use another folder."""
     processes: int = 2
     """Number of tunings or trainings at the same time on this machine, each on one core."""
     time_weight: float | None = None
     """Cost of a second until the touch, in m/s of the object's final velocity. The command exports the simplest
-    controller whose mean cost is not clearly above the lowest mean cost. Without this option, the value is
-    `evaluation.typical` of the set-up (2, if the file does not contain another value)."""
+    controller whose mean cost is not significantly above the lowest. Without this option, the value is
+    `evaluation.typical` of the set-up (2 by default)."""
     all: bool = False
     """Export all controllers, not only the best one."""
     cluster: str | None = None

@@ -51,9 +51,9 @@ Players = Callable[[float], Controller]  # returns the controller for an episode
 class DatasetOptions:
     """Record episodes as Minari datasets, or check a dataset.
 
-    If you give a set-up, each player in --who plays episodes, and the command writes a dataset for each player. If you
-    give a folder of tries from impact-gym play, the command writes a dataset with these tries (with --operator: a
-    file). The id of a dataset is NAMESPACE/SETUP/PLAYER-vVERSION.
+    From a set-up, the command makes a dataset for each player (controller) in --who. From a folder of tries of
+    impact-gym play, it makes one dataset, or the file --operator. The id of a dataset is
+    NAMESPACE/SETUP/PLAYER-vVERSION.
     """
 
     source: Annotated[Positional[str], arg(metavar="SETUP|FOLDER|DATASET")]
@@ -66,8 +66,8 @@ class DatasetOptions:
     seed: Annotated[int, arg(metavar="N")] = SEED
     """Seed of the first episode. Each later episode has the next seed."""
     operator: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: make a dataset)")] = None
-    """With a folder of tries: file for an operator, who replays one randomly chosen try in each episode. The file
-    contains the table [environment.operator] for a set-up."""
+    """With a folder of tries: file for an operator who replays a randomly chosen try in each episode. The file contains
+    the table [environment.operator] for a set-up."""
     include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
     """Also use tries that impact-gym play marked as interrupted or late."""
     namespace: Annotated[str, arg(metavar="NAME")] = "impact"
@@ -79,7 +79,7 @@ class DatasetOptions:
     link: Annotated[str, arg(metavar="URL", help_behavior_hint="(default: version and commit)")] = ""
     """Public address of the code that made the dataset."""
     check: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
-    """Play the episodes of a dataset again, and check that observations, rewards and ends are exactly equal."""
+    """Play the episodes of a dataset again, and check that observations, rewards and last steps are exactly equal."""
 
     def __post_init__(self) -> None:
         whole("episodes", self.episodes, at_least=1)

@@ -30,14 +30,14 @@ class Export:
     """Write a controller as a C header, and a policy (a neural network) also as an ONNX file."""
 
     controller: tyro.conf.Positional[str]
-    """Name of a shipped policy or baseline, file of a policy or baseline, or folder of a training. With --all, name or
-    file of a set-up. The header of a tuned baseline contains the parameters for all time weights for which the
-    baseline was tuned. Pass the time weight to the function NAME_reset of this header."""
+    """Name of a shipped policy or baseline, file of a policy or baseline, or folder of a training. With --all: name or
+    file of a set-up. The header of a tuned baseline contains the parameters for all tuned time weights. Pass the time
+    weight to NAME_reset in this header."""
     out: Path
     """Folder for the C header and the ONNX file."""
     setup: str | None = None
-    """Name or file of a set-up. CONTROLLER may then also be the name of a baseline of this set-up. A rule without
-    parameters, such as the paper's rule, is then written for the arm of this set-up."""
+    """Name or file of a set-up, if CONTROLLER is a baseline of this set-up. A rule without parameters, such as the
+    paper's rule, is written for the arm of this set-up."""
     all: bool = False
     """Write all controllers of a set-up: its policy, its tuned baselines, and the rules without parameters, such as the
     paper's rule."""
@@ -47,7 +47,7 @@ class Export:
     episodes: int = 10_000
     """Number of episodes in which the command compares the controller in C with the original controller."""
     calls: int = 1_000_000
-    """Number of calls of the controller in C. The command measures the duration of these calls."""
+    """Number of timed calls of the controller in C."""
 
     def __post_init__(self) -> None:
         for name in ("episodes", "calls"):

@@ -30,12 +30,12 @@ class Training:
     steps: int = 12_000_000
     """Total number of environment steps, rounded up to whole rollouts of all environments."""
     time_weight: Range = (0.3, 8.0)
-    """Smallest and largest time weight. A time weight is the cost of a second until the touch, in m/s of the object's
-    final velocity. Each episode draws a time weight log-uniformly from this range. The policy observes the time weight,
-    so you can use the policy with every time weight in the range."""
+    """Smallest and largest time weight (cost of a second until the touch, in m/s of the object's final velocity). Each
+    episode draws a time weight log-uniformly from this range. The policy observes this time weight, and can be used
+    with every time weight in the range."""
     weight_power: float = 0.5
-    """The training divides rewards by (1 + time_weight) ** weight_power, because costs are larger with a large time
-    weight. With weight_power 0, episodes with a large time weight would influence the policy most."""
+    """The training divides rewards by (1 + time_weight) ** weight_power. With weight_power 0, episodes with a large
+    time weight influence the policy most, because their costs are larger."""
     envs: int = 512
     """Number of parallel environments."""
     batch: int = 2048
@@ -73,16 +73,16 @@ class Training:
     nominal: float = 0.0
     """Fraction of the parallel environments that use the values in [evaluation.nominal] of the set-up."""
     rtol: float | None = None
-    """Relative error that the simulation allows in a contact during the training. Without this option, the value comes
-    from the set-up's environment. The validation always uses the value of the set-up's environment."""
+    """Relative error that the simulation allows in a contact during the training. Without this option, the training
+    uses the value of the set-up's environment, as the validation always does."""
     threads: int = 1
-    """Number of threads of PyTorch. A second thread makes the training faster only if a core is free."""
+    """Number of threads of PyTorch."""
     simulation_threads: int | None = None
-    """Number of threads that simulate the environments. This number does not change the result of the training. Without
-    this option, there is one thread for each core."""
+    """Number of threads that simulate the environments. Without this option, there is one for each core. The result of
+    the training does not depend on this number."""
     validate_every: int = 1_000_000
-    """Number of environment steps between two validations. The training keeps the policy with the lowest cost in a
-    validation."""
+    """Number of environment steps between two validations. The training keeps the policy that had the
+    lowest cost in a validation."""
     validation_scenarios: int = 1000
     """Number of scenarios of each validation, at most 1,000."""
     checkpoint_every: int = 2_000_000

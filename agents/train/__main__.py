@@ -20,8 +20,8 @@ class TrainOptions:
     """Train a policy (a neural network) for a set-up, or several policies with --seeds."""
 
     setup: tyro.conf.Positional[str] = "linear-blind"
-    """Name of a shipped set-up, or file of a set-up. The table [training] of the set-up determines the defaults of
-    --steps and of all options after --steps."""
+    """Name of a shipped set-up, or file of a set-up. Its table [training] gives the defaults of all options from
+    --steps on."""
     training: Annotated[Training, tyro.conf.arg(name="")] = field(default_factory=Training)
     """Settings."""
     seed: int = 0
@@ -31,15 +31,14 @@ class TrainOptions:
     policy with the median validation score represents the set-up. If you repeat the command after an interruption, it
     trains only the missing policies."""
     out: Path | None = None
-    """Folder for the files of the training. Without --seeds, the folder must not exist yet, and the default is a new
-    folder in runs/. With --seeds, the folder may exist, and the default is runs/all/SETUP. The folder then has a
-    subfolder for each training."""
+    """Folder for the files of the training. Without --seeds, give a new folder; the default is a new folder in runs/.
+    With --seeds, each training has a subfolder, and the default is runs/all/SETUP."""
     policies: Path | None = None
     """With --seeds: folder for the file that contains all policies. Without this option, the command writes the file of
     a shipped set-up into the folder of the shipped policies, and the file of another set-up into runs/NAME/policies."""
     processes: int = 2
-    """With --seeds: number of trainings at the same time on this machine, each on one core. With 0, the trainings run
-    in this process."""
+    """With --seeds: number of trainings at the same time on this machine, each on one core. 0: the trainings run in
+    this process."""
     cluster: str | None = None
     """With --seeds: train on a Ray cluster, each policy on one core. Give "ray" for the cluster that runs on this
     machine, or the address of a cluster. If the set-up is a file, the nodes of the cluster must be able to read it."""

@@ -25,10 +25,10 @@ LIMITED = (FRONT, CHOSEN)
 
 @dataclass(frozen=True)
 class DesignOptions:
-    """Search for the coupling that, with its best controller, makes the object leave slowest at each approach time.
+    """Search for the coupling and the controller with the lowest V_p (the object's final velocity).
 
-    A design must keep the limits --deflection and --stroke in all scenarios of the search. It must keep the limit
-    --peak-force in 95 % of these scenarios.
+    The search adds a penalty to the cost of a design that exceeds --deflection or --stroke in any scenario, or
+    --peak-force in more than 5 % of the scenarios.
     """
 
     setup: tyro.conf.Positional[str]
@@ -37,24 +37,22 @@ class DesignOptions:
     """Numbers that the search may change, each as NAME=LOW:HIGH, such as coupling.stiffness=10:300. NAME is tool_mass,
     or "coupling." followed by a parameter of the coupling."""
     out: Path
-    """Folder for all results, also of finished searches. If you repeat the command after an interruption, it
-    continues."""
+    """Folder for all results. To continue after an interruption, repeat the command."""
     pad: str = ""
-    """Pad on the tool: memory-foam, neoprene or norbornene. Empty: no pad. The mass of the pad is part of the tool's
-    mass."""
+    """Pad on the tool: memory-foam, neoprene or norbornene. Empty: no pad. The tool's mass includes the pad."""
     times: tuple[float, ...] = (0.9, 1.0, 1.15, 1.35)
-    """Approach times, as multiples of the mean approach time of the paper's rule with the paper's spring."""
+    """Mean approach times (times until the touch) for which couplings are searched, as multiples of the time of the
+    paper's rule with the paper's spring."""
     limits: Annotated[Limits, tyro.conf.arg(name="")] = field(default_factory=Limits)
     search: Annotated[SearchBudget, tyro.conf.arg(name="")] = field(default_factory=SearchBudget)
     against: tuple[str, ...] = ("bistable-blind", "bistable-paper")
-    """Set-ups whose couplings are compared with the design. The command also searches a controller for each coupling of
-    these set-ups."""
+    """Set-ups whose couplings are compared with the design. The command searches a controller for each of these
+    couplings."""
     seeds: int = 2
     """Number of searches for each approach time, each with another seed. The command takes the design that is best on
     the validation set."""
     processes: int = 2
-    """Number of searches at the same time, each on one core. With 0, the searches run one after the other in this
-    process."""
+    """Number of searches at the same time, each on one core. 0: the searches run in this process."""
 
     def checked(self) -> "DesignOptions":
         """Return the options with sorted times; ValueError: an option is invalid, or allows an invalid design."""

@@ -101,8 +101,8 @@ class SearchBudget:
     """Size of a search."""
 
     tolerance: float = 0.05
-    """Largest relative error of each number of a design when it is built. Each scenario has its own errors, in the
-    search up to 1.2 times as large. Without errors, the search would find mechanisms that hardly hold their tool."""
+    """Largest relative error of each number of --free in a built coupling. Each scenario draws its own errors. In the
+    search, these errors are up to 1.2 times as large."""
     scenarios: int = 500
     """Number of scenarios in which each candidate (a design with a controller) is simulated."""
     budget: int = 7200

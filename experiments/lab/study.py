@@ -85,17 +85,17 @@ class StudyOptions:
     """
 
     out: Path | None = None
-    """Folder for the tables, the figures and the page. Without this option, the folder is reports/NAME, and with
-    --quick it is reports/NAME-quick."""
+    """Folder for the tables, the figures and the page. The default is reports/NAME, or reports/NAME-quick with
+    --quick."""
     quick: bool = False
     """Measure only a few cells, with short searches. This takes minutes."""
     force: bool = False
-    """Measure all cells again, not only the cells whose results are missing or outdated."""
+    """Measure all cells again, even if their results are up to date."""
     only: tuple[str, ...] = ()
     """Names of the tables to measure. The command also measures the tables that these tables or the page need."""
     processes: int | None = None
-    """Largest number of cells that the command measures at the same time on this machine. Without this option, it is
-    the number of cores. With 0, all cells are measured in this process."""
+    """Largest number of cells that the command measures at the same time on this machine. The default is
+    the number of cores. 0: this process measures all cells."""
     cluster: str | None = None
     """Measure on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster."""
 

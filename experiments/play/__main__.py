@@ -16,17 +16,17 @@ from agents.command_line import run_command
 class Play:
     """Steer the tool in the browser, with a delay and an assistance that you choose.
 
-    The command serves a page until you stop it, and prints the address of this page. Only a browser on this machine can
-    open the page. Each approach that you steer (a try) is saved as a file.
+    The command prints the address of a page, and serves this page until you stop the command. Only a browser on this
+    machine can open the page. Each approach that you steer (a try) is saved as a file.
     """
 
     setup: Annotated[Positional[str], arg(metavar="[SETUP]")] = "teleop-rigid"
-    """Name or file of a set-up that has an operator, a model of a person who steers the arm. You take the place of this
-    model."""
+    """Name or file of a set-up that has an operator (a model of a person who steers the arm). You replace the
+    operator."""
     assist: Annotated[str, arg(metavar="NAME")] = "none"
-    """Assistance, a controller at the arm that may change your command: none, brake, limit, policy or rule."""
+    """Assistance (a controller at the arm that may change your command): none, brake, limit, policy or rule."""
     port: Annotated[int, arg(metavar="PORT")] = 8765
-    """Port of the server. With 0 the command takes any free port."""
+    """Port of the server. 0: any free port."""
     open: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = True
     """Do not open the page in a browser."""
     out: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: runs/play/SETUP)")] = None

@@ -42,40 +42,40 @@ class ReportOptions:
 
     setups: tyro.conf.Positional[tuple[str, ...]] = ()
     """Names of shipped set-ups, or files of set-ups. The page compares the policy of each set-up with the set-up's
-    baselines, which are controllers that are not learned."""
+    baselines (controllers that are not learned)."""
 
     folder: Path | None = None
     """Folder with the subfolders `policies` and `tuned`. Without this option, the command uses the folder into which
     `impact-gym train --seeds` and `impact-gym tune` write these subfolders."""
     policy: tuple[str, ...] = ()
     """Policies to compare: files of policies, folders of trainings, or names of shipped policies. With this option,
-    name no set-ups. The page compares each policy with the paper's rule and with the baselines."""
+    name no set-ups."""
     baseline: tuple[str, ...] = ()
-    """With --policy: baselines to compare in addition to the paper's rule. Give the name of a tuned baseline, or
+    """With --policy: baselines to compare in addition to the paper's rule. Give the name of a shipped baseline, or
     module:object. The object must have the method `predict`, or be a function or class that returns such an object.
-    Without this option, they are those of the shipped set-up with the policy's environment, if there is one."""
+    Without this option, the page uses the baselines of the shipped set-up with the policy's environment, if any."""
     scenarios: str | None = None
     """Scenarios that replace the scenarios of the set-ups. Give the name or the CSV file of a fixed set of scenarios,
     or a JSON file {"ranges": {...}, "seed": s, "count": n, "environment": {...}}. The JSON file may leave out any key.
     "environment" holds arguments of gym.make, for example your tool and coupling."""
     count: int | None = None
-    """Number of scenarios. Without this option, the number comes from the set-up. With --scenarios or --policy, but
-    without this option, it comes from the fixed set or from "count" in the JSON file."""
+    """Number of scenarios. Without this option, the number comes from the JSON file (1000 if "count" is missing), the
+    fixed set, or the set-up."""
     time_weight: float | None = None
     """Cost of a second until the touch, in m/s of the object's final velocity. The page recommends the simplest
-    controller whose mean cost is not clearly above the lowest mean cost. Without this option, the value is
-    `evaluation.typical` of the set-up (2, if the file does not contain another value)."""
+    controller whose mean cost is not significantly above the lowest. Without this option, the value is
+    `evaluation.typical` of the set-up (2 by default)."""
     out: Path = Path("reports/latest")
-    """Folder for the page. A hidden folder next to this folder keeps the results of all episodes. If you repeat the
-    command after an interruption, it continues."""
+    """Folder for the page. A hidden folder beside this folder stores the results of episodes. To continue after an
+    interruption, repeat the command."""
     force: bool = False
     """Play all episodes and write the page again, even if the page is up to date."""
     processes: int | None = None
     """Number of processes on this machine that play episodes. Without this option, there is one process for each core.
-    With 0, all episodes are played in the process of the command."""
+    0: this process plays all episodes."""
     cluster: str | None = None
     """Play on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster. The module
-    of each module:object must be installed on the nodes of the cluster."""
+    of each module:object must be installed on all nodes."""
 
     def __post_init__(self) -> None:
         if self.count is not None:

@@ -22,15 +22,15 @@ from impact_gym.validation import numbers, one_of, shown
 
 DESCRIPTION = (
     "Fit numbers, such as a stiffness, to measured blows. "
-    "The command writes a set-up in which the 95 % intervals of these numbers are ranges."
+    "The command writes a set-up with the 95 % intervals of these numbers as ranges."
 )
 
 FILE = """
 the log of a blow: a CSV file with the column time (s) and one or more of these columns: force (N), flange_velocity,
-tool_velocity, object_velocity (m/s), tool_acceleration, object_acceleration (m/s^2 or g). If a column has another unit,
-write the unit in the header, as in "t [ms]", or in the line below the header. The command prints how it read each file.
-If you give several logs, the fitted numbers are the same for all logs, but the start of the motion is fitted for
-each log.
+tool_velocity, object_velocity (m/s), tool_acceleration, object_acceleration. An acceleration must have a unit (m/s^2 or
+g). Write this unit, and each unit that differs from this list, in the header, as in "t [ms]", or in the line below the
+header. The command prints how it read each file. The fitted numbers are the same for all logs, but the start of the
+motion is fitted for each log.
 
 the scene, my.toml: a set-up (see agents/setups) with two more tables, [motion] and [sensor]. Give a guess for each
 number to fit. For each other number give its value during the measurement, not a range.
@@ -54,13 +54,13 @@ number to fit. For each other number give its value during the measurement, not 
     noise = 0.2                                          # standard deviation
     cell = { mass = 0.02, frequency = 5000.0 }           # if it is a load cell: kg, Hz; also damping_ratio
 
-the output: the set-up with the 95 % intervals as ranges, without the tables [motion] and [sensor]. If the interval of a
-number has no limit on one side, the set-up keeps the initial guess of this number, and contains a comment about this.
+the output: the set-up with the 95 % intervals as ranges, without the tables [motion] and [sensor]. If an
+interval has no limit on one side, the set-up keeps the guess of the number, and says so in a comment.
 
---hold-out checks the fit on other blows. The command fits the numbers to every second log and
-predicts the other logs. Then it swaps the two halves of the logs. For each blow it prints the errors of V_p (the
-object's final velocity), peak force, impulse and duration. It also prints how much the measured blows with the same
-motion differ. With --out setup.toml, the measured and predicted values are also written to setup.held-out.csv.
+--hold-out checks the fit on other blows. The command fits the numbers to one half of the logs, predicts the other half,
+and then swaps the halves. For each blow it prints the errors of V_p (the object's final velocity), peak force, impulse
+and duration. It also prints how much measured blows with the same motion differ. With --out setup.toml, the command
+writes the measured and predicted values to setup.held-out.csv.
 """
 
 PLACES = {row.path: f"scenario.{row.id}" for row in SCENARIO} | {row.path: row.id for row in SET_UP if row.path}
