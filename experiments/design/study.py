@@ -109,7 +109,6 @@ class Search:
         return [min((row for row in found if row["allowed"] == time), key=cost) for time in self.options.times]
 
     def _searched(self, rows: Iterable[Row]) -> Iterator[Cell]:
-        """Yield for each row a cell that searches a controller, and on the line FRONT also a design."""
         options, papers_rule = self.options, self.candidate(PAPERS_RULE)
         batch = ScenarioBatch(TUNING_SEED, options.search.scenarios, papers_rule.task, threads=1)
         paper = float(batch.play(papers_rule.controller()).approach_time.mean())

@@ -32,7 +32,7 @@ class Answer:
     rival: str  # name of the main baseline if it is tuned, else ""
     rival_reduction: Estimate | None  # `reduction` of the rival; None: not tuned, or always later than the rule
     improvement: Estimate  # share of scenarios with a touch and a lower V_p than the rule's; an equal V_p counts half
-    missed: int  # number of missed objects in all episodes: all seeds, all weights
+    missed: int  # missed objects in all episodes (all seeds, all weights)
     episodes: int  # number of these episodes
 
 

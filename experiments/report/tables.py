@@ -29,7 +29,7 @@ def answered(answer: Answer, played: Played) -> Table:
         ("objects missed, at all weights", f"{answer.missed} of {answer.episodes:,}"),
     ]
     policies = f"{len(played.seeds)} trainings" if len(played.seeds) > 1 else "One policy"
-    caption = f"{policies} against the paper's rule in {played.count:,} scenarios, 95 % intervals; misses never lower"
+    caption = f"{policies} against the paper's rule in {played.count:,} scenarios, 95 % intervals; misses: not lower"
     return Table(caption, ("what", POLICY), body)
 
 

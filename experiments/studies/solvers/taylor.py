@@ -121,7 +121,6 @@ class Run:
         return Solution(v_p, self.peak, lasted, self.detection, contacts, self.passes)
 
     def _move(self, touching: bool, begun: float, state: list[float]) -> tuple[float, list[float]]:
-        """Integrate one flight or contact from `begun` (s) to its end; return time (s) and state at the end."""
         (made, events), par = self.integrators[touching], self.par
         unit, event = par["length"] / par["speed"], ""
         made.time, made.state[:] = 0.0, state
