@@ -84,7 +84,7 @@ def cached(
     Args:
         function: a function at the top level of an importable module; its result can be pickled.
         arguments: keyword arguments of each call, as JSON values.
-        folder: folder of the stored results, on this machine. Several processes may use it at once.
+        folder: folder of the stored results, on this machine. Several processes may use this folder.
         depends: everything else that determines the results, such as `digest_of` the sources.
         title: title of the progress bar.
         processes: number of new processes on this machine; None: one for each core; 0: compute in this process.
@@ -162,7 +162,7 @@ def _path(call: Call, folder: Path) -> Path:
 
 
 def _stored(call: Call, folder: Path) -> bytes | None:
-    """Return the stored result of a call; None if there is none, or its checksum is wrong."""
+    """Return the stored result of a call; None: no stored result, or a wrong checksum."""
     path = _path(call, folder)
     content = path.read_bytes() if path.is_file() else None
     if content is None or hashlib.sha256(content[32:]).digest() == content[:32]:
@@ -227,7 +227,7 @@ def on_this_machine(calls: Sequence[Call], processes: int | None, seconds: float
                     pickled = pickle.dumps(Failure(reason))
                 yield under_way.pop(future), pickled
         finally:
-            pool.stop()  # type: ignore[no-untyped-call]  # pebble's own
+            pool.stop()  # type: ignore[no-untyped-call]  # pebble declares no types
             pool.join()
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 SOURCES = {".py", ".pyx", ".pxi", ".h", ".csv", ".json", ".toml", ".npz", ".jinja", ".css", ".js", ".typed"}
-"""Suffixes of the files in a package that can change its results."""
+"""Suffixes of the files that can change the results of a package."""
 
 
 def circumstances(*packages: str) -> dict[str, Any]:

@@ -16,7 +16,7 @@ Losses = Callable[[Floats], Floats]
 
 
 class Minimum(NamedTuple):
-    """The candidate with the lowest loss of each problem."""
+    """Best candidate of each problem."""
 
     parameters: Floats  # (problems, k)
     loss: Floats  # (problems,)

@@ -1,7 +1,7 @@
-"""Rules that follow a speed profile until the alarm, then command a velocity that depends on the time since the alarm.
+"""Rules that follow a speed profile until the alarm, and then react.
 
-A profile is a speed as a function of the flange's position, of the estimated distance or of the true distance. No
-sensor measures the true distance.
+The reaction is a velocity as a function of the time since the alarm. A profile is a speed as a function of the flange's
+position, of the estimated distance or of the true distance, which no sensor measures.
 """
 
 from collections.abc import Callable, Mapping
@@ -43,7 +43,7 @@ class ReactingRule(Rule):
         return follow(self.profile(view), position, view["velocity"], most, self.task.control_period)
 
     def profile(self, view: View) -> Callable[[Floats], Floats]:
-        """Return the function from position (m) to speed (m/s); it may depend on `view`."""
+        """Return the profile for `view`: a function from position (m) to speed (m/s)."""
         return self.speed
 
     def speed(self, position: Floats) -> Floats:

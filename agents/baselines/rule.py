@@ -83,7 +83,7 @@ class Rule:
 
     @classmethod
     def of(cls, parameters: ArrayLike) -> Self:
-        """Return the rule with these parameters, even if its constructor has other arguments."""
+        """Return the rule with these parameters; the constructor may have other arguments."""
         rule = cls.__new__(cls)
         Rule.__init__(rule, parameters)
         return rule
@@ -131,7 +131,7 @@ class Rule:
         return self.parameters[..., self.names().index(name)]
 
     def columns(self, first: str, count: int) -> Floats:
-        """Return `count` parameters (..., count), beginning with the one named `first`."""
+        """Return `count` parameters (..., count) from the name `first` on."""
         place = self.names().index(first)
         return self.parameters[..., place : place + count]
 

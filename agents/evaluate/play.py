@@ -68,7 +68,7 @@ def environment_and_scenarios(
 
 
 def pairs(ranges: Any) -> dict[str, list[float]]:
-    """Return ranges of scenarios, given as a mapping or by name, as plain data: field to [low, high]."""
+    """Return ranges of scenarios (a mapping or a name) as plain data: [low, high] by field."""
     return {name: list(pair) for name, pair in asdict(ScenarioRanges.of(ranges)).items()}
 
 
@@ -82,7 +82,7 @@ def scenario_batch_of(scenarios: Mapping[str, Any], weight: float, task: Task, l
 
 
 def frozen_of(scenarios: Mapping[str, Any]) -> EvaluationSet | None:
-    """Return scenarios as a frozen set; None if they are drawn from ranges."""
+    """Return scenarios as a frozen set; None: the scenarios are drawn from ranges."""
     if "table" in scenarios:
         table = {name: np.asarray(scenarios["table"][name], np.float64) for name in FIELDS}
         return EvaluationSet(scenarios["seed"], table)

@@ -23,7 +23,7 @@ TUNING_SEED = 4_000_000
 TUNING_SEED. Trainings have larger seeds, from `agents.train.ppo.FIRST_SEED` on."""
 RESULTS = tuple(row.id for row in quantities.RESULTS)
 MEASURED = (*RESULTS, *SLIDE, *LINKED)
-"""Names of the results of an episode, see `Episodes`. Those in SLIDE need friction, those in LINKED an operator."""
+"""Names of the results of an episode, see `Episodes`. The names in SLIDE need friction, the names in LINKED an operator."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ class ScenarioBatch:
             count: number of scenarios.
             task: task of all rows; None: the default task.
             copies: number of copies of each scenario.
-            time_weight: time weight of each copy, m/s per s; None: the task's.
-            threads: number of threads; it has no effect on the results.
+            time_weight: time weight of each copy, m/s per s; None: as in the task.
+            threads: number of threads, without effect on the results.
             quiet: do not warn if a policy was trained for another environment.
             lenient: count a scenario whose status is not ok as missed, without an error.
             max_steps: number of integration steps after which the solver gives up a scenario.

@@ -65,7 +65,7 @@ def network_in_onnx(path: Path, observed: Floats) -> Floats | None:
 
 
 def rounding(policy: Policy, observed: Floats, actions: Floats) -> float:
-    """Return the largest difference of the policy's `actions` (n, k) from those of its network in double precision."""
+    """Return the largest difference of the policy's `actions` (n, k) from actions in double precision."""
     values, network = observed.astype(np.float64), policy.network
     for layer in network.hidden:
         sums = values @ layer.weight.T.astype(np.float64) + layer.bias

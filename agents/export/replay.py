@@ -60,7 +60,7 @@ def logged(subject: Subject, episodes: int) -> Log:
 
 
 def compiled(subject: Subject, header: Path, folder: Path, *how: str, language: str = "C99") -> ctypes.CDLL | None:
-    """Compile program.c.jinja with the header, with the compiler flags `how`; None: there is no compiler."""
+    """Compile program.c.jinja and the header with the compiler flags `how`; None: there is no compiler."""
     compiler = shutil.which("g++" if language == "C++17" else "gcc") or shutil.which("cc")
     if compiler is None:
         return None

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
 BLOCKS = (16, 8, 4, 2, 1)  # sizes of a block that `Network.block` tries
-CHUNK = 512  # number of rows computed together: their values fit into the processor's cache
+CHUNK = 512  # number of rows computed together, few enough for the processor's cache
 ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
     "tanh": np.tanh,
     "relu": lambda values: np.maximum(values, np.float32(0.0)),

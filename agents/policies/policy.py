@@ -43,7 +43,7 @@ class Policy:
 
         Args:
             network: network from the scaled observation to the action in [-1, 1].
-            task: task of the environment; it determines the numbers of the observation.
+            task: task of the environment.
             provenance: origin of the policy, as JSON: command, settings with the seed of the training, versions.
 
         Raises:

@@ -33,7 +33,7 @@ RULES = (
     "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile", "DetectorRanged", "FilteredProfile",
     "FirstReadingProfile", "Ranged", "RangedProfile",
 )  # fmt: skip
-"""Names of the rules in `agents.baselines` that a set-up may tune. Reading a set-up does not import them."""
+"""Names of the rules in `agents.baselines` that a set-up may tune. Reading a set-up does not import these rules."""
 FIXED = {
     "paper-trapezoid": "PaperTrapezoid", "random": "RandomActions", "local-brake": "LocalBrake",
     "operator-alone": "OperatorAlone",
@@ -46,7 +46,7 @@ class Tuned(NamedTuple):
 
     rule: str  # one of RULES
     rtol: float = Task.rtol  # tolerance of the simulation during the search, not during the validation
-    clean_alarm: bool = False  # whether the search uses an alarm without errors, such as a teacher gets
+    clean_alarm: bool = False  # whether the search uses an alarm without errors
     jitter: float = 0.0  # standard deviation of errors added to actions in the search, as a fraction of the range
     scenarios: int = 300  # number of scenarios that each candidate plays
 
@@ -64,7 +64,7 @@ class Setup:
     environment: Mapping[str, Any]  # arguments of `gym.make("ImpactApproach-v0", ...)`
     training: Training = field(default_factory=Training)
     tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines by name
-    against: tuple[str, ...] = ()  # baselines for comparison, without the paper's rule; the first is the main one
+    against: tuple[str, ...] = ()  # baselines for comparison, without the paper's rule; the first is the main rival
     bound: str = ""  # set-up whose clairvoyant bound also applies here
     budget: int = BUDGET  # number of candidates that tuning tries for each time weight
     evaluation: Evaluation = field(default_factory=Evaluation)

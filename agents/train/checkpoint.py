@@ -23,7 +23,7 @@ from agents.setups import Training
 from impact_gym.files import write_file
 
 FORMAT = "impact_gym checkpoint 3"
-# stable-baselines3 2.9 has no public names for these; a test checks that a resumed training has the same result
+# stable-baselines3 2.9 has no public names for these values; a test checks that a resumed training has the same result
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
 UNWRITTEN = ("name_to_value", "name_to_count", "name_to_excluded")  # of the log
 
@@ -48,7 +48,7 @@ def write(path: Path, model: Any, callback_state: Mapping[str, Any], training: T
 
 
 def restore(path: Path, model: Any, training: Training) -> dict[str, Any]:
-    """Restore a model and its environments, made from the same settings; return the state of the callback."""
+    """Restore a model that was made from the same settings; return the state of the callback."""
     content, arrays = read_archive(path, FORMAT)
     state = json.loads(json.dumps(content), object_hook=partial(_unpack, arrays))
     try:

@@ -47,7 +47,7 @@ def standardisation(tasks: Sequence[Task]) -> NDArray[np.float64]:
     spec, pairs = ObservationSpec.of_rows(tasks), []
     drawn = {name: pair for task in reversed(tasks) for name, pair in task.ranges.items() if pair[0] < pair[1]}
     for name in spec.ids:
-        newest = re.sub(r"_\d$", "", name)  # a past reading has the entry of the newest one
+        newest = re.sub(r"_\d$", "", name)  # a past reading has the entry of the newest reading
         if newest in CENTRE_AND_SPREAD:
             pairs.append(CENTRE_AND_SPREAD[newest])
         elif name in drawn:
