@@ -23,7 +23,7 @@ TUNING_SEED = 4_000_000
 TUNING_SEED. Trainings have larger seeds, from `agents.train.ppo.FIRST_SEED` on."""
 RESULTS = tuple(row.id for row in quantities.RESULTS)
 MEASURED = (*RESULTS, *SLIDE, *LINKED)
-"""Names of the results of an episode, see `Episodes`. The names in SLIDE need friction, the names in LINKED an operator."""
+"""Names of the results of an episode, see `Episodes`. SLIDE needs friction, LINKED needs an operator."""
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from impact_gym.task import QUANTITIES, ObservationSpec, Task
 from impact_gym.task.task import MOUNT_IDS
 
 OVERSHOOT = 2.0
-"""Largest ratio of a compliant robot's acceleration to the commanded acceleration, for an undamped spring and one step of
-the command. Several steps at the robot's natural frequency cause a larger ratio."""
+"""Largest ratio of a compliant robot's acceleration to the commanded acceleration, for an undamped spring and one step
+of the command. Several steps at the robot's natural frequency cause a larger ratio."""
 
 
 def warnings(task: Task) -> list[str]:
