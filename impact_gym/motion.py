@@ -11,7 +11,7 @@ from impact_gym.validation import one_of, rising
 
 @dataclass(frozen=True, slots=True)
 class Brake(Parameters, path="motion.brake"):
-    """A brake to a stop, which begins `delay` after the contact force first exceeds `threshold`.
+    """Braking to a stop that begins `delay` after the contact force first exceeds `threshold`.
 
     The default delay is from the paper, which prints no deceleration; 8 m/s^2 is inferred in docs/provenance.md.
     """

@@ -35,7 +35,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
       slots by `options={"reset_mask": ...}`.
     - `render_mode`: None or, for at most 16 environments, "rgb_array".
     - `threads`: number of threads, which changes no result.
-    - `per_slot`: for each slot a mapping of arguments that replace the others. All slots need the same observation.
+    - `per_slot`: for each slot a mapping of arguments that replace common ones. All slots need the same observation.
     - `max_episode_steps`: number of control steps after which an episode is truncated.
 
     `set_scenario`, `sensors` and `command` are `set_scenario`, `sensors` and `set_operator_velocity` of `Batch`.

@@ -37,13 +37,13 @@ _PLACES = places(EPISODE)
 class ObservationSpec:
     """The numbers of an observation, their order, and their conversion to SI units and back.
 
-    `ids` and the rows `entries` are in the order of the observation: first the numbers for an actor, `spec.actor`, then
-    the true values that `privileged` appends. A critic gets all numbers, `spec.critic`. `sensors` has the ids of the
-    sensor values: "time", then the actor's other numbers without past readings and time weight.
+    `ids` and the rows `entries` are in the order of the observation: first the numbers for an actor (slice `actor`),
+    then the true values that `privileged` appends. A critic gets all numbers (slice `critic`). `sensors` has the ids of
+    the sensor values: "time", then the actor's other numbers without past readings and time weight.
     """
 
     def __init__(self, task: Task, drawn: Iterable[str] | None = None) -> None:
-        """Make the specification of `task`; `drawn`: ids of the drawn numbers for a critic, None: as `task` draws."""
+        """Make the specification of `task`; `drawn`: ids of the drawn numbers for a critic, None: those of `task`."""
         critic = {*(task.drawn if drawn is None else drawn)}
         arguments = {name: _argument(row, task, critic) for name, row in QUANTITIES.items()}
         observed = sorted(filter(arguments.get, arguments), key=lambda name: arguments[name] == "privileged")

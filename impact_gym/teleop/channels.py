@@ -30,8 +30,8 @@ class Channel(Parameters, path="uplink"):
     The receiver drops a packet that arrives after a newer one. The delay of a packet is `delay` plus an exponentially
     distributed random time, at most twelve times its mean. The mean is `tail` for the fraction `tail_share` of the
     packets, and `jitter` for the others. A `trace` (rows of time and delay in s, or a CSV file of such rows) replaces
-    these delays. It is repeated from a random time of the trace on. A packet is lost if the nearest row has the delay
-    `LOST`. Losses come in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
+    these delays. The trace is repeated, from a random time of the trace on. A packet is lost if the nearest row has the
+    delay `LOST`. Losses come in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
     """
 
     delay: float = 0.0  # s
