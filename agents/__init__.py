@@ -1,4 +1,4 @@
-"""Baselines and policies, which control the environment, and the training of policies with stable-baselines3."""
+"""Controllers of the environment: baselines, and policies trained with stable-baselines3."""
 
 from agents import baselines
 from agents.policies.policy import Policy, load_policy

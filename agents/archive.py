@@ -1,4 +1,4 @@
-"""Files of arrays and JSON with a checksum, for policies and checkpoints. Reading such a file runs no code."""
+"""Read and write archives: files of JSON, arrays and a checksum. Reading an archive runs no code."""
 
 import hashlib
 import io
@@ -26,7 +26,7 @@ def archive_of(kind: str, content: Mapping[str, Any], arrays: Arrays) -> bytes:
 
 
 def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of an archive; ValueError: it is missing or damaged, or its format is not `kind`."""
+    """Return content and arrays of an archive; ValueError: missing file, damaged file or another format than `kind`."""
     try:
         return unpacked(path.read_bytes(), kind)
     except Exception as error:  # a damaged file may raise any error
@@ -35,13 +35,13 @@ def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArr
 
 
 def unpacked(packed: bytes, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of an archive; any exception: the archive is damaged, or its format is not `kind`."""
+    """Return content and arrays of an archive; any exception: damaged archive or another format than `kind`."""
     with NpzFile(io.BytesIO(packed), allow_pickle=False) as archive:
-        parts = archive.zip.infolist()  # type: ignore[union-attr]  # it is None after closing
+        parts = archive.zip.infolist()  # type: ignore[union-attr]  # `zip` is None after closing
         if (size := sum(part.file_size for part in parts)) > len(packed):
             raise ValueError(f"it would unpack from {len(packed):,} to {size:,} bytes")
         if compressed := [part.filename for part in parts if part.compress_type != zipfile.ZIP_STORED]:
-            raise ValueError(f"{shown(compressed[0])} is compressed; an archive is not")
+            raise ValueError(f"{shown(compressed[0])} is compressed, which is not allowed")
         header = json.loads(str(archive["header"]))
         if header["format"] != kind:
             raise ValueError(f"its format is {header['format']!r}, this version reads {kind!r}")

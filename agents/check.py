@@ -1,4 +1,4 @@
-"""Check a set-up, print what its file means, and draw it: `impact-gym check SETUP`, a name or a file."""
+"""The command `impact-gym check`: print what a set-up's file means, and draw the set-up."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -41,7 +41,7 @@ class Check:
 
 
 def lag(task: Task) -> float:
-    """Return how far (m) the tool lags behind the imposed motion at full acceleration, once vibrations have decayed."""
+    """Return the tool's lag (m) behind the commanded motion at full acceleration, without vibrations."""
     spring = task.tool_mass / task.coupling.stiffness if isinstance(task.coupling, SpringDamper) else 0.0
     arm = (task.robot.mass + task.tool_mass) / task.robot.stiffness if task.robot else 0.0
     return task.acceleration_range[1] * (spring + arm)
@@ -94,7 +94,7 @@ def lines(setup: Setup) -> Iterator[str]:
 
 
 def run(options: Check) -> None:
-    """Print what a set-up's file means, and draw robot, tool and object at rest."""
+    """Print the `lines` about a set-up, and draw the robot, the tool and the object at rest."""
     setup = load_setup(options.setup)
     for line in lines(setup):
         print(line)

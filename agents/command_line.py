@@ -1,4 +1,4 @@
-"""Shared parts of the commands `impact-gym NAME`: reading options, errors in one line, progress."""
+"""Functions that the commands `impact-gym NAME` share."""
 
 import io
 import multiprocessing
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 Options = TypeVar("Options")
-LINE_EVERY = 30.0  # s, time between two lines about progress in a log
+LINE_EVERY = 30.0  # s, time between two lines of progress in a log
 FORM = "{desc}: {n_fmt} of {total_fmt} after {elapsed}, {remaining} left"
 
 
@@ -33,11 +33,11 @@ def run_command(
 def read_command(
     name: str, options: type[Options], arguments: Sequence[str] | None = None, default: Options | None = None
 ) -> Options:
-    """Return the options in `arguments`, the words after `impact-gym NAME`; None: the arguments of this process.
+    """Return the options in `arguments`; None: the arguments of this process.
 
     `default` replaces the default values of the dataclass. The help shows NAME, NUMBER and PATH instead of types.
     """
-    import tyro  # not needed to play
+    import tyro  # `progress` does not need it
     from tyro import constructors
 
     registry, within = constructors.ConstructorRegistry(), list[object]()
@@ -45,7 +45,7 @@ def read_command(
     @registry.primitive_rule
     def plain_words(info: constructors.PrimitiveTypeInfo) -> constructors.PrimitiveConstructorSpec[Any] | None:
         """Read a value as tyro does; the help has "PATH" for "{None}|PATH", and "NAME ..." for "[STR [STR ...]]"."""
-        if within:  # called by the line `spec = ...` below: tyro then uses its own rule
+        if within:  # the line `spec = ...` below called this function: None makes tyro use its own rule
             return None
         within.append(info)
         spec = registry.get_primitive_spec(info)
@@ -67,7 +67,7 @@ def read_command(
 
 @contextmanager
 def command_line(name: str, after: str = "the same command continues") -> Iterator[None]:
-    """Print each error of `impact-gym NAME`, and each warning once, as one line; `after` says how to continue."""
+    """Print OSError, RuntimeError and ValueError without traceback, and each warning once; `after`: how to continue."""
     said = set[str]()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
@@ -91,15 +91,15 @@ def command_line(name: str, after: str = "the same command continues") -> Iterat
 def command_of(name: str, options: Any, default: Any = None, *first: str) -> str:
     """Return the command line `impact-gym NAME ...` from which `read_command` reads `options`.
 
-    Named options with the same value as in `default` are left out. If `default` is None, they are compared with the
-    default values of the dataclass's fields. The words in `first` come before the options.
+    Named options with the values of `default` (None: the default values of the dataclass) are left out. The words in
+    `first` come before the options.
     """
     positional, named = _words(options, default)
     return shlex.join(["impact-gym", name, *first, *positional, *named])
 
 
 def _words(options: Any, default: Any) -> tuple[list[str], list[str]]:
-    """Return the words of positional and of named options; options of a nested dataclass have no prefix."""
+    """Return the words of positional options, and the words of named options."""
     from tyro.conf import Positional
 
     positional, named = [], []
@@ -132,7 +132,7 @@ class _Lines(io.TextIOBase):
 def progress(title: str, total: int, begun: int = 0) -> "tqdm[Any]":
     """Return a progress bar with `begun` of `total` steps done; the caller updates and closes it.
 
-    On a terminal the main process redraws the bar. In a log, or in another process, a line is printed every 30 s.
+    On a terminal, the main process redraws the bar. Elsewhere, the bar prints a line every 30 s.
     """
     from tqdm import tqdm
 

@@ -1,8 +1,8 @@
 """Run independent calls in parallel, on this machine or on a Ray cluster, and store their results.
 
-The process that calls `cached` stores each result in a file as soon as it arrives. So a command that was stopped or
-killed continues when it is run again, and the nodes of a cluster need no common disk. Stored results are pickles, and
-reading a pickle can run code: give `cached` only a folder that only you can write to.
+The process that calls `cached` stores each result in a file as soon as the result arrives. So a repeated command
+computes only the missing results. The nodes of a cluster need no common disk. Reading a stored result can run code,
+because the result is a pickle: give `cached` a folder that only you can write to.
 """
 
 import hashlib
@@ -33,13 +33,13 @@ from agents.provenance import origin_of
 from impact_gym.files import DiskFullError, writing
 from impact_gym.validation import WrongTypeError, number, whole
 
-SHOWN = 10  # number of failed calls that the error lists
+SHOWN = 10  # number of failed calls that JobsFailedError lists
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 """Environment variables that give a worker one thread, so that sums do not depend on the number of cores."""
 
 
 class Failure(NamedTuple):
-    """The reason for which a call has no result."""
+    """Why a call has no result."""
 
     reason: str
     trace: str = ""  # traceback of the error that the function raised
@@ -47,11 +47,11 @@ class Failure(NamedTuple):
 
 @dataclass(frozen=True)
 class Call:
-    """A call: function "module:name", arguments as JSON, and everything else on which its result depends."""
+    """A call of a function."""
 
-    function: str
-    arguments: str  # with sorted keys
-    depends: str
+    function: str  # "module:name"
+    arguments: str  # JSON, with sorted keys
+    depends: str  # everything else on which the result depends
     given: str = field(default="", compare=False)  # arguments as JSON, in the order of the caller
 
 
@@ -65,7 +65,7 @@ class JobsFailedError(RuntimeError):
 
     def __init__(self, failed: Mapping[Call, Failure], count: int) -> None:
         self.failed = failed
-        lines = [f"{len(failed)} of {count} jobs failed (the others are done and kept):"]
+        lines = [f"{len(failed)} of {count} jobs failed (the results of the others are stored):"]
         for call, failure in islice(failed.items(), SHOWN):
             lines.append(f"{call.function} {call.arguments[:400]}: {failure.reason}")
         lines += [f"and {len(failed) - SHOWN} more"] if len(failed) > SHOWN else []
@@ -84,23 +84,23 @@ def cached(
     Args:
         function: a function at the top level of an importable module; its result can be pickled.
         arguments: keyword arguments of each call, as JSON values.
-        folder: folder of the stored results, on this machine. Several processes may use it at once.
+        folder: folder of the stored results, on this machine. Several processes may use this folder.
         depends: everything else that determines the results, such as `digest_of` the sources.
         title: title of the progress bar.
         processes: number of new processes on this machine; None: one for each core; 0: compute in this process.
-        cluster: existing Ray cluster to use instead: "ray" for the one of this machine (or of RAY_ADDRESS), or an
-            address.
-        seconds: time limit of a call by the clock, without the start of its process. A call that exceeds it fails.
-            Not allowed on a cluster; without effect if `processes` is 0.
+        cluster: address of an existing Ray cluster that runs the calls. "ray": the address in RAY_ADDRESS, or else the
+            cluster of this machine.
+        seconds: time limit of a call; the start of a process does not count. A call that takes longer fails. Not
+            allowed on a cluster; without effect if `processes` is 0.
         failed: function that gets the arguments of a failed call and the reason, and returns a replacement for the
             result. The failure is stored, and the call is not repeated.
-        done: function that this process calls with index and result of each call, stored results first.
+        done: function that this process calls with each index and result, stored results first.
 
     Raises:
         JobsFailedError: `failed` is None, and calls failed. The error is raised when all calls have ended.
         DiskFullError: the disk has no room for a result, or for a file that a call writes.
         RuntimeError: there is no such cluster, or Ray is not installed.
-        TypeError, ValueError: other processes cannot import the function, or it does not take the arguments.
+        TypeError, ValueError: other processes cannot import `function`, or the function does not take the arguments.
     """
     processes = None if processes is None else whole("processes", processes, at_least=0)
     seconds = None if seconds is None else number("seconds", seconds, "s", above=0.0)
@@ -162,7 +162,7 @@ def _path(call: Call, folder: Path) -> Path:
 
 
 def _stored(call: Call, folder: Path) -> bytes | None:
-    """Return the stored result of a call; None if there is none, or its checksum is wrong."""
+    """Return the stored result of a call; None: no stored result, or a wrong checksum."""
     path = _path(call, folder)
     content = path.read_bytes() if path.is_file() else None
     if content is None or hashlib.sha256(content[32:]).digest() == content[:32]:
@@ -186,7 +186,7 @@ def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: s
 
 
 def perform(call: Call, versions: Mapping[str, str]) -> bytes:
-    """Run a call, if packages have these `versions`; return its pickled result, `Failure` or `DiskFullError`."""
+    """Run a call; return its pickled result, `Failure` (such as for other `versions` here) or `DiskFullError`."""
     try:
         if (here := {name: version(name) for name in versions}) != versions:
             same = "install the same versions on all nodes"
@@ -201,7 +201,7 @@ def perform(call: Call, versions: Mapping[str, str]) -> bytes:
 
 
 def on_this_machine(calls: Sequence[Call], processes: int | None, seconds: float | None) -> Answers:
-    """Run calls in new processes of this machine, spawned, because forked ones would inherit threads and locks."""
+    """Run calls in spawned processes, because forked processes would inherit threads and locks."""
     if processes == 0 or not calls:
         yield from ((call, perform(call, {})) for call in calls)
         return
@@ -227,12 +227,12 @@ def on_this_machine(calls: Sequence[Call], processes: int | None, seconds: float
                     pickled = pickle.dumps(Failure(reason))
                 yield under_way.pop(future), pickled
         finally:
-            pool.stop()  # type: ignore[no-untyped-call]  # pebble's own
+            pool.stop()  # type: ignore[no-untyped-call]  # pebble declares no types
             pool.join()
 
 
 def _begin(function: str) -> None:
-    """Import the function in a new worker, which ends when the calling process ends or is killed."""
+    """Import the function in a new worker, and end the worker when the calling process ends."""
 
     def end_with_parent() -> None:
         if parent := multiprocessing.parent_process():
@@ -257,7 +257,7 @@ def on_cluster(calls: Sequence[Call], address: str) -> Answers:
     sent["working_dir"] = str(origin_of("agents") / "tuned")  # a folder without modules: nodes import only `py_modules`
     try:
         place = os.environ.get("RAY_ADDRESS", "") if address in ("ray", "auto") else address
-        if place and place not in ("ray", "auto"):  # Ray itself would wait for minutes for a dead address
+        if place and place not in ("ray", "auto"):  # at an address without a cluster, Ray would wait for minutes
             host, _, port = place.removeprefix("ray://").rpartition(":")
             socket.create_connection((host.strip("[]"), int(port)), timeout=10.0).close()
         name = "auto" if address == "ray" else address
@@ -266,7 +266,7 @@ def on_cluster(calls: Sequence[Call], address: str) -> Answers:
         begin = "`ray start --head`, and `ray start --address=HOST:PORT` on each further node"
         raise RuntimeError(f"no Ray cluster at {address!r} ({error}): start one with {begin}") from error
     task: Any = ray.remote(num_cpus=1, max_retries=3)(perform)
-    versions = {name: version(name) for name in ("numpy", "scipy")}  # another version may change the last bit
+    versions = {name: version(name) for name in ("numpy", "scipy")}  # other versions may change the last bit
     waiting, under_way = iter(calls), dict[Any, Call]()
     ahead = 64 + 4 * int(ray.cluster_resources().get("CPU", 0))  # type: ignore[no-untyped-call]  # enough that no node waits
     try:
@@ -281,4 +281,4 @@ def on_cluster(calls: Sequence[Call], address: str) -> Answers:
                 pickled = pickle.dumps(Failure(f"its process was lost, or could not start: {error}"))
             yield under_way.pop(ready), pickled
     finally:
-        ray.shutdown()  # ends running calls, too
+        ray.shutdown()  # also ends running calls

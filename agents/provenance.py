@@ -1,4 +1,4 @@
-"""Where a result comes from: sources, versions, machine, date."""
+"""Origin of a result: sources, versions, machine and date."""
 
 import hashlib
 import importlib.util
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 SOURCES = {".py", ".pyx", ".pxi", ".h", ".csv", ".json", ".toml", ".npz", ".jinja", ".css", ".js", ".typed"}
-"""Suffixes of the files in a package that can change its results."""
+"""Suffixes of the files that can change the results of a package."""
 
 
 def circumstances(*packages: str) -> dict[str, Any]:
@@ -25,14 +25,14 @@ def circumstances(*packages: str) -> dict[str, Any]:
 
 
 def revision() -> dict[str, str | None]:
-    """Return git's commit and the changes since then; None without git, or if git does not track these sources."""
+    """Return git's commit and the uncommitted changes; None without git, or if git does not track these sources."""
     if _git("ls-files", "--error-unmatch", __file__) is None:
         return {"commit": None, "changed since": None}
     return {"commit": _git("rev-parse", "HEAD"), "changed since": _git("status", "--porcelain", "--untracked-files=no")}
 
 
 def todays(command: str) -> str:
-    """Return a recorded command as this version would write it; old files have `python -m` instead of `impact-gym`."""
+    """Return a recorded command in the form of this version: `impact-gym` replaces `python -m`."""
     return re.sub(r"^python -m agents\.(\w+)", r"impact-gym \1", command).replace(" --algo ppo", "")
 
 

@@ -1,4 +1,4 @@
-"""Tune baselines by CMA-ES: `impact-gym tune my.toml`, or `impact-gym tune` for those of all shipped set-ups."""
+"""The command `impact-gym tune`: tune the parameters of baselines by CMA-ES."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -23,11 +23,11 @@ from impact_gym.validation import distinct, nearest, number, whole
 
 SETUPS = shipped()
 BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1
-BOUND_RTOL = 1e-5  # tolerance of the simulation during the search; the error of V_p is below 1e-6 m/s
-NEAR = 0.005  # s, largest difference between the mean approach time of the paper's rule and the times that enclose it
+BOUND_RTOL = 1e-5  # tolerance of the simulation in the search for bounds; the error of V_p is below 1e-6 m/s
+NEAR = 0.005  # s, see `next_weight`
 MOST_TRIED = 8  # largest number of time weights that `tune_at_rule_time` adds to a baseline
 LEAST_WEIGHT, LARGEST_WEIGHT = 0.125, 32.0  # m/s per s, limits of the observed time weight
-LOCK = ".lock"  # name of a file in the folder of the tuned baselines
+LOCK = ".lock"  # name of the lock file in a folder of tuned baselines
 CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}  # an alarm without errors
 SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")
 """Sources on which the result of a search depends."""
@@ -92,13 +92,13 @@ class Tune:
         for setup in map(load_setup, self.setups):
             for name in setup.tuned:
                 if name in wanted:
-                    raise ValueError(f"two set-ups have a baseline {name!r}: tune them one after the other")
+                    raise ValueError(f"two set-ups have a baseline {name!r}: tune the set-ups one after the other")
                 if name in self.names or not self.names:
                     wanted[name] = setup
         return wanted
 
     def search(self, name: str, setup: Setup) -> dict[str, Any]:
-        """Return the settings of the search for a baseline; its file records them."""
+        """Return the settings of the search for a baseline; the baseline's file records these settings."""
         budget, baseline = setup.budget if self.budget is None else self.budget, setup.tuned[name]
         scenarios = baseline.scenarios if self.scenarios is None else self.scenarios
         settings = {"scenarios": scenarios, "budget": budget, "population": self.population, "seed": self.seed}
@@ -106,19 +106,19 @@ class Tune:
         return settings | {setting: value for setting, value in more.items() if value}
 
     def folder(self, setup: Setup) -> Path:
-        """Return the folder of a set-up's files."""
+        """Return the folder of a set-up's tuned baselines."""
         return setup.folder / "tuned" if self.out is None else self.out
 
     def search_all(
         self, search: Callable[..., Any], arguments: list[dict[str, Any]], title: str, done: Callable[[int, Any], None]
     ) -> None:
-        """Call a function of this module with each of the arguments, and `done` with each index and result."""
+        """Call `search` with each of `arguments`, and `done` with each index and result."""
         where: dict[str, Any] = {"processes": self.processes, "cluster": self.cluster, "title": title}
         cached(search, arguments, self.jobs, depends=digest_of(*SEARCHED) if arguments else "", done=done, **where)
 
 
 def tune(options: Tune) -> list[Path]:
-    """Tune the weights that are missing in the files, and return the paths of the files."""
+    """Tune baselines for the time weights that their files lack, and return the paths of the files."""
     setups, missing, arguments = options.baselines(), [], []
     for name, setup in setups.items():
         known, (rule, rtol, *_) = _tuned_before(name, setup, options), setup.tuned[name]
@@ -145,10 +145,10 @@ def tune(options: Tune) -> list[Path]:
 
 
 def next_weight(times: Mapping[float, float], target: float) -> float | None:
-    """Return the time weight (m/s per s) to tune next, so that two approach times enclose `target` (s) within NEAR.
+    """Return the next time weight (m/s per s) of a search for approach times on both sides of `target` (s).
 
-    `times` are the mean approach times (s) at the weights tuned so far; a larger weight has a shorter time. None: two
-    times enclose the target within NEAR, or the next weight is beyond its limits or already tuned.
+    `times` holds the mean approach time (s) at each tuned weight; a larger weight usually has a shorter time. None: a
+    time on each side is within NEAR of the target, or there is no further weight to try.
     """
     sooner, later = ({w: t for w, t in times.items() if (t > target) == side} for side in (False, True))
     if not (sooner and later):
@@ -164,7 +164,7 @@ def next_weight(times: Mapping[float, float], target: float) -> float | None:
 
 
 def tune_at_rule_time(options: Tune) -> None:
-    """Tune each baseline for more time weights, see `Tune.at_rule_time`; its file keeps the results of all weights."""
+    """Tune each baseline for more time weights, see `Tune.at_rule_time`."""
     for name, setup in options.baselines().items():
         batch = ScenarioBatch.of("validation", task=setup.task, threads=1)
         target = float(batch.play(PaperTrapezoid().for_task(setup.task)).approach_time.mean())
@@ -195,7 +195,7 @@ def tune_one(
     rule: str, environment: Mapping[str, Any], weight: float, rtol: float, jitter: float = 0.0,
     clean_alarm: bool = False, *, scenarios: int, budget: int, population: int, seed: int,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the best parameters (k,) of a rule at one weight, their scores, and the number of generations."""
+    """Return the best parameters (k,) of a rule at one time weight, with scores and the number of generations."""
     task = Task(**{**environment, **(CLEAN_ALARM if clean_alarm else {})})
     kind, rng = tuned.RULES[rule], np.random.default_rng((seed, 1))
     options: Any = {"copies": population, "time_weight": [weight] * population, "threads": 1, "lenient": True}
@@ -222,7 +222,7 @@ def scores(rule: Rule, weight: float) -> dict[str, float]:
 def search_bounds(
     options: Tune, scenarios: int = BOUND_SCENARIOS, generations: int = tuned.BOUND_GENERATIONS
 ) -> list[Path]:
-    """Search the bounds that are missing in the files, for the first test scenarios; return the paths of the files."""
+    """Search the bounds that the files lack, for the first test scenarios; return the paths of the files."""
     setups = [setup for setup in map(load_setup, options.setups) if setup.bound == setup.name]
     missing = list[tuple[Setup, float]]()
 
@@ -259,7 +259,7 @@ def search_bound(
 
 
 def run(options: Tune) -> None:
-    """Tune, and print the scores of each baseline."""
+    """Tune the baselines, and print their scores."""
     paths = tune(options)
     if options.at_rule_time:
         tune_at_rule_time(options)

@@ -8,7 +8,7 @@ from types import ModuleType
 
 
 class Beside:
-    """A finder and loader that imports, for instance, `impact_gym.agents` as the checkout's module `agents`."""
+    """A finder and loader that imports, for instance, `impact_gym.agents` as `agents`."""
 
     @staticmethod
     def find_spec(name: str, _path: object = None, _target: object = None) -> ModuleSpec | None:
@@ -18,18 +18,18 @@ class Beside:
 
     @staticmethod
     def create_module(spec: ModuleSpec) -> ModuleType:
-        """Import the module under its name in the checkout, without `impact_gym.`, and return it."""
+        """Import and return the module of this name without `impact_gym.`."""
         module = import_module(spec.name.removeprefix("impact_gym."))
         spec.loader_state = module.__spec__
         return module
 
     @staticmethod
     def exec_module(module: ModuleType) -> None:
-        """Restore the spec that the module has under its own name; `create_module` has already run its code."""
+        """Restore the module's own spec; `create_module` has already run the module."""
         module.__spec__ = module.__spec__.loader_state  # type: ignore[union-attr]
 
 
 def install() -> None:
-    """Register the finder if this is a checkout; do nothing in an installed package."""
+    """Register the finder in a checkout; do nothing in an installed package."""
     if not Path(__file__).with_name("agents").is_dir():
         sys.meta_path.insert(0, Beside)

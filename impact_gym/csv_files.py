@@ -1,4 +1,4 @@
-"""Read columns of numbers from CSV files of many programs: logs of blows, and traces of channel delays.
+"""Read columns of numbers from CSV files of various programs, such as logs of hits and traces of channel delays.
 
 `read_columns` finds encoding, separator, decimal sign, the lines before the numbers, and the columns' names and units.
 """
@@ -29,10 +29,10 @@ SCALES: Mapping[str, Mapping[str, float]] = {
         "m/s^2": {1.0: "m/s^2 m/s/s ms^-2", 1e-3: "mm/s^2", 1e-2: "cm/s^2", 9.80665: "g gn g0", 9.80665e-3: "mg"},
     }.items()
 }  # fmt: skip
-"""For each SI unit: accepted spellings of units, in lower case, and their factors to the SI unit."""
+"""For each SI unit: accepted units in lower case, with their factors to the SI unit."""
 IN_BRACKETS = (r"(.+?)[\s_]*[\[({<]([^\[({<]*)[\])}>]\s*", r"([^/]+?)\s*/\s*\(?(.+?)\)?")
 UNIT_FORMS = (*IN_BRACKETS, r"(.+)()", r"(.+?)(?:[\s_,:-]|\bin\b)+([^\s_]+)")
-"""Patterns of a header: Force (N) and force/N, in which an unknown unit is refused; force without a unit; force_N."""
+"""Patterns of the headers Force (N), force/N, force and force_N; an unknown unit is refused in IN_BRACKETS only."""
 SEPARATORS = ("\t", ";", ",", "|", None)  # None: any run of blanks
 NUMBERS = {
     sign: re.compile(rf"[+-]?((\d+[{sign}]?\d*|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
@@ -40,20 +40,20 @@ NUMBERS = {
 }
 COMMENTS = ("#", "%", "//")
 COMMENT_LINE = re.compile(r"^[ \t]*(#|%|//).*", re.MULTILINE)
-FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # largest part, in lines and characters, that determines the layout
+FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # the layout is found from at most so many
 
 
 class Column(NamedTuple):
     """A column to look for in a file."""
 
     unit: str  # SI unit, a key of SCALES
-    names: str  # regular expression of its names in lower case, words separated by one blank
+    names: str  # regular expression for names, in lower case with single blanks
     needs_unit: bool = False  # True: the file must state the unit, because several units are common
     may_be_empty: bool = False  # True: an empty field becomes nan; False: an empty field is refused
 
 
 Table = tuple[dict[str, NDArray[np.float64]], str]
-"""The columns, each (n,), in SI units; and a text that says which columns of the file were used and which were not."""
+"""The columns, each (n,), in SI units; and a text that names the file's used and unused columns."""
 
 
 class _Layout(NamedTuple):
@@ -65,11 +65,11 @@ class _Layout(NamedTuple):
 
 
 _Sources = dict[str, tuple[int, float | None]]
-"""For each wanted column its index in the file, and the factor from the file's unit to SI (None: no unit is stated)."""
+"""For each column found, its index in the file and the factor from its unit to SI (None: no unit is stated)."""
 
 
 def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> Table:
-    """Return a `Table` with those of the `wanted` columns that a CSV file contains.
+    """Return a `Table` with the `wanted` columns that a CSV file contains.
 
     Args:
         path: a regular file in UTF-8, Latin-1, or UTF-16 with a byte order mark.
@@ -78,8 +78,8 @@ def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str
             least one other wanted column must be found.
 
     Raises:
-        ValueError: a column is missing or ambiguous, a unit is unknown or missing, or a value is not a number. The
-            message names the file, and for a wrong value line, column and value.
+        ValueError: `parsed` refuses the file, a column is missing or ambiguous, a unit is unknown or missing, or a
+            value is not a number. The message names the file, and the line of a wrong value.
     """
     return parsed(path, "CSV", partial(_table, wanted=wanted, unnamed=unnamed), _decoded)
 
@@ -121,7 +121,7 @@ def _numbers(
 ) -> NDArray[np.float64]:
     """Return the numbers (rows, columns) in the fields `places` of each line; the keys of `rows` are line numbers."""
     if layout.decimal == "." and not any('"' in line for line in rows.values()):
-        with suppress(ValueError):  # NumPy refuses a wrong line or an empty field: the loop below handles these
+        with suppress(ValueError):  # NumPy refuses wrong lines and empty fields: the loop below handles such lines
             return np.loadtxt(
                 rows.values(), comments=None, delimiter=layout.separator, usecols=[*places.values()], ndmin=2
             )
@@ -200,7 +200,7 @@ def _sources(
 def _names(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column]
 ) -> tuple[list[str], list[str], list[int]]:
-    """Return names and units of the columns, and the indices of unknown lines between names and numbers."""
+    """Return names and units of the columns, and the indices of other lines between names and numbers."""
     units: list[str] = []
     between: list[int] = []
     for k in reversed(range(layout.first)):
@@ -233,7 +233,7 @@ def _plain(name: str) -> str:
 
 
 def _meaning(head: str, wanted: Mapping[str, Column]) -> tuple[str, str] | None:
-    """Return the wanted column that a header means, and the unit in that header or ""; None if no column is meant."""
+    """Return the wanted column that a header means, and the header's unit or ""; None if it means none."""
     for form in UNIT_FORMS:
         if parts := re.fullmatch(form, head):
             name = next((name for name in wanted if re.fullmatch(wanted[name].names, _plain(parts[1]))), None)
@@ -243,7 +243,7 @@ def _meaning(head: str, wanted: Mapping[str, Column]) -> tuple[str, str] | None:
 
 
 def _scale(unit: str, written: str) -> float | None:
-    """Return the factor from a unit, as written in a file, to the SI unit; None if the unit is unknown."""
+    """Return the factor from a `written` unit to the SI `unit`; None if the written unit is unknown."""
     short = re.sub(r"[\s*\u00b7.]", "", written).replace("\u00b2", "^2").replace("\u207b", "-").replace("\u00b9", "1")
     short = re.sub(r"(?<=s)\^?(-?\d)$", r"^\1", short)
     return SCALES[unit].get(short if short[:1] == "M" and len(short) < 4 else short.lower())

@@ -18,7 +18,7 @@ Content = TypeVar("Content")
 def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -> Path:
     """Return the path of the file that `name` means.
 
-    `name` is the path of a file or of a folder with one of the files `inside`, or a name in `shipped` without suffix.
+    `name` is a shipped file's name without suffix, the path of a file, or a folder with one of the files `inside`.
 
     Raises:
         TypeError: `name` is neither a string nor a path.
@@ -39,9 +39,9 @@ LARGEST = 100_000_000  # bytes, largest file that `parsed` reads
 def parsed(
     path: Path, kind: str, parse: Callable[[Any], Content], decode: Callable[[bytes], Any] | None = None
 ) -> Content:
-    """Read a file and return `parse(text)`. Devices and pipes are refused, because reading them might never end.
+    """Read a file and return `parse(text)`; refuse devices and pipes, because reading might never end.
 
-    The text is `decode(bytes)` or, without `decode`, the bytes as UTF-8, with line feeds and no byte order mark.
+    Without `decode`, the bytes are read as UTF-8; line ends become line feeds, and a byte order mark is removed.
 
     Raises:
         ValueError: the file cannot be opened, is not a regular file, is larger than `LARGEST`, is not text, or `parse`
@@ -60,7 +60,7 @@ def parsed(
 
 
 def reason(error: Exception) -> str:
-    """Return in one line why a file cannot be read, from the exception that was raised."""
+    """Return in one line why a file cannot be read."""
     if isinstance(error, RecursionError):
         return "it is nested too deeply"
     return f"it has no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
@@ -77,7 +77,7 @@ class DiskFullError(OSError):
 
 @contextmanager
 def writing(what: str) -> Iterator[None]:
-    """Replace an OSError with a code in NO_ROOM by a DiskFullError, which says that `what` was being written."""
+    """Turn an OSError with a code in NO_ROOM into a DiskFullError, which says that `what` was being written."""
     try:
         yield
     except DiskFullError:  # an inner `writing` has already named its file
@@ -117,10 +117,10 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
 
 @contextmanager
 def locked(path: Path, wait: bool = True) -> Iterator[None]:
-    """Hold the lock of the file `path`, which only one process or thread can hold at a time.
+    """Hold the lock of the file `path`; only one process or thread can hold it at a time.
 
-    The lock is released when the context or the process ends. Once the lock is held, temporary files that killed
-    processes left in the lock's folder and its subfolders are removed.
+    The lock is released when the context or the process ends. Once the lock is held, all temporary files of
+    `whole_file` in the lock's folder and subfolders are removed; killed processes leave such files.
 
     Raises:
         ValueError: another process or thread holds the lock and `wait` is False; or `path` is no regular file.

@@ -1,4 +1,4 @@
-"""Motions that can be imposed on the flange; each consists of pieces of constant acceleration."""
+"""Motions that can be imposed on the robot; each consists of pieces of constant acceleration."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -11,9 +11,9 @@ from impact_gym.validation import one_of, rising
 
 @dataclass(frozen=True, slots=True)
 class Brake(Parameters, path="motion.brake"):
-    """A brake to a stop, which begins `delay` after the contact force first exceeds `threshold`.
+    """Braking to a stop that begins `delay` after the contact force first exceeds `threshold`.
 
-    The delay of 16 ms is from the paper. The paper prints no deceleration; docs/provenance.md infers 8 m/s^2.
+    The default delay is from the paper, which prints no deceleration; 8 m/s^2 is inferred in docs/provenance.md.
     """
 
     threshold: float = 1.0  # N
@@ -35,7 +35,7 @@ class Trapezoid(Parameters, path="motion"):
 
     @property
     def deceleration(self) -> float:
-        """Deceleration of the brake, m/s^2; if there is no brake or its deceleration is None, the acceleration."""
+        """Deceleration of the brake, m/s^2; the acceleration if no deceleration is given."""
         if self.brake is None or self.brake.deceleration is None:
             return self.acceleration
         return self.brake.deceleration

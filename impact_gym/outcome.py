@@ -19,7 +19,7 @@ class ContactRecord(NamedTuple):
     start: float  # s
     end: float | None  # s; None if tool and object still touch at the end of the run
     approach_velocity: float  # m/s, penetration rate at the start: v_in of the paper's eq. 7
-    separation_velocity: float  # m/s, speed at which the surfaces part; if `end` is None, at the end of the run
+    separation_velocity: float  # m/s, minus the penetration rate at the end of the contact or of the run
     peak_force: float  # N
     impulse: float  # N s, on the object
     object_velocity: float  # m/s, at the end of the contact
@@ -35,7 +35,7 @@ class Trace(NamedTuple):
     flange_velocity: Array  # m/s
     tool_position: Array  # m
     tool_velocity: Array  # m/s
-    object_position: Array  # m, of the object's face; all positions are relative to the tool's face at t = 0
+    object_position: Array  # m, from the tool's face at t = 0 to the object's face; other positions start at 0
     object_velocity: Array  # m/s
     contact_force: Array  # N, on the object
     coupling_force: Array  # N, on the tool
@@ -49,7 +49,7 @@ class Trace(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """Result of one approach; the first three velocities are those at the end of the run, at the time `duration`."""
+    """Result of one approach; the first three fields are velocities at the end of the run."""
 
     object_velocity: float  # m/s
     tool_velocity: float  # m/s
@@ -64,13 +64,13 @@ class Outcome(NamedTuple):
     trace: Trace | None
     snap_through: tuple[float, ...]  # s, times at which the slider of a `Bistable` coupling passes its alignment
     peak_object_velocity: float  # m/s, largest velocity of the object; without friction that is its final velocity
-    slide: float | None  # m, from the object's start to where it stops if no contact follows; None without friction
-    rest_time: float | None  # s, since when object and tool rest (tool: below 1 mm/s); inf: never; None: no friction
+    slide: float | None  # m, distance until the object stops, if no contact follows; None: no friction
+    rest_time: float | None  # s, when object and tool are at rest (tool: below 1 mm/s); inf: never; None: no friction
 
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """Results of a sweep: arrays in the shape to which the varied values were broadcast; fields: see `Outcome`."""
+    """Results of a sweep: arrays in the broadcast shape of the varied values; for the fields see `Outcome`."""
 
     object_velocity: Array  # m/s
     tool_velocity: Array  # m/s
@@ -86,16 +86,16 @@ class Outcomes:
     slide: Array  # m, nan without friction
     rest_time: Array  # s, nan without friction, or if tool and object are never at rest at the same time
     steps: NDArray[np.int64]
-    status: NDArray[np.object_]  # "ok", or why the run could not finish: then its floats are nan
+    status: NDArray[np.object_]  # "ok", or why a run could not finish; then the floats are nan
 
 
 @dataclass(frozen=True)
 class Model:
-    """A model that `advise` tried, with its errors and the computing time that it saves."""
+    """A model that `advise` tried, with its errors and the saved computing time."""
 
     name: str
     simplify: Callable[[Scene], Scene]
-    errors: Array  # (scenes,), -, relative to the full model's result; inf: a run failed, or only that result is 0
+    errors: Array  # (scenes,), -, relative to the full model; inf: a run failed, or only the full model gives 0
     time_saved: float  # -, computing time saved, divided by the full model's computing time
 
     @property

@@ -1,4 +1,4 @@
-"""The base class of tools, motions, operators, channels and others: frozen dataclasses that check their numbers."""
+"""The base class of frozen dataclasses that check their numbers, such as tools, motions, operators and channels."""
 
 from collections.abc import Callable
 from dataclasses import fields
@@ -19,9 +19,9 @@ class SI:
 class Parameters:
     """Base of frozen dataclasses, which check their numbers when an object is made, and store them as floats.
 
-    The limits of a field come from the row `path.field` of `quantities`. A field without such a row has its limits in
-    its annotation, such as `Annotated[float, SI("m", above=0)]`. A field with the default None may be None. A sequence
-    of numbers is stored as a tuple.
+    The limits of a field come from the row `path.field` of `quantities` or from an annotation such as
+    `Annotated[float, SI("m", above=0)]`. A field with neither is not checked. A field with the default None may be
+    None. A sequence of numbers is stored as a tuple.
     """
 
     __slots__ = ()
@@ -42,7 +42,7 @@ class Parameters:
 
 @cache
 def _checks(kind: Any) -> list[tuple[str, bool, Callable[[Any], Any]]]:
-    """Return name, whether None is allowed, and check, for each number of a class but those in `checked_by_itself`."""
+    """Return name, whether None is allowed, and check of each number that is not in `checked_by_itself`."""
     checks: list[tuple[str, bool, Callable[[Any], Any]]] = []
     for field in fields(kind):
         hint: Any = field.type

@@ -1,4 +1,4 @@
-"""The batch as a `VecEnv` for stable-baselines3, which takes no Gymnasium vector environments; needs extra `train`."""
+"""The batch as a `VecEnv` for stable-baselines3; needs the extra `train`."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -31,9 +31,9 @@ def warn_of_threads(threads: int, available: int) -> None:
 class ImpactVecEnv(VecEnv):
     """`num_envs` environments for stable-baselines3, stepped in one call; arguments: see `ImpactApproachVectorEnv`.
 
-    On the step that ends an episode, `info` is the final info of that episode, with `terminal_observation` and
-    `TimeLimit.truncated`; the observation is the first one of the next episode. With `render_mode="rgb_array"`, for at
-    most 16 environments, `render` returns one picture with all environments in a grid, as `VecVideoRecorder` needs.
+    The last step of an episode returns the first observation of the next episode, and the final `info` with
+    `terminal_observation` and `TimeLimit.truncated`. With `render_mode="rgb_array"`, for at most 16 environments,
+    `render` returns one picture with all environments in a grid, as `VecVideoRecorder` needs.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class ImpactVecEnv(VecEnv):
         self.metadata = self.envs.metadata
 
     def get_images(self) -> list[NDArray[np.uint8] | None]:
-        """Return a picture (540, 960, 3) of each environment; none without a `render_mode`."""
+        """Return a picture (540, 960, 3) of each environment; an empty list without a `render_mode`."""
         return list(self.envs.render() or ())
 
     def reset(self) -> VecEnvObs:
@@ -93,7 +93,7 @@ class ImpactVecEnv(VecEnv):
         return batch.observations.copy(), rewards, ended, infos
 
     def close(self) -> None:
-        """Do nothing, because a batch holds no resources that must be released."""
+        """Do nothing, because a batch holds no resources."""
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """Return the batch's attribute, once for each of `indices`."""

@@ -1,4 +1,4 @@
-"""The description of a scene: tool, coupling of tool and flange, robot, object, and contact of tool and object.
+"""The parts of a scene: tool, coupling of tool and flange, robot, object, and contact of tool and object.
 
 The only axis, +x, points from the robot to the object. The classes check their numbers, and store them as floats in SI
 units; `impact_gym.quantities` has the limits.
@@ -43,8 +43,7 @@ class Object(Parameters, path="object"):
     """The body that is struck; it is at rest before the first contact.
 
     With `friction` the object (mass m_p) sticks until the contact force exceeds mu m_p g, with g = 9.80665 m/s^2.
-    Then it slides, and sticks again when it comes to rest. The paper neglects friction and calls it small and
-    beneficial.
+    Then the object slides to rest, and sticks again. The paper neglects friction as small and beneficial.
     """
 
     mass: float  # kg
@@ -58,11 +57,11 @@ class Contact(Parameters, path="contact"):
 
     delta is the penetration in m, delta_dot its rate, k_c the stiffness, chi the hysteresis damping. The default, m = n
     = 3/2, is for a sphere; m = 1 and n = 0 give a linear spring and damper. `dissipation` names the law that gives chi
-    for a nominal restitution. With "exact" an isolated contact has this restitution, with "hu-guo" (paper, eq. 7) a
-    lower one (0.4877 for 0.5, 0.0741 for 0.1; see docs/provenance.md). The other laws are in `physics.dissipation` with
-    their sources. With all these laws the restitution does not depend on the approach velocity. With "fixed" chi is
-    constant: a contact that begins at `reference_velocity` has the nominal restitution, and with m = n a faster one has
-    a lower restitution, as in measurements.
+    for a nominal restitution. With "exact" an isolated contact has the nominal restitution. With "hu-guo" (paper, eq.
+    7) and m = n the restitution is 0.4877 for a nominal 0.5, and 0.0741 for 0.1 (docs/provenance.md). The other laws
+    are in `physics.dissipation`. With all laws but "fixed" the restitution does not depend on the approach velocity.
+    With "fixed" chi is constant: a contact that begins at `reference_velocity` has the nominal restitution. If m = n, a
+    faster contact has a lower restitution, as in measurements.
     """
 
     checked_by_itself: ClassVar = ("stiffness",)  # checked below, because its unit depends on the exponent
@@ -99,7 +98,7 @@ class Rigid:
 
 @dataclass(frozen=True, slots=True)
 class SpringDamper(Parameters, path="coupling"):
-    """A linear spring and damper (paper, eq. 17-18) of the damping 2 zeta sqrt(k_t m_t), with the tool mass m_t.
+    """A linear spring and damper (paper, eq. 17-18); the damping is 2 zeta sqrt(k_t m_t), with the tool mass m_t.
 
     A `stroke` adds a stop on each side, with the stiffness and damping ratio of the default stops of `Bistable`.
     """
@@ -114,10 +113,11 @@ class Bistable(Parameters, path="coupling"):
     """A coupling by a bistable mechanism with two stops (paper, eq. 23-24, Fig. 21-22).
 
     The tool is fixed to the slider. Positions of the slider are measured from the alignment, where the spring is
-    vertical. A stop is a linear spring and damper that never pulls; its damping is 2 zeta_s sqrt(k_s m_t), with the
-    tool mass m_t. At zeta_s = 1 the restitution of a stop is exp(-2) = 0.135; the paper assumes completely inelastic
-    stops. The paper prints no positions, stiffness and damping of the stops (see docs/provenance.md). At t = 0 the
-    spring presses the slider against the front stop; above a flange acceleration of `holding_force` / m_t it leaves it.
+    perpendicular to the slider's path. A stop is a linear spring and damper that never pulls; its damping is 2 zeta_s
+    sqrt(k_s m_t), with the tool mass m_t. At zeta_s = 1 its restitution is exp(-2) = 0.135; the paper's stops are
+    completely inelastic. The paper prints no position, stiffness or damping of a stop (docs/provenance.md). At t = 0
+    the spring presses the slider against the front stop. The slider leaves this stop if the flange acceleration exceeds
+    `holding_force` / m_t.
     """
 
     stiffness: float = 50.0  # N/m, k
@@ -145,7 +145,7 @@ class Bistable(Parameters, path="coupling"):
 
     @property
     def stroke(self) -> float:
-        """Distance from the alignment to the two stable equilibria that the slider would have without stops, m."""
+        """Distance from the alignment to either stable equilibrium of a slider without stops, m."""
         return math.sqrt((self.free_length - self.height) * (self.free_length + self.height))
 
     @property
@@ -159,7 +159,7 @@ class Bistable(Parameters, path="coupling"):
         return float(self.force(self.rest))
 
     def force(self, position: ArrayLike) -> NDArray[np.float64] | float:
-        """Return the force of the spring, without the stops, on the tool, N, at slider positions (m) of any shape."""
+        """Return the force of the spring on the tool, N, without the stops, at slider positions (m) of any shape."""
         return _FORCE(self.stiffness, self.free_length, self.height, position)[()]
 
     def energy(self, position: ArrayLike) -> NDArray[np.float64] | float:
@@ -214,7 +214,7 @@ class RobotTable(Parameters, path="robot"):
                 )
 
     @property
-    @lru_cache(maxsize=64)  # noqa: B019  # keeping up to 64 tables in memory is accepted
+    @lru_cache(maxsize=64)  # noqa: B019  # up to 64 tables stay in memory
     def splines(self) -> Any:
         """Mass, stiffness and damping as one `scipy.interpolate.CubicSpline` of the position."""
         return CubicSpline(self.position, np.array([self.mass, self.stiffness, self.damping]).T)

@@ -25,13 +25,13 @@ from impact_gym.to_kernel import LOCAL_SHARE, STATUS_MESSAGES, approach_to_kerne
 from impact_gym.validation import WrongTypeError, array, choice, number, one_of, shown, whole
 
 MAX_STEPS = 1_000_000
-"""Integration steps after which the solver gives up a run; ordinary approaches need some hundreds at most."""
+"""Integration steps after which the solver gives up a run."""
 
 APPROACHES_PER_THREAD = 16  # least number of approaches per thread, if a sweep uses several threads
 _CONTACT_ROWS, _SNAP_ROWS, _TRACE_ROWS = 4096, 64, 4096  # if a run needs more rows, it is repeated with larger arrays
 _NO_TRACE, _NO_SNAPS = np.empty(0, TRACE), np.empty(0)
 NOTHING_RECORDED = np.empty(0, CONTACT), _NO_TRACE, _NO_SNAPS, 1.0
-"""A recorder of the compiled program that keeps nothing."""
+"""A recorder of the compiled program that stores nothing."""
 
 
 def simulate(
@@ -43,10 +43,11 @@ def simulate(
         scene: tool, object, contact, coupling and robot; at rest at t = 0.
         motion: imposed motion of the robot.
         duration: length of the run, s.
-        rtol: relative error allowed in the results of contacts. Between contacts the motion is exact where it has a
-            closed form; otherwise (bistable coupling, stops, robot with coupling or table) it is integrated to `rtol`.
-        trace: whether to return time histories, which change no other result: between contacts about one point per ms,
-            or per 1e-5 of `duration` if that is longer; in a contact 8 or 12 points per integration step.
+        rtol: relative error allowed in the results of contacts. Between contacts a motion with a closed form is exact;
+            others (bistable coupling, stops, compliant robot with coupling or table) are integrated to `rtol`.
+        trace: whether to return time histories; other results do not change. Between contacts the
+            points are about 1 ms apart, or 1e-5 of `duration` if that is longer. In a contact there are 8 or 12 points
+            per integration step.
 
     Raises:
         RuntimeError: the run cannot finish.
@@ -89,7 +90,7 @@ def simulate(
 
 
 _namedtuple: Any = namedtuple  # Any: mypy accepts only literal fields
-_End = _namedtuple("_End", CHAIN.names)  # a record CHAIN as Python numbers, which are read in one call
+_End = _namedtuple("_End", CHAIN.names)  # a record CHAIN as Python numbers
 
 
 def sweep(
@@ -101,14 +102,13 @@ def sweep(
     The results are equal, bit for bit, to those of `simulate`.
 
     Args:
-        scene: the common scene, which also determines the types of coupling and robot.
+        scene: the common scene; the types of coupling and robot cannot be varied.
         motion: the common motion.
-        varied: values by dotted path, such as "object.mass", "coupling.height" or "motion.brake.delay". The arrays of
-            values are broadcast against each other. All numbers of scene and motion can be varied, except None and
-            those of a `RobotTable`.
+        varied: arrays of values by dotted path, such as "object.mass" or "motion.brake.delay". The arrays are
+            broadcast against each other. A field that is None, and the numbers of a `RobotTable`, cannot be varied.
         duration: length of the runs, s; broadcast with the values of `varied`.
         rtol: see `simulate`.
-        threads: number of threads, None for one per core; it changes no result.
+        threads: number of threads, which changes no result; None: one per core.
     """
     one_of("scene", scene, Scene)
     one_of("motion", motion, Trapezoid)
@@ -182,9 +182,9 @@ def advise(
         quantity: the result that is compared: final velocity of the object, largest contact force, or impulse of all
             contacts.
         duration: length of a run, s.
-        arm: an arm and its line of approach, `(arm, arm.along(...))`, for scenes without a robot. The full model is
-            then the simulation of all joints, `impact_gym.robot.all_joints`. In the simpler models the robot is rigid,
-            or a table from `Approach.robot_table` (one for each kind of mass), or this table's robot at the object.
+        arm: an arm and its line of approach, `(arm, arm.along(...))`, for scenes without a robot. Then the full model
+            simulates all joints, see `impact_gym.robot.all_joints`. In simpler models the robot is rigid, is a table
+            from `Approach.robot_table` for each kind of mass, or has this table's values at the object.
 
     Raises:
         RuntimeError: a run of the full model cannot finish.
@@ -207,7 +207,7 @@ def advise(
         seen.append(simpler)
         try:
             values, taken = run(simpler)
-        except (RuntimeError, ValueError):  # a simpler model can be invalid for a valid scene: all its errors are inf
+        except (RuntimeError, ValueError):  # the simpler model is invalid or fails
             values, taken = np.full(len(sample), math.inf), seconds
         gap = np.abs(values - exact)
         errors = np.divide(gap, np.abs(exact), out=np.where(gap > 0, math.inf, 0.0), where=exact != 0)
@@ -220,7 +220,7 @@ FROZEN = "frozen where the object stands"
 
 
 def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
-    """Yield each simpler model's name and function: all combinations of robot (from `line`, if given) and coupling."""
+    """Yield name and function of each simpler model; robots are from `line`, if given."""
     robots: dict[str, Any] = {"robot rigid": None}
     if line is None:
         robots = {"": "its own", f"robot {FROZEN}": "its own", **robots}
@@ -243,7 +243,7 @@ def _timed(
     motion: Trapezoid, duration: float, quantity: Advised, scenes: Sequence[Scene],
     arm: tuple[Arm, Approach] | None = None,
 ) -> tuple[Array, float]:  # fmt: skip
-    """Return the quantity for each scene, and the computing time for all scenes, s; with `arm`, simulate all joints."""
+    """Return the quantity for each scene, and the computing time for all scenes, s."""
     from impact_gym.robot.all_joints import simulate as simulate_arm  # here, because this import takes 40 ms
 
     times: list[float] = []

@@ -1,4 +1,4 @@
-"""Write the generated sources of the compiled program, and check that it was compiled from the present sources."""
+"""Write the generated sources of the compiled program, and check that the program matches its present sources."""
 
 import hashlib
 import runpy
@@ -13,9 +13,9 @@ REMEDY = "compile it with `make setup`, or `python setup.py build_ext --inplace`
 
 TABLEAU, NUMBERS = "solver/dop853.pxi", "task/numbers.pxi"
 GENERATORS = {TABLEAU: HERE / "solver" / "tableau.py", NUMBERS: HERE / "task" / "numbers.py"}
-"""Sources that setup.py writes, each with the module whose function `text()` returns it."""
+"""Sources that setup.py writes, each with the module whose function `text()` returns the source."""
 INPUTS = [f"impact_gym/{name}" for name in ("solver/tableau.py", "task/numbers.py", "quantities.py")]
-"""Files that determine the generated sources; if one of them changes, setup.py compiles again."""
+"""Files that determine the generated sources; if one changes, setup.py compiles again."""
 
 
 def generated(name: str) -> str:
@@ -27,7 +27,7 @@ def generated(name: str) -> str:
 
 
 def write() -> None:
-    """Write the generated sources whose text has changed; writing an unchanged one would cause a new compilation."""
+    """Write the generated sources whose text has changed; writing others would cause a new compilation."""
     for name in GENERATORS:
         file, text = HERE / name, generated(name)
         if not file.is_file() or file.read_text() != text:
@@ -44,14 +44,14 @@ def digest() -> str:
 
 
 def compiled_from() -> str:
-    """Return the digest of the sources from which the solver was compiled."""
+    """Return the digest of the sources of the compiled program."""
     from impact_gym.kernels import COMPILED_FROM
 
     return str(COMPILED_FROM)
 
 
 def check() -> None:
-    """Raise ImportError if the solver is not compiled, or was compiled from other sources than the present ones."""
+    """Raise ImportError if there is no compiled program, or its sources have changed."""
     if find_spec("impact_gym.kernels") is None:
         raise ImportError(f"impact_gym: the solver is not compiled; {REMEDY}")
     if digest() not in ("", compiled_from()):

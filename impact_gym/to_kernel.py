@@ -54,13 +54,13 @@ STATUS_MESSAGES = {
     kernels.STEP_LIMIT: "more integration steps than allowed: the motion has too many swings or contacts",
     kernels.NOT_FINITE: "the state overflowed: the scene's scales differ by more than floating point can hold",
 }
-"""For each status other than 0 of a run or an episode, a sentence that explains it."""
+"""The message for each status, except 0, of a run or an episode."""
 
 
 def approach_to_kernel(
     scene: Scene, motion: Trapezoid | Motion, duration: float, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Return the fields of APPROACH, and the tables, whose index among the numbers of all tables is `table_at`."""
+    """Return the fields of APPROACH, and the tables (n,), which begin at index `table_at` of all tables' numbers."""
     held, table = mount_to_kernel(scene.tool.mass, scene.coupling, scene.robot, table_at)
     target = scene.object
     profile: tuple[float, ...]
@@ -76,7 +76,7 @@ def approach_to_kernel(
 
 
 def to_bytes(plan: tuple[Any, ...]) -> bytes:
-    """Return the fields of an APPROACH as bytes, which is faster than with a NumPy array."""
+    """Return the fields of an APPROACH as bytes; a NumPy array would be slower."""
     (coupling_kind, robot_kind, tool_mass, coupling, robot, *table), contact, *rest = plan
     return _APPROACH.pack(coupling_kind, robot_kind, tool_mass, *coupling, *robot, *table, *contact, *rest)
 
@@ -96,7 +96,7 @@ _NO_MECHANISM = _NO_COUPLING[2:]
 def mount_to_kernel(
     tool_mass: float, coupling: Coupling, robot: Robot | RobotTable | None = None, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Return the fields of MOUNT, and the robot's table, whose index among the numbers of all tables is `table_at`."""
+    """Return the fields of MOUNT, and the robot's table (n,), which begins at index `table_at` of all tables."""
     kind, numbers = kernels.DIRECT, _NO_COUPLING
     if isinstance(coupling, SpringDamper):
         kind, numbers = kernels.SPRING_DAMPER, (coupling.stiffness, coupling.damping_ratio, *_NO_MECHANISM)

@@ -1,4 +1,4 @@
-"""Check input, with error messages of one sentence that say what was given and what is allowed."""
+"""Check input; an error message says in one sentence what was given and what is allowed."""
 
 import math
 import operator
@@ -17,11 +17,11 @@ IDENTIFIER = re.compile("[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
 class WrongTypeError(TypeError, ValueError):
-    """A value has a wrong type: a TypeError, as usual in Python, and a ValueError, like every refused input here."""
+    """A value has a wrong type: a TypeError, as usual in Python, and a ValueError, like other refused input."""
 
 
 def shown(value: Any, longest: int = 200) -> str:
-    """Return a value as text for a message, in one line; for a long value, its type, and its beginning or shape."""
+    """Return a value as one line of text; for a long value its type, and its beginning or shape."""
     try:
         text = " ".join(repr(value).split())
     except ValueError:  # an int of thousands of digits
@@ -33,14 +33,14 @@ def shown(value: Any, longest: int = 200) -> str:
 
 
 def nearest(kind: str, name: str, known: Iterable[str]) -> str:
-    """Return a message about an unknown `name` of a `kind`, such as "set-up", with a similar name or all names."""
+    """Return a message about an unknown `name` of a `kind` ("set-up"), with a similar name or all known names."""
     names = sorted(known)
     near = get_close_matches(name, names, 1)
     return f"no {kind} {shown(name)}: " + (f"{near[0]}?" if near else f"there are {', '.join(names)}")
 
 
 def unit_text(unit: str, preposition: str = "") -> str:
-    """Return a unit as text for a message; `preposition` comes before it unless the text is "(no unit)"."""
+    """Return a unit as text for a message; `preposition` comes before a unit without brackets."""
     text = "(no unit)" if unit == "-" else unit
     return text if text.startswith("(") else f"{preposition}{text}"
 
@@ -52,7 +52,7 @@ def number(
     """Return `value` as a float, or raise; the unit "-" means no unit.
 
     Raises:
-        TypeError: `value` is not a number (a string, None, a bool, an array).
+        TypeError: `value` is not a number (a string, None, a bool, several numbers).
         ValueError: `value` is not finite, or not in (above, at_most] or [at_least, at_most].
     """
     if type(value) is float and above < value <= at_most and at_least <= value < math.inf:  # the usual case
@@ -76,7 +76,7 @@ def number(
 
 
 def numbers(field: str, values: Any, unit: str, **limits: float) -> tuple[float, ...]:
-    """Return `values`, a sequence or an array of one dimension, as floats, each checked by `number`."""
+    """Return `values`, a sequence or an array of one dimension, as floats that `number` has checked."""
     kind = getattr(getattr(values, "dtype", None), "kind", "f")
     listed = hasattr(values, "__getitem__") and not isinstance(values, (str, bytes, Mapping, type))
     if not listed or getattr(values, "ndim", 1) != 1 or kind not in "fiuO":
@@ -143,7 +143,7 @@ def choice(field: str, value: Any, allowed: Container[str | None]) -> None:
 def array(
     field: str, values: Any, shape: tuple[int, ...] | None = None, kinds: str = "fiu", what: str = "numbers"
 ) -> NDArray[Any]:
-    """Return `values` as an array; raise TypeError or ValueError if its dtype or shape is not allowed.
+    """Return `values` as an array; raise TypeError for another dtype, ValueError for another shape.
 
     `kinds` are the allowed kinds of dtype; messages describe them by `what`. Numbers need not be finite.
     """
@@ -169,7 +169,7 @@ def rising(field: str, time: Sequence[float], columns: Mapping[str, Sequence[flo
 
 
 def interval(field: str, value: Any, unit: str, **limits: float) -> Range:
-    """Return `value`, a number or a pair (low, high), as a pair; raise TypeError or ValueError if it is invalid."""
+    """Return `value`, a number or a pair (low, high), as a pair, or raise TypeError or ValueError."""
     unit = unit_text(unit)
     if not (isinstance(value, (tuple, list)) or getattr(value, "ndim", 0) > 0):
         single = number(field, value, unit, **limits)

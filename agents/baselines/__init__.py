@@ -1,4 +1,4 @@
-"""Controllers that do not learn. They have stable-baselines3's method: `action, state = predict(observation)`."""
+"""Controllers that are not learned, with stable-baselines3's method `action, state = predict(observation)`."""
 
 from agents.baselines.constant import ConstantSpeed, LocalBrake, OperatorAlone, PaperTrapezoid, RandomActions
 from agents.baselines.detector import DetectorProfile, DetectorRanged

@@ -16,7 +16,7 @@ Losses = Callable[[Floats], Floats]
 
 
 class Minimum(NamedTuple):
-    """The candidate with the lowest loss of each problem."""
+    """Best candidate of each problem."""
 
     parameters: Floats  # (problems, k)
     loss: Floats  # (problems,)
@@ -27,10 +27,10 @@ def minimise(
     losses: Losses, parameters: tuple[Parameter, ...], problems: int = 1, population: int = 20, generations: int = 150,
     seed: int = 0,
 ) -> Minimum:  # fmt: skip
-    """Minimise the losses of independent problems, from the start values of `parameters` and within their limits.
+    """Minimise the losses of independent problems within the limits of `parameters`.
 
-    Each generation calls `losses` once, with `population` candidates of each problem. There are `generations`, or fewer
-    if CMA-ES stops earlier for all problems. The random numbers depend only on `seed`.
+    Each generation calls `losses` once, with `population` candidates of each problem. The search ends after
+    `generations`, or when CMA-ES stops for all problems. The random numbers depend only on `seed`.
     """
     import cma  # not needed to play a rule
 
@@ -63,7 +63,7 @@ def minimise(
 
 
 class Jittery(NamedTuple):
-    """A rule whose actions get random errors, in each scenario the same for all candidates of a search."""
+    """A rule whose actions get random errors. In a scenario, all candidates of a generation get the same errors."""
 
     rule: Controller
     jitter: float  # standard deviation of the errors, as a fraction of an action's range of 2
@@ -73,7 +73,7 @@ class Jittery(NamedTuple):
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, Any]:
-        """Return the rule's actions (n, k) with errors, and the rule's next state."""
+        """Return the rule's actions (n, k) plus errors, and the rule's next state."""
         actions, state = self.rule.predict(observation, state, episode_start, deterministic)
         off = self.rng.normal(0.0, 2.0 * self.jitter, (self.scenarios, actions.shape[-1]))
         return actions + np.tile(off, (len(actions) // self.scenarios, 1)), state

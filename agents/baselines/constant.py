@@ -1,4 +1,4 @@
-"""Baselines without a speed profile: a constant speed until the alarm, the operator's own command, random actions."""
+"""Baselines without a speed profile."""
 
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -22,19 +22,19 @@ class ConstantSpeed(Rule):
     )
 
     def __init__(self, speed: ArrayLike, acceleration: ArrayLike = 8.0, deceleration: ArrayLike | None = None) -> None:
-        """Make a controller; each argument is a number, or an array with a number for each row of a batch.
+        """Make a controller from numbers, or from arrays with a number for each row of a batch.
 
         Args:
             speed: m/s, 0.001 to 1.5.
             acceleration: m/s^2, 1 ... 20.
-            deceleration: m/s^2, 1 ... 20; None: the same as the acceleration.
+            deceleration: m/s^2, 1 ... 20; None: `acceleration`.
         """
         braking = acceleration if deceleration is None else deceleration
         number("speed", np.min(speed), "m/s", above=0)
         super().__init__(np.stack(np.broadcast_arrays(speed, acceleration, braking), axis=-1))
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return the velocity (m/s), which is 0 from the alarm on, and the acceleration (m/s^2) to it."""
+        """Return the commanded velocity (m/s) and the acceleration (m/s^2)."""
         change = np.where(view.alarm, self["deceleration"], self["acceleration"])
         return np.where(view.alarm, 0.0, self["speed"]), change
 
@@ -54,7 +54,7 @@ class LocalBrake(ConstantSpeed):
 
 
 class OperatorAlone(Rule):
-    """Follow the operator's command unchanged, with a gain of 1."""
+    """Follow the operator's command with a gain of 1."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {
         "operator": {"type": "Trapezoid"}, "velocity_range": (-0.3, 0.5), "horizon": 8.0, "friction": 0.3,
@@ -76,7 +76,7 @@ class RandomActions:
     """Draw every action uniformly from the action space of a task."""
 
     def __init__(self, seed: int = 0, task: Task | None = None) -> None:
-        """Make a controller; default task: that of `ImpactApproach-v0`."""
+        """Make a controller; None: the task of `ImpactApproach-v0`."""
         self._rng, self._size = np.random.default_rng(seed), len(ActionSpec(task or Task()))
 
     def for_task(self, task: Task) -> "RandomActions":

@@ -1,4 +1,4 @@
-"""Rules that detect the touch from the sensors' readings instead of using the environment's alarm.
+"""Rules that detect the touch from sensor readings instead of using the environment's alarm.
 
 The method is a cumulative sum (E. S. Page, Continuous inspection schemes, Biometrika 41, 1954).
 """
@@ -25,24 +25,24 @@ DETECTOR = (
 
 Each step adds to the sum: force - mean force - `force per kick` * kick - `allowance` - `allowance per noise` * noise. A
 touch is detected when the sum exceeds `detection` + `detection per noise` * noise. The noise (N) is the standard
-deviation of the force readings. "share that a deflection keeps": exp(-w T) for a critically damped tool with the
+deviation of the force readings. "share that a deflection keeps": exp(-w T) for a critically damped tool, with the
 natural frequency w and the control period T.
 """
 
 
 class DetectorRule(ReactingRule):
-    """A `ReactingRule` whose alarm is raised by a cumulative sum over the readings of force and deflection.
+    """A `ReactingRule` that raises its own alarm by a cumulative sum over the readings of force and deflection.
 
-    While its alarm is off, the rule estimates mean and standard deviation of the force readings. A touch pushes the
-    tool back. The `kick` is the deflection minus the value that the two previous readings predict for a critically
-    damped tool without a touch. The alarm lasts for the time `after_alarm`, an argument of the environment.
+    While the alarm is off, the rule estimates mean and standard deviation of the force readings. The `kick` is the
+    deflection minus the value that the two previous readings predict for a critically damped tool without a touch. The
+    alarm lasts for the time `after_alarm`, an argument of the environment.
     """
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"deflection_sensor": True, "past_readings": 2}
-    MEMORY = 4  # cumulative sum; count, mean and sum of squared deviations of force readings while the alarm is off
+    MEMORY = 4  # the sum; count, mean and sum of squared deviations of the force readings while the alarm is off
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return the view with the rule's own alarm, and the state: begin of the alarm (s), and MEMORY numbers."""
+        """Return the view with the rule's own alarm, and the state: start of the alarm (s) and MEMORY numbers."""
         time, start = view["time"], state is None or (episode_start is not None and episode_start)
         raised, *memory = np.zeros((1 + self.MEMORY, *np.shape(time))) if state is None else state
         cleared = start | (time > raised + self.task.after_alarm - CLOCK)

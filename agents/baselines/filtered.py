@@ -1,9 +1,9 @@
 """Rules for a range sensor: a filter estimates the object's place from all readings, and a profile uses the estimate.
 
-The sum of a reading, the flange's position and the tool's deflection at the time of the reading is a measurement of the
-object's place. The estimate begins at the middle of the set-up's range of distances, with the variance of a uniform
-distribution over this range. Each measurement is weighted by the inverse of its variance. The filter uses the set-up's
-range sensor, tool mass and coupling; for a drawn number of these, it uses the median of the draws.
+A reading plus the tool's position at the time of the reading is a measurement of the object's place. The estimate
+starts at the middle of the range of distances, with the variance of a uniform distribution over this range. The weight
+of a measurement is the inverse of the variance. The filter uses the task's range sensor, tool mass and coupling; for a
+drawn number, the median of the draws.
 """
 
 from collections.abc import Mapping
@@ -30,10 +30,9 @@ class FilteredProfile(StretchedProfile):
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
         """Return the view with the filter's estimate and its standard deviation, `spread` (m), and the next state.
 
-        The state holds the weight of the estimate (1 / variance, 1/m^2), the estimated place (m), the number of
-        readings used, the time of the newest reading (s), and the tool's deflection (m) and its rate (m/s), computed
-        from the coupling's equation. For the last KEPT control steps it also holds the time (s), the flange's velocity
-        (m/s) and the tool's position (m).
+        The state holds the estimate's weight (1/m^2) and place (m), the number of readings, the time of the newest
+        reading (s), and deflection (m) and deflection rate (m/s) of the tool as computed by `swing`. Then come time
+        (s), flange velocity (m/s) and tool position (m) of each of the last KEPT control steps.
         """
         time, position, velocity = view["time"], view["position"], view["velocity"]
         near, far = self.task.scenario.distance
@@ -63,7 +62,7 @@ class FilteredProfile(StretchedProfile):
         return View(view.observation, view.spec, **own), state
 
     def swing(self, deflection: Floats, rate: Floats, gained: Floats) -> tuple[Floats, Floats]:
-        """Return deflection (m) and its rate (m/s) after a step in which the flange gains `gained` (m/s; eq. 17)."""
+        """Return deflection (m) and rate (m/s) after a step that adds `gained` to the flange's velocity (eq. 17)."""
         coupling, period = self.task.coupling, self.task.control_period
         if not isinstance(coupling, SpringDamper):
             return deflection, rate

@@ -1,8 +1,7 @@
-"""Rules that follow a speed profile until the alarm, then command a velocity that depends on the time since the alarm.
+"""Rules that follow a speed profile until the alarm, and then react.
 
-A profile is a speed as a function of the flange's position, of the estimated distance or of the true distance, which no
-sensor measures. The reaction does not depend on the measured force, because at every force the best reaction is to
-retreat at full acceleration.
+The reaction is a velocity as a function of the time since the alarm. A profile is a speed as a function of the flange's
+position, of the estimated distance or of the true distance, which no sensor measures.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,30 +20,30 @@ REACTION = (
     Parameter("acceleration after the alarm", "m/s^2", *ACCELERATION_RANGE, 15.0),
 )
 ACCELERATION = Parameter("acceleration", "m/s^2", *ACCELERATION_RANGE, 15.0)
-"""Limit of acceleration and deceleration on a profile. At a high acceleration a bistable mechanism leaves its stop."""
+"""Limit of acceleration and deceleration on a profile; a low limit keeps a bistable mechanism on its stop."""
 USUAL_SPREAD, LEAST_SPREAD = 1e-2, 1e-3  # m, usual and smallest standard deviation of an estimated distance
 
 
 class ReactingRule(Rule):
     """Follow a speed profile until the alarm, then command the velocities of the parameters REACTION."""
 
-    OVER = "position"  # name of the observed number on which the profile depends; for a distance, its negative value
+    OVER = "position"  # name of the observed number on which the profile depends; a distance is negated
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return velocity and acceleration: those of `approach` until the alarm, and then those of the reaction."""
+        """Return the velocity and acceleration of `approach` until the alarm, then those of the reaction."""
         velocity, acceleration = self.approach(view)
         after = interpolate(TIMES, self.columns(REACTION[0].name, len(TIMES)), view["time_since_alarm"])
         fast = self["acceleration after the alarm"]
         return np.where(view.alarm, after, velocity), np.where(view.alarm, fast, acceleration)
 
     def approach(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return the profile's velocity (m/s) at the end of the control period, and the acceleration (m/s^2) to it."""
+        """Return the profile's velocity (m/s) at the end of the control period, and the acceleration (m/s^2)."""
         most = self[ACCELERATION.name] if ACCELERATION in self.PARAMETERS else ACCELERATION_RANGE[1]
         position = view[self.OVER] if self.OVER == "position" else -view[self.OVER]
         return follow(self.profile(view), position, view["velocity"], most, self.task.control_period)
 
     def profile(self, view: View) -> Callable[[Floats], Floats]:
-        """Return the function from position (m) to speed (m/s); it may depend on `view`."""
+        """Return the profile for `view`: a function from position (m) to speed (m/s)."""
         return self.speed
 
     def speed(self, position: Floats) -> Floats:
@@ -56,11 +55,10 @@ def follow(
     speed: Callable[[Floats], Floats], position: Floats, velocity: Floats,
     acceleration: ArrayLike = ACCELERATION_RANGE[1], period: float = CONTROL_PERIOD,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """Return velocity and acceleration with which the flange has the profile's `speed` at the end of a `period` (s).
+    """Return the profile's `speed` at the end of a `period` (s), and the acceleration, at most `acceleration` (m/s^2).
 
-    The position at the end is predicted twice: from the present velocity alone; then from the mean of the present
-    velocity and the profile's speed at the first prediction. The changes of velocity in this mean and in the command
-    are limited by `acceleration` (m/s^2).
+    The first prediction of the position at the end uses the present velocity. The second prediction uses the mean of
+    the present velocity and the profile's speed at the first prediction.
     """
     ahead = speed(position + velocity * period)
     reach = np.asarray(acceleration) * period
@@ -74,7 +72,7 @@ KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315,
 AHEAD: Floats = np.array([-0.2, -0.12, -0.08, -0.05, -0.035, -0.02, -0.01, 0.0, 0.01, 0.025, 0.05])
 """Positions (m) of the corners of `RangedProfile`, relative to the estimated place of the object."""
 GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
-"""The object's distance minus the flange's position (m) at the corners of `Clairvoyant`: the gap of a relaxed tool."""
+"""The object's distance minus the flange's position (m) at the corners of `Clairvoyant`."""
 
 
 class BlindProfile(ReactingRule):
@@ -92,10 +90,7 @@ class BlindProfile(ReactingRule):
 
 
 class ConstantDeceleration(ReactingRule):
-    """Brake with constant deceleration to the `lowest speed` at the position `end`.
-
-    For a rigid tool, this profile has the lowest mean cost if all distances up to `end` are equally likely.
-    """
+    """Brake with constant deceleration to the `lowest speed` at the position `end`."""
 
     PARAMETERS = (
         Parameter("top speed", "m/s", 0.1, VELOCITY_RANGE[1], 1.0),
@@ -114,7 +109,7 @@ class ConstantDeceleration(ReactingRule):
 
 
 class Ranged(ReactingRule):
-    """Brake at constant deceleration to the `contact speed`, which is reached `margin` before the estimated place."""
+    """Brake with constant deceleration to the `contact speed`, `margin` before the estimated place."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_noise": 0.01}
     PARAMETERS = (

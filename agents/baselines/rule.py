@@ -1,4 +1,4 @@
-"""The base class of most baselines: a rule, which computes commands from observations and a few parameters."""
+"""The base class of most baselines, `Rule`. A rule computes commands from observations and a few parameters."""
 
 import copy
 from collections.abc import Mapping, Sequence
@@ -15,8 +15,8 @@ Floats = NDArray[np.float64]
 
 CONTROL_PERIOD: float = Task.control_period  # s
 DISTANCES = ScenarioRanges().distance
-"""Default range of the objects' distances, m. Positions in rules' parameters are for this range, see `Rule.placed`."""
-LEAST_STRETCH = 0.01  # m, lower limit of a range's near end and width in `Rule.placed`
+"""Default range of the objects' distances, m. Positions in parameters are for this range, see `Rule.placed`."""
+LEAST_STRETCH = 0.01  # m, smallest near end and smallest width of a range in `Rule.placed`
 SLOWEST = 1e-9  # m/s, smallest speed of an operator by which a rule divides
 CLOCK = 1e-6  # s, resolution of the observed time
 
@@ -32,7 +32,7 @@ class Parameter(NamedTuple):
 
 
 class View:
-    """Observations (..., n_obs): `view[id]` is a number (...) in SI units, from `own`, or else the observed one."""
+    """Observations (..., n_obs): `view[id]` is a number (...) in SI units, from `own` or else from the observations."""
 
     def __init__(self, observation: ArrayLike, spec: ObservationSpec, **own: Floats) -> None:
         self.observation, self.spec, self._own = np.asarray(observation, np.float64), spec, own
@@ -48,7 +48,7 @@ class View:
 
 @cache
 def least_task(rule: Any) -> tuple[Task, ObservationSpec]:
-    """Return a task with the arguments that a rule needs and no others, and the entries of its observation."""
+    """Return a task that has only the arguments in `rule.NEEDS`, and the task's observation."""
     task = Task(**rule.NEEDS)
     return task, ObservationSpec(task)
 
@@ -60,12 +60,12 @@ class Rule:
     NEEDS: ClassVar[Mapping[str, Any]] = {}
     """Arguments of the environment that add the observations which the rule needs."""
     KNOWS: ClassVar[tuple[str, ...]] = ()
-    """Arguments of the environment whose values the rule uses. A tuned rule keeps the values of its tuning."""
+    """Arguments whose values the rule uses, see `agents.evaluate.play.controller_of`."""
     weights: Sequence[float] = ()
     """Time weights (m/s per s), ascending, for which the rows of `parameters` (weights, k) were tuned; see `at`."""
 
     def __init__(self, parameters: ArrayLike) -> None:
-        """Make a controller from `parameters` (k,), or (rows, k) for a batch; ValueError: they violate PARAMETERS."""
+        """Make a controller from `parameters` (k,) or (rows, k); TypeError, ValueError: invalid parameters."""
         kind: Any = type(self)
         self.parameters = np.array(parameters, np.float64)
         if self.parameters.ndim not in (1, 2) or self.parameters.shape[-1] != len(self.names()):
@@ -83,7 +83,7 @@ class Rule:
 
     @classmethod
     def of(cls, parameters: ArrayLike) -> Self:
-        """Return the rule with these parameters, even if its constructor has other arguments."""
+        """Return the rule with these parameters; the constructor may have other arguments."""
         rule = cls.__new__(cls)
         Rule.__init__(rule, parameters)
         return rule
@@ -91,8 +91,8 @@ class Rule:
     def at(self, time_weight: ArrayLike) -> Self:
         """Return the rule for a time weight (m/s per s), or for the time weight of each row of a batch.
 
-        Between two of `weights`, the parameters are interpolated over the logarithm of the weight; beyond all of them,
-        those of the nearest weight are used. A rule without `weights` is returned unchanged.
+        The parameters are interpolated over the logarithm of the weight. Below the first and above the last of
+        `weights`, the parameters are constant. A rule without `weights` is returned unchanged.
         """
         twin = copy.copy(self)
         if self.weights:
@@ -119,7 +119,7 @@ class Rule:
         return twin
 
     def placed(self, position: Floats) -> Floats:
-        """Return a position (m) of a parameter in this task: DISTANCES is mapped to the task's range of distances."""
+        """Map a position (m) in a parameter to this task: DISTANCES becomes the task's range of distances."""
         (near, far), (low, high) = DISTANCES, self.task.scenario.distance
         if (low, high) == DISTANCES:
             return position
@@ -131,7 +131,7 @@ class Rule:
         return self.parameters[..., self.names().index(name)]
 
     def columns(self, first: str, count: int) -> Floats:
-        """Return `count` parameters (..., count), beginning with the one named `first`."""
+        """Return `count` parameters (..., count) from the name `first` on."""
         place = self.names().index(first)
         return self.parameters[..., place : place + count]
 
@@ -149,11 +149,11 @@ class Rule:
         return np.clip(ActionSpec(self.task).encode(*wanted), -1.0, 1.0), state
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return the view that `command` gets, and the next state; a rule without memory returns both unchanged."""
+        """Return the view for `command`, and the next state; without memory, both are unchanged."""
         return view, state
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return the commanded velocity (m/s) and the acceleration (m/s^2) towards it."""
+        """Return the commanded velocity (m/s) and the acceleration (m/s^2)."""
         raise NotImplementedError
 
 

@@ -1,7 +1,7 @@
 """Load baselines by name; read and write the files of tuned baselines and of the clairvoyant bound.
 
-The file of a tuned baseline is JSON with a checksum. The file of a bound holds, for each scenario, the parameters of
-the `Clairvoyant` with the lowest cost found; a controller of another class could have a lower cost.
+The file of a tuned baseline is JSON with a checksum. The file of a bound holds the parameters of the best `Clairvoyant`
+that the search found in each scenario. Another controller could have a lower cost.
 """
 
 import hashlib
@@ -33,8 +33,8 @@ def load_baseline(name: str, time_weight: float = 2.0, folder: Path | None = Non
     """Return a baseline for `time_weight` (m/s per s); for a tuned baseline see `Rule.at`.
 
     Raises:
-        ValueError: there is no such baseline; or its file is missing or altered, or was made for other parameters or
-            another environment than this version has.
+        ValueError: there is no such baseline; its file is missing or altered, or has other parameters or another
+            environment than this version.
     """
     number("time_weight", time_weight, "m/s per s", above=0)
     if name in FIXED:
@@ -47,7 +47,7 @@ def tuned_rule(content: Mapping[str, Any]) -> Rule:
     if not content["weights"]:
         raise ValueError(f"the file of baseline {content['baseline']!r} holds no weight: tune the baseline")
     tuned = {float(weight): found["parameters"] for weight, found in content["weights"].items()}
-    # an entry in "weights" may list the parameters in another order
+    # in an entry of "weights", the parameters may have another order
     weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]
     table = [[tuned[weight][name] for name in names] for weight in weights]
     rule = RULES[content["rule"]].of(table).for_task(Task(**content["environment"]))
@@ -58,8 +58,8 @@ def tuned_rule(content: Mapping[str, Any]) -> Rule:
 def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None) -> dict[str, Any]:
     """Return the content of a tuned baseline's file; its entry "weights" has the result for each time weight.
 
-    The file must be made for the set-up that tunes the baseline: `setup`, or else a shipped one. Default folder: that
-    of this set-up's results, or without such a set-up, that of the shipped baselines.
+    The file must fit the set-up that tunes the baseline, see `owner`. Default folder: the subfolder `tuned` of the
+    set-up's folder, or TUNED if no set-up tunes the baseline.
     """
     setup = owner(name, setup)
     path = (folder or (setup.folder / "tuned" if setup else TUNED)) / f"{name}.json"
@@ -87,7 +87,7 @@ def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None
 
 
 def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Path = TUNED) -> Path:
-    """Write the file of a baseline, with the result for each weight, atomically; return its path."""
+    """Write the file of a baseline, with the result for each weight, atomically; return the path."""
     ordered = {key: weights[key] for key in sorted(weights, key=float)}
     made_for = {**_description(name, setup.tuned[name].rule), "environment": dict(setup.environment)}
     content = json.loads(json.dumps({**made_for, "weights": ordered}))
@@ -110,7 +110,7 @@ def bound_path(setup: Setup, folder: Path = TUNED) -> Path:
 def write_bound(
     setup: Setup, by_weight: Mapping[float, Floats], folder: Path = TUNED, generations: int = BOUND_GENERATIONS
 ) -> Path:
-    """Write the best parameters (scenarios, k) for each time weight, atomically, and return the file's path."""
+    """Write the best parameters (scenarios, k) for each time weight, atomically; return the path."""
     arrays = {f"{weight:g}": by_weight[weight] for weight in sorted(by_weight)}
     search = {"set": BOUND_SET, "parameters": Clairvoyant.names(), "generations": generations}
     content = {"environment": dict(setup.environment), **search}
@@ -118,7 +118,7 @@ def write_bound(
 
 
 def read_bound(setup: Setup, folder: Path = TUNED, generations: int = BOUND_GENERATIONS) -> dict[float, Floats]:
-    """Return the best parameters (scenarios, k) for each time weight (m/s per s); empty if there is no file."""
+    """Return the best parameters (scenarios, k) for each time weight (m/s per s); none without a file."""
     path = bound_path(setup, folder)
     if not path.is_file():
         return {}
@@ -132,6 +132,6 @@ def read_bound(setup: Setup, folder: Path = TUNED, generations: int = BOUND_GENE
 
 
 def bound_of(setup: Setup, folder: Path = TUNED) -> dict[float, Floats]:
-    """Return the best parameters (scenarios, k) at each time weight of the evaluation; empty if a weight is missing."""
+    """Return the best parameters (scenarios, k) for each weight of the evaluation; none if a weight is missing."""
     by_weight, weights = read_bound(setup, folder), setup.evaluation.weights
     return {weight: by_weight[weight] for weight in weights} if by_weight.keys() >= set(weights) else {}

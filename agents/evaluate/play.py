@@ -1,13 +1,13 @@
-"""Let a controller play scenarios; all arguments are plain data, so that a job can send them to another machine.
+"""Let a controller play scenarios. All arguments are plain data that can be sent to another machine.
 
-Scenarios are given in one of three forms. `{"set": name, "count": n}`: the first n of a shipped frozen set. `{"table":
+Scenarios have one of three forms. `{"set": name, "count": n}`: the first n of a shipped frozen set. `{"table":
 {field: values}, "seed": s, "count": n}`: the scenarios in the table. `{"ranges": {field: pair}, "seed": s, "count":
 n}`: the first draws of environments seeded s, s + 1, ...; "ranges" may also be the name of shipped ranges.
 
 A controller is a mapping with one key. `{"policy": text}`: a policy's file in base 64. `{"baseline": name}`: a shipped
 baseline. `{"tuned": content}`: the content of a tuned baseline's file. `{"clairvoyant": {weight: parameters}}`: a
-`Clairvoyant` for the scenarios of a set-up. `{"object": "module:name"}`: an object with `predict`, or a function or
-class that returns one.
+`Clairvoyant` for the scenarios of a set-up. `{"object": "module:name"}`: a controller, or a function or class that
+returns a controller.
 """
 
 import base64
@@ -58,7 +58,7 @@ def environment_and_scenarios(
     """Return the arguments of an environment without its scenario, and the scenarios to play in it.
 
     If the environment has its own `scenario` ranges, the scenarios are drawn from these ranges, with the seed of the
-    frozen set named in `scenarios`, and with the same count. The set `hard` is played unchanged.
+    frozen set in `scenarios`. The set `hard` stays unchanged.
     """
     arguments = {name: value for name, value in environment.items() if name != "scenario"}
     if "scenario" not in environment or scenarios.get("set", "hard") == "hard":
@@ -68,7 +68,7 @@ def environment_and_scenarios(
 
 
 def pairs(ranges: Any) -> dict[str, list[float]]:
-    """Return ranges of scenarios, given as a mapping or by name, as plain data: field to [low, high]."""
+    """Return ranges of scenarios (a mapping or a name) as plain data: [low, high] by field."""
     return {name: list(pair) for name, pair in asdict(ScenarioRanges.of(ranges)).items()}
 
 
@@ -82,7 +82,7 @@ def scenario_batch_of(scenarios: Mapping[str, Any], weight: float, task: Task, l
 
 
 def frozen_of(scenarios: Mapping[str, Any]) -> EvaluationSet | None:
-    """Return scenarios as a frozen set; None if they are drawn from ranges."""
+    """Return scenarios as a frozen set; None: the scenarios are drawn from ranges."""
     if "table" in scenarios:
         table = {name: np.asarray(scenarios["table"][name], np.float64) for name in FIELDS}
         return EvaluationSet(scenarios["seed"], table)
@@ -95,8 +95,8 @@ _shipped = lru_cache(maxsize=4)(evaluation_sets.load)  # a process reads each se
 def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None = None) -> Controller:
     """Return the controller that `spec` describes, for a time weight (m/s per s) and a task.
 
-    A tuned baseline keeps the arguments in its class's KNOWS as they were when it was tuned. In a task with the default
-    scenario, it also keeps the range of distances for which it was tuned.
+    In `task`, a tuned baseline keeps the values of its tuning for the arguments in its class's KNOWS. If `task` is made
+    without the argument `scenario`, a rule also keeps its own range of distances.
     """
     ((kind, value),) = spec.items()
     if kind not in KINDS:
@@ -137,11 +137,11 @@ KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
     "clairvoyant": lambda by_weight, weight: Clairvoyant(by_weight[f"{weight:g}"]),
     "object": lambda name, _: _object(name),
 }
-"""Constructors of controllers from their plain data and a time weight, m/s per s."""
+"""Functions that make a controller from plain data and a time weight, m/s per s."""
 
 
 def try_out(name: str, controller: Controller, observations: NDArray[np.float32], action_size: int) -> None:
-    """Call a controller once with a batch of observations (n, n_obs), as the evaluation does."""
+    """Call a controller once with a batch of observations (n, n_obs); ValueError: the controller fails."""
     start = np.ones(len(observations), np.bool_)
     try:
         actions, _ = controller.predict(observations.copy(), state=None, episode_start=start, deterministic=True)

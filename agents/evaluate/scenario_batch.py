@@ -19,13 +19,11 @@ from impact_gym.task.task import MISSED_COST
 VALIDATION_SEED = 1_000_000
 TEST_SEED = 2_000_000
 TUNING_SEED = 4_000_000
-"""Scenario k of a set is the first draw of an environment seeded with the set's seed + k. TUNING_SEED is for
-tuning baselines. Trainings have larger seeds, from `agents.train.ppo.FIRST_SEED` on."""
-
-
+"""Scenario k of a set is the first draw of an environment seeded with the set's seed + k. Baselines are tuned with
+TUNING_SEED. Trainings have larger seeds, from `agents.train.ppo.FIRST_SEED` on."""
 RESULTS = tuple(row.id for row in quantities.RESULTS)
 MEASURED = (*RESULTS, *SLIDE, *LINKED)
-"""Names of the results of an episode, see `Episodes`. Those in SLIDE need friction, those in LINKED an operator."""
+"""Names of the results of an episode, see `Episodes`. SLIDE needs friction, LINKED needs an operator."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,7 @@ class Episodes:
     slide: NDArray[np.float64] | None = None  # m, with friction
     rest_time: NDArray[np.float64] | None = None  # s, with friction
     done_time: NDArray[np.float64] | None = None  # s, with an operator
-    taken: NDArray[np.float64] | None = None  # -, with an operator
+    taken: NDArray[np.float64] | None = None  # -, with an operator: fraction of the motion withheld before the touch
     touch_time: NDArray[np.float64] | None = None  # s, with an operator
     late: NDArray[np.float64] | None = None  # s, with an operator: delay from a touch to the operator's stop
 
@@ -51,12 +49,12 @@ class Episodes:
         return self.object_velocity + time_weight * self.approach_time
 
     def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the cost plus the charge for a missed object, m/s; with `force_weight` 0, minus the sum of rewards."""
+        """Return the cost plus the charge for a missed object, m/s: minus the sum of rewards if `force_weight` is 0."""
         return self.cost(time_weight) + self.missed_cost * self.missed
 
 
 class ScenarioBatch:
-    """Numbered scenarios, which a controller plays all at once."""
+    """Numbered scenarios that a controller plays at the same time."""
 
     def __init__(
         self, scenarios: EvaluationSet | int, count: int, task: Task | None = None, *, copies: int = 1,
@@ -66,12 +64,12 @@ class ScenarioBatch:
         """Make a batch of `copies * count` rows: row k plays scenario `k % count`.
 
         Args:
-            scenarios: a frozen set; or a seed: then scenario k is the first draw of an environment seeded `seed + k`.
+            scenarios: a frozen set. Or a seed: scenario k is then the first draw of an environment seeded `seed + k`.
             count: number of scenarios.
             task: task of all rows; None: the default task.
             copies: number of copies of each scenario.
-            time_weight: time weight of each copy, m/s per s; None: the task's.
-            threads: number of threads; it has no effect on the results.
+            time_weight: time weight of each copy, m/s per s; None: as in the task.
+            threads: number of threads, without effect on the results.
             quiet: do not warn if a policy was trained for another environment.
             lenient: count a scenario whose status is not ok as missed, without an error.
             max_steps: number of integration steps after which the solver gives up a scenario.
@@ -90,7 +88,7 @@ class ScenarioBatch:
     def of(cls, name: str, count: int | None = None, task: Task | None = None, **options: Any) -> "ScenarioBatch":
         """Return a batch of the frozen set `name`, or of its first `count` scenarios; `options` as for the class.
 
-        If the task has a `scenario` of its own, the scenarios are drawn from it instead, with the seeds of the set.
+        If the task has its own `scenario` ranges, the scenarios are drawn from these ranges, with the seeds of the set.
         """
         frozen = evaluation_sets.load(name)
         own = task is not None and "scenario" in task.arguments()
@@ -101,15 +99,12 @@ class ScenarioBatch:
         self, controller: Controller, record: Mapping[str, ArrayLike] | None = None,
         watch: Callable[[Bodies], None] | None = None,
     ) -> Episodes:  # fmt: skip
-        """Play every row to its end.
-
-        If the controller's action for a row does not depend on the other rows, the row's result depends only on the
-        scenario and the controller. For a policy that was trained for another environment, a warning is given once.
+        """Play the episode of every row to its end.
 
         Args:
             controller: controller that plays.
-            record: numbers (copies * count,) that replace drawn numbers, by the name in an episode's record. A number
-                of tool, coupling or robot can be replaced only if the task has a range for it.
+            record: numbers (copies * count,) that replace drawn numbers, by the name in an episode's record. For a
+                number of tool, coupling or robot, the task must have a range.
             watch: function that gets the motion of the bodies before each control step.
 
         Raises:
@@ -124,7 +119,7 @@ class ScenarioBatch:
         while not (ended := batch.ended).all():
             if watch is not None:
                 watch(batch.bodies())
-            if isinstance(controller, Policy):  # a policy has no memory, so rows that have ended can be left out
+            if isinstance(controller, Policy):  # a policy has no memory, so ended rows can be left out
                 actions[~ended], _ = controller.predict(batch.observations[~ended])
             else:
                 seen = batch.observations.copy()
@@ -144,7 +139,7 @@ class ScenarioBatch:
 
 
 class Validation:
-    """Scenarios of the frozen validation set at several time weights; a training keeps the policy that scores best."""
+    """Scenarios of the frozen validation set at several time weights."""
 
     def __init__(self, task: Task, weights: Sequence[float], scenarios: int, **options: Any) -> None:
         """Take the first `scenarios` of the set, each at all `weights` (m/s per s). `options`: of `ScenarioBatch`."""
@@ -163,12 +158,11 @@ class Validation:
 
 
 WITHIN_STEP = (0.25, 0.5, 0.75, 1.0)
-"""Fractions of a control step at which `Travel` evaluates the tool's deflection, by a cubic with the deflections
-and rates at both ends."""
+"""Fractions of a control step at which `Travel` evaluates a cubic through the tool's deflections at both ends."""
 
 
 class Travel:
-    """Largest change of the tool's deflection in each row, m: `deflection` until the first touch, `stroke` in all."""
+    """Largest change of the tool's deflection (m) in each row: `deflection` until the first touch, `stroke` so far."""
 
     def __init__(self, rows: int) -> None:
         self.deflection, self.stroke = np.zeros(rows), np.zeros(rows)
@@ -176,7 +170,7 @@ class Travel:
         self._before: Bodies | None = None
 
     def __call__(self, now: Bodies) -> None:
-        """Update with the present motion; this is a `watch` for `ScenarioBatch.play`."""
+        """Update with the present motion; a `watch` for `ScenarioBatch.play`."""
         before, self._before = self._before, now
         if before is None:
             self._rest = now.deflection

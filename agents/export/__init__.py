@@ -1,1 +1,1 @@
-"""Export a controller as a C header, and the network of a policy also as ONNX; check the exported files."""
+"""Export a controller as a C header, and a policy's network also as ONNX; check the exported files."""

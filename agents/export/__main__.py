@@ -1,4 +1,4 @@
-"""Export controllers as C headers and ONNX, and check the files: `impact-gym export linear-blind --out DIR`."""
+"""The command `impact-gym export`: write controllers as C headers and ONNX, and check the files."""
 
 import importlib
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ def network_in_onnx(path: Path, observed: Floats) -> Floats | None:
 
 
 def rounding(policy: Policy, observed: Floats, actions: Floats) -> float:
-    """Return the largest difference of the policy's `actions` (n, k) from those of its network in double precision."""
+    """Return the largest difference of the policy's `actions` (n, k) from actions in double precision."""
     values, network = observed.astype(np.float64), policy.network
     for layer in network.hidden:
         sums = values @ layer.weight.T.astype(np.float64) + layer.bias
@@ -109,7 +109,7 @@ def export(subject: Subject, options: Export, name: str) -> list[Path]:
 
 
 def judged(path: Path, computed: Floats | None, missing: str, actions: Floats, allowed: float) -> str:
-    """Return a sentence that compares actions `computed` (n, k) by an exported network with the policy's `actions`."""
+    """Return a sentence on the difference of `computed` and `actions` (n, k); ValueError: more than `allowed`."""
     if computed is None:
         return f"{path}: its network is not checked, {missing}"
     difference = float(np.abs(computed - actions).max())
@@ -119,7 +119,7 @@ def judged(path: Path, computed: Floats | None, missing: str, actions: Floats, a
 
 
 def judged_replay(header: Path, played: tuple[float, NDArray[np.float64]] | None, episodes: int, period: float) -> str:
-    """Return a sentence about the replayed episodes, see `replay`; `period` is the control period (s)."""
+    """Return a sentence on a `replay`; ValueError: the commands differ. `period`: control period (s)."""
     if played is None:
         return f"{header}: its controller is not checked: no C compiler, or it uses values that no sensor measures"
     difference, seconds = played

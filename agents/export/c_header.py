@@ -1,7 +1,7 @@
 """A controller as a C header for a control loop: C99 or C++, no memory allocation, only math.h and string.h.
 
-The function `NAME_act` is a policy's network. `NAME_reset` and `NAME_step` are the controller, from sensor readings to
-the command in SI units. The header's templates are controller.h.jinja and rule.h.jinja.
+The function `NAME_act` computes a policy's network. `NAME_step` computes a command from sensor readings, in SI units.
+The header's templates are controller.h.jinja and rule.h.jinja.
 """
 
 import re
@@ -110,12 +110,12 @@ def c_text(template: str, folder: Path = Path(__file__).parent, **content: Any) 
 
 
 def has_controller(subject: Subject) -> bool:
-    """Whether a controller in C can know all observed values; if not, the header holds only the network."""
+    """Whether a controller in C has all observed values; if not, the header holds only the network."""
     return set(subject.spec.ids) <= set(values(subject.spec))
 
 
 def values(spec: ObservationSpec) -> dict[str, str]:
-    """Return the C expressions (SI units), by id, of the observed numbers that a controller in C can know."""
+    """Return the C expressions (SI units), by id, of the observed numbers that a controller in C has."""
     now = {name: f"now->{name}" for name in spec.sensors}
     before = {name: name.rpartition("_") for name, entry in zip(spec.ids, spec.entries, strict=True)
               if entry.observed == "past_readings"}  # fmt: skip
@@ -124,14 +124,14 @@ def values(spec: ObservationSpec) -> dict[str, str]:
 
 
 def _scale(entry: Quantity, value: str) -> tuple[str, float, float, float]:
-    """Return the C expression of `value` after the entry's curve, and the entry's low end, gain and scaled low end."""
+    """Return `value` with the entry's curve as a C expression, and the entry's low end, gain and scaled low end."""
     low, gain = affine(entry.scale)
     bent = value if entry.scale.curve == "linear" else f"{entry.scale.curve}({value})"
     return bent, low, gain, entry.scale.scaled_low
 
 
 def _seen(entry: Quantity, value: str, name: str) -> str:
-    """Return the C expression of a value that was scaled to an observation and decoded as by `ObservationSpec`."""
+    """Return the C expression of a value that was scaled and decoded as by `ObservationSpec`."""
     bent, low, gain, scaled_low = _scale(entry, value)
     curve = CURVES[entry.scale.curve]
     begin, end = (float(curve.of(each)) for each in (entry.scale.low, entry.scale.high))

@@ -1,4 +1,4 @@
-"""Controllers to export, and their contract: what a user must know, in the same words in every exported file."""
+"""Controllers to export, and the contract: text for users in every exported file."""
 
 import hashlib
 import json
@@ -52,7 +52,7 @@ class Subject:
     """A controller to export: a policy, or a rule with its parameters for one time weight or several."""
 
     def __init__(self, controller: Policy | Rule, validation: Any = None, command: str = "") -> None:
-        """Describe a controller, with its scores (JSON) and the command that made it; default: those of the policy."""
+        """Describe a controller. Default `validation` (scores, JSON) and `command`: from the provenance of a policy."""
         if not isinstance(controller, Policy | Rule):
             raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
         self.controller, self.task = controller, controller.task
@@ -120,7 +120,7 @@ def _plain(value: Any) -> str:
 
 
 def of_baseline(name: str, setup: Setup | None = None, folder: Path | None = None) -> Subject:
-    """Return a baseline: one without parameters for the environment of `setup`, or a tuned one, see `read_tuned`."""
+    """Return a baseline. Without parameters: for the environment of `setup`. Tuned: see `read_tuned`."""
     if name in FIXED:
         rule: Any = load_baseline(name)
         return Subject(rule.for_task(setup.task) if setup else rule)
@@ -132,7 +132,7 @@ def of_baseline(name: str, setup: Setup | None = None, folder: Path | None = Non
 
 
 def of_name(name: str, setup: Setup | None = None) -> Subject:
-    """Return the controller with this name: a baseline, a tuned baseline's file, or a policy as for `load_policy`."""
+    """Return the controller that `name` means: a baseline, a tuned baseline's file, or a policy, see `load_policy`."""
     if name in (*FIXED, *shipped_baselines(), *(setup.tuned if setup else ())):
         return of_baseline(name, setup)
     if name.endswith(".json"):
@@ -145,7 +145,7 @@ def of_name(name: str, setup: Setup | None = None) -> Subject:
 
 
 def of_setup(setup: Setup, folder: Path | None = None) -> dict[str, Subject]:
-    """Return a set-up's controllers by name: rules without parameters, and the tuned and trained ones in `folder`."""
+    """Return a set-up's controllers by name: rules without parameters, and the controllers in `folder`."""
     folder, found = folder or setup.folder, {}
     for name in ("paper-trapezoid", "local-brake", *(["operator-alone"] if setup.environment.get("operator") else [])):
         found[name] = of_baseline(name, setup)

@@ -1,4 +1,4 @@
-"""A policy as an ONNX graph, written node by node, without torch and tracing."""
+"""A policy as an ONNX graph, made without torch."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Check an exported header: compile it, and let its controller replay episodes of the environment, call by call."""
+"""Check an exported header: compile it, and let the compiled controller replay episodes."""
 
 import ctypes
 import shutil
@@ -24,14 +24,14 @@ class Log(NamedTuple):
     """Sensors and commands of episodes, step by step; a row is an episode."""
 
     sensors: Floats  # (steps, rows, fields), SI units
-    commands: Floats  # (steps, rows, 2), m/s and m/s^2; with an operator the last command of the step
-    late: Floats  # (steps, rows), m/s, an operator's command that arrived within the step; nan: there was none
+    commands: Floats  # (steps, rows, 2), m/s and m/s^2; with an operator, the last command of the step
+    late: Floats  # (steps, rows), m/s, an operator's command that arrived within the step; nan: none
     steps: NDArray[np.int64]  # (rows,), number of steps of each episode
     time_weight: Floats  # (rows,)
 
 
 def logged(subject: Subject, episodes: int) -> Log:
-    """Play episodes and return their log; a rule also gets time weights below and above those of its tuning."""
+    """Play episodes and return the log; a rule also gets time weights outside the range of the tuned weights."""
     task = subject.task
     if subject.policy is None:
         task = task.changed({"time_weight": (0.8 * subject.weights[0], 1.25 * subject.weights[-1])})
@@ -60,7 +60,7 @@ def logged(subject: Subject, episodes: int) -> Log:
 
 
 def compiled(subject: Subject, header: Path, folder: Path, *how: str, language: str = "C99") -> ctypes.CDLL | None:
-    """Compile program.c.jinja with the header, with the compiler flags `how`; None: there is no compiler."""
+    """Compile program.c.jinja and the header with the compiler flags `how`; None: there is no compiler."""
     compiler = shutil.which("g++" if language == "C++17" else "gcc") or shutil.which("cc")
     if compiler is None:
         return None
@@ -74,7 +74,7 @@ def compiled(subject: Subject, header: Path, folder: Path, *how: str, language: 
     included = ["-D_POSIX_C_SOURCE=199309L", "-include", str(header.resolve())]
     made = ["-c", "-o", str(library.with_suffix(".o"))]
     subprocess.run([compiler, *flags, *included, *made], input=source, text=True, check=True)
-    # a separate link without flags: with -Ofast the linker would add code by which this process rounds subnormals to 0
+    # linked without flags: with -Ofast, the linked code would make this process round subnormals to 0
     subprocess.run([compiler, "-shared", str(library.with_suffix(".o")), "-o", str(library), "-lm"], check=True)
     return ctypes.CDLL(str(library))
 

@@ -1,4 +1,4 @@
-"""Policies: small networks as plain arrays, which run without torch. This folder holds the shipped policies."""
+"""Policies: small networks that run without torch. This folder holds the shipped policies."""
 
 from agents.policies.policy import SHIPPED, Controller, Ensemble, Policy, load_ensemble, load_policy
 

@@ -1,8 +1,8 @@
 """The small networks of policies, computed on NumPy.
 
-The result of a row has the same bits whatever other rows are in the batch. To achieve this, rows are multiplied in
-blocks of one size, and the last block is filled with zeros. In a product of the whole batch, the order of summation
-would depend on the size of the batch. In a block larger than the machine's BLAS kernel, it could depend on the row.
+The result of a row has the same bits in every batch, because rows are multiplied in blocks of one size. Zeros fill the
+last block. In one product, the order of summation would depend on the size of the batch. In blocks larger than the
+machine's BLAS kernel, the order could depend on the row.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
-BLOCKS = (16, 8, 4, 2, 1)  # numbers of rows in a block that `Network.block` tries
-CHUNK = 512  # rows that pass through all layers together: few enough for the processor's cache
+BLOCKS = (16, 8, 4, 2, 1)  # sizes of a block that `Network.block` tries
+CHUNK = 512  # number of rows computed together, few enough for the processor's cache
 ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
     "tanh": np.tanh,
     "relu": lambda values: np.maximum(values, np.float32(0.0)),
@@ -99,7 +99,7 @@ class Network:
 
 def from_arrays(description: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Network:
     """Return the network with this `description` and with arrays named as in `to_arrays`."""
-    # layers get new names, because exported C code contains the names, and no text of the file may get into code
+    # layers get new names: exported C code contains the names, and must not contain text of the file
     places = {name: f"hidden_{place}" for place, name in enumerate(description["layers"])}
     places |= {name: name for name in ("mean", "log_std")}
     made = {name: Affine(place, arrays[f"{name}.weight"], arrays[f"{name}.bias"]) for name, place in places.items()}

@@ -1,7 +1,7 @@
-"""Policies, the results of trainings, as plain arrays, which run without torch.
+"""Policies: trained networks as plain arrays, without torch.
 
-A policy file is an archive of arrays and JSON. It holds the weights of a small network for each training seed, the
-scales of observation and action, and the provenance. Reading one runs no code.
+A policy file is an archive, see `agents.archive`. It holds the weights of a small network for each training seed, the
+scales of observation and action, and the provenance.
 """
 
 import warnings
@@ -23,7 +23,7 @@ from impact_gym.validation import array, shown, whole
 SHIPPED = Path(__file__).parent
 FORMAT = "impact_gym policies 3"
 MAY_DIFFER = ("scenario", "time_weight", "privileged", "rtol", "max_episode_steps")
-"""Arguments in which an environment may differ from the one of the training without a warning."""
+"""Arguments that may differ from those of the training without a warning."""
 
 
 class Controller(Protocol):
@@ -36,14 +36,14 @@ class Controller(Protocol):
 
 
 class Policy:
-    """A network and the environment for which it was trained; it has the method `predict` of stable-baselines3."""
+    """A network and the environment of its training, with the method `predict` of stable-baselines3."""
 
     def __init__(self, network: Network, task: Task, provenance: Mapping[str, Any]) -> None:
         """Make a policy.
 
         Args:
             network: network from the scaled observation to the action in [-1, 1].
-            task: task of the environment; it determines the numbers of the observation.
+            task: task of the environment.
             provenance: origin of the policy, as JSON: command, settings with the seed of the training, versions.
 
         Raises:
@@ -65,8 +65,8 @@ class Policy:
     ) -> tuple[NDArray[np.float32], Any]:
         """Return the action for an observation (n_obs,), or the actions for a batch (n, n_obs), and `state`.
 
-        A policy has no memory: `state` and `episode_start` have no effect. Actions are deterministic by default; those
-        of `predict` in stable-baselines3 are not.
+        A policy has no memory: `state` and `episode_start` have no effect. Unlike in stable-baselines3, actions are
+        deterministic by default.
         """
         with np.errstate(over="ignore"):  # a number too large for float32 becomes infinite
             seen = array("observation", observation).astype(np.float32, copy=False)
@@ -82,7 +82,7 @@ class Policy:
         return np.clip(action, np.float32(-1.0), np.float32(1.0)), state
 
     def warn_if_elsewhere(self, task: Task) -> None:
-        """Warn, once, if a task differs from the training's task in arguments other than MAY_DIFFER."""
+        """Warn, once, if a task differs from the policy's task in arguments other than MAY_DIFFER."""
         other = [name for name in self.task.differs_in(task) if name not in MAY_DIFFER]
         if other and not self._warned:
             self._warned = True
@@ -168,8 +168,8 @@ def load_ensemble(name: str | Path) -> Ensemble:
     """Return the policies of all seeds of a shipped set-up, by name, or the policies in a file or a run folder.
 
     Raises:
-        TypeError, ValueError: the name is neither a shipped policy nor a file or run folder; or the file is no policy,
-            or is damaged, or was made for other scales than the environment's.
+        TypeError, ValueError: `name` is no shipped policy, file or run folder; or the file is no policy, is damaged, or
+            has other scales of observation or action than this version.
     """
     path = named_file("policy", name, SHIPPED, ".npz", "best.npz")
     content, arrays = read_archive(path, FORMAT)
@@ -184,9 +184,9 @@ def load_policy(name: str | Path, seed: int | None = None) -> Policy:
 
     Args:
         name: name of a shipped policy, or a path.
-        seed: seed of the training, if the file holds several; None: the chosen one.
+        seed: seed of the training; None: the chosen policy.
 
     Raises:
-        ValueError: as `load_ensemble`, or there is no policy with this seed.
+        TypeError, ValueError: as `load_ensemble`, or there is no policy with this seed.
     """
     return load_ensemble(name)[seed]

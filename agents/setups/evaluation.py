@@ -14,9 +14,8 @@ from impact_gym.validation import distinct, number, numbers, whole
 
 WEIGHTS = (0.7, 1.0, 2.0, 4.0)  # m/s per s
 RESERVED = ("time_weight", "privileged", "max_episode_steps")
-"""Arguments of the environment that training and evaluation choose, not the set-up."""
+"""Arguments of the environment that a set-up must not have: training and evaluation choose these arguments."""
 SET_UP_ARGUMENTS = tuple(name for name in ARGUMENTS if name not in RESERVED)
-"""Arguments of the environment that a set-up may have."""
 AS_TRAINED = "as trained"
 
 COMPLIANT = {"type": "Robot", "mass": 5.225, "stiffness": 1.9e5, "damping": 50.4}  # docs/provenance.md
@@ -35,39 +34,39 @@ VARIED: Mapping[str, Any] = {
     "robot": ["rigid"],
     "robot.stiffness": {"times": [0.5, 1.0, 2.0]},
 }
-"""Default of `Evaluation.varied`, see `usual`. Arguments that a set-up does not have are left out."""
+"""Default of `Evaluation.varied`, see `usual`."""
 MAY_BE_NONE = ("robot", "coupling.stroke")
 """Arguments that can be varied even if the set-up does not have them."""
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Time weights, scenarios and variations with which a set-up is evaluated."""
+    """Time weights, scenarios and variations of the evaluation of a set-up."""
 
     weights: tuple[float, ...] = WEIGHTS
-    """Time weights, m/s per s, for which baselines are tuned, and at which policies are validated and compared."""
+    """Time weights, m/s per s. Baselines are tuned, and policies are validated and compared, at these weights."""
     curve: tuple[float, ...] = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
-    """Time weights, m/s per s, at which a policy plays for the trade-off curve; weights outside the range of its
-    training are left out."""
+    """Time weights, m/s per s, for the trade-off curve. Default weights outside the range of the training are left
+    out."""
     typical: float = 2.0
     """Time weight, m/s per s, for results at a single weight."""
     set: str = "test"
     """Frozen set that the report plays. If the environment has its own `scenario` ranges, scenarios are drawn from
     these ranges instead."""
     scenarios: int = 2000
-    """Number of scenarios that are played, from the first of the set on."""
+    """Number of scenarios to play, from the first of the set on."""
     varied: Mapping[str, Any] = field(default_factory=lambda: usual({}, COMPLIANT))
-    """Arguments, by dotted name, that are changed one at a time to test robustness. Each has a list of values, or a
-    table {times = [...]} of multiples of the set-up's value; `scenario` has a list of names of frozen sets."""
+    """Values by dotted argument. To test robustness, one argument is changed at a time. An argument has a list of
+    values, or a table {times = [...]} of multiples of the set-up's value. `scenario` has names of frozen sets."""
     nominal: Mapping[str, Any] = field(default_factory=dict)
-    """Fixed arguments that replace ranges of the set-up; the changes in `varied` start from them. In a file, robot =
+    """Fixed arguments that replace ranges of the set-up, before `varied` changes an argument. In a file, robot =
     "rigid" means no robot compliance."""
 
     @classmethod
     def of_table(
         cls, content: Mapping[str, Any], environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None
     ) -> "Evaluation":
-        """Return the evaluation in a file's table (for `robot` see `usual`); TypeError, ValueError: a wrong entry."""
+        """Return the evaluation in a file's table; TypeError, ValueError: a wrong entry. For `robot` see `usual`."""
         known("evaluation.", content, [item.name for item in fields(cls)])
         known("evaluation.nominal.", table(content, "nominal", "evaluation."), SET_UP_ARGUMENTS)
         nominal = {name: None if value == "rigid" else value for name, value in content.get("nominal", {}).items()}
@@ -95,8 +94,8 @@ class Evaluation:
 def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return the default variations of an environment: VARIED, with the environment's own numbers.
 
-    A rigid robot is also replaced by `robot`. A spring without stops also gets a stroke that is too short. An
-    environment with the default scenario ranges also plays the frozen set `hard`, which lies outside these ranges.
+    In addition, `robot` replaces a rigid robot, and a spring without stops gets a stroke that is too short. With the
+    default scenario ranges, the frozen set `hard` is also played.
     """
     with warnings.catch_warnings(action="ignore", category=UserWarning):
         task = Task(**environment)
@@ -128,13 +127,13 @@ class Change:
 
 
 def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Change]:
-    """Return all changes of `evaluation`, by argument; arguments that `environment` does not have are left out."""
+    """Return all changes of `evaluation`, without those of arguments that `environment` does not have."""
     begun = {**environment, **evaluation.nominal}
     return [change for name, values in evaluation.varied.items() for change in changes(name, values, begun)]
 
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
-    """Yield the changes of one argument; an invalid value is left out, or raises a ValueError if `strict` is true."""
+    """Yield the changes of one argument, without invalid values; ValueError, if `strict`: an invalid value."""
     where = f"evaluation.varied.{name}"
     multiples = isinstance(values, Mapping)
     if multiples:
@@ -147,7 +146,7 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
         for scenarios in listed:
             same = scenarios == AS_TRAINED
             with within(where):
-                _ = same or evaluation_sets.load(scenarios)  # raises if there is no such set
+                _ = same or evaluation_sets.load(scenarios)  # ValueError: no such set
             yield Change(name, scenarios, math.nan, False, environment, "" if same else scenarios, same)
         return
     task = Task(**environment)

@@ -1,4 +1,4 @@
-"""Checks before a training whether a set-up's task can be done."""
+"""Check, before a training, whether the task of a set-up is possible."""
 
 from collections.abc import Iterator
 from itertools import product
@@ -8,12 +8,12 @@ from impact_gym.task import QUANTITIES, ObservationSpec, Task
 from impact_gym.task.task import MOUNT_IDS
 
 OVERSHOOT = 2.0
-"""Largest acceleration of a compliant robot's flange / commanded acceleration, for an undamped spring and a single step
+"""Largest ratio of a compliant robot's acceleration to the commanded acceleration, for an undamped spring and one step
 of the command. Several steps at the robot's natural frequency cause a larger ratio."""
 
 
 def warnings(task: Task) -> list[str]:
-    """Return a sentence for each problem that some episodes have; ValueError: a problem that all episodes have."""
+    """Return a sentence for each problem of a task; ValueError: the front stop cannot hold the tool."""
     (near, far), (least, most) = task.scenario.distance, task.acceleration_range
     observed = ObservationSpec(task).scale("position").high
     first_reading = task.longest("reaction_delay") + task.control_period
@@ -45,7 +45,7 @@ def warnings(task: Task) -> list[str]:
 
 
 def corners(task: Task) -> Iterator[Task]:
-    """Yield tasks with the drawn numbers of tool, coupling and robot at all combinations of ends of their ranges."""
+    """Yield a task for each combination of ends of the ranges of tool, coupling and robot."""
     names = [name for name in task.drawn if name in MOUNT_IDS]
     middles = {name: QUANTITIES[name].middle(*pair) for name, pair in task.drawn.items()}
     for ends in product(*(task.drawn[name] for name in names)):

@@ -1,4 +1,4 @@
-"""Functions that read the tables of a file. An error is one line with key, value and allowed values."""
+"""Functions that read the tables of a file."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -19,7 +19,7 @@ def within(place: str) -> Iterator[None]:
 
 
 def known(prefix: str, given: Iterable[str], allowed: Iterable[str]) -> None:
-    """Raise ValueError for the first key that is not allowed; the message names the nearest allowed key."""
+    """Raise ValueError for the first key that is not allowed."""
     names = sorted(allowed) if isinstance(allowed, (set, frozenset)) else list(allowed)
     for key in given:
         if key not in names:
@@ -29,7 +29,7 @@ def known(prefix: str, given: Iterable[str], allowed: Iterable[str]) -> None:
 
 
 def table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, Any]:
-    """Return a table of a file; an empty one if the file does not have it."""
+    """Return a table of a file; empty if the file does not have this table."""
     value = content.get(name, {})
     if not isinstance(value, dict):
         raise ValueError(f"{prefix}{name} must be a table, [{prefix}{name}], got {value!r}")
@@ -37,7 +37,7 @@ def table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, 
 
 
 def text(content: Mapping[str, Any], name: str, otherwise: str, prefix: str = "") -> str:
-    """Return the text of a key, which must be one line."""
+    """Return the text of a key, by default `otherwise`; the text must be one line."""
     value = content.get(name, otherwise)
     if not isinstance(value, str) or not re.fullmatch(r"[^\x00-\x1f\x7f]+", value):
         raise ValueError(f"{prefix}{name} must be a text in one line, got {value!r:.80}")

@@ -1,4 +1,4 @@
-"""The record of a set-up, and functions that read its file."""
+"""The record `Setup`, and functions that read the file of a set-up."""
 
 import tomllib
 from collections.abc import Mapping
@@ -24,16 +24,16 @@ TUNED = SHIPPED.parent / "tuned"
 VERSION = 1
 TABLES = ("environment", "training", "baselines", "evaluation")
 INHERITED = ("environment", "training", "evaluation")
-"""Tables whose keys a set-up inherits from the set-up that it extends."""
-BUDGET = 4800  # default number of candidates that tuning tries for each time weight
-SEEDS, MOST_SEEDS = 10, 10_000  # default and largest number of trainings of a set-up
+"""Tables whose keys a set-up inherits, see `_read`."""
+BUDGET = 4800  # see `Setup.budget`
+SEEDS, MOST_SEEDS = 10, 10_000  # default and largest `Setup.seeds`
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
-"""Set-ups in the README, and the default of `impact-gym report`."""
+"""Set-ups that `impact-gym report` compares by default."""
 RULES = (
     "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile", "DetectorRanged", "FilteredProfile",
     "FirstReadingProfile", "Ranged", "RangedProfile",
 )  # fmt: skip
-"""Names of the rules in `agents.baselines` that a set-up may tune. Reading a set-up does not import them."""
+"""Names of the rules in `agents.baselines` that a set-up may tune. Reading a set-up does not import these rules."""
 FIXED = {
     "paper-trapezoid": "PaperTrapezoid", "random": "RandomActions", "local-brake": "LocalBrake",
     "operator-alone": "OperatorAlone",
@@ -45,9 +45,9 @@ class Tuned(NamedTuple):
     """A baseline that is tuned for a set-up."""
 
     rule: str  # one of RULES
-    rtol: float = Task.rtol  # tolerance of the simulation during the search; validation uses the environment's rtol
-    clean_alarm: bool = False  # whether the search uses an alarm without errors, such as a teacher gets
-    jitter: float = 0.0  # standard deviation of errors that the search adds to actions, as a fraction of their range
+    rtol: float = Task.rtol  # tolerance of the simulation during the search, not during the validation
+    clean_alarm: bool = False  # whether the search uses an alarm without errors
+    jitter: float = 0.0  # standard deviation of errors added to actions in the search, as a fraction of the range
     scenarios: int = 300  # number of scenarios that each candidate plays
 
 
@@ -64,7 +64,7 @@ class Setup:
     environment: Mapping[str, Any]  # arguments of `gym.make("ImpactApproach-v0", ...)`
     training: Training = field(default_factory=Training)
     tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines by name
-    against: tuple[str, ...] = ()  # baselines for comparison, without the paper's rule; the first is the main one
+    against: tuple[str, ...] = ()  # baselines for comparison, without the paper's rule; the first is the main rival
     bound: str = ""  # set-up whose clairvoyant bound also applies here
     budget: int = BUDGET  # number of candidates that tuning tries for each time weight
     evaluation: Evaluation = field(default_factory=Evaluation)
@@ -102,7 +102,7 @@ class Setup:
         return SHIPPED.parent if self.shipped else Path("runs") / self.name
 
     def describes(self, task: Task) -> bool:
-        """Whether a task equals this set-up's, except for arguments that training and evaluation choose."""
+        """Whether a task equals the set-up's task in SET_UP_ARGUMENTS."""
         return not {*self.task.differs_in(task)} & {*SET_UP_ARGUMENTS}
 
 
@@ -117,14 +117,14 @@ def shipped_baselines() -> tuple[str, ...]:
 
 
 def owner(baseline: str, setup: Setup | None = None) -> Setup | None:
-    """Return the set-up that tunes `baseline`: `setup`, or else a shipped one; None if there is none."""
+    """Return the set-up that tunes `baseline`: `setup`, or else a shipped set-up; None: no set-up tunes it."""
     if setup and baseline in setup.tuned:
         return setup
     return next((setup for setup in map(load_setup, shipped()) if baseline in setup.tuned), None)
 
 
 def load_setup(name_or_path: str | Path) -> Setup:
-    """Return a shipped set-up, by name, or a set-up from a file; ValueError: no such set-up, or an error in a file."""
+    """Return a shipped set-up, by name, or the set-up in a file; TypeError, ValueError: no such set-up, or an error."""
     path = named_file("set-up", name_or_path, SHIPPED, ".toml")
     return deepcopy(_loaded(path.resolve(), path.stat().st_mtime_ns))
 
@@ -138,7 +138,7 @@ def _loaded(path: Path, _: int) -> Setup:
 
 
 def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Return the content of a file; its INHERITED tables also have the keys of the set-up that it extends."""
+    """Return the content of a file; the INHERITED tables also have the keys of an extended set-up."""
     content: dict[str, Any] = parsed(path, "TOML", tomllib.loads)
     with within(str(path)):
         _read_delays(table(content, "environment"), path.parent)
@@ -199,7 +199,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
 
 
 def _read_delays(environment: dict[str, Any], folder: Path) -> None:
-    """Replace the name of each delay file, a path relative to the set-up's `folder`, by the rows of the file."""
+    """Replace the path of each delay file, relative to the set-up's `folder`, by the rows of the file."""
     for way in WAYS:
         if isinstance(channel := environment.get(way), dict) and isinstance(trace := channel.get("trace"), str):
             with within(f"environment.{way}"):
@@ -226,7 +226,7 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
         for weight in np.atleast_1d(getattr(setup.evaluation, name)).tolist():
             if name in given:
                 number(f"evaluation.{name}", weight, "m/s per s", at_least=low, at_most=high)
-            elif name != "curve" and not low <= weight <= high:  # `curve` leaves out such weights by default
+            elif name != "curve" and not low <= weight <= high:  # the default of `curve` leaves out such weights
                 what = f"{weight:g} m/s per s, a default of evaluation.{name}"
                 raise ValueError(f"training.time_weight must include {what}, got {low:g} to {high:g} m/s per s")
     baselines = {*setup.tuned, *shipped_baselines()}

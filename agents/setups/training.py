@@ -11,7 +11,7 @@ from impact_gym.validation import Range, fits_memory, flag, number, whole
 
 Activation = Literal["tanh", "relu"]
 SLOTS = 100_000
-"""Largest number of environments of a training, and of seeds that it uses, see `agents.train.ppo`."""
+"""Largest number of environments of a training. Each environment has its own seed, see `agents.train.ppo`."""
 WHOLE: dict[str, tuple[int, float]] = {
     **dict.fromkeys(("steps", "epochs", "imitation_steps", "width", "depth"), (1, inf)),
     **dict.fromkeys(("validate_every", "validation_scenarios", "checkpoint_every"), (1, inf)),
@@ -132,5 +132,5 @@ class Training:
         return -(-self.steps // self.round) * self.round
 
     def rate(self, remaining: float) -> float:
-        """Return the learning rate; `remaining` is the share of the training that remains."""
+        """Return the learning rate; `remaining` is the fraction of the training that remains."""
         return self.learning_rate * (self.final_rate + (1.0 - self.final_rate) * remaining)

@@ -1,4 +1,4 @@
-"""Train a policy, or with `--seeds` several policies: `impact-gym train [SETUP]`."""
+"""The command `impact-gym train`."""
 
 import sys
 from collections.abc import Sequence
@@ -52,7 +52,7 @@ class TrainOptions:
         if self.seeds is not None:
             whole("seeds", self.seeds, at_least=1)
             if self.seed:
-                raise ValueError(f"seed must be 0 with seeds, which counts from there, got {self.seed}")
+                raise ValueError(f"seed must be 0 with seeds: these are 0, 1 and so on; got {self.seed}")
 
 
 def read_options(arguments: Sequence[str]) -> TrainOptions:

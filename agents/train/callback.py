@@ -1,4 +1,4 @@
-"""Work between two rollouts: validation, best policy, checkpoints, and learning curves as CSV and for TensorBoard."""
+"""Validate, log and save between two rollouts of a training."""
 
 import csv
 import io
@@ -21,11 +21,11 @@ from impact_gym.files import write_file
 STEPS = "time/total_timesteps"
 OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
 OnValidation = Callable[[int, dict[str, Any]], None]
-"""Function that is called after each validation, with the number of steps so far and the result."""
+"""Function that each validation calls with the number of steps so far and the result."""
 ROWS = 200  # largest number of rows of a learning curve
-NEARLY_ALL = 0.99  # fraction of the objects; a policy that misses so many touches an object only by accident
+NEARLY_ALL = 0.99  # fraction of the objects; a policy that misses this fraction touches objects only by accident
 COLLAPSED = 3  # validations in a row with nearly all objects missed: the training has collapsed
-BEGINNING = 0.1  # first fraction of a training, in which a policy may miss all objects
+BEGINNING = 0.1  # in this first fraction of a training, a policy may miss all objects
 
 
 class CollapsedError(RuntimeError):
@@ -33,7 +33,7 @@ class CollapsedError(RuntimeError):
 
 
 class TrainingCallback(BaseCallback):
-    """A callback that validates, logs and saves between two rollouts."""
+    """Callback of stable-baselines3."""
 
     def __init__(
         self, folder: Path, setup: Setup, training: Training, policy: Callable[[], Policy],
@@ -56,8 +56,8 @@ class TrainingCallback(BaseCallback):
             "best": math.inf,
             "curve": [],  # [steps, score] of each validation
             "rows": [],  # of progress.csv
-            "collapsed": 0,  # validations in a row so far with nearly all objects missed
-            "seconds": 0.0,  # before this process began
+            "collapsed": 0,  # last validations in a row with nearly all objects missed
+            "seconds": 0.0,  # of the training, in earlier processes
         }
 
     def _on_step(self) -> bool:
@@ -129,12 +129,12 @@ class TrainingCallback(BaseCallback):
         )
 
     def _write_row(self) -> None:
-        if self.kept["episodes"]:  # without an episode the mean would be nan
+        if self.kept["episodes"]:  # else there is no mean
             for name in OBJECTIVES:
                 self.logger.record(f"objectives/{name}", self.kept["sums"][name] / self.kept["episodes"])
         self.kept |= {"sums": dict.fromkeys(OBJECTIVES, 0.0), "episodes": 0}
         row = {name: float(value) for name, value in self.logger.name_to_value.items()}
-        self.logger.dump()  # also deletes these values from the logger
+        self.logger.dump()  # also deletes the values from the logger
         self.kept["rows"].append({STEPS: self.num_timesteps, **row})
         columns = {name for each in self.kept["rows"] for name in each}
         table = csv.DictWriter(text := io.StringIO(newline=""), sorted(columns))

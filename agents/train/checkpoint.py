@@ -1,9 +1,9 @@
-"""Write and restore checkpoints: a training resumed from one ends as if it had not been interrupted.
+"""Write and restore checkpoints: a resumed training has the same result as an uninterrupted one.
 
-A checkpoint is taken between two rollouts, when the rollout buffer is empty. It holds the networks, optimisers and
-counters, the random states of torch, NumPy and Python, the environments with their generators, and the values that the
-log has not written yet. The file is an archive instead of torch's format: `torch.load(weights_only=True)` would need
-private names of NumPy, and does not detect a damaged file.
+A checkpoint is written between two rollouts, when the rollout buffer is empty. It holds networks, optimiser, counters,
+environments, the random states of torch, NumPy and Python, and the values that the log has not written yet. The file
+does not have torch's format, because `torch.load(weights_only=True)` would need private names of NumPy, and does not
+detect a damaged file.
 """
 
 import json
@@ -23,13 +23,13 @@ from agents.setups import Training
 from impact_gym.files import write_file
 
 FORMAT = "impact_gym checkpoint 3"
-# stable-baselines3 2.9 has no public names for these; a test checks that a resumed training has the same result
+# stable-baselines3 2.9 has no public names for these values; a test checks that a resumed training has the same result
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
 UNWRITTEN = ("name_to_value", "name_to_count", "name_to_excluded")  # of the log
 
 
 def write(path: Path, model: Any, callback_state: Mapping[str, Any], training: Training) -> None:
-    """Write a checkpoint of a model of stable-baselines3, its environments and the callback's state atomically."""
+    """Write a checkpoint of a model, the model's environments and the callback's state atomically."""
     arrays: dict[str, NDArray[Any]] = {}
     state = {
         "parameters": model.get_parameters(),
@@ -48,7 +48,7 @@ def write(path: Path, model: Any, callback_state: Mapping[str, Any], training: T
 
 
 def restore(path: Path, model: Any, training: Training) -> dict[str, Any]:
-    """Restore a model and its environments, made from the same settings; return the state of the callback."""
+    """Restore a model that was made from the same settings; return the state of the callback."""
     content, arrays = read_archive(path, FORMAT)
     state = json.loads(json.dumps(content), object_hook=partial(_unpack, arrays))
     try:
@@ -74,14 +74,14 @@ def restore(path: Path, model: Any, training: Training) -> dict[str, Any]:
 
 
 def _pack(arrays: dict[str, NDArray[Any]], value: Any) -> dict[str, str]:
-    """Put a tensor or an array into `arrays`; return what represents it in JSON."""
+    """Put a tensor or an array into `arrays`; return a JSON value in its place."""
     name = str(len(arrays))
     arrays[name] = np.asarray(value)
     return {"tensor" if isinstance(value, torch.Tensor) else "array": name}
 
 
 def _unpack(arrays: Mapping[str, NDArray[Any]], table: dict[str, Any]) -> Any:
-    """Return what a table of JSON represents; JSON turned the whole numbers among the keys into text."""
+    """Return the value of a JSON table. Numbers among the keys were written as text."""
     match table:
         case {"tensor": name}:
             return torch.from_numpy(arrays[name])

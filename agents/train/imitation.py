@@ -1,7 +1,7 @@
 """PPO that first imitates a baseline, in states that the policy itself visits.
 
 S. Ross, G. Gordon, D. Bagnell, A Reduction of Imitation Learning and Structured Prediction to No-Regret Online
-Learning, AISTATS 2011. PPO alone does not find behaviour far from its initial one, such as an approach in pulses.
+Learning, AISTATS 2011. PPO alone does not find an approach in pulses.
 """
 
 from typing import Any
@@ -18,10 +18,10 @@ from impact_gym.task import ActionSpec, ObservationSpec
 
 
 class Teacher:
-    """A baseline to imitate; a tuned one plays an episode with the parameters that score best at its time weight."""
+    """A baseline to imitate; in each episode, it uses the tuned parameters that score best at the time weight."""
 
     def __init__(self, setup: Setup, name: str) -> None:
-        """Make a teacher from a baseline without parameters, a tuned baseline of the set-up, or a shipped baseline."""
+        """Make a teacher from one of FIXED, a tuned baseline of the set-up, or a shipped tuned baseline."""
         rules, means, self.checksum = [FIXED[name]()] if name in FIXED else [], [(0.0, 0.0)], name
         if not rules:
             content = read_tuned(name, setup=setup)
@@ -37,8 +37,8 @@ class Teacher:
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
         """Return the actions (steps, envs, k) at privileged `observations` (steps, envs, n_obs), step by step.
 
-        If noisy readings raise the alarm, the teacher gets the true touch as its alarm, which the policy does not
-        observe. The teacher's memory is empty at the first step.
+        If noisy readings raise the alarm, the teacher gets the true touch as alarm. The teacher's memory is empty at
+        the first step.
         """
         spec, time_weight = self.spec, self.spec.decode(observations, "time_weight")
         if "time_since_touch" in spec:
@@ -58,7 +58,7 @@ class Teacher:
 
 
 class PPOWithImitation(PPO):
-    """PPO that imitates a teacher for the first steps; the critic learns from the first step on."""
+    """PPO that imitates a teacher for the first steps; the critic learns in all steps."""
 
     def __init__(self, *arguments: Any, teacher: Teacher, imitation_steps: int, **options: Any) -> None:
         """Make a model; `arguments` and `options` are those of PPO."""
@@ -88,5 +88,5 @@ class PPOWithImitation(PPO):
                 torch.autograd.backward(loss + self.vf_coef * value_loss)
                 torch.nn.utils.clip_grad_norm_(policy.parameters(), self.max_grad_norm)
                 policy.optimizer.step()
-            self._n_updates += 1  # `PPO.train` counts too; checkpoint and log hold the number
+            self._n_updates += 1  # as in `PPO.train`
         self.logger.record("train/imitation_loss", float(np.mean(losses)))

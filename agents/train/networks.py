@@ -1,7 +1,7 @@
-"""Networks of a training: an actor, which sees the observation, and a critic, which also sees the true scenario.
+"""Networks of a training: an actor, and a critic that may also observe the true scenario.
 
-A critic that does not depend on the action does not bias the policy gradient, whatever else it sees. A critic that
-knows mass and distance of the object reduces the variance of the gradient (Pinto et al. 2018, asymmetric actor critic).
+A critic that does not depend on the action does not bias the policy gradient. A critic that observes mass and distance
+of the object reduces the variance of the gradient (Pinto et al. 2018, asymmetric actor critic).
 """
 
 import re
@@ -26,7 +26,7 @@ CENTRE_AND_SPREAD = {
     "force": (0.05, 0.1),
     "force_peak": (0.15, 0.25),
     "time_weight": (0.0, 0.3),
-    "distance_estimate": (0.05, 0.1),  # narrower than the range, so that the estimate's error of 10 mm matters
+    "distance_estimate": (0.05, 0.1),  # narrow, so that the estimate's error of 10 mm matters
     "range_noise": (0.3, 0.2),
     "deflection": (0.0, 0.2),
     "object_mass": (0.15, 0.3),
@@ -41,13 +41,13 @@ learn late from numbers that vary little. In a saved policy the standardisation 
 def standardisation(tasks: Sequence[Task]) -> NDArray[np.float64]:
     """Return centres and spreads (2, n_obs) of the common observation of tasks.
 
-    For a number that is not in CENTRE_AND_SPREAD, they are mean and standard deviation of the range from which it is
-    drawn; if it is not drawn, 0 and 1.
+    A drawn number that is not in CENTRE_AND_SPREAD has the mean and standard deviation of the range. Other numbers that
+    are not in CENTRE_AND_SPREAD have 0 and 1.
     """
     spec, pairs = ObservationSpec.of_rows(tasks), []
     drawn = {name: pair for task in reversed(tasks) for name, pair in task.ranges.items() if pair[0] < pair[1]}
     for name in spec.ids:
-        newest = re.sub(r"_\d$", "", name)  # a past reading has the entry of the newest one
+        newest = re.sub(r"_\d$", "", name)  # a past reading has the entry of the newest reading
         if newest in CENTRE_AND_SPREAD:
             pairs.append(CENTRE_AND_SPREAD[newest])
         elif name in drawn:
@@ -77,10 +77,10 @@ class Standardised(BaseFeaturesExtractor):
 
 
 class AsymmetricPolicy(ActorCriticPolicy):
-    """A policy of stable-baselines3 whose critic may see more than its actor."""
+    """A policy of stable-baselines3 whose critic may observe more than the actor."""
 
     def __init__(self, *arguments: Any, actor_inputs: int, **options: Any) -> None:
-        """Make a policy; the actor sees the first `actor_inputs` numbers, the critic sees all."""
+        """Make a policy; the actor observes the first `actor_inputs` numbers, the critic all numbers."""
         self.actor_inputs = actor_inputs
         super().__init__(*arguments, **options)
 
@@ -94,7 +94,7 @@ class AsymmetricPolicy(ActorCriticPolicy):
 
 
 class FastTanh(torch.nn.Module):
-    """tanh by NumPy: equal to torch.nn.Tanh within rounding, and on some machines eight times faster than it."""
+    """tanh by NumPy: equal to torch.nn.Tanh within rounding, and on some machines eight times as fast."""
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
         """Return tanh of `values`."""

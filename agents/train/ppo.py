@@ -1,8 +1,8 @@
 """Train a policy with PPO: settings, environments, model, learning, policy, in this order.
 
-Each training writes a run folder. It holds `config.json` (settings, versions, command), `progress.csv` and events for
-TensorBoard, `best.npz` (the policy with the best validation score), `final.npz`, and `metrics.json` (with the speed of
-the training). Until the training ends, the folder also holds `checkpoint.npz`, from which `resume` continues.
+Each training writes a run folder with `config.json` (settings, versions, command), `progress.csv`, events for
+TensorBoard, `best.npz` (the policy with the best validation score), `final.npz`, and `metrics.json`. `resume` continues
+from `checkpoint.npz`, a file that exists from the first checkpoint to the end of the training.
 """
 
 import json
@@ -65,12 +65,12 @@ class Run:
 
     @cached_property
     def teacher(self) -> Teacher | None:
-        """The baseline to imitate first; None: there is none."""
+        """The baseline to imitate, if any."""
         return Teacher(self.setup, self.training.teacher) if self.training.teacher else None
 
     @property
     def slots(self) -> list[dict[str, Any]]:
-        """Changed arguments of each environment: none for the first ones, then the set-up's `mixed`, then `nominal`."""
+        """Changed arguments of each environment: none at first, then the set-up's `mixed`, then `nominal`."""
         shares = (*self.setup.mixed, (self.training.nominal, self.setup.evaluation.nominal))
         others = [dict(changes) for share, changes in shares for _ in range(round(share * self.training.envs))]
         return [{} for _ in range(self.training.envs - len(others))] + others
@@ -93,7 +93,7 @@ class Run:
 
     @classmethod
     def of_record(cls, settings: Mapping[str, Any]) -> "Run":
-        """Return the run with the settings of `made_for`; ValueError: this version does not have one of them."""
+        """Return the run with the settings of `made_for`; ValueError: a setting that this version does not have."""
         own = {name: value for name, value in settings.items() if name not in ("setup", "seed")}
         return cls(load_setup(settings["setup"]), Training().changed(own), settings["seed"])
 
@@ -111,7 +111,7 @@ class ScaledRewards(VecEnvWrapper):
         return self._seen(self.venv.reset())
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Play a step; the time weight of the episode in which the step was made scales its reward."""
+        """Play a step; the time weight of the episode of the step scales the reward."""
         scale, (observations, rewards, ended, infos) = self._scale, self.venv.step_wait()
         return self._seen(observations), rewards * scale, ended, infos
 
@@ -120,13 +120,13 @@ class ScaledRewards(VecEnvWrapper):
         return {"scale": self._scale, "envs": self._envs.get_state()}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Restore a state from `get_state`; ValueError: it does not fit these environments."""
+        """Restore a state from `get_state`; ValueError: a state of other environments."""
         scale = array("scale of a state", state.get("scale"), self._scale.shape, "f")
         self._envs.set_state(state.get("envs", {}))
         self._scale = scale
 
     def _seen(self, observations: VecEnvObs) -> VecEnvObs:
-        """Set the scales from the time weights in `observations` (num_envs, n_obs), and return these."""
+        """Set the scales from the time weights in `observations` (num_envs, n_obs); return `observations`."""
         time_weight = self._spec.decode(np.asarray(observations), "time_weight")
         self._scale = np.asarray((1.0 + time_weight) ** -self._power, np.float32)
         return observations
@@ -142,7 +142,7 @@ def make_environments(run: Run) -> ScaledRewards:
 
 
 def make_model(run: Run, environments: ScaledRewards) -> PPO:
-    """Return an untrained model. The discount is 1: episodes end, and the aim is the sum of their rewards."""
+    """Return an untrained model. The discount is 1, because the aim is the sum of the rewards of an episode."""
     training = run.training
     network = {
         "actor_inputs": len(ObservationSpec(run.task)),
@@ -165,7 +165,7 @@ def make_model(run: Run, environments: ScaledRewards) -> PPO:
 
 
 def policy_from(model: PPO, run: Run, provenance: Mapping[str, Any]) -> Policy:
-    """Return a copy of a model's actor as a policy on NumPy; its input is the observation, not standardised."""
+    """Return a copy of a model's actor as a policy on NumPy, for observations without standardisation."""
     actor = *model.policy.mlp_extractor.policy_net, model.policy.action_net
     linear = [layer for layer in actor if isinstance(layer, torch.nn.Linear)]
     arrays = [[parameter.detach().numpy().copy() for parameter in layer.parameters()] for layer in linear]
@@ -224,7 +224,7 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
         print(f"training for {training.whole_steps:,} steps; torch uses {training.threads} thread(s)")
     done = model.num_timesteps
     bar = progress(f"{run.setup.name}, seed {run.seed}", training.whole_steps, done)
-    dropped = done + 1 if done else None  # TensorBoard drops values of the interrupted run from this step on
+    dropped = done + 1 if done else None  # from this step on, TensorBoard drops the values of the interrupted run
     with SummaryWriter(folder, purge_step=dropped) as callback.writer, closing(bar) as callback.bar:
         model.learn(
             training.whole_steps - done,

@@ -1,7 +1,7 @@
 """Trainings of a set-up with several seeds; the policy with the median validation score represents the set-up.
 
-`agents.jobs` stores finished trainings, and a killed training resumes from its checkpoint. On a cluster, resuming needs
-run folders under the same path on all nodes; otherwise the training of a lost node starts from its first step.
+`agents.jobs` stores finished trainings, and a killed training resumes from the checkpoint. On a cluster, resuming needs
+run folders under the same path on all nodes. Otherwise, the training of a lost node starts again.
 """
 
 import json
@@ -19,14 +19,14 @@ from agents.train.ppo import Run, resume, train
 from impact_gym.files import write_file
 
 KEPT = ("config.json", "best.npz", "final.npz", "metrics.json")
-"""Files of a run folder that a job returns; the last one exists only if the run is finished."""
+"""Files of a run folder that a job returns; `metrics.json` exists only if the run is finished."""
 
 
 def train_seeds(
     setup: Setup, training: Training, seeds: int, out: Path, policies: Path, processes: int | None = None,
     cluster: str | None = None,
 ) -> Path:  # fmt: skip
-    """Train the seeds from 0 on, except those finished in `out`; return the file with all policies, in `policies`."""
+    """Train with the seeds from 0 on, except runs finished in `out`; return the file of all policies, in `policies`."""
     training = replace(training, simulation_threads=1)  # has no effect on the result
     folders = [out.resolve() / f"seed-{seed}" for seed in range(seeds)]
     arguments = list[dict[str, Any]]()
@@ -35,7 +35,7 @@ def train_seeds(
         _refuse_another(**arguments[-1])
 
     def fill(seed: int, files: Mapping[str, bytes]) -> None:
-        """Write the files of a run, if its folder is on another machine or was removed; print its score."""
+        """Write the files of a run if they are not on this machine; print the score."""
         if not (folders[seed] / KEPT[-1]).is_file():
             for name, content in files.items():
                 write_file(folders[seed] / name, content)
@@ -49,7 +49,7 @@ def train_seeds(
 
 
 def median(policies: list[Policy]) -> Policy:
-    """Return the policy with the median score; of an even number, the worse one of the two in the middle."""
+    """Return the policy with the median score; of two in the middle, the worse policy."""
     ordered = sorted(policies, key=lambda policy: (policy.provenance["validation"]["score"], policy.seed))
     return ordered[len(policies) // 2]
 

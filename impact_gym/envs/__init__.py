@@ -16,13 +16,13 @@ IDS: dict[str, dict[str, Any]] = {
         "velocity_range": [-0.3, 0.5], "scenario": {"distance": [0.2, 0.8]},
     },
 }  # fmt: skip
-"""For each id registered with Gymnasium: the arguments in which it differs from the defaults."""
+"""For each id with a scalar reward, the arguments that differ from the defaults."""
 APPROACH, TELEOP, BATCH = "single:ImpactApproachEnv", "teleop:ImpactTeleopEnv", "vector:ImpactApproachVectorEnv"
 OBJECTIVES = "objectives:MOImpactApproachEnv", "objectives:MOImpactApproachVectorEnv"
 
 
 def of_objectives(name: str) -> str:
-    """Return the id of the same task with vector rewards, spelled as in MO-Gymnasium, such as mo-impact-approach-v0."""
+    """Return the id of the same task with vector rewards, such as mo-impact-approach-v0."""
     return "mo" + re.sub("[A-Z]", lambda capital: f"-{capital[0].lower()}", name)
 
 

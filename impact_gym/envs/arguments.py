@@ -31,7 +31,7 @@ def documented(kind: Kind) -> Kind:
 
 
 def law_of(row: Quantity) -> str:
-    """Return a few words that name the distribution from which a number is drawn."""
+    """Return the name of a number's distribution."""
     if row.draw is None or not row.draw.by_ratio:
         return "uniform"
     return "log-uniform, uniform from 0" if row.limits.at_least == 0.0 else "log-uniform"

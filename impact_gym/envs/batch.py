@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from impact_gym.render.film import History
 
 ROWS_PER_THREAD = 256
-"""Least number of rows per thread, if several are used; for fewer rows a thread costs more time than it saves."""
+"""Least number of rows per thread, if several threads are used; with fewer rows, one thread is faster."""
 
 _STATE = (
     "draws", "laws", "chains", "episodes", "readings", "ranges", "links", "packets", "observations", "rewards",
@@ -33,7 +33,7 @@ _STATE = (
 )  # fmt: skip
 TRACE_INTERVAL = 1e-3  # s, between two points of a trace while tool and object do not touch
 INTERVENTION = 1e-3  # m/s; if the assistance changes a command by more than this, `is_intervention` is set
-_SPARE = 4  # readings stored in addition to those in transit: a step takes new ones before it delivers the oldest
+_SPARE = 4  # readings stored in addition to those in transit: a step takes new readings before it delivers old ones
 
 
 class Bodies(NamedTuple):
@@ -122,7 +122,7 @@ class Batch:
         self._make_rows()
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
-        """From the next episode on, draw scenarios from these ranges; ValueError: all distances are out of reach."""
+        """From the next episode on, draw scenarios from these ranges; ValueError if all distances are out of reach."""
         ranges = ScenarioRanges.of(scenario)
         for task in self.tasks:
             task.check_distance(ranges.distance[0])
@@ -140,8 +140,7 @@ class Batch:
             rows: indices of the rows.
             draws: uniform numbers in [0, 1) for each of `rows` (k, UNIFORMS); or the random generators of all rows of
                 the batch.
-            fixed: records (k,) of numbers that are not drawn, with nan for a number to draw, see `task.episodes`;
-                None: all numbers are drawn.
+            fixed: records (k,) of fixed numbers, see `task.episodes`; nan or None: the number is drawn.
         """
         if isinstance(draws, list):
             generators, draws = draws, np.empty((len(rows), kernels.UNIFORMS))
@@ -149,10 +148,10 @@ class Batch:
         self._rows.begin(rows, np.ascontiguousarray(draws), records_with(len(rows), {}) if fixed is None else fixed)
 
     def begin_seeded(self, seed: int, fixed: Mapping[str, ArrayLike], copies: int = 1) -> None:
-        """Begin an episode in every row, with the random numbers of an environment's first episode with the row's seed.
+        """Begin an episode in every row, with the random numbers of an environment's first episode after seeding.
 
         The rows are `copies` groups of equal size; row k of each group has the seed `seed` + k. Numbers in `fixed`, by
-        id, are not drawn; each value is one number for all rows or an array (size,).
+        id, are not drawn; a value is one number for all rows or an array (size,).
         """
         uniforms = np.tile(first_uniforms(seed, self.size // copies), (copies, 1))
         self.begin(np.arange(self.size), uniforms, records_with(self.size, fixed))
@@ -161,7 +160,7 @@ class Batch:
         """Play a control step in all rows but those in `skip`; results are in `observations`, `rewards`, `episodes`.
 
         Args:
-            actions: numbers of any type, clipped to [-1, 1]; `action_spec` maps them to SI units.
+            actions: floats or integers, clipped to [-1, 1]; for their meaning see `action_spec`.
             skip: flags (size,), True for a row that is not stepped.
             shape: required shape of `actions`; None: (size, n).
 
@@ -214,15 +213,15 @@ class Batch:
     def info(self, rows: int | NDArray[np.int64] | None = None) -> dict[str, Any]:
         """Return the entries of the final info with their present values.
 
-        For a single row, given as an int, the values are plain numbers. For several rows (None: all) the values are
-        arrays (size,), with 0 or None in all other rows.
+        For a single row, given as an int, the values are Python values. For several rows (None: all) the values are
+        arrays (size,), with 0 or None in the rows that are not asked for.
         """
         if isinstance(rows, int):
             return self.infos(np.array([rows]))[0]
         return self._infos.columns(self.episodes, self.chains, np.arange(self.size) if rows is None else rows)
 
     def infos(self, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
-        """Return a list with the info of each of `rows`, as plain numbers."""
+        """Return the info of each of `rows`, with Python values."""
         return self._infos.infos(self.episodes, self.chains, rows)
 
     def link_columns(self) -> dict[str, NDArray[Any]]:
@@ -238,7 +237,7 @@ class Batch:
         }  # fmt: skip
 
     def link_infos(self) -> list[dict[str, Any]]:
-        """Return the entries of `link_columns` for each row, as plain numbers and arrays (1,)."""
+        """Return the entries of `link_columns` for each row, as Python values and arrays (1,)."""
         columns = self.link_columns()
         lists = {name: list(column) if column.ndim > 1 else column.tolist() for name, column in columns.items()}
         return [{name: values[row] for name, values in lists.items()} for row in range(self.size)]
@@ -278,7 +277,7 @@ class Batch:
         return Bodies(chains["time"].copy(), flange, tool, object_position, deflection, rate, chains["contacts"] > 0)
 
     def history(self, row: int) -> "History":
-        """Return the episode of `row` so far as the object that `impact_gym.render` draws."""
+        """Return the episode of `row` so far, for `impact_gym.render`."""
         from impact_gym.render.film import History
 
         task, ended = self.tasks[row % len(self.tasks)], bool(self.episodes["terminated"][row])

@@ -1,4 +1,4 @@
-"""The `info` of each episode: values from the compiled program's records, under their documented names."""
+"""The `info` of each episode, from the compiled program's records."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -37,11 +37,11 @@ LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "tak
 """Entries that an info has only with an operator, and their fields in EPISODE."""
 
 OTHERS = ("peak_force", "contact_count", "missed", "status")
-"""Entries whose values are not in EPISODE, or are no floats there."""
+"""Entries whose values are not floats in EPISODE."""
 
 
 def numbers_of(tasks: Sequence[Task]) -> dict[str, str]:
-    """Return the numbers in EPISODE that an info has in at least one of `tasks`: name and field, see `_NUMBERS`."""
+    """Return the numbers that an info has for at least one of `tasks`: name and field in EPISODE, see `_NUMBERS`."""
     drawn = [name for name in QUANTITIES if any(name in task.drawn for task in tasks)]
     slide = SLIDE if any(task.friction for task in tasks) else ()
     numbers = _NUMBERS | {f"record.{name}": f"drawn.{name}" for name in drawn} | {name: name for name in slide}
@@ -49,7 +49,7 @@ def numbers_of(tasks: Sequence[Task]) -> dict[str, str]:
 
 
 class Infos:
-    """The layouts of the infos of a batch, and functions that fill them with the values of rows."""
+    """The layouts of a batch's infos, and methods that fill the layouts with values."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
         """Find where EPISODE holds the numbers; `tasks` has one task for all rows, or one for each row."""
@@ -60,14 +60,14 @@ class Infos:
         self._layouts = [grouped({name: entries[name] for name in (*numbers_of([task]), *OTHERS)}) for task in tasks]
 
     def infos(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
-        """Return a list with the info of each of `rows`, with the numbers that the row's task draws."""
+        """Return the info of each of `rows`; its record has the numbers that the row's task draws."""
         numbers, others = self._values(episodes, chains, rows)
         values = zip(*numbers.tolist(), *(column.tolist() for column in others), strict=True)
         layouts = [self._layouts[row % len(self._layouts)] for row in rows.tolist()]
         return [filled(layout, of_row) for layout, of_row in zip(layouts, values, strict=True)]
 
     def columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> dict[str, Any]:
-        """Return the infos of `rows` as arrays (size,), with all numbers that a task draws; 0 or None in other rows."""
+        """Return the infos of `rows` as arrays (size,), with all numbers that any task draws; 0 or None elsewhere."""
         size, (numbers, others) = len(episodes), self._values(episodes, chains, rows)
         columns = np.zeros((len(numbers), size))
         columns[:, rows] = numbers

@@ -1,4 +1,4 @@
-"""Environments with a vector reward, one number per objective, as MO-Gymnasium defines them: single and in batches.
+"""Environments with a vector reward, one number per objective, as MO-Gymnasium defines them.
 
 `import impact_gym` registers their ids, such as "mo-impact-approach-v0" for "ImpactApproach-v0"; MO-Gymnasium itself is
 not needed.
@@ -20,12 +20,11 @@ Rewards = NDArray[np.float64]
 
 
 def vector_rewards(batch: Batch) -> Rewards:
-    """Return the rewards of the last control step (rows, n): -T (s), -V_p (m/s) and -force (N).
+    """Return the rewards of the last control step (rows, n): -time (s), -V_p (m/s) and -force (N).
 
-    T is the time that the task charges for the step. V_p (or the cost of a miss) and the largest contact force are
-    charged in the last step of an episode. The force is an objective if any task has a `force_weight` above 0; in the
-    rows with a `force_weight` of 0 it is 0. The scalar reward is w * (-T) - V_p - force_weight * force, where w is the
-    time weight of the episode.
+    The time is the part of the step that the task charges. V_p (or the cost of a miss) and the largest contact force
+    are charged in the last step of an episode. The force is an objective if any task has a `force_weight` above 0; it
+    is 0 in rows with a `force_weight` of 0. The scalar reward is -time_weight * time - V_p - force_weight * force.
     """
     forced = np.resize([task.force_weight > 0.0 for task in batch.tasks], batch.size)
     totals = []
@@ -38,7 +37,7 @@ def vector_rewards(batch: Batch) -> Rewards:
 def described(tasks: Sequence[Task]) -> tuple[Box, int, Rewards]:
     """Return reward space, reward dimension and reference point for a batch of `tasks`.
 
-    The reference point is a lower bound of an episode's sums, if V_p is below `missed_cost`; for the force it is -inf.
+    If V_p is below `missed_cost`, an episode's sums are at least the reference point (-inf for the force).
     """
     worst = [max(task.horizon for task in tasks), max(task.missed_cost for task in tasks)]
     worst += [np.inf] if any(task.force_weight > 0.0 for task in tasks) else []
@@ -49,9 +48,9 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     """`ImpactApproach` with a vector reward; `info["original_reward"]` has the scalar one.
 
     ## Rewards
-    `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`. In each step the first number is -T (s), the time that is
-    charged. In the last step of an episode the second number is -V_p or -`missed_cost` (m/s), and with a `force_weight`
-    the third is -(largest contact force) (N). With an operator, time is charged until the task is done.
+    `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`. In each step the first number is minus the charged time
+    (s). In the last step of an episode the second number is -V_p or -`missed_cost` (m/s), and with a `force_weight` the
+    third is -(largest contact force) (N). With an operator, time is charged until the task is done.
     If V_p is below `missed_cost`, an episode's sums are at least `reference_point`: -horizon, -`missed_cost` and -inf.
 
     ## Version History

@@ -25,21 +25,20 @@ Flags = NDArray[np.bool_]
 
 
 class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
-    """`num_envs` environments, as `ImpactApproachEnv` specifies them; a reset with seed s gives slot i the seed s + i.
+    """`num_envs` environments like `ImpactApproachEnv`; a reset with seed s gives slot i the seed s + i.
 
     Arguments in addition to those of `ImpactApproachEnv`:
 
-    - `autoreset_mode`: with NEXT_STEP, the default, the step after the last step of an episode ignores its action,
-      starts the next episode and has the reward 0. With SAME_STEP the next episode starts in the last step itself; the
+    - `autoreset_mode`: with NEXT_STEP, the default, the step after the last step of an episode ignores the action,
+      starts the next episode and has the reward 0. With SAME_STEP the last step itself starts the next episode; the
       last observation and info are in `infos["final_obs"]` and `infos["final_info"]`. With DISABLED the user resets
       slots by `options={"reset_mask": ...}`.
     - `render_mode`: None or, for at most 16 environments, "rgb_array".
     - `threads`: number of threads, which changes no result.
-    - `per_slot`: for each slot a mapping of the arguments in which it differs from the others. All slots must have the
-      same observation.
+    - `per_slot`: for each slot a mapping of arguments that replace common ones. All slots need the same observation.
     - `max_episode_steps`: number of control steps after which an episode is truncated.
 
-    For `set_scenario`, `sensors` and `command` see `Batch`.
+    `set_scenario`, `sensors` and `command` are `set_scenario`, `sensors` and `set_operator_velocity` of `Batch`.
     """
 
     def __init__(
@@ -87,7 +86,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         """Begin an episode in every slot, or in the slots of `options["reset_mask"]` (num_envs,).
 
         A value in `options["scenario"]` or `options["record"]` may be a number for all slots or a sequence (num_envs,).
-        A value for a number of the set-up is ignored in the slots that do not draw this number.
+        A number of the set-up is ignored in slots that do not draw this number.
         """
         one_of("options", options, Mapping, type(None))
         rest = dict(options or {})
@@ -108,7 +107,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return self.batch.observations.copy()
 
     def play(self, actions: NDArray[Any]) -> tuple[Flags, Flags]:
-        """Play one control step in every slot; return which episodes terminated and which were truncated."""
+        """Play one control step in every slot; return whether each episode terminated, and whether it was truncated."""
         if not self._begun.all():
             raise ResetNeeded("some slots have no episode under way: call reset before step")
         batch = self.batch
@@ -176,7 +175,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self._begun = self.batch.episodes["drawn"]["object_mass"] != 0.0
 
     def _seed(self, seed: Any, mask: Flags) -> None:
-        """Seed the slots of `mask`: slot i with `seed` + i or, from a list, with entry i; None keeps the generator."""
+        """Seed slot i of `mask` with `seed` + i, or with entry i of a list; None keeps its generator."""
         if seed is None and self._generators:
             return
         seeds: Sequence[Any] = [None] * self.num_envs

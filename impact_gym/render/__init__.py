@@ -24,7 +24,7 @@ class Renderer:
     """A renderer of the episodes of one environment."""
 
     def __init__(self, mode: str, rate: float = FRAME_RATE) -> None:
-        """Set the `render_mode`, and for "rgb_array" the number of pictures per second of a film made of them."""
+        """Set the `render_mode`, and for "rgb_array" the pictures per second of a film."""
         self._mode, self._rate = mode, rate
         self._canvas: Canvas | None = None
         self._window: pygame.Surface | None = None
@@ -34,7 +34,7 @@ class Renderer:
     def begin(self) -> None:
         """Begin a new episode."""
         self._shown: float | None = None  # s, the instant that the last picture shows
-        self._reached = 0.0  # s, end of the episode at the last call
+        self._reached = 0.0  # s, time of the episode at the last call
         self._ended = False
 
     def render(self, history: History) -> Frame | list[Frame] | None:
@@ -58,11 +58,11 @@ class Renderer:
         self._window = self._clock = self._canvas = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out canvas and window, which cannot be copied; they are made again when needed."""
+        """Leave out canvas and window, which cannot be copied; the next picture makes them again."""
         return self.__dict__ | {"_canvas": None, "_window": None, "_clock": None}
 
     def instants(self, history: History) -> Iterator[tuple[float, float]]:
-        """Yield the instants (s) that were not shown yet, each with the factor of its slow motion."""
+        """Yield the instants (s) that were not shown yet, each with its slow-motion factor."""
         if self._shown is None:
             self._shown = 0.0
             yield 0.0, history.factor(0.0)
@@ -104,7 +104,7 @@ class Renderer:
 
 
 def _head(canvas: Canvas, history: History, state: State, factor: float) -> None:
-    """Write the object's velocity (after the end: the result), the time, the slow motion and the state of the alarm."""
+    """Write the object's velocity (at the end: the result), the time, the slow motion and the alarm."""
     over = history.ended and state.time >= history.now
     canvas.text(verdict(history) if over else f"object {state.object_velocity:.2f} m/s", (14.0, 34.0), 58)
     pace = f"{round(factor, 1):g} x slower" if factor > 1.0 else f"{1.0 / factor:.2g} x faster"
@@ -130,7 +130,7 @@ def verdict(history: History) -> str:
 
 
 def alarm(history: History, time: float) -> tuple[str, str]:
-    """Return a few words about the state of the alarm at `time` (s), and the colour of the lamp."""
+    """Return the state of the alarm at `time` (s) in words, and the colour of the lamp."""
     events = history.events
     if events.alarm <= time < events.alarm_over:
         if history.task.alarm == "reading":
@@ -143,7 +143,7 @@ def alarm(history: History, time: float) -> tuple[str, str]:
 
 
 def _foot(canvas: Canvas, history: History, state: State) -> None:
-    """Write the lower line: the scenario, or after the end of the episode its results."""
+    """Write the lower line: the scenario or, at the end, the results."""
     info, scenario, task = history.info, history.info["scenario"], history.task
     if history.ended and state.time >= history.now:
         words = f"return {sum(info['reward_terms'].values()):.2f}"

@@ -20,8 +20,8 @@ Point = tuple[float, float]
 Box = tuple[float, float, float, float]  # left, top, width, height
 
 WIDTH, HEIGHT = 960, 540
-OVERSAMPLING = 2  # shapes are drawn so many times larger and then scaled down, which smooths their edges
-FARTHEST = 1 << 14  # pixels, largest coordinate given to pygame, which overflows with far larger ones
+OVERSAMPLING = 2  # shapes are drawn larger by this factor, then scaled down, which smooths their edges
+FARTHEST = 1 << 14  # pixels, largest coordinate; far larger coordinates overflow in pygame
 
 
 class Canvas:
@@ -79,11 +79,11 @@ class Canvas:
             self.pygame.draw.lines(self._surface, colour, False, self._scaled(points), thickness)
 
     def text(self, text: str, at: Point, size: int = 18, colour: str = INK, anchor: str = "midleft") -> None:
-        """Write `text`; `anchor` names the point of the text's bounding box that is placed at `at`."""
+        """Write `text`; the point `anchor` of its bounding box is at `at`."""
         self._texts.append((text, at, size, colour, anchor))
 
     @staticmethod
     def _scaled(points: Sequence[Point]) -> list[tuple[int, int]]:
-        """Return `points` in pixels of the surface, OVERSAMPLING times the picture; at most FARTHEST from 0."""
+        """Return `points` in pixels of the oversampled surface, within FARTHEST of 0."""
         x, y = np.clip(np.transpose(points) * OVERSAMPLING, -FARTHEST, FARTHEST).round().astype(int).tolist()
         return list(zip(x, y, strict=True))

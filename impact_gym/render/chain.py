@@ -1,7 +1,7 @@
-"""Draw the chain to scale, seen by a fixed camera: flange, coupling, tool, gap and object.
+"""Draw the chain, seen by a fixed camera: flange, coupling, tool, gap and object.
 
 Positions and displacements are to scale. The simulated bodies have no size, so sizes are chosen here: the object is a
-ball with a density of 1500 kg/m^3. A bistable mechanism is drawn with its own dimensions.
+ball with the density DENSITY, up to LARGEST_RADIUS. A bistable mechanism is drawn with its own dimensions.
 """
 
 import math
@@ -19,15 +19,15 @@ FLANGE_LENGTH, FLANGE_HEIGHT = 0.016, 0.052  # m
 BAR = 0.006  # m, thickness of a rigid coupling
 CLEARANCE = 0.004  # m, half the length of a bistable slider, and the thickness of its stops
 SHORTEST_SPRING = 0.002  # m, length of the drawn spring if the tool has passed the flange
-BASE_LENGTH, ROBOT_LENGTH = 0.008, 0.03  # m, of the block that has the imposed motion, and of the robot's spring
-ROOM = 0.2  # m, space shown behind the object, into which it can move
+BASE_LENGTH, ROBOT_LENGTH = 0.008, 0.03  # m, lengths of the block with the imposed motion and of the robot's spring
+ROOM = 0.2  # m, space shown behind the object
 MARGIN = 0.02  # m
 DENSITY, LARGEST_RADIUS = 1500.0, 0.5  # kg/m^3, m
 TOP, BOTTOM = 190.0, 416.0  # pixels from the upper edge of the picture to the edges of the area with the chain
 TEXT, SMALL = 30, 24  # pixels, sizes of text; legible in a picture of half the size
-LARGEST_SPAN = 3.0  # m, largest part of the line of motion that is shown; an object beyond it is outside the picture
-RULER, DISTANCE = 34.0, 56.0  # pixels, height of the ruler below the ground, and of the text above the bodies
-SHOWN_PUSH = 5e-4  # m; a shorter push of the object is not shown
+LARGEST_SPAN = 3.0  # m, largest length of the line of motion in the picture
+RULER, DISTANCE = 34.0, 56.0  # pixels, heights of the ruler below the ground and of the text above the bodies
+SHOWN_PUSH = 5e-4  # m; the length of a shorter push is shown only during a contact
 
 
 class Camera(NamedTuple):
@@ -49,7 +49,7 @@ class Camera(NamedTuple):
 
 
 def rest_length(task: Task) -> float:
-    """Return the distance (m) drawn between flange and tool at zero deflection; a softer spring is drawn longer."""
+    """Return the distance (m) drawn between flange and tool at zero deflection; soft springs are drawn long."""
     coupling = task.coupling
     if isinstance(coupling, SpringDamper):
         return 0.04 + 1.25 * math.sqrt(task.tool_mass / coupling.stiffness)
@@ -64,7 +64,7 @@ def object_radius(mass: float) -> float:
 
 
 def camera(history: History) -> Camera:
-    """Return the fixed camera of an episode; it shows the whole approach and some room behind the object."""
+    """Return the fixed camera of an episode, for the approach and some room behind the object, up to LARGEST_SPAN."""
     task, scenario = history.task, history.info["scenario"]
     behind = TOOL_LENGTH + rest_length(task) + FLANGE_LENGTH + MARGIN
     behind += 0.0 if task.robot is None else ROBOT_LENGTH + BASE_LENGTH
@@ -115,7 +115,7 @@ def length(metres: float) -> str:
 
 
 def _distance(canvas: Canvas, view: Camera, state: State, home: float) -> None:
-    """Draw a line for the gap before the touch, or for the distance that the object was pushed, with its length."""
+    """Draw the gap, or the distance that the object was pushed, as a line with its length."""
     pushed = state.object_position - home
     begin, end, words = state.tool_position, state.object_position, "gap"
     if pushed > SHOWN_PUSH or state.penetration >= 0.0:
@@ -180,7 +180,7 @@ def _spring_damper(canvas: Canvas, view: Camera, front: float, back: float, rest
 
 
 def _bistable(canvas: Canvas, view: Camera, front: float, back: float, mechanism: Bistable) -> None:
-    """Draw the slider between its stops, the spring and its pivot on the flange's arm, to scale in both directions."""
+    """Draw to scale the slider between its stops, and the spring with its pivot on the flange's arm."""
     alignment = front + CLEARANCE - mechanism.rear_stop
     rod = mechanism.front_stop - mechanism.rear_stop + 2.0 * CLEARANCE  # so long that the tool stays off the front stop
     slider = (view.x(back - rod), view.axis)

@@ -1,4 +1,4 @@
-"""The state of an episode at any instant, and the instants at which a slow-motion film shows it."""
+"""The state of an episode at any instant, and the instants of a slow-motion film."""
 
 import math
 from collections.abc import Iterator
@@ -14,15 +14,15 @@ from impact_gym.task.episodes import EpisodeState
 from impact_gym.task.task import Task
 
 FRAME_RATE = 30  # 1/s
-FLIGHT_FACTOR = 8  # how many times slower than real time a film is without contact; a longer horizon lowers it
+FLIGHT_FACTOR = 8  # factor by which a film is slower than real time far from contacts; smaller for a longer horizon
 SHORTEST, LONGEST = 6.0, 10.0  # s, shortest and longest film
-CONTACT_FACTOR = 32  # smallest factor while tool and object touch
+CONTACT_FACTOR = 32  # smallest factor while tool and object touch, before the episode ends
 LARGEST_FACTOR = 1024  # largest factor
-SMALLEST_FACTOR = 0.25  # smallest factor, faster than real time, for a long simulation after the episode's end
-FRAMES_PER_IMPACT = 16  # number of frames in the time of an elastic Hertz impact of the bodies
-FRAMES_PER_FOLD = 6  # number of frames while the time to the touch, or since the touch, changes by a factor of 2.718
-SETTLING_FRAMES = 45  # most frames for the simulation after the episode's end, not counting impacts
-SLOWEST_IMPACT = 1e-3  # m/s, for slower impacts the factor is that of this speed
+SMALLEST_FACTOR = 0.25  # smallest factor, for a long simulation after the episode's end
+FRAMES_PER_IMPACT = 16  # number of frames of an elastic Hertz impact of the bodies
+FRAMES_PER_FOLD = 6  # number of frames in which the time to or since the touch changes by a factor of 2.718
+SETTLING_FRAMES = 45  # largest number of frames after the episode's end, without impacts
+SLOWEST_IMPACT = 1e-3  # m/s; slower impacts have the factor of this speed
 
 
 class State(NamedTuple):
@@ -41,7 +41,7 @@ class State(NamedTuple):
 
     @property
     def penetration(self) -> float:
-        """How far the tool's face is inside the undeformed object, m; before the touch it is minus the gap."""
+        """Depth of the tool's face in the undeformed object, m; before the touch, minus the gap."""
         return self.tool_position - self.object_position
 
     @property
@@ -51,17 +51,17 @@ class State(NamedTuple):
 
 
 class History:
-    """An episode up to now, read from the simulator's trace; nothing is simulated again."""
+    """An episode up to now, from the simulator's trace."""
 
     def __init__(self, trace: Trace, info: dict[str, Any], task: Task, events: EpisodeState, ended: bool) -> None:
-        """Read the trace (if `ended`, with the settling), `episode_info()`, the task and `episode_state()`."""
+        """Read the trace; if `ended`, it includes the simulation after the episode's end."""
         self.info, self.events, self.ended = info, events, ended
-        if ended and events.alarm > events.end:  # an alarm after the last control step does not reach the controller
+        if ended and events.alarm > events.end:  # too late for the controller
             self.events = events._replace(alarm=math.inf)
         self.task = task = task.at(info["record"])
         at_rest = {name: 0.0 for name in State._fields} | {"object_position": info["scenario"]["distance"]}
         rows = np.vstack([list(at_rest.values()), np.column_stack([getattr(trace, name) for name in at_rest])])
-        rows = rows[np.isfinite(rows).all(axis=1)]  # a failed simulation may have rows that are not finite
+        rows = rows[np.isfinite(rows).all(axis=1)]  # a simulation can overflow
         self._rows = np.ascontiguousarray(rows)
         self.columns = dict(zip(at_rest, np.ascontiguousarray(rows.T), strict=True))
         self.time = self.columns["time"]
@@ -86,8 +86,8 @@ class History:
     def factor(self, time: float) -> float:
         """Return the factor, a power of two, by which the film is slower than real time at `time` (s).
 
-        The factor rises before the touch, so that the impact itself has FRAMES_PER_IMPACT frames. It falls with the
-        time since the touch, so that a contact that the coupling prolongs a hundredfold does not make the film long.
+        The factor rises before the touch, so that the impact itself has FRAMES_PER_IMPACT frames. The factor falls
+        after the touch, so that a contact that the coupling prolongs does not make the film long.
         """
         state = self.at(time)
         begun = int(np.searchsorted(self.touches, time, side="right"))
@@ -126,11 +126,11 @@ class History:
 
 
 class SlowMotionVideo(RecordVideo[Any, Any]):
-    """A `RecordVideo` that records all pictures of each step; that of Gymnasium records only the last one of a step.
+    """A `RecordVideo` that records all pictures of each step; Gymnasium's class records only the last picture.
 
     Use it like `RecordVideo`, on an environment made with `render_mode="rgb_array_list"`. The film of an episode lasts
-    SHORTEST to LONGEST seconds: a longer film is shortened by leaving out pictures evenly, and in a shorter film the
-    last picture is repeated. The class needs moviepy, from the extra `render`.
+    SHORTEST to LONGEST seconds: a longer film loses pictures evenly, and a shorter film repeats its last picture. The
+    class needs moviepy, from the extra `render`.
 
     Example:
         >>> env = gym.make("ImpactApproach-v0", render_mode="rgb_array_list")

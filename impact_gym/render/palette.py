@@ -1,4 +1,4 @@
-"""The colours of pictures, films, pages, charts and docs; after Okabe and Ito (2008), dark enough for text."""
+"""The colours of pictures, films, pages, charts and docs, after Okabe and Ito (2008)."""
 
 COLOURS = {
     "rule": ("#BB4F00", "#FF8A3D"), "policy": ("#0072B2", "#56A8E6"), "profile": ("#007B59", "#35C79A"),
@@ -8,7 +8,7 @@ COLOURS = {
     "grid": ("#DCDCD8", "#383B3F"), "muted": ("#5A5A57", "#ACACA8"), "fg": ("#1D1D1B", "#E9E9E6"),
     "link": ("#0B5CAD", "#7DB8F0"),
 }  # fmt: skip
-"""For each name, its colour on a light page and on a dark page; the same thing has the same colour on all pages."""
+"""For each name, the colours on a light page and on a dark page."""
 LIGHT = {name: light for name, (light, _) in COLOURS.items()}
 RULE, POLICY, PROFILE, PERSON = (LIGHT[name] for name in ("rule", "policy", "profile", "person"))
 OBJECT, TOOL, FLANGE, FORCE = (LIGHT[name] for name in ("object", "tool", "flange", "force"))

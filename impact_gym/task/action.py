@@ -10,7 +10,7 @@ from impact_gym.kernels import ACTION, FASTEST_WITHDRAWAL
 if TYPE_CHECKING:
     from impact_gym.task.task import Task
 
-RESOLUTION = 1e-6  # m/s or m/s^2; values are rounded to multiples of it: a float32 action can give exactly 8 m/s^2
+RESOLUTION = 1e-6  # m/s or m/s^2; values are rounded to its multiples: a float32 action can give exactly 8 m/s^2
 
 
 class Action(NamedTuple):
@@ -21,7 +21,7 @@ class Action(NamedTuple):
     low: float  # value at -1
     high: float  # value at 1
     words: str
-    resolution: float = RESOLUTION  # values are rounded to multiples of it; 0: they are not rounded
+    resolution: float = RESOLUTION  # 0: values are not rounded
 
 
 class ActionSpec:
@@ -48,7 +48,7 @@ class ActionSpec:
         return np.where(steps > 0.0, np.rint(values / np.where(steps > 0.0, steps, 1.0)) * steps, values)
 
     def encode(self, *values: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., n), not clipped, from values in their units: one array (...) for each number."""
+        """Return actions (..., n), not clipped, from one array (...) for each number, in the unit of the number."""
         stacked = np.stack(np.broadcast_arrays(*values), axis=-1)
         return (2.0 * (stacked - self._low) / (self._high - self._low) - 1.0).astype(np.float32)
 

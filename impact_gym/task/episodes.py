@@ -1,4 +1,4 @@
-"""The random numbers that an episode draws, and the numbers that `reset(options=...)` fixes instead."""
+"""The random numbers of an episode, and those that `reset(options=...)` fixes."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,20 +23,20 @@ class EpisodeState(NamedTuple):
     """Times (s) of the alarm and of the end of an episode; inf: not known yet."""
 
     detection: float  # when the contact force first exceeded the threshold
-    alarm: float  # when the last alarm reaches the controller; known in advance for a switch's alarm
-    alarm_over: float  # when that alarm ends; inf for a switch's alarm, which stays on
+    alarm: float  # when the last alarm reaches the controller; known in advance with `alarm="force"`
+    alarm_over: float  # when the last alarm ends; inf with `alarm="force"`
     end: float  # end of the last control step; the trace also contains the simulation that follows
 
 
 @lru_cache(maxsize=8)
 def first_uniforms(seed: int, count: int) -> NDArray[np.float64]:
     """Return the uniform numbers (count, UNIFORMS) of the first episodes with the seeds `seed`, `seed + 1`, ..."""
-    seeds = map(np.random.SeedSequence, range(seed, seed + count))  # Gymnasium seeds its generators in this way
+    seeds = map(np.random.SeedSequence, range(seed, seed + count))  # as Gymnasium seeds its generators
     return np.array([np.random.Generator(np.random.PCG64(each)).random(UNIFORMS) for each in seeds])
 
 
 def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[Any]:
-    """Return records (count,) with the given values, one number or (count,) each, and nan for all other numbers."""
+    """Return records (count,) with the given values, each one number or (count,); other numbers are nan."""
     records = np.empty(count, RECORD)
     columns = records.view(np.float64).reshape(count, -1)
     columns.fill(math.nan)
@@ -48,9 +48,9 @@ def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[
 def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None) -> NDArray[Any]:
     """Return the numbers that `reset(options=...)` fixes, as records (slots,) or (1,).
 
-    A number that is not fixed is nan. If both "scenario" and "record" fix a number, the value in "scenario" is used.
-    With `slots`, a value may be a sequence (slots,). `tasks` has one task for all slots, or one for each slot. A number
-    of the set-up must lie in the ranges of the tasks that draw it; a reaction delay must not exceed its task's longest.
+    Other numbers are nan. If both "scenario" and "record" fix a number, the value in "scenario" is used. With `slots`,
+    a value may be a sequence (slots,). `tasks` has one task for all slots, or one for each slot. A number of the set-up
+    must lie in the ranges of the tasks that draw it; a reaction delay must not exceed the longest delay of its task.
     """
     one_of("options", options, Mapping, type(None))
     given, fixed = dict(options or {}), dict[str, ArrayLike]()

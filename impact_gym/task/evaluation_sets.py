@@ -1,7 +1,7 @@
-"""Evaluation sets: files of fixed scenarios with a checksum; comparisons on them do not depend on a random generator.
+"""Evaluation sets: files of fixed scenarios, each file with a checksum.
 
-A shipped set has the scenarios of the first episodes of environments seeded `seed`, `seed` + 1, ... To play it, call
-`envs.reset(options={"scenario": set.scenario})` of a batch of `set.count` environments.
+A shipped set has the scenarios of the first episodes of environments with the seeds `seed`, `seed` + 1, ... To play
+a set, call `envs.reset(options={"scenario": set.scenario})` of a batch of `set.count` environments.
 """
 
 import csv
@@ -36,7 +36,7 @@ class EvaluationSet:
 
 
 def load(name: str | Path) -> EvaluationSet:
-    """Return a shipped set by its name, or the set in a file; raise ValueError if it is missing or was altered."""
+    """Return a shipped set by its name, or the set in a file; ValueError if the file is missing or was altered."""
     return parsed(named_file("evaluation set", name, SHIPPED, ".csv"), "evaluation set", _frozen)
 
 

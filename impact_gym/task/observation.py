@@ -1,4 +1,4 @@
-"""The numbers of an observation, which are rows of `impact_gym.quantities`: their order and their scales."""
+"""Order and scales of the numbers of an observation, which are rows of `impact_gym.quantities`."""
 
 import math
 from collections.abc import Callable, Container, Iterable, Sequence
@@ -37,10 +37,9 @@ _PLACES = places(EPISODE)
 class ObservationSpec:
     """The numbers of an observation, their order, and their conversion to SI units and back.
 
-    The ids `ids` and the rows `entries` are in the order of the observation: first the numbers for an actor,
-    `observation[..., spec.actor]`, then the true values that `privileged` appends. A critic gets all numbers,
-    `observation[..., spec.critic]`. `sensors` has the ids of the sensor values: "time", then the ids of the actor's
-    numbers without past readings and time weight.
+    `ids` and the rows `entries` are in the order of the observation: first the numbers for an actor (slice `actor`),
+    then the true values that `privileged` appends. A critic gets all numbers (slice `critic`). `sensors` has the ids of
+    the sensor values: "time", then the actor's other numbers without past readings and time weight.
     """
 
     def __init__(self, task: Task, drawn: Iterable[str] | None = None) -> None:
@@ -59,10 +58,7 @@ class ObservationSpec:
 
     @classmethod
     def of_rows(cls, tasks: Sequence[Task]) -> "ObservationSpec":
-        """Return the common specification of the rows of a batch.
-
-        In every row a critic gets all numbers that at least one of the tasks draws.
-        """
+        """Return the specification of a batch; in every row a critic gets all numbers that any task draws."""
         drawn = {name for task in tasks for name in task.drawn}
         common = cls(tasks[0], drawn)
         for row, task in enumerate(tasks):
@@ -79,7 +75,7 @@ class ObservationSpec:
         return name in self._index
 
     def index(self, name: str) -> int:
-        """Return the index of the number with this id in the observation; raise ValueError if it is not observed."""
+        """Return the index of the number with this id in the observation; ValueError if it is not observed."""
         if name not in self._index:
             raise ValueError(f"{name!r} is not observed; observed are {', '.join(self.ids)}")
         return self._index[name]
@@ -89,7 +85,7 @@ class ObservationSpec:
         return self.entries[self.index(name)].scale
 
     def decode(self, observation: ArrayLike, name: str) -> Floats:
-        """Return a number (...) in its unit from observations (..., n_obs), which are clipped to its scale."""
+        """Return a number (...) in its unit, clipped to its scale, from observations (..., n_obs)."""
         scale = self.scale(name)
         curve = CURVES[scale.curve]
         scaled = np.asarray(observation, np.float64)[..., self.index(name)]
@@ -126,7 +122,7 @@ def affine(scale: Scale) -> tuple[float, float]:
 
 
 def _argument(row: Quantity, task: Task, drawn: Container[str]) -> str:
-    """Return what adds `row` to an observation of `task`: an argument, "always" or "privileged"; "" if nothing does."""
+    """Return the argument that adds `row` to an observation of `task`, or "always"; "" if it is not observed."""
     match row.observed:
         case "past_readings":
             sensor, _, before = row.id.rpartition("_")
@@ -141,7 +137,7 @@ def _argument(row: Quantity, task: Task, drawn: Container[str]) -> str:
         return row.observed
     hidden = row.observed == "privileged" or row.id in drawn
     if row.id == "time_since_touch":
-        hidden = task.alarm == "reading"  # with a switch the observed time since the alarm is the same
+        hidden = task.alarm == "reading"  # else it equals the observed time since the alarm
     return "privileged" if task.privileged and hidden else ""
 
 

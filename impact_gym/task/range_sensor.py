@@ -1,4 +1,4 @@
-"""The range sensor on the tool: a reading of the gap to the object at every control step."""
+"""The range sensor on the tool."""
 
 from dataclasses import dataclass
 
@@ -11,8 +11,8 @@ class RangeSensor(Parameters, path="range_sensor"):
 
     At every control step the reading is normally distributed about gap + `bias`, with a standard deviation of `noise` +
     `share` x gap; negative readings become 0. The fraction `dropout` of the readings is lost; the others reach the
-    controller `delay` later. Before the first reading has arrived, range and age are infinite. In a dict each number
-    may be a pair (low, high), from which episodes draw: with the bias (-0.005, 0.005) each episode has its own bias.
+    controller `delay` later. Before the first reading has arrived, range and age are infinite. In a dict a number may
+    be a pair (low, high), from which each episode draws.
     """
 
     noise: float = 0.0  # m

@@ -46,8 +46,8 @@ class ScenarioRanges:
 
 NAMED = {
     "train": ScenarioRanges(),
-    "test": ScenarioRanges(),  # the ranges of "train"; tests use seeds that training never uses
-    "hard": ScenarioRanges(  # outside the ranges of "train": lighter, stiffer, less elastic and nearer objects
+    "test": ScenarioRanges(),  # the ranges of "train"
+    "hard": ScenarioRanges(  # lighter, stiffer, less elastic and nearer objects than in "train"
         object_mass=(0.02, 0.1), contact_stiffness=(1e6, 1e8), restitution=(0.02, 0.1), distance=(0.05, 0.15)
     ),
 }

@@ -44,7 +44,7 @@ def argument(default: Any, words: str) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """The checked arguments of the environment; all environment classes use it.
+    """The checked arguments of all environment classes.
 
     A number of the set-up may be given as a pair (low, high), from which each episode draws. Then `drawn` has the pair,
     and the field has the median of the draw.
@@ -69,7 +69,7 @@ class Task:
     friction: Any = argument(None, "coefficient of friction under the object; None: no friction")
     range_noise: Any = argument(None, "standard deviation of a distance estimate; None: no estimate")
     range_bias: Any = argument(0.0, "added to every distance estimate")
-    observe_range_noise: bool = argument(False, "observe `range_noise`, which may differ from episode to episode")
+    observe_range_noise: bool = argument(False, "observe `range_noise`")
     range_sensor: Any = argument(None, "a `RangeSensor` on the tool, or a dict")
     force_noise: Any = argument(0.0, "")
     force_bias: Any = argument(0.0, "")
@@ -86,7 +86,7 @@ class Task:
     downlink: Any = argument(None, "`Channel` of the operator's view, or a dict; None: without delay or loss")
     max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
 
-    drawn: Mapping[str, Range] = field(init=False, hash=False)  # ranges by id, in the order of the table
+    drawn: Mapping[str, Range] = field(init=False, hash=False)  # ranges by id, in the order of SET_UP
     link: Link | None = field(init=False, repr=False, compare=False, default=None)  # None without an operator
     _given: Mapping[str, Any] = field(init=False, repr=False, compare=False)
 
@@ -134,7 +134,7 @@ class Task:
 
     @classmethod
     def of(cls, field: str, given: Any, *others: str) -> "Task":
-        """Return the task with the arguments `given`; messages call the mapping `field`, and list `others`, too."""
+        """Return the task with the arguments `given`; messages call them `field`, and list `others` as allowed."""
         one_of(field, given, Mapping)
         if unknown := [name for name in given if name not in ARGUMENTS]:
             allowed = ", ".join([*others, *ARGUMENTS])
@@ -146,13 +146,13 @@ class Task:
         return dict(self._given)
 
     def by_path(self) -> dict[str, Any]:
-        """Return the arguments except the scenario, and the parts of records, by dotted path; ranges as given."""
+        """Return the arguments except the scenario, and the parts of their records, by dotted path; ranges as given."""
         values = {name: self._given.get(name, getattr(self, name)) for name in ARGUMENTS if name != "scenario"}
         parts = {name: self._parts(name) for name in PARTS if getattr(self, name) is not None}
         return values | {f"{name}.{part}": value for name, its in parts.items() for part, value in its.items()}
 
     def changed(self, by_path: Mapping[str, Any]) -> "Task":
-        """Return a copy of the task in which the arguments, or parts of them, at these dotted paths are changed."""
+        """Return a copy of the task with other arguments, or parts of arguments, at these dotted paths."""
         arguments = self.arguments()
         for name, value in grouped(by_path).items():
             if name not in by_path:  # then paths of its parts are in `by_path`
@@ -161,7 +161,7 @@ class Task:
         return Task(**arguments)
 
     def _parts(self, name: str) -> dict[str, Any]:
-        """Return the numbers of the object in the argument `name`; the numbers of a given mapping are not converted."""
+        """Return the fields, except None, of the record in the argument `name`; fields of a mapping as given."""
         given = self._given.get(name)
         parts = asdict(getattr(self, name)) | (dict(given) if isinstance(given, Mapping) else {})
         return {part: value for part, value in parts.items() if part != "type" and value is not None}
@@ -202,7 +202,7 @@ class Task:
             warn_of_stroke(replace(self.coupling, **lowest), self.longest("tool_mass"), self.acceleration_range[1])
 
     def check_distance(self, near: float, field: str = "scenario.distance") -> str:
-        """Raise ValueError if objects from `near` (m) on are out of reach; return the reach in words."""
+        """Raise ValueError if `near` (m) is out of reach; return the reach in words."""
         way = f"in {self.horizon:g} s (horizon) the flange moves at most {self.reach:.3g} m"
         if near > self.reach:
             raise ValueError(f"{field} must begin below {self.reach:.3g} m, got {near:g} m: {way}")
@@ -217,17 +217,17 @@ class Task:
 
     @property
     def ranges(self) -> dict[str, Range]:
-        """The ranges from which episodes draw, by id; low can equal high for scenario, delay and time weight."""
+        """The ranges of scenario, reaction delay, time weight and drawn numbers, by id; low can equal high."""
         pairs = {name: getattr(self, name) for name in ("time_weight", "reaction_delay")}
         always = {name: pair if isinstance(pair, tuple) else (pair, pair) for name, pair in pairs.items()}
         return self.scenario.by_id() | always | dict(self.drawn)
 
     def longest(self, path: str) -> float:
-        """Return the largest value of a number, by its dotted path, in any episode."""
+        """Return the largest value, in any episode, of the number at a dotted path."""
         return self.ranges[path][1] if path in self.ranges else float(get(self, path))
 
     def ends(self, argument: str) -> Range:
-        """Return the two ends of an observation's scale that the environment's `argument` determines."""
+        """Return the ends of the scales that depend on the environment's `argument`."""
         if argument == "operator":
             return -0.25, 0.75 if self.operator is None else 1.75
         if argument == "horizon":
@@ -241,14 +241,14 @@ class Task:
         return sorted(names | {name.partition(".")[0] for name in drawn})
 
     def at(self, record: Mapping[str, float]) -> "Task":
-        """Return the task with the drawn numbers of the set-up as in `record`, a final `info["record"]`."""
+        """Return the task with the numbers in `record`, an `info["record"]`, instead of ranges."""
         return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
 
     def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
         """Return the task as a record (1,), TASK; the fields of DRAW for each drawn number; the task's tables (n,).
 
-        Among those of all tasks, the draws begin at index `first_draw`, and the numbers of the tables at index
-        `table_at`.
+        The draws begin at index `first_draw` of all tasks' draws, and the tables at index `table_at` of all tables'
+        numbers.
         """
         held, no_table = mount_to_kernel(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)
@@ -261,7 +261,7 @@ class Task:
                 numbers[part][name] = getattr(getattr(self, part), name, None) or 0.0
         if self.robot is None:
             for name in ROBOT_NUMBERS:
-                numbers["robot"][name] = math.inf  # a critic observes inf for a rigid robot
+                numbers["robot"][name] = math.inf  # a rigid robot
         for row in SET_UP:
             if "." not in row.id:
                 numbers[row.id] = getattr(self, row.id) or 0.0

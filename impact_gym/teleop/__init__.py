@@ -1,1 +1,1 @@
-"""Operators, the channels between operator and arm, and the link of both with a controller at the arm."""
+"""Operators, channels between operator and arm, and the link: an operator with two channels."""

@@ -1,4 +1,4 @@
-"""Channels between an operator and an arm, with random or recorded delays and losses; examples from 5G networks."""
+"""Channels between an operator and an arm, with random or recorded delays and losses."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from impact_gym.validation import numbers, rising, shown
 WAYS = ("uplink", "downlink")
 CUT = float(LONGEST_JITTER)  # random delays are at most this many times their mean
 LOST = 1e6  # s, delay of a lost packet: longer than any episode
-USUAL_DELAY = 1.0  # s; a trace file with a longer median delay must state the unit
+USUAL_DELAY = 1.0  # s; a trace file with a median delay of at least this must state the unit
 TRACE_COLUMNS = {
     "time": Column("s", r"((rel|relative|elapsed|send|sent) )?(time ?stamp|time|at)s?|t|sent"),
     "delay": Column("s", r"((one way|network|packet) )?(delay|latency|owd)s?", may_be_empty=True),
@@ -28,10 +28,10 @@ class Channel(Parameters, path="uplink"):
     """A channel for packets from operator to arm, or from arm to operator.
 
     The receiver drops a packet that arrives after a newer one. The delay of a packet is `delay` plus an exponentially
-    distributed random time with the mean `jitter`, or `tail` for the fraction `tail_share` of the packets. The random
-    time is at most twelve times its mean. A `trace` (rows of time and delay in s, or a CSV file of such rows) gives the
-    delays instead, repeated, from a random time of the trace on; a packet is lost if the nearest row has the delay
-    `LOST`. Losses come in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
+    distributed random time, at most twelve times its mean. The mean is `tail` for the fraction `tail_share` of the
+    packets, and `jitter` for the others. A `trace` (rows of time and delay in s, or a CSV file of such rows) replaces
+    these delays. The trace is repeated, from a random time of the trace on. A packet is lost if the nearest row has the
+    delay `LOST`. Losses come in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
     """
 
     delay: float = 0.0  # s
@@ -89,7 +89,7 @@ FIFTH_GENERATION = {
 
 
 def columns_of(trace: Any) -> list[list[float]]:
-    """Return the times and delays (s) of a trace: rows of time and delay, or a CSV file, see `impact_gym.csv_files`.
+    """Return the times and delays (s) of a trace: rows of time and delay, or a CSV file.
 
     The times of a file are shifted to begin at 0 s. A packet whose delay is empty or infinite is `LOST`.
     """
@@ -114,7 +114,7 @@ def columns_of(trace: Any) -> list[list[float]]:
 
 
 def without_files(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `environment`, arguments from an untrusted file, as a dict; raise ValueError if a trace names a file."""
+    """Return arguments from an untrusted file as a dict; raise ValueError if a trace names a file."""
     for way in WAYS:
         channel = environment.get(way)
         if isinstance(channel, Mapping) and isinstance(trace := channel.get("trace"), str):

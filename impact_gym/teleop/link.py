@@ -1,4 +1,4 @@
-"""The link of a task: its operator and its two channels; checks that they fit the arm, and converts them to records."""
+"""The link of a task: its operator and its two channels, and their checks."""
 
 import math
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from impact_gym.teleop.channels import LOST, WAYS, Channel
 from impact_gym.teleop.operators import KINDS, Operator
 from impact_gym.validation import Range
 
-LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods; s: a trace's median spacing must not exceed the longer one
+LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # in control periods, in s; the longer time limits a trace's median spacing
 FADE: float = WITHDRAWAL_FADE  # s, time in which a withdrawal is reduced to 0
 
 
@@ -25,7 +25,7 @@ class Link(NamedTuple):
     drawn: Mapping[str, Range]  # numbers that episodes draw, by dotted path
 
     def ends(self, part: str, name: str) -> Range:
-        """Return least and largest value of the number `name` of operator or channel `part`; 0 if there is none."""
+        """Return least and largest value of the number `name` of a `part` (operator or channel); 0 if it has none."""
         value = getattr(getattr(self, part), name, 0.0)
         return self.drawn.get(f"{part}.{name}", (value, value))
 
@@ -64,7 +64,7 @@ class Link(NamedTuple):
                              f"{control_period:g} s, got one each {apart:g} s: is it in ms?")  # fmt: skip
 
     def to_kernel(self, record: NDArray[Any], begin: int) -> list[NDArray[np.float64]]:
-        """Write kind and tables into a task's record (1,), TASK; return the tables, which begin at index `begin`."""
+        """Write operator kind and table places, from index `begin` on, into a record (1,), TASK; return the tables."""
         record["operator_kind"] = KINDS[type(self.operator)]
         tables = [getattr(self.operator, "table", np.empty(0)), self.uplink.table, self.downlink.table]
         for name, points in zip(("replay", *WAYS), tables, strict=True):
@@ -78,7 +78,7 @@ class Link(NamedTuple):
         return tables
 
     def packets(self, horizon: float, control_period: float) -> int:
-        """Return how many packets must be stored: those in transit, and those that the operator has not seen yet."""
+        """Return how many packets must be stored: those in transit, and those not yet seen by the operator."""
         late = [LONGEST_JITTER * max(self.ends(way, name)[1] for name in ("jitter", "tail")) for way in WAYS]
         up, down = (self.ends(way, "delay")[1] + max((0.0, *getattr(self, way).delays)) for way in WAYS)
         most = max(up + late[0], down + late[1] + self.ends("operator", "reaction")[1])

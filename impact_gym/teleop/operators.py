@@ -1,8 +1,8 @@
 """Operators: persons, models of persons, and recordings, which command the velocity of an arm over a channel.
 
-Operators do not know where the object is. Those with a `place_error` assume it this much farther away than it is, and
-search for it from there on at the speed `creep`. All operators except `Replay` and `Person` stop a reaction time after
-the display shows a touch. In a dict, as in the file of a set-up, numbers may be pairs, from which episodes draw.
+Operators do not know where the object is. An operator with a `place_error` adds this error to the object's distance,
+and searches from this assumed place on at the speed `creep`. All operators except `Replay` and `Person` stop a reaction
+time after the display shows a touch. In a dict, as in a set-up, numbers may be pairs, from which episodes draw.
 """
 
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ Instants = Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e6)]
 
 @dataclass(frozen=True, slots=True)
 class Replay(Parameters, path="operator"):
-    """Recorded commands, interpolated linearly, of which the last one is held; they do not react to anything.
+    """Recorded commands, interpolated linearly; the last command is held. `Replay` reacts to nothing.
 
-    With a `length` (s), `time` and `velocity` contain several recordings of this length, one after another. The index
-    of the recording to play, from 0, is `recording`; from a pair (0, n) each episode draws one of n recordings.
+    With a `length` (s), `time` and `velocity` contain several recordings of this length, one after another.
+    `recording` is the index of the one to play, from 0; with a pair (0, n) each episode draws one of n recordings.
     """
 
     time: Instants  # rising from 0
@@ -47,12 +47,12 @@ class Replay(Parameters, path="operator"):
 
 @dataclass(frozen=True, slots=True)
 class Person(Parameters, path="operator"):
-    """A person: each tick sends the velocity last passed to the environment's `command`; 0 before the first call."""
+    """A person, who commands the velocity last passed to the environment's `command`; 0 before the first call."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trapezoid(Parameters, path="operator"):
-    """A constant commanded speed until the operator stops, so that the arm's speed is a trapezoid (paper, Fig. 11)."""
+    """A constant commanded speed until the operator stops; the arm's speed is a trapezoid (paper, Fig. 11)."""
 
     speed: float = 0.5  # m/s
     reaction: float = SIMPLE_REACTION  # s
@@ -74,7 +74,7 @@ class Reach(Searcher):
 
     The peak velocity is 1.875 times the mean velocity, and at most `speed`. The duration of the motion is multiplied by
     1 + `lag_slope` x (sum of the channels' mean delays), 1.64 at 225 ms (MacKenzie and Ware 1993, CHI '93, 488-493).
-    Motor noise is proportional to the control, and passes two lags of 40 ms (Todorov 2005, as in the code of
+    Motor noise is proportional to the control signal, and is filtered by two lags of 40 ms (Todorov 2005, as in
     RothkopfLab/inverse-optimal-control).
     """
 
