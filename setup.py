@@ -16,7 +16,7 @@ from setuptools.command.build_py import build_py
 
 FLAGS = [
     "-O3",
-    "-g0",  # debug information would take a quarter of the build's time and three quarters of the file
+    "-g0",  # debug information would take a quarter of the build's time and three quarters of the compiled file
     "-fno-math-errno",  # the solver does not read errno
     "-fno-trapping-math",  # the solver does not trap floating-point exceptions
     "-ffp-contract=off",  # a * b + c is rounded twice on every processor
@@ -36,10 +36,10 @@ def placed(package: str) -> str:
 
 
 class Build(build_py):
-    """Copies modules into a wheel; in their sources, the packages BELOW get their new names."""
+    """Copies modules into a wheel."""
 
     def build_module(self, module: str, module_file: str, package: Any) -> Any:
-        """Copy a module; in a module of BELOW, rename imports and strings, unless the installation is editable."""
+        """Copy a module. For a wheel, a module of BELOW gets the new names in imports and at the start of strings."""
         out, copied = super().build_module(module, module_file, package)
         if not self.editable_mode and any(f".{name}." in f"{package}." for name in BELOW):
             text = Path(out).read_text()
@@ -62,7 +62,7 @@ if "editable_wheel" in sys.argv:
         "packages": packages,
         "package_dir": {"": "."},
         "package_data": DATA,
-    }  # an editable installation is then a path in a .pth file, which type checkers follow
+    }  # type checkers find this installation: it is a path in a .pth file
 else:
     layout = {
         "packages": [*map(placed, packages)],

@@ -7,10 +7,10 @@ import griffe
 
 
 class Comments(griffe.Extension):
-    """Extension of griffe, which mkdocs.yml names by the path of this file."""
+    """The extension of griffe; mkdocs.yml has the path of this file."""
 
     def on_attribute(self, *, attr: griffe.Attribute, **_: Any) -> None:
-        """Give an attribute without docstring the comment at the end of its last line as docstring."""
+        """Set a missing docstring to the comment at the end of the attribute's last line."""
         if attr.docstring is None and attr.lineno is not None and attr.lines:
             found = re.search(r"\s# (?!type:|noqa)(.+)$", attr.lines[-1])
             if found:

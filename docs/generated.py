@@ -1,8 +1,8 @@
 """Write the generated parts of the pages (tables, listings, pictures), and convert formulas to MathML for MkDocs.
 
-`python docs/generated.py` writes the pictures in docs/pictures, and the text between the comments in a page,
-`<!-- generated: NAME -->` and `<!-- end -->`: the return value of TEXTS[NAME], or the content of the file NAME. MkDocs
-calls the functions `on_page_content` and `on_post_build`.
+`python docs/generated.py` writes the pictures in docs/pictures. In each page, it replaces the text between
+`<!-- generated: NAME -->` and `<!-- end -->` by the return value of TEXTS[NAME], or by the content of the file NAME.
+MkDocs calls `on_page_content` and `on_post_build`.
 """
 
 import contextlib
@@ -84,7 +84,7 @@ def on_post_build(config: Any, **_: Any) -> None:
 
 
 def table(head: str, rows: list[list[str]]) -> str:
-    """Return a Markdown table; `head` has the names of its columns, separated by `|`."""
+    """Return a Markdown table; `head`: names of the columns, separated by `|`."""
     columns = head.split("|")
     return "\n".join("| " + " | ".join(row) + " |" for row in [columns, ["---"] * len(columns), *rows])
 
@@ -95,7 +95,7 @@ def environment() -> str:
 
 
 def teleop() -> str:
-    """Return the docstring of `ImpactTeleopEnv` without its first paragraph and table rows that need no operator."""
+    """Return the docstring of `ImpactTeleopEnv` without its first paragraph, and without rows that need no operator."""
     text = inspect.cleandoc(ImpactTeleopEnv.__doc__ or "").split("\n\n", 1)[1]
     shared = re.compile(r"^\| (?:\d|then) (?=(?:.*\|){6}$)(?!.*only with `operator`).*\n", re.MULTILINE)
     return shared.sub("", text)
@@ -122,7 +122,7 @@ def sets() -> str:
 
 
 def laws() -> str:
-    """Return the table of the laws of dissipation."""
+    """Return the table of laws of dissipation."""
     rows = [[f'`"{name}"`', f"${law.formula}$", law.source] for name, law in PUBLISHED.items()]
     fixed = '$d$ of `"exact"`, times the approach velocity, divided by `reference_velocity`'
     rows += [['`"exact"`', "the solution of the equation above", ""], ['`"fixed"`', fixed, ""]]
@@ -142,7 +142,7 @@ def materials() -> str:
         return " to ".join(f"{value:.3g}" for value in sorted(set(of or ())))
 
     rows = [[f"`{name}`", *map(span, (one.young, one.poisson, one.restitution))] for name, one in ig.MATERIALS.items()]
-    return table("Material|E (Pa)|Poisson's ratio|Restitution, like bodies or far stiffer other", rows)
+    return table("Material|E (Pa)|Poisson's ratio|Restitution against the same or a far stiffer material", rows)
 
 
 def svg(figure: Figure) -> bytes:
@@ -153,7 +153,7 @@ def svg(figure: Figure) -> bytes:
 
 
 def drawn(draw: Callable[[Any], None], height: float) -> bytes:
-    """Return as SVG what `draw` draws on the axes of a figure of 6.4 by `height` inches."""
+    """Return a figure of 6.4 by `height` inches as SVG; `draw` draws on its axes."""
     figure = Figure(figsize=(6.4, height))
     draw(figure.subplots())
     return svg(figure)

@@ -1,1 +1,1 @@
-"""The command `impact-gym`, and the programs that use `agents`, such as the report and the studies."""
+"""The command `impact-gym`, and programs that use `agents`, such as report and studies."""

@@ -88,7 +88,7 @@ def main() -> None:
         remedy = f"pip install 'impact-gym[{','.join(command.extras)}]'"
         sys.exit(f"impact-gym {name} needs {', '.join(absent)}: {remedy}")
     sys.argv[1:] = arguments
-    sys.path.append("")  # for MODULE:OBJECT; last, because the current folder may contain another `experiments`
+    sys.path.append("")  # for MODULE:OBJECT; at the end, because the current folder may contain an `experiments`
     runpy.run_module(command.module, run_name="__main__", alter_sys=True)
 
 

@@ -48,18 +48,16 @@ class ControllerOptions:
 
 
 def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
-    """Copy the set-up's file to `out` and return the copy's path; ValueError: `out` is a file or has another run."""
+    """Copy the set-up's file to `out` and return the new path; ValueError: `out` is a file or has another run."""
     copy, sign = out / f"{setup.path.stem}.toml", out / "quick"
     if out.exists() and not out.is_dir():
         raise ValueError(f"out must be a folder, but {out} is a file")
     content = sorted(out.iterdir()) if out.is_dir() else []
     if content and copy not in content:
-        raise ValueError(f"{out} has files, but no {copy.name} ({content[0].name}): name another folder with --out")
+        raise ValueError(f"{out} has {content[0].name}, but no {copy.name}: name another folder with --out")
     if copy.is_file():
         if MADE_FOR(load_setup(copy)) != MADE_FOR(setup):
-            raise ValueError(
-                f"{out} holds results of an earlier {copy.name}, which has changed since: name another folder"
-            )
+            raise ValueError(f"{out} holds results of another version of {copy.name}: name another folder")
         if sign.exists() != quick:
             kind = "with" if sign.exists() else "without"
             raise ValueError(f"{out} holds results of a run {kind} --quick: name another folder with --out")

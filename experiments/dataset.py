@@ -1,4 +1,4 @@
-"""`impact-gym dataset`: Minari datasets whose episodes, played by rules, policies or persons, can be replayed."""
+"""`impact-gym dataset`: record episodes of rules, policies or persons as Minari datasets; replay datasets."""
 
 import json
 import os
@@ -40,7 +40,7 @@ from impact_gym.validation import distinct, shown, whole
 PLAYERS = {
     "rule": "the paper's rule",
     "profile": "the first baseline in the set-up's `against`",
-    "policy": "its learned policy",
+    "policy": "the set-up's learned policy",
 }
 SEED = 70_000_000  # default seed of the first episode; training, tuning and evaluation use other seeds
 ROOT = "MINARI_DATASETS_PATH"
@@ -89,7 +89,7 @@ class DatasetOptions:
 
 
 def players(name: str, setup: Setup) -> Players:
-    """Return the player `name`, as in `DatasetOptions.who`; ValueError: it is unknown, not tuned or not trained."""
+    """Return the player `name` of `DatasetOptions.who`; ValueError: the name is unknown, not tuned or not trained."""
     tuned = setup.against[0] if name == "profile" and setup.against else name
     if name == "policy":
         policy = load_policy(setup.name if setup.shipped else setup.folder / "policies" / f"{setup.name}.npz")
@@ -108,7 +108,7 @@ def players(name: str, setup: Setup) -> Players:
 
 
 def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], play: Players) -> EpisodeBuffer:
-    """Play an episode and return it; its infos have `sensors` (SI units) and the numbers of `episode_info`."""
+    """Play and return an episode. Its infos: `sensors` (SI units), and `episode_info` without mappings."""
     bare: Any = env.unwrapped
 
     def info() -> dict[str, Any]:
@@ -176,22 +176,22 @@ def of_tries(options: DatasetOptions) -> Any:
             record = {**this.record, "operator.recording": number + 0.5}
             done = recorded(env, this.seed, record, partial(given, this.actions))
             if done.infos["done_time"][-1] != this.result["done_time"]:
-                raise ValueError("replayed, the try ends at another time: it is of another version of the environment")
+                raise ValueError("the replay of a try ends at another time: use the try's version of the environment")
             yield done
 
     assists = ", ".join(sorted({this.assist for this in found}))
-    return write(name, env, again(), options, assists, "persons steer, assisted as named")
+    return write(name, env, again(), options, assists, "persons steer, with assistance")
 
 
 def given(actions: Sequence[Sequence[float]], _weight: float) -> Any:
-    """Return a controller with these actions; after the last one, its actions are zeros."""
+    """Return a controller that plays these actions, then zeros."""
     first, *others = np.array(actions, np.float32)
     ahead = chain([first], others, repeat(0.0 * first))
     return SimpleNamespace(predict=lambda *_, **__: (next(ahead)[None], None))
 
 
 def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
-    """Make a dataset's environment; ValueError: it is not of this package, or its metadata name other code or files."""
+    """Make a dataset's environment; ValueError: not of this package, or the metadata name other code or files."""
     spec = json.loads(about["env_spec"])
     if spec["id"] not in IDS:
         raise ValueError(f"its id must be one of {', '.join(IDS)}, got {shown(spec['id'])}")
@@ -231,7 +231,7 @@ def check(name: str) -> int:
 def work(options: DatasetOptions) -> None:
     """Run the command and print its result."""
     if options.check:
-        print(f"{options.source}: {check(options.source)} episodes replay to the bit")
+        print(f"{options.source}: {check(options.source)} episodes replay exactly")
     elif options.operator is not None:
         found = try_files.of_persons(Path(options.source), options.include_marked)
         content = [f"{key} = {json.dumps(value)}\n" for key, value in try_files.operator_of(found).items()]  # also TOML

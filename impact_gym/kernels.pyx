@@ -118,11 +118,11 @@ def approach_rows(
     """Run the approaches `first` to `last` - 1 of `plans` (n, APPROACH), and write the results to `chains` (n, CHAIN).
 
     Args:
-        tables: numbers of all tables (k,); `mount.table` and `motion` of a plan are the indices at which its tables begin.
+        tables: numbers of all tables (k,); a plan's tables begin at the indices `mount.table` and `motion`.
         tolerance: local error allowed in a step, in the natural units of the contact or the flight.
         max_steps: integration steps after which a row stops with the status STEP_LIMIT.
-        recorder: arrays for contacts (CONTACT), trace points (TRACE) and times at which a slider passes its alignment
-            (s) in the last approach, and the time (s) between trace points in flight. An empty array records nothing.
+        recorder: arrays for the last approach: contacts (CONTACT), trace points (TRACE), times (s) at which a slider
+            passes its alignment. Then the time (s) between trace points in flight. An empty array records nothing.
     """
     cdef Run run
     cdef Work work

@@ -1,7 +1,7 @@
 """The table of the numbers of a scene and of the task: the id, words, unit, limits, draw and scale of each number.
 
-Checks of input, draws, dotted paths of a scene, records of the compiled program, the observation, keys in the file of a
-set-up, and tables of the documentation come from this table.
+From this table come checks of input, draws, dotted paths, records of the compiled program, the observation, keys in the
+file of a set-up, and tables of the documentation.
 """
 
 import math
@@ -27,8 +27,8 @@ class Limits(NamedTuple):
 class Draw(NamedTuple):
     """How an episode draws a number: uniformly, log-uniformly (`by_ratio`, if the range begins above 0) or normally.
 
-    The draw uses a uniform number in [0, 1). Its index is `place` among the numbers that an episode takes from the
-    environment's generator; a normal draw also uses the next number. With `own_stream`, its index is -1 - `place` in
+    An episode takes uniform numbers in [0, 1) from the environment's generator. A draw uses the number at index
+    `place`. A normal draw also uses the next number. With `own_stream`, a draw uses the number at index -1 - `place` in
     the random stream of the noise seed. Places never change, so that a new draw changes no other draw.
     """
 
@@ -45,7 +45,7 @@ class Scale(NamedTuple):
     high: float
     scaled_low: float = -1.0
     curve: Literal["linear", "log", "log1p"] = "linear"
-    ends: str = ""  # if not empty, the environment's argument that determines low and high, see `Task.ends`
+    ends: str = ""  # the environment's argument that determines low and high, see `Task.ends`; "": none
 
 
 NEVER_OBSERVED = Scale(math.nan, math.nan)
@@ -63,16 +63,16 @@ class Quantity:
     observed: str = ""  # "always", or the argument that adds the number; "": only for a critic, if in `Task.drawn`
     scale: Scale = NEVER_OBSERVED
     path: str = ""  # dotted path in a `Scene` with its motion, if it differs from the id
-    from_flange: bool = False  # True: the observed value is relative to the flange
+    from_flange: bool = False  # True: the flange position is subtracted from the observed value
     shaped_by: tuple[str, ...] = ()  # arguments of the environment that change the observed value
 
     def check(self, value: Any, name: str = "") -> float:
-        """Return `value` as a float, checked by `validation.number`; messages call it `name`, "": the id."""
+        """Return `value` as a float, checked by `validation.number`; `name` is for messages, "": the id."""
         above, at_least, at_most = self.limits  # faster than `_asdict`
         return number(name or self.id, value, self.unit, above=above, at_least=at_least, at_most=at_most)
 
     def interval(self, value: Any, name: str = "") -> Range:
-        """Return `value`, a number or a pair (low, high), as a pair; `validation.interval` checks it."""
+        """Return `value`, a number or a pair (low, high), as a pair, checked by `validation.interval`."""
         return interval(name or self.id, value, self.unit, **self.limits._asdict())
 
     def by_ratio(self, low: float) -> bool:
@@ -124,7 +124,7 @@ def channel(way: str, place: int) -> tuple[Quantity, ...]:
         ("tail", f"mean of a longer random delay of {packets}", "s", SECONDS, HALF),
         ("tail_share", f"share of {packets} with the longer delay", "-", PART, SHARE),
         ("loss", f"share of {packets} that are lost", "-", LOST, SHARE),
-        ("burst", f"mean number of losses in a row of {packets}", "-", Limits(at_least=1.0, at_most=1e6), SHARE),
+        ("burst", f"mean number of successive losses of {packets}", "-", Limits(at_least=1.0, at_most=1e6), SHARE),
         ("timeout", "time without a newer command after which the arm stops", "s", POSITIVE, HALF),
     )  # fmt: skip
     return tuple(
@@ -162,7 +162,7 @@ EPISODE = (
     Quantity("reaction_delay", "reaction delay", "s", Limits(at_least=0.0, at_most=1.0), Draw(7), "privileged",
              Scale(0.0, 0.1, 0.0)),
     Quantity("force_error", "error of all force readings of the episode", "N", PLACE, Draw(8, normal=True)),
-    Quantity("noise_seed", "seed of the force noise", "-", Limits(at_least=0.0, at_most=2.0**53), Draw(10)),
+    Quantity("noise_seed", "seed of all other random numbers", "-", Limits(at_least=0.0, at_most=2.0**53), Draw(10)),
 )  # fmt: skip
 """Numbers that an episode draws in addition to the scenario and to numbers of the set-up."""
 
@@ -190,27 +190,27 @@ SET_UP = (
     set_up("robot.damping", "damping of the robot", "N s/m", NOT_NEGATIVE, 16, Scale(0.0, 500.0)),
     set_up("operator.speed", "fastest command of the operator", "m/s", POSITIVE, 19, Scale(0.0, 1.0)),
     set_up("operator.reaction", "reaction time of the operator", "s", SECONDS, 20, HALF),
-    set_up("operator.place_error", "distance that the operator assumes too much", "m", OFFSET, 21, Scale(-0.2, 0.2)),
+    set_up("operator.place_error", "assumed minus true distance of the object", "m", OFFSET, 21, Scale(-0.2, 0.2)),
     set_up("operator.creep", "speed at which the operator searches the object", "m/s", POSITIVE, 22, HALF),
-    set_up("operator.lag_slope", "relative lengthening of a reach per second of lag", "1/s", NOT_NEGATIVE, 23, TEN),
-    set_up("operator.noise", "motor noise of the operator, as a share of the control", "-", EXPONENT, 27, SHARE),
-    set_up("operator.stiffness", "stiffness of the operator's hand over its mass", "1/s^2", STIFFNESS, 28,
+    set_up("operator.lag_slope", "relative increase of reach duration per lag", "1/s", NOT_NEGATIVE, 23, TEN),
+    set_up("operator.noise", "motor noise of the operator divided by the control", "-", EXPONENT, 27, SHARE),
+    set_up("operator.stiffness", "stiffness divided by mass of the operator's hand", "1/s^2", STIFFNESS, 28,
            log(1.0, 1e3)),
-    set_up("operator.damping", "damping of the operator's hand over its mass", "1/s", NOT_NEGATIVE, 29,
+    set_up("operator.damping", "damping divided by mass of the operator's hand", "1/s", NOT_NEGATIVE, 29,
            Scale(0.0, 20.0, 0.0)),
     set_up("operator.gain", "crossover frequency of the operator", "rad/s", RATE, 30, TEN),
     set_up("operator.recording", "index of the recording that is played, rounded down", "-",
            Limits(at_least=0.0, at_most=1e6), 47, Scale(0.0, 1e3, 0.0)),
     *channel("uplink", 33),
     *channel("downlink", 40),
-    set_up("range_sensor.noise", "standard deviation of each range reading at contact", "m", SIZE, 48,
+    set_up("range_sensor.noise", "standard deviation of a range reading at gap 0", "m", SIZE, 48,
            Scale(0.0, 0.05, 0.0)),
-    set_up("range_sensor.share", "further standard deviation as a share of the gap", "-", PART, 49, SHARE),
+    set_up("range_sensor.share", "increase of a range reading's standard deviation with the gap", "-", PART, 49, SHARE),
     set_up("range_sensor.bias", "error of all range readings of the episode", "m", OFFSET, 50, Scale(-0.1, 0.1)),
-    set_up("range_sensor.dropout", "share of range readings that is lost", "-", LOST, 51, SHARE),
+    set_up("range_sensor.dropout", "share of range readings that are lost", "-", LOST, 51, SHARE),
     set_up("range_sensor.delay", "delay of range readings", "s", SECONDS, 52, HALF),
 )  # fmt: skip
-"""Numbers of the set-up: arguments, or parts of them, that may be ranges, from which each episode then draws."""
+"""Numbers of the set-up: arguments, or parts of arguments. Each may be a range, from which each episode draws."""
 
 DEFLECTION = Quantity("deflection", "displacement of the tool one reaction delay ago", "m", scale=Scale(-0.05, 0.05),
                       observed="deflection_sensor", shaped_by=("reaction_delay",))  # fmt: skip
@@ -223,9 +223,9 @@ SPEEDS = Scale(-0.5, 1.5, ends="velocity_range")
 AGE, SPREAD, LAST_READ = (Scale(0.0, high, 0.0) for high in (1.0, 0.2, 0.5))
 COMMANDS = (
     Quantity("command", "newest command of the operator that has arrived", "m/s", observed="operator", scale=SPEEDS),
-    Quantity("command_age", "time since this command was sent", "s", observed="operator", scale=AGE),
-    Quantity("command_age_mean", "mean age of commands as they arrived", "s", observed="operator", scale=AGE),
-    Quantity("command_age_spread", "standard deviation of the age of commands", "s", observed="operator", scale=SPREAD),
+    Quantity("command_age", "time since the observed command was sent", "s", observed="operator", scale=AGE),
+    Quantity("command_age_mean", "mean age of commands at their arrival", "s", observed="operator", scale=AGE),
+    Quantity("command_age_spread", "standard deviation of ages of commands", "s", observed="operator", scale=SPREAD),
     Quantity("executed", "last velocity commanded to the flange", "m/s", observed="operator", scale=SPEEDS),
 )  # fmt: skip
 """Numbers that the controller observes about the operator's commands."""
@@ -234,14 +234,14 @@ MORE_SENSORS = (
     *PAST,
     *COMMANDS,
     Quantity("range", "newest reading of the gap from tool to object", "m", observed="range_sensor", scale=LAST_READ),
-    Quantity("range_age", "age of this reading", "s", observed="range_sensor", scale=LAST_READ),
+    Quantity("range_age", "age of the newest reading of the gap", "s", observed="range_sensor", scale=LAST_READ),
     Quantity("time_since_touch", "time since a switch would have raised the alarm", "s", observed="privileged",
              scale=SINCE_ALARM),
 )  # fmt: skip
 """Numbers that an argument of the environment adds to the observation."""
 
 RESULTS = (
-    Quantity("object_velocity", "V_p, the final velocity of the object", "m/s"),
+    Quantity("object_velocity", "V_p, the final velocity of the object; with friction, its largest velocity", "m/s"),
     Quantity("approach_time", "time until the first contact", "s"),
     Quantity("peak_force", "largest contact force", "N"),
     Quantity("contact_count", "number of contacts", "-"),
@@ -249,7 +249,7 @@ RESULTS = (
 )
 
 STEERED = (
-    Quantity("done_time", "time until the object rests and the operator or the tool is done", "s"),
+    Quantity("done_time", "end of the last control step", "s"),
     Quantity("late", "mean time from a touch until the operator's stop reaches the arm", "s"),
     Quantity("taken", "share of the operator's motion that was withheld before the touch", "-"),
 )
@@ -265,22 +265,22 @@ OTHERS = (
     Quantity("motion.brake.threshold", "contact force above which the brake's alarm is sent", "N", NOT_NEGATIVE),
     Quantity("motion.brake.delay", "delay of the brake", "s", NOT_NEGATIVE),
     Quantity("motion.brake.deceleration", "deceleration of the brake", "m/s^2", RATE),
-    Quantity("duration", "length of a run", "s", Limits(at_least=1e-12, at_most=1e12)),
+    Quantity("duration", "duration of a run", "s", Limits(at_least=1e-12, at_most=1e12)),
     Quantity("rtol", "relative error allowed in a contact", "-", Limits(at_least=1e-13, at_most=1e-2)),
     Quantity("force_weight", "cost of the peak force", "m/s per N", WEIGHT),
     Quantity("horizon", "end of an episode without an alarm", "s", Limits(at_least=1e-3, at_most=1e3)),
     Quantity("after_alarm", "time from the alarm to the end of an episode", "s", Limits(at_least=1e-3, at_most=1e3)),
     Quantity("missed_cost", "cost of an object that was not touched", "m/s", WEIGHT),
     Quantity("control_period", "control period", "s", Limits(at_least=1e-4, at_most=0.15)),
-    Quantity("velocity_range", "range of the first number of an action", "m/s", OFFSET),
-    Quantity("acceleration_range", "range of the second number", "m/s^2", Limits(at_least=1e-9, at_most=1e6)),
+    Quantity("velocity_range", "range of an action's first number", "m/s", OFFSET),
+    Quantity("acceleration_range", "range of an action's second number", "m/s^2", Limits(at_least=1e-9, at_most=1e6)),
 )
 """Numbers that occur only in a scene, its motion or a run, and arguments of the environment that are never drawn."""
 
 QUANTITIES: dict[str, Quantity] = {
     row.id: row for row in (*SENSORS, *SCENARIO, *EPISODE, *SET_UP, *MORE_SENSORS, *RESULTS, *STEERED, *OTHERS)
 }
-"""All rows by id; an observation has its numbers in this order, but those for a critic last."""
+"""All rows by id; an observation has its numbers in this order, but the numbers for a critic last."""
 
 BY_PATH: dict[str, Quantity] = {row.path or row.id: row for row in QUANTITIES.values() if row.path or "." in row.id}
-"""The rows of numbers that have a dotted path, by this path."""
+"""The rows of numbers with a dotted path, by path."""

@@ -94,20 +94,20 @@ def analyse(options: DesignOptions, frames: Frames, _: bool) -> Findings:
     missed = f" It misses {chosen['missed'].sum()} of {chosen.height} objects." if chosen["missed"].any() else ""
     pad = f" with a pad of {options.pad}" if options.pad else ""
     answer = (
-        f"Chosen design: {in_words(chosen['design'][0])}{pad}. At the mean approach time of the paper's rule its mean "
-        f"V_p is {percent(gains[CHOSEN])} lower than that of the paper's rule with the paper's spring; in each fifth "
-        f"of the distances at least {100 * least:.1f} % lower. Before the first touch its tool moves at most "
-        f"{1e3 * moved:.1f} mm against the flange. Its set-up: {options.file.name}.{missed}"
+        f"Chosen design: {in_words(chosen['design'][0])}{pad}. At the mean approach time of the paper's rule, its mean "
+        f"V_p is {percent(gains[CHOSEN])} lower than with the paper's rule and spring; in each fifth of the distances, "
+        f"V_p is at least {100 * least:.1f} % lower. Before the first touch, the tool moves at most "
+        f"{1e3 * moved:.1f} mm against the flange. Set-up: {options.file.name}.{missed}"
     )
     gained = [(LABELS.get(name, name), percent(gain)) for name, gain in gains.items()]
     scaled = [{**row, **{name: 1e3 * row[name] for name in ("deflection", "stroke")}} for row in rows]
     caption = (
-        "Test scenarios, which no search used. Points below and to the left are better. The numbers at the designs are "
-        "the largest deflections of their couplings before the first touch. A line is one coupling, with a controller "
-        "searched for each approach time."
+        "No search used these test scenarios. Points below and to the left are better. The numbers at the designs are "
+        "the largest deflections before the first touch. A line is one coupling, with a controller for each approach "
+        "time."
     )
     alt = "Mean approach time against mean V_p: designs, the chosen design, others and the paper's rule."
-    read = "Interpolated between the two approach times next to the paper's; intervals by resampling the scenarios."
+    read = "V_p is interpolated, or that of the nearest end of the line. Intervals: resampled scenarios."
     return Findings(answer, [
         Section("Approach time against V_p", [
             Picture("front", chart(rows), alt, caption),

@@ -5,9 +5,9 @@ same force F = k_i delta_i^1.5, so the sum of both penetrations is that of one s
 
     k^(-2/3) = k_pad^(-2/3) + k_object^(-2/3)
 
-Spring i stores the energy 2/5 F delta_i, the share k_i^(-2/3) / k^(-2/3) of the total, and loses the fraction 1 - e_i^2
-of this energy. So the restitution e of the contact follows from 1 - e^2, the mean of 1 - e_i^2 weighted by the stored
-energies. k_object and e_object are measured with a rigid tool without a pad.
+Spring i stores the energy 2/5 F delta_i. This is the share k_i^(-2/3) / k^(-2/3) of the total. Spring i loses the
+fraction 1 - e_i^2 of its energy. So 1 - e^2 of the contact is the mean of 1 - e_i^2, weighted by the stored energies.
+k_object and e_object are measured with a rigid tool without a pad.
 """
 
 import math

@@ -123,7 +123,7 @@ def objective(
     limits: Limits,
     budget: SearchBudget,
 ) -> Losses:
-    """Return a function from candidates (population, 1, k), design and parameters, to losses (population, 1), m/s."""
+    """Return a function from candidates (population, 1, k), design then parameters, to losses (population, 1), m/s."""
     population, scenarios = budget.population, budget.scenarios
     task = candidate.task.changed({"rtol": RTOL})
     stage = ScenarioBatch(TUNING_SEED, scenarios, task, copies=population, lenient=True, threads=1)
@@ -154,9 +154,9 @@ def search(
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Search, and return one row: the best `design` and the rule's `parameters` as JSON, and the `loss` (m/s).
 
-    `candidate`, `limits` and `budget` have the fields of `Candidate`, `Limits` and `SearchBudget`, each of `variables`
-    those of `SearchVariable`. The candidate's environment has a range for each variable. The search starts at the
-    candidate's `parameters`. `approach_time` (s) limits the mean approach time.
+    `candidate`, `limits`, `budget` and each of `variables` have the fields of `Candidate`, `Limits`, `SearchBudget` and
+    `SearchVariable`. The candidate's environment has a range for each variable. The search starts at the candidate's
+    `parameters`. `approach_time` (s) limits the mean approach time.
     """
     begin, free, much = Candidate(**candidate), [SearchVariable(*each) for each in variables], SearchBudget(**budget)
     of_rule = zip(RULES[begin.rule].PARAMETERS, begin.parameters, strict=True)
@@ -171,9 +171,9 @@ def search(
 
 
 def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any]) -> pl.DataFrame:
-    """Play a candidate on the frozen set `name`; return a row for each scenario, with its numbers and results.
+    """Play a candidate on the frozen set `name`; return a row for each scenario: numbers and results.
 
-    `candidate` has the fields of `Candidate`, `limits` those of `Limits`. In each scenario, each number of the design
+    `candidate` and `limits` have the fields of `Candidate` and `Limits`. In each scenario, each number of the design
     has a relative error of at most `tolerance`. Each row has the `Limits.excess` of all scenarios.
     """
     player = Candidate(**candidate)

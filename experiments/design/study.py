@@ -1,8 +1,8 @@
 """The study of `impact-gym design`: searches, choice on the validation set, results on the test set.
 
-The front is a design for each approach time: of all seeds' designs, the one with the lowest cost on the validation set.
-The chosen design is the front's design at the approach time nearest to that of the paper's rule. For each other
-approach time, a new controller of the chosen design is searched. The test set is used for no choice.
+The front has, for each approach time, the seeds' design with the lowest cost on the validation set. The chosen design
+is the front's design at the approach time nearest to that of the paper's rule. For each other approach time, the study
+searches a new controller of the chosen design. No choice uses the test set.
 """
 
 import json
@@ -109,7 +109,6 @@ class Search:
         return [min((row for row in found if row["allowed"] == time), key=cost) for time in self.options.times]
 
     def _searched(self, rows: Iterable[Row]) -> Iterator[Cell]:
-        """Yield a cell for each row, which searches a controller, and on the line FRONT also a design."""
         options, papers_rule = self.options, self.candidate(PAPERS_RULE)
         batch = ScenarioBatch(TUNING_SEED, options.search.scenarios, papers_rule.task, threads=1)
         paper = float(batch.play(papers_rule.controller()).approach_time.mean())
@@ -144,7 +143,7 @@ def start_of(candidate: Candidate, approach_time: float) -> list[float]:
 def study_of(options: DesignOptions) -> Study:
     """Return the study for options that `DesignOptions.checked` returned."""
     search_for = Search(options)
-    return Study("design", f"Which coupling, with its best controller, for {options.arm.name}?", (
+    return Study("design", f"Which coupling is best for {options.arm.name}?", (
         Measurement("searches", search_for.searches, search, DEPENDS),
         Measurement("validation", search_for.validation, play, DEPENDS),
         Measurement("controllers", search_for.controllers, search, DEPENDS),

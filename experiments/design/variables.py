@@ -79,14 +79,14 @@ def _read(text: str, own: Mapping[str, float]) -> SearchVariable:
 
 
 def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[float]]:
-    """Return for each number of a design the range from 1 - `tolerance` to 1 + `tolerance` times its value."""
+    """Return for each number of a design the range: the number times 1 - `tolerance` to 1 + `tolerance`."""
     return {name: sorted([value * (1.0 - tolerance), value * (1.0 + tolerance)]) for name, value in design.items()}
 
 
 def searched_environment(setup: Setup, variables: Sequence[SearchVariable], deflection: float | None) -> dict[str, Any]:
     """Return the set-up's environment with the range of each variable, as if each number were drawn in each episode.
 
-    ValueError: the environment is invalid, no design holds the tool, or all deflect by more than `deflection` (m).
+    ValueError: the environment is invalid, no design holds the tool, or each deflects by more than `deflection` (m).
     """
     with within("--free"):
         task = Task(**setup.environment).changed({each.name: [each.low, each.high] for each in variables})

@@ -1,4 +1,4 @@
-"""Cells in which a contestant plays scenarios in an environment, and functions that evaluate the rows of such cells."""
+"""Cells, in which a contestant plays scenarios, and functions that evaluate the rows of cells."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -39,12 +39,12 @@ def play(
     columns: dict[str, Any] = {"weight": np.array(weights)[:, None], "episode": np.arange(shape[1])}
     columns |= {name: results[name] for name in FIELDS} | measured
     columns["cost"] = measured["object_velocity"] + columns["weight"] * measured["approach_time"]
-    columns["cost"] += missed_cost(environment) * measured["missed"]  # the order of `Episodes.loss`, for equal rounding
+    columns["cost"] += missed_cost(environment) * measured["missed"]  # order as in `Episodes.loss`: equal rounding
     return pl.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in columns.items()})
 
 
 def groups(frame: pl.DataFrame, *by: str) -> Iterator[tuple[tuple[Any, ...], pl.DataFrame]]:
-    """Yield each combination of values of the columns `by`, and the rows with it, in the order of the rows."""
+    """Yield each combination of values of the columns `by` with its rows, in the order of the rows."""
     yield from frame.group_by(by, maintain_order=True)
 
 

@@ -19,7 +19,7 @@ INTERVAL = re.compile(r"\[[^][]*\]")
 
 
 def factor(value: float) -> str:
-    """Return a ratio as text, with one decimal if it is below 10, else with two significant digits."""
+    """Return a ratio as text: one decimal below 10, else two significant digits."""
     return f"{value:.1f}" if value < 10 else f"{float(f'{value:.2g}'):,.0f}"
 
 
@@ -37,8 +37,8 @@ MACROS: Mapping[type, str] = {  # macros of lab/parts.html.jinja, by the type of
 def write(folder: Path, template: str, **content: Any) -> Path:
     """Write `folder`/index.html from a template below experiments/, and return the path of the page.
 
-    The template can use the filter `typeset`, `image(picture)` (writes `folder`/NAME.svg, and returns its content as a
-    URI) and `macro_name(part)` (the macro that shows a part of a section). `content` has `runs`, records of runs.
+    The template has the filter `typeset`, `image(picture)` (writes `folder`/NAME.svg, returns the content as a URI) and
+    `macro_name(part)` (the macro that shows a part of a section). `content` has `runs`, records of runs.
     """
 
     def image(picture: Picture) -> str:

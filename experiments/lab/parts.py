@@ -30,7 +30,7 @@ class Table:
 
     @property
     def classes(self) -> list[str]:
-        """CSS class of each column: "" for numbers, "left words" if a cell exceeds LONG, else "left"."""
+        """CSS class of each column: "" if half are numbers, "left words" if a cell exceeds LONG, else "left"."""
         found = []
         for column in zip(*self.rows, strict=False):
             numbers = sum(bool(re.match(r"([-+\d]|at (least|most) \d).{,40}$", cell)) for cell in column)
@@ -49,7 +49,7 @@ class Heat(NamedTuple):
 
 @dataclass(frozen=True)
 class HeatMap:
-    """A heat map: each cell has a colour for its ratio."""
+    """A heat map: the colour of a cell shows the ratio."""
 
     caption: str
     head: Sequence[str]
@@ -58,7 +58,7 @@ class HeatMap:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of matplotlib, which is saved as NAME.svg and embedded in the page."""
+    """A figure of matplotlib, saved as NAME.svg and embedded in the page."""
 
     name: str
     figure: Figure
@@ -79,6 +79,6 @@ class Section:
 
 
 def percent(share: Estimate, digits: int = 1) -> str:
-    """Return a fraction and its interval as text, in percent."""
+    """Return a fraction and the interval in percent, as text."""
     value, low, high = (f"{100 * each:.{digits}f}" for each in (share.value, share.low, share.high))
     return f"{value} % [{low}, {high}]"

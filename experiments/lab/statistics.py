@@ -10,7 +10,7 @@ from scipy.special import nctdtrit, ndtri
 
 Floats = NDArray[np.float64]
 Front = tuple[Floats, Floats]
-"""Means of approach time (s) and of V_p (m/s), (1 + n, weights): row 0 of the sample, the others of n resamples."""
+"""Means of approach time (s) and of V_p (m/s), (1 + n, weights). Row 0: sample; other rows: n resamples."""
 RESAMPLES = 2_000
 CONFIDENCE = 0.95  # of intervals and tolerance bounds
 CONTENT = 0.95  # share of all trainings that a tolerance bound covers
@@ -92,7 +92,7 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A measure of two contestants (1 + n,), in the sample and in n resamples; both have the same resamples."""
+    """A measure of two contestants, each (1 + n,): in the sample, then in n resamples that they share."""
 
     ours: Floats
     theirs: Floats
@@ -105,7 +105,7 @@ class Comparison:
 
     @classmethod
     def of_fronts(cls, ours: Front, theirs: Front) -> Self:
-        """Compare V_p (m/s) of the front `ours` with the one point of the front `theirs`, at the time of this point."""
+        """Compare V_p (m/s) of the front `ours` and of the single point of the front `theirs`, at its time."""
         (time,), (velocity,) = theirs[0].T, theirs[1].T
         return cls(along(*ours, time), velocity)
 

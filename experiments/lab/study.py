@@ -31,7 +31,7 @@ SOLVER = tuple(  # modules on which the result of `simulate` depends, in additio
 
 
 class Cell(NamedTuple):
-    """One call of `Measurement.measure`, with these `arguments`; its rows get `labels` as columns."""
+    """One call of `Measurement.measure` with `arguments`; the rows get `labels` as columns."""
 
     labels: Row
     arguments: Mapping[str, Any]
@@ -39,7 +39,7 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class Measurement:
-    """A table of a study, and how it is measured."""
+    """A table of a study, and the measurement of this table."""
 
     name: str  # name of the table
     cells: Callable[[bool, Frames], Iterable[Cell]]  # arguments: whether the run is quick, and the earlier tables
@@ -47,7 +47,7 @@ class Measurement:
     depends: tuple[str, ...] = SOLVER  # modules that rows depend on, in addition to the module of `measure`
     failed: Callable[[Row], Row] | None = None  # row of a failed cell, from its labels; None: raise an error
     seconds: float | None = None  # s, time limit of a cell
-    processes: int | None = None  # largest number; 1: cells are timed one after the other; 0: in this process
+    processes: int | None = None  # largest number; 1: one cell at a time; 0: in this process
 
     @property
     def digest(self) -> str:
@@ -68,7 +68,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class Study:
-    """A question, the measurements in order, and their analysis."""
+    """A question, measurements in order, and the analysis."""
 
     name: str
     question: str
@@ -105,7 +105,7 @@ class StudyOptions:
 
 
 class Run(dict[str, pl.DataFrame]):
-    """A run of a study: its measured tables by name. A missing table is measured when it is read."""
+    """A run of a study: measured tables by name. Reading a missing table measures the table."""
 
     def __init__(self, study: Study, options: StudyOptions, command: str = "") -> None:
         """Prepare a run that the command line `command` repeats."""
@@ -150,8 +150,8 @@ class Run(dict[str, pl.DataFrame]):
     def write(self) -> Path:
         """Measure missing cells, write tables, figures and the page, and return the path of the page.
 
-        The file results.json, which the page shows, has a record of each run since the last --force: command, versions,
-        machine, load of the machine before the run, and the duration in seconds (None: the run was stopped).
+        The page and results.json have a record of each run since the last --force: command, versions, machine, load
+        before the run, and duration in seconds (None: the run was stopped).
         """
         kept, log = self.folder / KEPT, self.folder / "results.json"
         if self.options.force:

@@ -1,4 +1,4 @@
-"""The simulated arm, in steps of 1 ms in real time. A watchdog stops it after SILENCE (s) without a valid packet."""
+"""The simulated arm, in real time, steps of 1 ms. A watchdog stops the arm after SILENCE (s) without valid packets."""
 
 import json
 import math
@@ -111,7 +111,7 @@ def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) ->
 def serve(environment: Mapping[str, Any], weight: float, seed: int, seconds: float, out: Path, port: Any) -> None:
     """Send the arm's UDP port through the pipe `port`, play approaches, and write them to `out` (JSON).
 
-    Approaches, with the seeds `seed`, `seed` + 1, ..., begin for `seconds` or until the watchdog stops an approach.
+    Approaches with the seeds `seed`, `seed` + 1, ... begin until `seconds` are over or the watchdog stops one.
     """
     task = Task(**{**environment, "control_period": PERIOD, "time_weight": weight})
     line, batch, played = Line(task), Batch(1, task, threads=1), list[dict[str, Any]]()

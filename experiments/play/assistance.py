@@ -1,4 +1,4 @@
-"""Assistances, which correct the player's commands, and the environment in which the player is the operator."""
+"""Assistances, and the environment in which the player is the operator."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -27,7 +27,7 @@ RTOL = 1e-12  # at this rtol `simulate` and the environment agree to 1e-9
 
 
 def playable(name: str) -> Setup:
-    """Return the set-up `name`; ValueError: no such set-up, no operator in it, or its control period is not PERIOD."""
+    """Return the set-up `name`; ValueError: no such set-up, no operator, or another control period than PERIOD."""
     setup = load_setup(name)
     if "operator" not in setup.environment:
         operator, others = '{ type = "Reach", place_error = 0.0, creep = 0.1 }', map(load_setup, shipped())
@@ -41,7 +41,7 @@ def playable(name: str) -> Setup:
 
 
 def related(setup: Setup) -> dict[str, str]:
-    """Return the names of the set-up and, if it is shipped, of those with other couplings, by the end of the name."""
+    """Return the name of the set-up and, if shipped, names of set-ups with other couplings, by the end of the name."""
     family, _, kind = setup.called.rpartition("-")
     if setup.shipped and kind in COUPLINGS:
         return {each: f"{family}-{each}" for each in COUPLINGS}
@@ -49,7 +49,7 @@ def related(setup: Setup) -> dict[str, str]:
 
 
 def environment_of(setup: Setup) -> dict[str, Any]:
-    """Return a set-up's environment without operator, in which delays, jitter and stiffness have the ranges RANGES."""
+    """Return a set-up's environment without operator; delay, jitter and stiffness have the ranges RANGES."""
     environment = {name: value for name, value in setup.environment.items() if name != "operator"} | {"rtol": RTOL}
     for way in WAYS:
         delay, jitter = [0.5 * limit for limit in RANGES["delay"][1:]], [*RANGES["jitter"][1:]]

@@ -68,7 +68,7 @@ class Clock:
     unsaved: list[tuple[Path, Try]] = field(default_factory=list)  # tries that could not be written yet
 
     def listen(self) -> None:
-        """Handle messages of the server until it ends."""
+        """Handle messages of the server until the server ends."""
         with suppress(EOFError, OSError):
             while True:
                 word, value = self.server.recv()
@@ -86,7 +86,7 @@ class Clock:
         self.wanted.put(None)
 
     def send(self, **message: Any) -> None:
-        """Send a message to the server, unless it has ended."""
+        """Send a message, unless the server has ended."""
         with suppress(OSError):
             self.server.send(message)
 
@@ -121,13 +121,13 @@ class Clock:
             self._send_frame(live, seen, rng)
 
     def _send_frame(self, live: Live, seen: bool, rng: random.Random) -> None:
-        """Send positions (m), now and one step later, and the delay of the downlink (s, multiplied by `slow`)."""
+        """Send positions (m) now and one step later, and the delay of the downlink (s), multiplied by `slow`."""
         now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
         then = now if live.ended else live.ahead()
         late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)
         touched = bool(then.touched[0])
         places = [np.round(np.ravel(each[1:4]), 6).tolist() for each in (now, then)]  # m; flange, tool, object
-        if not (seen or touched or live.ended):  # after the end, the page shows also a missed object
+        if not (seen or touched or live.ended):  # at the end, the page shows even a missed object
             places = [[*chain, None] for *chain, _ in places]
         self.send(
             kind="frame", n=len(live.kept.actions), t=round(live.time, 4), touched=touched, wait=late * slow,

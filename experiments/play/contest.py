@@ -15,19 +15,19 @@ from impact_gym.render.film import History
 
 SECONDS = 7.0  # length of a film
 COARSE = 5.0  # factor on the allowed errors of the film, so that the film is computed fast
-BEFORE = 0.4  # s, the film becomes slow this time before the first touch
+BEFORE = 0.4  # s before the first touch, when slow motion begins
 SENTENCES = {
     "brake": "The brake at the arm senses the touch at once; it does not wait for you.",
     "none": "Nobody corrects you: the arm moves on until your command to stop arrives.",
-    "rigid": "Fixed to the arm, the tool strikes with all of the arm behind it.",
+    "rigid": "The tool is fixed, so tool and arm strike together.",
     "spring": "On a spring the light tool strikes first, and the arm pushes only through the spring.",
     "bistable": "The mechanism snaps back at the touch and takes the tool away from the object.",
-    "delay": "Had you seen the touch at once, you would have let go that much sooner.",
+    "delay": "If you had seen the touch at once, you would have let go sooner.",
 }
 
 
 class Variant(NamedTuple):
-    """A try in a film, and a sentence on how it differs from the player's try."""
+    """A try in a film, and a sentence about the difference from the player's try."""
 
     played: Try
     sentence: str = ""
@@ -58,7 +58,7 @@ def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Tr
 
 
 def _without_delay(this: Try) -> Try:
-    """Return the try without delays, without commands that arrived after the touch but were sent before it was seen."""
+    """Return the try without delays, and without commands sent before the touch was seen that came after the touch."""
     record, touch, velocity = this.record, this.result["touch_time"], this.operator["velocity"]
     silent = {f"{way}.{name}": 0.0 for way in ("uplink", "downlink") for name in ("delay", "jitter")}
     sent = math.floor((touch - record["uplink.delay"]) / PERIOD)
@@ -69,7 +69,7 @@ def _without_delay(this: Try) -> Try:
 
 
 def film(variants: Mapping[str, Variant]) -> dict[str, Any]:
-    """Return `html`, a slow-motion film, and `slides`: the object's slide (m) by variant, None if it was missed."""
+    """Return `html`, a slow-motion film, and `slides`: slide (m) by variant, None for a missed object."""
     runs = {name: History(*replayed(each.played), ended=True) for name, each in variants.items()}
     scene: dict[str, Any] = {"label": "one scenario for all", "number": 0, "compact": True}
     scene |= scene_of(runs, COARSE)
@@ -82,7 +82,7 @@ def film(variants: Mapping[str, Variant]) -> dict[str, Any]:
 
 
 def _fitted(scene: Mapping[str, Any]) -> list[list[float]]:
-    """Return the clock of a film of SECONDS; the time until BEFORE the first touch takes at most a tenth."""
+    """Return the clock of a film of SECONDS. The part that ends BEFORE (s) the first touch takes at most a tenth."""
     touches = [run["contacts"][0][0] for run in scene["runs"] if run["contacts"]]
     cut = max(min(touches, default=0.0) - BEFORE, 0.0)
     starts, slower = np.array(scene["clock"]).T

@@ -93,7 +93,7 @@ def reply(status: int, text: str, kind: str = "text/plain") -> Response:
 
 
 class Site:
-    """What the server serves at addresses that begin with /token/: page, style sheet, script, films, messages."""
+    """Content at addresses that begin with /token/: page, style sheet, script, films, messages."""
 
     def __init__(self, session: Session, token: str, port: int) -> None:
         self.session, self.token, self.port = session, token, port
@@ -105,7 +105,7 @@ class Site:
         }
 
     async def answer(self, _connection: server.ServerConnection, request: Request) -> Response | None:
-        """Return the answer to a request; None: the request is for a connection for messages."""
+        """Return the answer to a request; None: the request asks for a connection for messages."""
         if wrong := foreign(request, self.token, self.port):
             return reply(403, f"{wrong}\n")
         if request.method != "GET":

@@ -1,4 +1,4 @@
-"""The session: it checks the messages of pages in the browser, and forwards the messages of the clock to them."""
+"""The session checks messages of pages in the browser, and forwards messages of the clock to the pages."""
 
 import asyncio
 import multiprocessing
@@ -20,7 +20,7 @@ MAX_ON_CHART = 200  # largest number of tries on the chart
 
 
 class Session:
-    """All pages, of which one steers the tool, and the try in progress, if there is one."""
+    """All pages (one page steers the tool) and the try in progress, if there is one."""
 
     def __init__(self, setup: Setup, assist: str, folder: Path) -> None:
         """Read the tries in `folder`, start the clock; ValueError: no such assistance, or the folder is in use."""
@@ -33,7 +33,7 @@ class Session:
         self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is in progress; velocity range of the arm, m/s
         self._seen_at, self._newest = 0.0, -1  # s, when pages show the latest frame; number of the newest frame shown
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
-        self.left_out = list[str]()  # reasons why .json files are no valid tries, or have invalid names
+        self.left_out = list[str]()  # reasons for which .json files are left out
         for path in sorted(folder.glob("*.json")):
             try:
                 name = identifier(f"name of {path}", path.stem)
@@ -86,7 +86,7 @@ class Session:
         self._send("play", (wanted, self.folder / f"{datetime.now():%Y%m%d-%H%M%S-%f}.json", options["seen"]))
 
     def join(self, client: Any) -> None:
-        """Add a page, and send set-ups, assistances, RANGES and earlier tries to it."""
+        """Add a page; send set-ups, assistances, RANGES and earlier tries to this page."""
         self.clients.append(client)
         client.enqueue({
             "kind": "hello", "setups": self.setups, "setup": self.setup, "assists": NAMES, "assist": self.assist,
@@ -126,7 +126,7 @@ class Session:
             self._forward({"kind": "failed", "text": "the clock has stopped: start impact-gym play again"})
 
     def _forward(self, message: dict[str, Any]) -> None:
-        """Send a message to all pages, except a frame that arrives after a later frame."""
+        """Send a message to all pages, except a frame that is not newer than the last one."""
         if message["kind"] == "frame":
             if message["n"] <= self._newest:
                 return

@@ -1,4 +1,4 @@
-"""Tries, episodes that a person or a model of an operator steers: functions that play, replay and evaluate them."""
+"""Functions that play, replay and evaluate tries: episodes that a person or a model of an operator steers."""
 
 import math
 from dataclasses import dataclass, field
@@ -20,26 +20,26 @@ from impact_gym.task.episodes import EpisodeState
 
 LATE, MOST_LATE = 4e-3, 0.02  # s, limit of `Try.late`; share of steps beyond it, above which a try is invalid
 TRACE_POINTS = 1 << 18
-BEND = 1e-13  # m/s, largest error of velocity of the lines of `corners`
+BEND = 1e-13  # m/s, largest velocity error of `corners`
 ROUNDING = 1e-6  # rounding of times, as a fraction of a control period
 
 
 @dataclass(frozen=True)
 class Try:
-    """One steered episode: first six fields that are needed to play it, then fields that record how it was played."""
+    """A steered episode: six fields that are needed to play the episode, then fields that record it."""
 
     setup: str
     assist: str
     seed: int
     record: dict[str, float]  # chosen numbers of the episode's record; once the try has begun, all numbers
-    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # once begun, a Replay of a person's commands
+    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # after the begin, a Replay of a person's commands
     slow: float = 1.0  # duration in real time / simulated time
     environment: dict[str, Any] = field(default_factory=dict)  # arguments of the environment, without the operator
     actions: list[list[float]] = field(default_factory=list)  # actions of the assistance, one for each step
     late: list[float] = field(default_factory=list)  # s, delay of each step minus the delay of the step before
     marks: list[str] = field(default_factory=list)  # reasons for which the try is interrupted or invalid
     motion: dict[str, list[float]] = field(default_factory=dict)  # commanded motion: fields of `ig.Motion`
-    result: dict[str, float] = field(default_factory=dict)  # results of `simulate` with `motion`; times of the episode
+    result: dict[str, float] = field(default_factory=dict)  # results of `simulate` with `motion`, and of the episode
     made: dict[str, Any] = field(default_factory=dict)  # commit and versions
 
 
@@ -49,7 +49,7 @@ def advance(batch: Batch, action: ArrayLike) -> None:
 
 
 def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
-    """Play a try again; return trace, info, task, episode state; RuntimeError: it lasts longer than its actions."""
+    """Play a try again; return trace, info, task, episode state; RuntimeError: the actions end first."""
     batch = Batch(1, Task(**this.environment, operator=this.operator), threads=1, trace_points=TRACE_POINTS)
     batch.begin_seeded(this.seed, this.record)
     for action in this.actions:
@@ -62,7 +62,7 @@ def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
 
 
 def corners(trace: Trace) -> ig.Motion:
-    """Return the commanded motion of a trace, with a piecewise linear velocity within BEND of all its points."""
+    """Return the commanded motion of a trace, with a piecewise linear velocity within BEND of the trace."""
     times, velocities = [0.0], [0.0]
     low, high, before = -math.inf, math.inf, (0.0, 0.0)
     for time, velocity in zip(trace.time.tolist(), trace.command_velocity.tolist(), strict=True):

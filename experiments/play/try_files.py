@@ -64,7 +64,7 @@ def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
 
 
 def of_persons(folder: Path, marked: bool = False) -> list[Try]:
-    """Return persons' tries in a folder, with marked ones if `marked`; ValueError: none, or environments differ."""
+    """Return persons' tries in a folder; `marked`: also marked tries. ValueError: none, or environments differ."""
     every = [this for _, this in folder_of(folder) if this.operator["type"] == "Replay"]
     found = [this for this in every if marked or not this.marks]
     if not found:

@@ -1,7 +1,7 @@
-"""The independent solver (slow and simple), with which tests and studies compare the solver of `impact_gym`.
+"""The independent solver, slow and simple. Tests and studies compare the solver of `impact_gym` with it.
 
-It shares no code with `impact_gym`, and only reads the attributes of a scene and a motion. Events divide a motion into
-phases with smooth equations, see `chain.System.switches`. Flight is computed in SI units, a contact in units of
+Except `task`, the modules import nothing of `impact_gym`; they read the attributes of scene and motion. Events divide
+a motion into phases with smooth equations, see `chain.System.switches`. Flight has SI units, a contact the units
 
     length: delta0 = (M v_in^2/k_c)^(1/(m+1)),    time: t0 = delta0/v_in,    force: F0 = k_c delta0^m = M v_in/t0,
 
@@ -35,15 +35,15 @@ class Reference:
     object_position: float  # position of the object's face; 0 is the tool's face at the start
     tool_position: float  # position of the tool's face
     flange_position: float  # 0 at the start
-    stop_hits: int  # how often a stop began to push
+    stop_hits: int  # number of times that a stop began to push
     contact_seconds: float = field(compare=False)  # processor time of all contacts
 
 
 def simulate(scene: Any, motion: Any, duration: float, rtol: float = 1e-11, method: str = "DOP853") -> Reference:
     """Simulate `scene` under `motion` for `duration` seconds.
 
-    `method`, a name that SciPy's `solve_ivp` accepts, and `rtol` are used only in contacts. Flight is computed by its
-    closed form, or integrated at rtol 1e-12 if there is none. ValueError: method or law of dissipation is unknown.
+    `method`, a name that SciPy's `solve_ivp` accepts, and `rtol` are used only in contacts. Flight is computed in
+    closed form or, for other chains, integrated at rtol 1e-12. ValueError: method or law of dissipation is unknown.
     NotImplementedError: the coupling is unknown. RuntimeError: SciPy fails, or a `Switch` changes again and again.
     """
     if method not in SOLVERS:

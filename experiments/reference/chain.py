@@ -1,9 +1,9 @@
 """Forces and accelerations of object, tool and flange.
 
 The positions are x_p of the object, x_t of the tool, x_f of the flange, and x_r of the commanded motion. The state is
-y = (delta, delta', u, u', w, w', impulse of F, impulse of T), with the penetration delta = x_t - x_p, the deflection of
-the coupling u = x_f - x_t, and that of the robot w = x_r - x_f. F is the force of the tool on the object, T that of the
-coupling on the tool, and R that of the robot's stiffness and damping on its mass.
+y = (delta, delta', u, u', w, w', impulse of F, impulse of T). The penetration is delta = x_t - x_p; the deflections are
+u = x_f - x_t of the coupling and w = x_r - x_f of the robot. The forces are F of the tool on the object, T of the
+coupling on the tool, and R of the robot's stiffness and damping on the robot's mass.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from experiments.reference.command import Command
 from experiments.reference.integration import Switch, Vector
 from experiments.reference.laws import BistableForce, StoppedSpring, damping_factor, robot_law
 
-# Values of `Switch.slack`, in the scales of the contact, without which rounding would change switches
+# Values of `Switch.slack` against rounding errors; without a unit: in the scales of the contact
 SLACK = 1e-12  # for the sign and the slope of the contact force
 STEADY = 1e-9  # for the contact force minus friction
 POSITION_SLACK = 1e-16  # m, for the position of the slider
@@ -25,7 +25,7 @@ G = 9.80665  # m/s^2
 
 @dataclass(frozen=True)
 class Scales:
-    """Units (SI) in which a contact is integrated; flight has `UNITS`."""
+    """Units of a contact, in SI; the units of flight are `UNITS`."""
 
     length: float  # delta0
     time: float  # t0
@@ -122,7 +122,7 @@ class System:
         return cut
 
     def robot(self, tau: float) -> tuple[float, float, float]:
-        """Return the robot's mass, stiffness and damping at the time tau, all scaled."""
+        """Return the robot's mass, stiffness and damping at the time tau of the phase, all scaled."""
         assert self.chain.robot is not None
         s = tau * self.scales.time
         m_r, k_r, c_r = self.chain.robot(self.x_r + (self.v_r + self.a * s / 2) * s)

@@ -36,7 +36,7 @@ class Command:
         return x, v, a, cut
 
     def steer(self, t: float, velocity: float, acceleration: float) -> None:
-        """From t (s) on, change the velocity at `acceleration` (m/s^2) to `velocity` (m/s), and keep it there."""
+        """From t (s) on, change the velocity at `acceleration` (m/s^2) to `velocity` (m/s), then keep `velocity`."""
         x, v, _, _ = self.at(t)
         ramp = abs(velocity - v) / acceleration
         there = (t + ramp, x + (v + velocity) / 2 * ramp, velocity, 0.0)

@@ -1,8 +1,8 @@
 """Integration of one smooth phase by SciPy's integrators, or of the flight of a linear chain by the exact solution.
 
 `solve_ivp` compares the signs of an event function at both ends of a step, so it misses two zeros in one step. Here
-the event functions (gauges) are also computed inside each step: on the cubic through the states and slopes at its ends,
-and on the integrator's interpolant if a gauge is near zero on the cubic.
+the event functions (gauges) are also computed inside each step: on the cubic through the states and slopes at both
+ends, and on the integrator's interpolant if a gauge is near zero on the cubic.
 """
 
 from collections.abc import Callable

@@ -10,7 +10,7 @@ from experiments.reference.chain import UNITS, Chain, Scales, StiffError, System
 from experiments.reference.integration import Switch, Vector, advance, fly
 
 FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # tolerances (-, m) of flights without a closed form
-STIFF_RTOL = 1e-8  # least rtol of Radau, which has a low order and would need too many steps at a smaller rtol
+STIFF_RTOL = 1e-8  # least rtol of Radau; with a smaller rtol, Radau would need too many steps
 MOST_STALLED = 16  # largest number of successive phases without duration
 
 

@@ -46,9 +46,9 @@ class Outcome(NamedTuple):
 def play(controller: Any, scenario: Mapping[str, float], *, options: Mapping[str, Any], time_weight: float) -> Outcome:
     """Play one episode of a scenario: object_mass (kg), contact_stiffness (N/m^1.5), restitution, distance (m).
 
-    The controller has the method `predict` of stable-baselines3. `options` are arguments of the environment; a
-    ValueError says that one is not supported. `time_weight` (m/s per s) is only observed. The distance estimate has no
-    error.
+    The controller has the method `predict` of stable-baselines3. `options` are arguments of the environment.
+    `time_weight` (m/s per s) is only observed. The distance estimate has no error. ValueError: an option is not
+    supported.
     """
     return _together(controller, [_episode(task_of(options), scenario, time_weight, scenario["distance"])])[0]
 

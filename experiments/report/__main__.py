@@ -28,7 +28,7 @@ from impact_gym.validation import number, whole
 
 RESULTS = "results.json"
 MARK = ".impact_gym"  # lock file; a report may be written to an empty folder, or to a folder with this file
-DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")  # if one changes, the page is outdated
+DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")  # modules on which a page depends
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "matplotlib", "polars", "jinja2")
 
 
@@ -91,7 +91,7 @@ class ReportOptions:
 
 
 def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return scenarios, and changes of the environment, from `source`, see `ReportOptions`; ValueError: invalid."""
+    """Return scenarios and changes of the environment, from `ReportOptions.scenarios`; ValueError: invalid `source`."""
     path = Path(source)
     if path.suffix == ".json":
         content = parsed(path, "scenarios, JSON", json.loads)

@@ -1,8 +1,8 @@
 """Ablation: contestants from the paper's rule to the policy, each with more abilities than the contestant before.
 
 The abilities are: the arm's limits (constant speed and deceleration, tuned for each weight), known distances, the shape
-of the speed profile, the distance estimate, and learning. A gain is the difference in V_p, or in cost, from the
-contestant before; in another order the gains could be different.
+of the speed profile, the distance estimate, and learning. A gain is the difference in V_p or cost from the contestant
+before; another order could give other gains.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,12 +21,12 @@ from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
-"""Words before a gain. Key: whether the contestant before, and the contestant itself, approach faster than the paper's
-rule at every weight. The compared V_p of such a contestant is higher than its V_p at the rule's time would be."""
+"""Words before a gain. Key: whether the contestant before, and this contestant, approach faster than the paper's rule
+at every weight. Then the compared V_p is higher than V_p at the rule's time would be."""
 
 
 class Link(NamedTuple):
-    """A contestant, and the abilities that it has in addition to those of the contestant before."""
+    """A contestant, and the abilities that the contestant before does not have."""
 
     added: str
     contestant: str
@@ -57,7 +57,7 @@ class Step:
 
 
 def links(played: Played) -> list[Link]:
-    """Return the sequence of links; a link adds several abilities if no baseline has one of them alone."""
+    """Return the links in order; an ability without its own baseline is added together with the next ability."""
     tuned = [baseline for baseline in played.matchup.baselines if "tuned" in baseline.controller]
     by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}
     task = Task(**played.matchup.environment)
@@ -65,7 +65,7 @@ def links(played: Played) -> list[Link]:
     sources = {"ConstantSpeed": "the arm's limits" if stronger else "the choice of speed"}
     sources |= {"ConstantDeceleration": "knowing where objects can stand", "BlindProfile": "the profile's shape"}
     sources |= {} if task.range_noise is None else {"Ranged": "the estimate"}
-    sources |= {"RangedProfile": "a profile over it"} if "RangedProfile" in by_rule else {}
+    sources |= {"RangedProfile": "a profile over the estimate"} if "RangedProfile" in by_rule else {}
     sequence, added = [Link("", PAPER, [played.paper])], []
     for rule, source in sources.items():
         added.append(source)
@@ -76,7 +76,7 @@ def links(played: Played) -> list[Link]:
 
 
 def steps_of(played: Played) -> list[Step]:
-    """Return the steps; the clairvoyant search, if it has the typical weight, is the last step, in its scenarios."""
+    """Return the steps; the last is the clairvoyant search, if it has the typical weight, in the searched scenarios."""
     sequence, weight = links(played), played.matchup.typical
     steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
     if played.bound is None or weight not in played.bound.weights:
@@ -127,7 +127,7 @@ def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
         body.append((added, labels.get(step.contestant, step.contestant) + subset, *cells))
     head = ("what is added", "contestant", "V_p at the paper's approach time (m/s)", "less by (m/s)", "share",
             f"V_p + {steps[0].weight:g} T (m/s)", "less by (m/s)", "share")  # fmt: skip
-    caption = ("Each row adds one thing to the row above. Share: part of the difference between the paper's rule and "
+    caption = ("Each row adds to the row above. Share: part of the difference between the paper's rule and "
                "the policy; 95 % intervals. The clairvoyant search is compared with policy and rule on the scenarios "
                "that it searched.")  # fmt: skip
     return Table(caption, head, body)

@@ -27,12 +27,12 @@ class Answer:
     later: float  # (time at the nearest end of the policy's front - the paper's time) / the paper's time
     needed: float  # m/s per s, time weight at which the extrapolated front would reach the paper's time; nan: none
     sooner: Estimate  # 1 - the policy's mean approach time / the paper's time, at the rule's mean V_p
-    beyond: str  # "": the front reaches the rule's V_p; "slower": it is below this V_p at all weights; "faster": above
+    beyond: str  # "": the front reaches V_p of the rule; "slower", "faster": all V_p of the front are below, above it
     velocity: Estimate  # m/s, V_p of the policy at the paper's time
-    rival: str  # name of the best tuned baseline; "": there is none
-    rival_reduction: Estimate | None  # `reduction` of a tuned rival; None: it takes longer than the rule at all weights
+    rival: str  # name of the main baseline if it is tuned, else ""
+    rival_reduction: Estimate | None  # `reduction` of the rival; None: not tuned, or always later than the rule
     improvement: Estimate  # share of scenarios with a touch and a lower V_p than the rule's; an equal V_p counts half
-    missed: int  # number of missed objects in all episodes: all seeds, all weights
+    missed: int  # missed objects in all episodes (all seeds, all weights)
     episodes: int  # number of these episodes
 
 
@@ -102,7 +102,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
     """Return the answer of a set-up in a sentence or two."""
     begin = f"{matchup.name} ({matchup.note}): "
     if answer.missed > MISSED_TOO_OFTEN * answer.episodes:
-        return begin + f"it misses {answer.missed:,} of {answer.episodes:,} objects, so nothing is claimed for it."
+        return begin + f"the policies miss {answer.missed:,} of {answer.episodes:,} objects, so nothing is claimed."
     change = _compared(answer.reduction, "slower", "faster")
     if answer.reached:
         text = f"the object leaves {change} at the paper's mean approach time"
@@ -110,7 +110,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
             text += f" (95 % of trainings: at least {at_least(answer)})"
     else:
         length, more = ("short", "more") if answer.later > 0.0 else ("long", "less")
-        text = f"at no time weight is its approach as {length} as the paper's; at the nearest weight it takes "
+        text = f"at no time weight is the approach as {length} as the paper's; at the nearest weight it takes "
         text += f"{100 * abs(answer.later):.1f} % {more} time, and the object leaves {change}"
         text += f" (a weight of about {answer.needed:.2g} would make it as {length})" if answer.needed > 0.0 else ""
     if answer.beyond == "faster":
@@ -121,7 +121,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
         text += f"; at the paper's V_p the approach takes {bound}{_compared(answer.sooner, 'less', 'more')} time."
     if answer.rival_reduction:
         change = _compared(answer.rival_reduction, "slower", "faster")
-        text += f" With the best tuned baseline, {answer.rival}, it leaves {change}."
+        text += f" With the best tuned baseline, {answer.rival}, the object leaves {change}."
     return begin + text + (f" Missed: {answer.missed} of {answer.episodes:,} objects." if answer.missed else "")
 
 

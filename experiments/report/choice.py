@@ -1,7 +1,7 @@
-"""The recommended controller at one time weight, chosen on other scenarios than the report's unless these are a table.
+"""The recommended controller at one time weight; chosen on other scenarios, if the report's scenarios are no table.
 
-It is the simplest controller whose mean cost is not clearly above the lowest: 0 is in the 95 % interval of the
-difference. The order: baselines that are not tuned, tuned ones by number of parameters, the user's objects, the policy.
+It is the simplest controller whose mean cost is not clearly above the lowest: the 95 % interval of the difference
+has 0. The order: untuned baselines, tuned baselines by number of parameters, the user's objects, the policy.
 """
 
 from collections.abc import Mapping
@@ -77,7 +77,7 @@ def choice(played: Played) -> Choice:
         elif above[each].high < 0.0:
             compared.append(f"{called[each]} {percent(-above[each])} less here, but no less where the choice was made")
         else:
-            compared.append(f"{called[each]} cannot be told from it (difference {percent(above[each])})")
+            compared.append(f"{called[each]} does not differ clearly (by {percent(above[each])})")
     misses = f" It misses {missed} of {played.count:,} objects." if missed else ""
     sentence = f"Best here: {called[name]}. {'; '.join(compared)}.{misses}"
     return Choice(name, weight, cost, below_rule, above, missed, sentence)
@@ -96,8 +96,8 @@ def table(result: Choice, played: Played) -> Table:
     head = ("controller", f"V_p + {weight:g} T (m/s)", "against the best choice", "V_p (m/s)", "T (s)", "missed")
     drawn = played.choosing[result.controller]["missed"].shape[1]
     caption = (
-        f"The best choice was made on {drawn:,} other scenarios: the simplest of those whose costs cannot be "
-        f"told apart. The numbers are of these {played.count:,} scenarios, with the median seed's policy and 95 % "
-        "intervals over scenarios"
+        f"The best choice is the simplest controller whose cost is not clearly above the lowest, on {drawn:,} "
+        f"other scenarios (on these, if a CSV file gives them). The numbers are of these {played.count:,} scenarios, "
+        "with the median seed's policy and 95 % intervals over scenarios"
     )
     return Table(caption, head, rows)

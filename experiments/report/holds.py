@@ -72,8 +72,8 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
     """Return a row for each contestant under each change; the median seed is called POLICY.
 
     Columns: means of V_p (m/s), T (s) and the cost `loss` (m/s); the number of objects `missed`, and the number `of`
-    objects played; `more` (m/s), by how much `controller` costs more than this contestant, 0 if it is not above two
-    standard errors; `off`, the absolute difference from the unchanged value.
+    objects played; `more` (m/s), cost of `controller` minus cost of this contestant, 0 if not above two standard
+    errors; `off`, the absolute difference from the unchanged value.
     """
     if not played.varied:
         numbers = dict.fromkeys(("value", "off", "missed", "of", "more"), float)
@@ -92,7 +92,7 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
 
 
 def where_it_fails(played: Played, name: str) -> Failing:
-    """Return the changes under which a contestant costs more than paper's rule, rival or policy, or misses objects.
+    """Return the changes under which a contestant costs more than rule, rival or policy, or misses over 1 % of objects.
 
     Only rule, rival and policy play under changes; for any other `name`, the result is about the policy.
     """
@@ -118,7 +118,7 @@ def where_it_fails(played: Played, name: str) -> Failing:
         sentences.append(f"It misses {misses} with {missed['factor']} at {missed['setting']}.")
     if not sentences:
         tried = sum(not row["same"] for row in ours)
-        return Failing(called, f"nowhere among {tried} changes, one at a time, is it worse than its rivals.", "")
+        return Failing(called, f"it is not worse than its rivals under any of {tried} single changes.", "")
     place = missed["factor"] if many else worse[0][0]["factor"]
     clauses = [(row, f"it is worse than the {plain}") for row, plain in worse if row["factor"] == place][:1]
     clauses += [(missed, f"it misses {misses}")] if many else []
@@ -150,8 +150,8 @@ def heat_map(played: Played) -> HeatMap:
         heats = [cell(row, "unchanged" if row["same"] else row["setting"] if len(tried) > 1 else "") for row in worst]
         rows.append((place, f"{len(tried)} tried: {tried[0]} to {tried[-1]}" if len(tried) > 1 else tried[0], heats))
     caption = (
-        f"Mean V_p + {weight:g} T (m/s) with one thing changed; lower is better. A cell has the worst of the values "
-        f"tried, and names that value. Blue is below, orange above the paper's rule without changes, {measure:.2f} m/s."
+        f"Mean V_p + {weight:g} T (m/s) with one thing changed; lower is better. A cell has the highest cost of all "
+        f"values, and its value. Blue is below, orange above the paper's rule without changes, {measure:.2f} m/s."
     )
     return HeatMap(caption, ("what is changed", *contestants.values()), rows)
 

@@ -50,7 +50,7 @@ def play_matchups(
 
 
 def jobs_of(matchup: Matchup) -> Iterator[tuple[str, Any, dict[str, Any]]]:
-    """Yield for each job: the field of `Played` for its result, the key in this field, and the job's arguments."""
+    """Yield for each job the field of `Played` and the key in this field for the result, and the job's arguments."""
     scenarios, environment, typical = matchup.scenarios, matchup.environment, matchup.typical
     some = {**scenarios, "count": min(FEWER, scenarios["count"])}
     jobs: list[tuple[str, Any, JSON]] = [
@@ -85,7 +85,7 @@ def measured(where: str, arguments: JSON) -> Any:
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return the `weight` whose mean approach time is nearest to that of the rule, and results (1, scenarios) at it."""
+    """Return the `weight` whose mean approach time is nearest to the rule's, and results (1, scenarios)."""
     choosing, task = calibration_scenarios(scenarios), Task(**environment)
 
     def mean_time(weight: float, player: Controller) -> float:

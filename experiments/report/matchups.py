@@ -26,7 +26,7 @@ RULE = "paper-trapezoid"  # name of the paper's rule among the baselines
 POLICY = "learned policy"
 IMITATES = "its training begins by imitating"
 BOUND = "clairvoyant search"
-PLAIN = {  # plain names of baselines, by the class of a tuned baseline or the name of another one
+PLAIN = {  # plain names, by the class of a tuned baseline or the name of a fixed baseline
     "BlindProfile": "tuned profile",
     "ConstantDeceleration": "tuned even braking",
     "ConstantSpeed": "tuned constant speed",
@@ -109,7 +109,7 @@ class Matchup:
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Weights (m/s per s) that both evaluation and policy have; if there are none, those of the policy."""
+        """Weights (m/s per s) that evaluation and policy have, or all weights of the policy."""
         weights = tuple(weight for weight in self.evaluation.weights if weight in self.policy.weights)
         return weights or self.policy.weights
 
@@ -122,7 +122,7 @@ def of_setup(
     `time_weight` (m/s per s) replaces the typical weight. ValueError: no policy or baseline, or none for the weight.
     """
     folder = setup.folder if folder is None else folder
-    if time_weight is not None:  # at the typical weight the paper's rule plays, too
+    if time_weight is not None:  # the paper's rule plays at the typical weight
         setup = replace(setup, evaluation=replace(setup.evaluation, typical=time_weight))
     path = folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
@@ -144,7 +144,7 @@ def of_setup(
 
 
 def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight: float | None) -> Matchup:
-    """Return the matchup with `policies` at the evaluation's weights within their training, or at its lowest weight."""
+    """Return the matchup with `policies` at the evaluation's weights that training had, or at training's lowest."""
     policy, evaluation = policies[matchup.chosen], matchup.evaluation
     trained = policy.environment.get("time_weight", evaluation.typical)
     low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
@@ -162,7 +162,7 @@ def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
-    """Return the clairvoyant search of a set-up; None: there is none, or `scenarios` begin with others."""
+    """Return the clairvoyant search of a set-up; None: there is none, or it searched other scenarios."""
     its_own = setup.bound == setup.name
     parameters_at = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
     searched = min(map(len, parameters_at.values()), default=0)
@@ -195,7 +195,7 @@ def of_policies(
     """Return a matchup for each policy in `paths` (names or files), with the paper's rule and the baselines `names`.
 
     If `names` is empty, a policy of a shipped set-up is compared with the baselines of the set-up. `changes` replace
-    arguments of the environment. ValueError: a policy does not fit the environment, or two have the same name.
+    arguments of the environment. ValueError: a policy does not fit the environment, or two policies have one name.
     """
     matchups: dict[str, Matchup] = {}
     for path in map(Path, paths):

@@ -16,7 +16,7 @@ from experiments.report.played import Played
 from impact_gym.task import Task
 
 CHOSEN_ON = {  # scenarios on which the weight at the paper's approach time is chosen, by a key of `Matchup.scenarios`
-    "table": "these scenarios themselves", "set": "the first half of the validation set",
+    "table": "these scenarios themselves", "set": "the first scenarios of the validation set",
     "ranges": "other scenarios from the same ranges",
 }  # fmt: skip
 

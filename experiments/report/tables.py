@@ -29,12 +29,12 @@ def answered(answer: Answer, played: Played) -> Table:
         ("objects missed, at all weights", f"{answer.missed} of {answer.episodes:,}"),
     ]
     policies = f"{len(played.seeds)} trainings" if len(played.seeds) > 1 else "One policy"
-    caption = f"{policies} against the paper's rule in {played.count:,} scenarios, 95 % intervals; a miss is not lower"
+    caption = f"{policies} against the paper's rule in {played.count:,} scenarios, 95 % intervals; misses: not lower"
     return Table(caption, ("what", POLICY), body)
 
 
 def at_one_time(played: Played) -> Table:
-    """Return the table of means and 95th percentiles at the weights whose mean time is nearest to that of the rule."""
+    """Return the table of means and 95th percentiles at the weights with mean times nearest to the rule's."""
     goal, labels = played.paper.front[0][0], played.matchup.labels
     contestants = {labels[name]: run for name, run in played.baselines.items()} | {
         POLICY: played.as_late[played.matchup.chosen]
@@ -69,7 +69,7 @@ def by_weight(played: Played) -> Table:
     head = ("time weight (m/s per s)", "median seed (m/s)", f"{played.matchup.rival.label} (m/s)", "ratio, median seed",
             "ratio, all seeds", "95 % of trainings at most, worst seed (m/s)",
             "above the clairvoyant search: policy, baseline (m/s)")  # fmt: skip
-    return Table("V_p + w T against the best baseline, tuned for each weight; below 1 the policy is better", head, body)
+    return Table("V_p + w T of policy and main baseline; below a ratio of 1 the policy is better", head, body)
 
 
 def measures(played: Played) -> Table:

@@ -28,7 +28,7 @@ SIZES = (64, 256, 1024, 4096, 16384)  # environments in a batch
 SETUPS = ("linear-blind", "bistable-blind")
 STEPS = 1_000_000  # steps of a training
 RTOL = 1e-6  # rtol of the batch of the paper's rule: the largest power of ten with an error of V_p below 1e-6 m/s
-MIX = 80  # number of steps before a measurement, after which episodes of 20 to 75 steps no longer begin together
+MIX = 80  # steps before a measurement, so that episodes of 20 to 75 steps do not begin together
 Step = Callable[[], Any]
 
 
@@ -57,7 +57,7 @@ def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
 
 
 def stepped(quick: bool) -> pl.DataFrame:
-    """Return the step rates of our environments and of Gymnasium's; each is the highest of all rounds."""
+    """Return step rates of our and Gymnasium's environments; each rate is the highest of all rounds."""
     batched, rule = gym.make_vec(ID, num_envs=BATCH, rtol=RTOL), PaperTrapezoid()
     steps = [
         (f"{ID}, the paper's rule", BATCH, stepping(batched, lambda last: rule.predict(last[0])[0])),
@@ -74,7 +74,7 @@ def stepped(quick: bool) -> pl.DataFrame:
 
 
 def three_rates(name: str, quick: bool) -> list[Row]:
-    """Return the three rates of a set-up, with as many environments in a batch as in its training."""
+    """Return the three rates of a set-up, with the number of environments of the training."""
     setup, policy, seconds = load_setup(name), load_policy(name), 0.1 if quick else 3.0
     count = setup.training.envs
     envs: list[Any] = [setup.make_vec(count) for _ in range(2)]

@@ -1,8 +1,8 @@
 """Causes of the reduction of V_p below that of the paper's rule.
 
 For each distribution (prior) of the object's distance, the paper's rule is compared with the best constant speed and
-with the best profile of speed over position. Constant speed and profile have the same limits of the arm and the same
-choice of reactions to the alarm, so the difference of their V_p is the value of known distances.
+the best profile of speed over position. Constant speed and profile have the same limits of the arm and the same choice
+of reactions to the alarm. So the difference in V_p is the value of known distances.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -137,10 +137,10 @@ def priors_section(lines: Sequence[Mapping[str, Any]]) -> Section:
     ]
     head = ("objects stand", "T of the rule (s)", "V_p of the rule (m/s)", "best constant speed", "best profile",
             "from the limits", "from knowing where", "profile below constant speed")  # fmt: skip
-    caption = "At the mean approach time of the paper's rule; from limits and from knowing where: shares of its V_p"
+    caption = "At the mean approach time of the paper's rule; from limits, from knowing where: shares of the rule's V_p"
     text = (
         "Constant speed and profile have the same arm, 1.5 m/s and 20 m/s^2, and the same choice of reactions; only "
-        "the profile may be faster where no object stands yet. 95 % intervals over scenarios that no search has used."
+        "the profile may be faster where no object can stand. 95 % intervals over scenarios that no search has used."
     )
     return Section("Knowing where", [Table(caption, head, rows), text], key="priors")
 

@@ -44,14 +44,14 @@ def cells_of_times(quick: bool, frames: Frames) -> Iterator[Cell]:
 
 
 def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row | None:
-    """Return the fastest row of those with an error of at most `error` (m/s) at their setting and at all finer ones."""
+    """Return the fastest row with errors of at most `error` (m/s) at its setting and at all finer settings."""
     keeps = (pl.col("velocity_error") <= error).fill_null(value=False).cast(pl.Int8).cum_min().over("contender") == 1
     kept = rows.filter(pl.col("contender").is_in(names)).sort("setting").filter(keeps).sort("microseconds")
     return kept.row(0, named=True) if kept.height else None
 
 
 def ratios(times: pl.DataFrame, errors: Sequence[float] = COMPARED) -> pl.DataFrame:
-    """Return the times (µs for an approach) of each rival and of our solver at each error, and the ratio of both."""
+    """Return for each rival and error the times of rival and our solver (µs for an approach), and the ratio."""
     rows = []
     for (scene, rival), cell in times.group_by("scene", "rival", maintain_order=True):
         failed = cell.filter(pl.col("contender") != OURS)["failure"].unique().to_list()
@@ -102,8 +102,8 @@ def analyse(frames: Frames, quick: bool) -> Findings:
     return Findings(answer(found), [
         Section("Who is cheapest at an error", [
             table_of(found),
-            "Each contender at its cheapest setting that keeps the error there and at every finer setting, so that an "
-            "error that is small by chance does not count. In one process each rival is timed in turn with impact_gym.",
+            "Each time is of the fastest setting that keeps the error there and at every finer setting. So an error "
+            "that is small by chance does not count. In one process each rival is timed in turn with impact_gym.",
         ]),
         Section("Error of the object's velocity against time", [drawn(times, truths)]),
         Section("What is compared, and how fair it is", [
@@ -114,7 +114,7 @@ def analyse(frames: Frames, quick: bool) -> Findings:
             "heyoka: the same equations, in the root of the penetration, where they are smooth. Only the calls of the "
             "library count, its flights included, on one thread; compiling does not count.",
             "SciPy: RK45, DOP853, LSODA, Radau with events through the same slow solver. Only the time inside contacts "
-            "counts, as its flights are exact. Equations are Python functions, as SciPy requires.",
+            "counts, because these methods compute no flights. Equations are Python functions, as SciPy requires.",
             "Time: processor time, so that other work on the machine counts little; the best of several rounds. Calls "
             "over 0.2 s are made once.",
         ]),
@@ -132,7 +132,7 @@ def drawn(times: pl.DataFrame, truths: pl.DataFrame) -> Picture:
     shown = times.filter(pl.col("microseconds").is_finite()).sort("setting", descending=True).with_columns(error)
     for axes, truth in zip(panels.flat, truths.iter_rows(named=True), strict=False):
         for (name,), curve in shown.filter(scene=truth["scene"]).group_by("contender", maintain_order=True):
-            curve = curve.filter(rival=curve["rival"][0])  # impact_gym is timed with each rival: one curve
+            curve = curve.filter(rival=curve["rival"][0])  # impact_gym is timed with each rival
             style, wrong = STYLES[str(name).partition(" ")[0]], curve.filter(pl.col("failure") != "")
             axes.plot(curve["microseconds"], curve["velocity_error"], **style)
             axes.plot(wrong["microseconds"], wrong["velocity_error"], **style | {"linestyle": ""}, mfc="white")

@@ -1,4 +1,4 @@
-"""Comparison of assistances, which are controllers at the arm that correct late commands of an operator."""
+"""Comparison of assistances: controllers at the arm that correct late commands of an operator."""
 
 import base64
 from collections.abc import Iterator, Mapping, Sequence

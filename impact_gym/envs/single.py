@@ -31,21 +31,20 @@ def observation_space(spec: ObservationSpec) -> Space[Any]:
 
 
 def steps_per_second(task: Task) -> int:
-    """Return how many control steps per second a film shows: 1 to 30, chosen for a longest episode of about 18 s."""
+    """Return the control steps per second of a film, 1 to 30; within these limits the longest film lasts about 18 s."""
     return min(max(round(task.horizon / task.control_period / 18.0), 1), 30)
 
 
 @documented
 class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """A teleoperated tool approaches an object at an unknown distance.
+    """A robot's tool approaches an object at an unknown distance.
 
     ## Description
     A robot's flange follows a commanded motion, and carries a tool of 0.125 kg. Ahead of the tool is an object. The
     controller does not know the object's distance, mass, contact stiffness and restitution. The tool should touch the
     object early, and the object should then leave slowly. If the contact force exceeds 1 N, the controller gets an
     *alarm*, the report of a contact. The task is from the paper of Tommasino, Cipriani, Doria, Rosati (2020), 'Effect
-    of End-Effector Compliance on Collisions in Robotic Teleoperation'. The controller of this paper moves at 1 m/s, and
-    brakes 16 ms after the contact force exceeds 1 N.
+    of End-Effector Compliance on Collisions in Robotic Teleoperation'.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: an action is a velocity and an acceleration. With this acceleration, the flange changes
@@ -57,8 +56,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | 1   | acceleration to use for it | 1     | 20    | m/s^2 | `acceleration_range` |
 
     The environment rounds the velocity to 1e-6 m/s and the acceleration to 1e-6 m/s^2. `action_spec` of the unwrapped
-    environment has two methods: `decode(action)` returns SI units, and `encode(velocity, acceleration)` returns an
-    action.
+    environment has two methods: `decode(action)` returns velocity and acceleration in SI units, and
+    `encode(velocity, acceleration)` returns an action.
 
     ## Observation Space
     `Box(..., (8,), float32)`. The last column of the table names the arguments that add or change a number. Each number
@@ -78,26 +77,26 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     OBSERVATION_TABLE
 
     A step lasts one control period, 16 ms. But when the alarm reaches the controller, the step ends at once. The alarm
-    reaches the controller `reaction_delay` after the contact force first exceeds `alarm_threshold`. The alarm comes
-    from a switch, so the noise and the bias of the force readings do not affect the alarm. The alarm then stays on.
+    reaches the controller `reaction_delay` after the contact force first exceeds `alarm_threshold`, and stays on. The
+    alarm comes from a switch, so noise and bias of the force readings do not affect the alarm.
 
     With `alarm="reading"` there is no switch. Each force reading is then the largest force since the previous reading,
-    with noise and bias. A reading above `alarm_threshold` raises the alarm, which ends after 0.15 s. A later reading
+    with noise and bias. A reading above `alarm_threshold` raises the alarm for 0.15 s (`after_alarm`). A later reading
     can raise the alarm again. Such an alarm does not shorten a step, and noise can raise a false alarm. The episode
-    ends 0.15 s after the moment when a switch would have raised the alarm.
+    ends 0.15 s after a switch would have raised the alarm.
 
     With `range_sensor` the tool carries a proximity sensor, see `RangeSensor`. At every control step the sensor
     measures the gap to the object. A reading can have noise and a bias, be lost, or arrive late. The controller
-    observes the newest reading that has arrived, and the age of this reading. Before the first reading has arrived,
-    `sensors()` returns inf for both numbers, and the observation contains 1 for both. The argument `range_noise` adds
-    an estimate of the distance, which is made once before the episode. With `range_sensor`, `range_noise` must be None.
+    observes the newest reading that has arrived, and its age. Before the first reading has arrived, `sensors()` returns
+    inf for reading and age, and the observation contains 1. The argument `range_noise` adds an estimate of the
+    distance, made once before the episode. With `range_sensor`, `range_noise` must be None.
 
     ## Rewards
     Without an `operator`, each step gives `-time_weight * dt` until the first contact begins. Here dt is the duration
     of the step, or of the part of the step before the contact. If the object was touched, the final step adds `-V_p -
     force_weight * peak force`. V_p is the object's final velocity. With `friction` the object stops, so V_p is the
-    object's largest velocity. If the object was not touched, the final step adds `-missed_cost` (-2). If V_p is below 2
-    m/s and `force_weight` is 0, the sum of an episode's rewards lies in [-time_weight * 1.2 - 2, 0].
+    object's largest velocity. If the object was not touched, the final step adds `-missed_cost` (-2). If V_p is at most
+    `missed_cost` and `force_weight` is 0, the return lies in [-time_weight * horizon - missed_cost, 0].
 
     ## Starting State
     Flange, tool and object are at rest. The flange is at position 0. The coupling is relaxed, but a bistable coupling
@@ -106,29 +105,30 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     SCENARIO_TABLE
 
-    The eleven numbers also determine the time weight (log-uniform), the reaction delay (uniform), the errors of
-    distance estimate and force (normal), and the seed of the force noise, if the arguments make them random.
+    The eleven numbers also determine four numbers, unless the arguments fix them: time weight (log-uniform), reaction
+    delay (uniform), error of the distance estimate (normal), and force error of the episode (normal). The last of the
+    eleven numbers is the seed of all other random numbers.
 
-    Each number in the next table may be a pair (low, high). Every episode then draws the number from this range:
+    Each number in the next table may be a pair (low, high). Every episode then draws the number between low and high:
 
     SET_UP_TABLE
 
-    The numbers of this second table come from a separate random stream, seeded by the last of the eleven numbers. Each
-    number has a fixed place in this stream. So drawing one number does not change the other drawn numbers.
+    Among the other random numbers, each number of this second table has a fixed place. So drawing one number does not
+    change the other drawn numbers.
 
     `reset(options=...)` applies to one episode:
 
     - `{"scenario": {...}}` fixes some or all of the scenario fields above.
     - `{"record": {...}}` fixes some or all of the drawn numbers. To repeat an episode, give the final `info["record"]`
-      of this episode. The reaction delay must not exceed the largest reaction delay of the environment. A number of the
-      second table must lie in the environment's range for this number.
+      of this episode. The reaction delay must not exceed the environment's largest one. A number of the second table
+      must lie in the environment's range for this number.
 
     ## Episode End
     An episode terminates 0.15 s (`after_alarm`) after the alarm. If the object was touched, the flange then brakes to
-    rest at the largest acceleration of an action. The simulation continues, for at most 10 s, until tool and object do
-    not touch and cannot touch again. With `friction`, the simulation continues until V_p is final and the tool is
-    slower than 1 mm/s. Without friction, V_p is the velocity of the object at the end of this simulation. If contacts
-    are still possible after the 10 s, as with an object of several tonnes, `info["status"]` begins with "not settled".
+    rest at the largest acceleration of an action. The simulation continues, for at most 10 s, until tool and object
+    are apart and cannot touch again. With `friction`, the simulation continues until V_p is final and the tool is
+    slower than 1 mm/s. Without friction, V_p is the velocity of the object at the end of the simulation. If contacts
+    are still possible after 10 s, as with an object of several tonnes, `info["status"]` begins with "not settled".
 
     Without an alarm an episode terminates at 1.2 s (`horizon`). An object that was touched too softly to raise the
     alarm counts as touched. If the object was not touched, the episode is `missed`. An episode also terminates if the
@@ -136,16 +136,16 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     is truncated only if `max_episode_steps` is given (by Gymnasium's wrapper `TimeLimit`, or by a batch itself).
 
     The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
-    `time_weight`, `reward_terms` (time, velocity, force, missed; their sum is the return), `scenario`, `record` (all
-    drawn numbers; those of the second table have dotted names such as `coupling.stiffness`) and `status`. With
-    `friction` the final `info` also has `slide` and `rest_time`. `slide` (m) is the distance from the object's first
-    position to its last position. `rest_time` (s) is the time at which the object has stopped and the tool stays slower
-    than 1 mm/s. If this does not happen, `rest_time` is inf. The simulation checks once per ms after the last control
-    step whether the tool rests; for a tool that rests earlier, `rest_time` is at least the time of the first check.
-    During an episode and after a truncation, `env.unwrapped.episode_info()` returns the present values.
+    `time_weight`, `reward_terms`, `scenario`, `record` and `status`. `reward_terms` has the terms time, velocity, force
+    and missed; their sum is the return. `record` has all drawn numbers. With `friction` the final `info` also has
+    `slide` and `rest_time`. `slide` (m) is the distance from the object's first position to its last position.
+    `rest_time` (s) is the time from which the object rests and the tool is slower than 1 mm/s; inf: this time was not
+    reached. After the last control step and the flange's brake, the simulation checks the tool once per ms. If the tool
+    rests before the first check, `rest_time` is at least the time of this check. During an episode and after a
+    truncation, `env.unwrapped.episode_info()` returns the present values.
 
     ## Arguments
-    To draw a number of a coupling or a robot from a range, give the coupling or robot as a dict:
+    To draw a number of a coupling or robot from a range, give a dict:
     `coupling={"type": "SpringDamper", "stiffness": (40, 60)}`.
 
     ARGUMENT_TABLE
@@ -155,12 +155,11 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Rendering
     Rendering needs the packages of the extra `render`, and does not change any result. A picture shows flange,
-    coupling, tool and object to scale, the gap, the object's velocity, and the state of the alarm. At the end of the
-    episode a picture also shows the result.
+    coupling, tool and object to scale. It also shows the gap, the object's velocity and the state of the alarm, and at
+    the end of the episode the result.
 
-    - "human" and "rgb_array_list" show the episode in slow motion, because a contact is short. There are many
-      pictures per step, and each picture states the factor of the slow motion.
-      `impact_gym.render.film.SlowMotionVideo` writes all pictures as a film of 6 to 10 s.
+    - "human" and "rgb_array_list" show the episode in slow motion, with many pictures per step. Each picture states the
+      factor of the slow motion. `impact_gym.render.film.SlowMotionVideo` writes all pictures as a film of 6 to 10 s.
     - "rgb_array" gives one picture at the end of each step. From these pictures Gymnasium's `RecordVideo` makes a film
       in slow motion with a constant factor (`render_fps` in the metadata). In a batch of at most 16 environments,
       `render` returns a picture of each environment. Gymnasium's `RecordVideo` for vector environments shows these
@@ -169,10 +168,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Version History
     * v0: first version; it may still change until version 0.1.0 of the package is released
 
-    As in Gymnasium, an id gets a higher version number if new results cannot be compared with old results. This is the
-    case if the same seed and actions give other observations, rewards or ends than before (by more than `rtol` allows),
-    or if a default changes. All ids then get the new version number together. An old id raises an error that names the
-    new id.
+    As in Gymnasium, an id gets a higher version number if new results cannot be compared with old results: if a default
+    changes, or if the same seed and actions give other observations, rewards or ends (by more than `rtol` allows). All
+    ids then get the new version number. An old id raises an error that names the new id.
     """
 
     metadata = {  # noqa: RUF012  # as in gymnasium.Env
@@ -207,25 +205,25 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._batch.info(0)
 
     def episode_state(self) -> EpisodeState:
-        """Return when the force was detected, the alarm was raised and the episode ended, s; inf: not known yet."""
+        """Return the times (s) of detection, alarm, end of the alarm and end of the episode; inf: not known yet."""
         return self._batch.episode_state(0)
 
     def command(self, velocity: float) -> None:
-        """Let the operator, a `Person`, command `velocity` (m/s) from the next tick on."""
+        """Let the operator, a `Person`, command `velocity` (m/s) from the next step on."""
         self._batch.set_operator_velocity(velocity)
 
     def sensors(self) -> dict[str, float]:
-        """Return the sensor values in SI units, without scaling and clipping.
+        """Return the sensor values in SI units, not clipped.
 
-        `time` (s), `position` (m) and `velocity` (m/s) of the imposed motion, `alarm` (0 or 1), `time_since_alarm`
-        (s), `force` (N, the newest reading at the controller), `force_peak` (N, the largest force up to that reading,
-        also between two readings), and, if the arguments ask for them, `distance_estimate` (m, from the present
-        position of the flange), `deflection` (m) and others.
+        They are `time` (s), `position` (m) and `velocity` (m/s) of the commanded motion, `alarm` (0 or 1),
+        `time_since_alarm` (s), `force` (N, the newest reading at the controller) and `force_peak` (N, the largest
+        sensed force so far); depending on the arguments, also `distance_estimate` (m, from the present position of the
+        flange), `deflection` (m) and others.
         """
         return {name: float(column[0]) for name, column in self._batch.sensors().items()}
 
     def trace(self) -> Trace:
-        """Return the time histories of the episode so far; after its end they include the simulation that follows.
+        """Return the time histories of the episode so far, at its end with the simulation that follows.
 
         Raises:
             RuntimeError: the environment was made without `record_trace`, or the episode has too many points.
@@ -265,10 +263,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return batch.observations[0].copy(), float(batch.rewards[0]), terminated, False, info
 
     def render(self) -> Any:
-        """Return a picture (540, 960, 3) of the present, or a list of the pictures since the last call; see Rendering.
+        """Return a picture (540, 960, 3), or a list of the pictures since the last call; see Rendering.
 
-        In mode "human" the pictures are shown in a window instead, and None is returned; `reset` and `step` show them
-        as well.
+        In mode "human", `render`, `reset` and `step` show the pictures in a window, and `render` returns None.
 
         Raises:
             DependencyNotInstalled: pygame is missing.

@@ -6,27 +6,26 @@ from impact_gym.envs.single import ImpactApproachEnv
 
 @documented
 class ImpactTeleopEnv(ImpactApproachEnv):
-    """An operator commands the tool with a delay; an assistance at the arm corrects the commands without delay.
+    """An operator commands the tool with a delay; an assistance at the arm changes the commands without delay.
 
     ## Description
     The environment is `ImpactApproach` with an *operator*: a model, a recording or a person. The operator commands the
     velocity of the flange over one channel, and sees the arm over another channel. The agent controls an *assistance*
-    at the arm, between the operator's commands and the flange. The assistance can slow down the approach, and after a
-    touch it can stop and withdraw the tool. The assistance acts without delay, and does not know where the object is.
-    The task is done when the object rests again after the touch.
+    at the arm, which changes the operator's commands without delay. The assistance can slow down the approach. After a
+    touch, the assistance can stop and withdraw the tool. The assistance does not know where the object is.
 
     ## Operators and Channels
-    `operator` is an object of a class in `ig.operators`, or a dict with the name of the class as "type": `Replay`,
-    `Person`, `Trapezoid`, `Reach`, `SecondOrderLag`, `Tracker`. The docstrings of these classes have equations and
-    sources. A model of an operator assumes that the object is `place_error` farther away than it is. `uplink` (for
-    commands) and `downlink` (for the operator's view) are `Channel` objects. Once per control period, at the ticks of
-    the operator's clock, one packet is sent over each channel. Each packet has its own delay, and the receiver uses the
-    newest packet that has arrived. Two packets do not wait for the next tick: the operator's stop, and the arm's report
-    of the first touch. A model of an operator knows of the touch when the first packet arrives that was sent at the
-    touch or later. It stops `reaction` seconds later, and from then on commands 0. A `Tracker` also reads the position
-    of the flange from the packets. For a `Person`, your code passes velocities to `command(velocity)` of the unwrapped
-    environment. The tick of a step sends the velocity that was passed last before this step. A `Replay` of the sent
-    velocities repeats the episode bit for bit.
+    `operator` is an object of a class in `ig.operators`: `Replay`, `Person`, or one of the models `Trapezoid`, `Reach`,
+    `SecondOrderLag`, `Tracker`. Or `operator` is a dict with the name of the class as "type". The docstrings of these
+    classes have equations and sources. A model with a `place_error` assumes a distance that is this much too large.
+    `uplink` (for commands) and `downlink` (for the operator's view) are `Channel` objects. Once per control period, at
+    a tick of the operator's clock, one packet is sent over each channel. Each packet has its own delay, and the
+    receiver uses the newest packet that has arrived. Two packets are sent between ticks: the operator's stop, and the
+    arm's report of the first touch. Every packet to the operator that was sent at the touch or later shows the touch.
+    `reaction` seconds after the first such packet has arrived, a model begins to command 0. A `Tracker` also reads the
+    position of the flange from the packets. For a `Person`, your code passes velocities to `command(velocity)` of the
+    unwrapped environment. Each tick sends the newest of these velocities. A `Replay` of the sent velocities repeats the
+    episode bit for bit.
 
     ## Action Space
     `Box(-1, 1, (3,), float32)`. Values outside the box are clipped. Let u be the operator's command. The flange goes to
@@ -38,13 +37,13 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     | 1   | acceleration to use for it  | 1     | 20    | m/s^2 |
     | 2   | withdrawal r                | 0     | 0.3   | m/s   |
 
-    Without an alarm r is set to 0, so 0 <= v/u <= 1. After an alarm r is used for 0.15 s (`after_alarm`), and then
+    Without an alarm r is 0, so v lies between 0 and u. After an alarm r is used for 0.15 s (`after_alarm`), and then
     reduced to 0 within 0.1 s. If u is 0, or if no newer command has arrived for the `timeout` of the uplink, the flange
     stops at the largest deceleration, 20 m/s^2. If an action is not finite, `step` raises an error, and nothing moves.
 
     ## Observation Space
     The observation contains the numbers of `ImpactApproach`, and five numbers about the operator's commands (the rows
-    with 'only with `operator`'), but not the place where the operator assumes the object.
+    with 'only with `operator`').
 
     OBSERVATION_TABLE
 
@@ -52,13 +51,12 @@ class ImpactTeleopEnv(ImpactApproachEnv):
 
     ## Reward
     Each step gives `-time_weight` times its duration. If the object was touched, the last step of the episode adds
-    -V_p, where V_p is the object's largest velocity. If the object was not touched, the last step adds -2
-    (`missed_cost`).
+    `-V_p - force_weight * peak force`. V_p is the object's largest velocity. If the object was not touched, the last
+    step adds -2 (`missed_cost`).
 
     ## Starting State
-    The object is 0.2 to 0.8 m ahead, and its coefficient of friction on the ground is 0.1 to 0.5. All else is as in
-    `ImpactApproach`. In a dict of an operator or a channel, a number may be a pair (low, high), from which each episode
-    draws a value.
+    The object is 0.2 to 0.8 m ahead. The coefficient of friction on the ground is 0.1 to 0.5. All else is as in
+    `ImpactApproach`. A number in a dict of an operator or a channel may be a pair (low, high): a range for draws.
 
     ## Episode End
     An episode terminates in four cases, or if the solver fails. (1) The object has been touched and rests, and the
@@ -68,16 +66,16 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     the flange brakes after the last step, and the simulation continues until V_p is final and the tool is slower than 1
     mm/s, for at most 10 s.
 
-    The `info` of each step has `command` (m/s, the newest command that has arrived) and `command_age` (s), both at the
-    end of the step. Three other entries describe the last command that the flange executed in the step: `teleop_action`
-    is u, or 0 if the command was too old. `intervene_action` is v. Both are arrays (1,) in m/s. `is_intervention` is
-    true if u and v differ by more than 1 mm/s. Every step has an `intervene_action`; in the library HIL-SERL, only
-    steps with an intervention have one. In a batch, these entries are valid for the environments that played in the
-    step. With the autoreset mode SAME_STEP, `final_info` has the entries of a finished episode. The final info has
-    `object_velocity` (m/s), `slide` (m), `touch_time`, `done_time` (s; the horizon if the task was not done), `late`
-    (s, mean time from a touch until the operator's stop reaches the arm), `peak_force` (N), `contact_count`, `taken`
-    (the fraction of the operator's commanded motion that the assistance withheld before the touch), `missed`, `record`,
-    and the other entries of `ImpactApproach`.
+    The `info` of each step has `command` (m/s, the newest command that has arrived by the end of the step) and
+    `command_age` (s). Three other entries describe the last command that the flange executed in the step.
+    `teleop_action` is u, or 0 if the command was too old; `intervene_action` is v; each is an array (1,) in m/s.
+    `is_intervention` is true if the two arrays differ by more than 1 mm/s. Every step has an `intervene_action`; in the
+    library HIL-SERL, only steps with an intervention have it. In a batch, these entries are valid for the environments
+    that played in the step. With the autoreset mode SAME_STEP, `final_info` has the entries of a finished episode.
+
+    The final info has the entries of `ImpactApproach` and four more: `touch_time` (s), `done_time` (s, the end of the
+    last step), `late` (s, mean time from a touch until the operator's stop reaches the arm), and `taken` (the fraction
+    of the operator's commanded motion that the assistance withheld before the touch).
 
     ## Arguments
     See `ImpactApproach`. `ImpactTeleop-v0` has the operator `Reach`, and channels with a delay of 0.1 s each way.

@@ -1,9 +1,9 @@
-"""Estimate numbers of a scene from measured blows, with confidence intervals: `identify(log, scene, motion)`.
+"""Estimate numbers of a scene from logs of blows (collisions of tool and object): `identify(log, scene, motion)`.
 
     `log`, `sensor`   read and check a log; compute the response of a sensor
-    `model`           the numbers to fit as coordinates, the residuals by `simulate`, and their derivatives
-    `search`, `fit`   find the best fit from several starting points; intervals by profile likelihood
-    `result`          estimates, intervals, and sentences that say what the log cannot determine
+    `model`           simulate a log; compute the residuals and their derivatives
+    `search`, `fit`   find the best fit from several starting points, and the confidence intervals
+    `result`          estimates, intervals, and sentences on what the log cannot determine
     `held_out`        fit each half of the logs, and predict the other half
 
 `impact_gym.identify` is the function; `from impact_gym.identify import ...` imports from this package.
@@ -34,23 +34,22 @@ def identify(
     """Fit numbers of a scene to a measured blow, or to several blows that share these numbers.
 
     The fit minimizes the squared differences between the log and `simulate`. Each log has its own unknown start, the
-    time at which the motion begins. Intervals are profile likelihoods: one number is moved away from its estimate and
-    all other numbers are fitted again, until the misfit has grown more than the noise can explain.
+    time at which the motion begins. Intervals are from profile likelihoods: to find an end, one number is moved away
+    from its estimate, and all others are fitted again, until the noise cannot explain the misfit.
 
     Args:
         log: a mapping of columns, the path of a CSV file, or a list of mappings or paths. Columns are `time` (s) and
-            any of `force` (N, of the contact), `flange_velocity`, `tool_velocity`, `object_velocity` (m/s). A log may
-            begin at any time before the blow, and end at any time after it.
-        scene: the known numbers, and a guess of each free number. The search also starts from other guesses, for
-            instance from the impulse and the width of the blow.
+            any of `force` (N, of the contact), `flange_velocity`, `tool_velocity`, `object_velocity` (m/s),
+            `tool_acceleration`, `object_acceleration` (m/s^2).
+        scene: the known numbers, and a guess of each free number.
         motion: the imposed motion, or one motion for each log.
         free: names of the scene's numbers to fit.
         sensor: properties of the sensor; a mapping from columns to sensors if the logs have several columns. None: no
             filter, no bias, and the noise is estimated.
 
     Raises:
-        TypeError, ValueError: an argument has another type or is out of range; a log has no blow, or several; the log
-            does not depend on a free number. One line names argument, value, unit and what is allowed.
+        TypeError, ValueError: an argument has a wrong type or is out of range; a log has no blow, or several; no log
+            depends on a free number.
     """
     one_of("scene", scene, Scene)
     sources = list(log) if isinstance(log, (list, tuple)) else [log]
@@ -70,7 +69,7 @@ def identify(
 
 
 def motion_of_each(motion: Trapezoid | Sequence[Trapezoid], count: int) -> list[Trapezoid]:
-    """Return the motion of each of `count` logs; raise ValueError or TypeError if their number or type is wrong."""
+    """Return the motion of each of `count` logs."""
     motions: list[Any] = list(motion) if isinstance(motion, (list, tuple)) else [motion] * count
     for imposed in motions:
         one_of("motion", imposed, Trapezoid)

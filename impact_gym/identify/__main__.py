@@ -29,8 +29,7 @@ FILE = """
 the log of a blow: a CSV file with the column time (s) and one or more of these columns: force (N), flange_velocity,
 tool_velocity, object_velocity (m/s), tool_acceleration, object_acceleration (m/s^2 or g). If a column has another unit,
 write the unit in the header, as in "t [ms]", or in the line below the header. The command prints how it read each file.
-If you give several logs, the fitted numbers are the same for all logs, but the start of the motion is fitted for
-each log.
+Several logs share the fitted numbers, but each log has its own start of the motion.
 
 the scene, my.toml: a set-up (see agents/setups) with two more tables, [motion] and [sensor]. Give a guess for each
 number to fit. For each other number give its value during the measurement, not a range.
@@ -54,21 +53,21 @@ number to fit. For each other number give its value during the measurement, not 
     noise = 0.2                                          # standard deviation
     cell = { mass = 0.02, frequency = 5000.0 }           # if it is a load cell: kg, Hz; also damping_ratio
 
-the output: the set-up with the 95 % intervals as ranges, without the tables [motion] and [sensor]. If the interval of a
-number has no limit on one side, the set-up keeps the initial guess of this number, and contains a comment about this.
+the output: the set-up with the 95 % intervals as ranges, without the tables [motion] and [sensor]. If an interval
+begins at 0 or ends at infinity, the set-up keeps your guess of this number, and a comment says so.
 
---hold-out checks the fit on other blows. The command fits the numbers to every second log and
-predicts the other logs. Then it swaps the two halves of the logs. For each blow it prints the errors of V_p (the
-object's final velocity), peak force, impulse and duration. It also prints how much the measured blows with the same
-motion differ. With --out setup.toml, the measured and predicted values are also written to setup.held-out.csv.
+--hold-out tests predictions. The command fits the numbers to every second log and predicts the other logs.
+Then it swaps the two halves of the logs. It prints the errors of the object's final velocity V_p (from object_velocity)
+and of peak force, impulse and duration (from force). It also prints how much blows with the same motion differ.
+With --out setup.toml, the measured and predicted values are also written to setup.held-out.csv.
 """
 
 PLACES = {row.path: f"scenario.{row.id}" for row in SCENARIO} | {row.path: row.id for row in SET_UP if row.path}
-"""For each dotted path in a scene, the path in `[environment]`; coupling and robot have the same paths there."""
+"""Paths in `[environment]` by dotted path in a scene; paths in coupling and robot are the same in both."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command: read logs and scene, fit the numbers, write the set-up."""
+    """Run the command."""
     parser = argparse.ArgumentParser(
         prog="impact-gym identify", description=DESCRIPTION, epilog=FILE,
         formatter_class=argparse.RawDescriptionHelpFormatter,

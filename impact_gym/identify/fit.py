@@ -1,7 +1,7 @@
 """Find the best fit from several starting points, and the interval of each free number by its profile likelihood.
 
-The best fit is the best of the local minima found. `intervals` moves one number at a time away from its best value and
-fits all other numbers again. The misfit of a fit is the sum of (residual / noise)^2 over all samples.
+The misfit of a fit is the sum of (residual / noise)^2 over all samples. The best fit is the best of the local minima
+found. `intervals` moves one number at a time away from its best value and fits all others again.
 """
 
 import math
@@ -15,16 +15,16 @@ from impact_gym.identify.model import Model
 from impact_gym.identify.search import ROUGH, Point, as_good, descend, distinct, race, scatter
 from impact_gym.identify.sensor import Array, bursts, level
 
-STARTS = 8  # number of starting points that are fitted; `Fit.again` fits as many more
+STARTS = 8  # points of `scatter` from which a search starts; `Fit.again` takes as many more
 NOISE_ROUNDS = 3  # largest number of fits, each followed by an estimate of the noise
 CONFIDENCE = 0.95
 END_TOLERANCE = 0.02  # tolerance of an interval's end, relative to the interval's half width
-MAX_STEP = 1.5  # largest first step of a coordinate towards an end; a longer interval may contain another minimum
+MAX_STEP = 1.5  # largest first step of a coordinate towards an end; a longer interval can cause a second search
 MAX_STEPS = 10  # most fits to find one end of an interval
 BEYOND = (1.6, 2.5)  # at these multiples of the distance to an end, the misfit is checked for another minimum
 MAX_DEVIATION = 1e3  # standard deviation assumed for a coordinate that the log does not determine
-MIN_IMPROVEMENT = 0.05  # a point replaces the best fit if its misfit is lower by this; doubled after each replacement
-MIN_LEFTOVER = 6.0, 0.5  # the fit lacks a blow whose residuals have a sum above 6 deviations and above half the blow's
+MIN_IMPROVEMENT = 0.05  # a point replaces the best fit if its misfit is lower by more than this; doubled each time
+MIN_LEFTOVER = 6.0, 0.5  # a blow is missing if its residuals add up to over 6 deviations and over half its samples' sum
 
 Ends = tuple[float | None, ...]
 
@@ -63,7 +63,7 @@ class Fit:
 
     @property
     def quantile(self) -> float:
-        """Half width of a 95 % interval in standard deviations: Student's t if noise is estimated, otherwise normal."""
+        """Half width of a 95 % interval in standard deviations: Student's t if any noise is estimated, else normal."""
         upper = 0.5 + CONFIDENCE / 2.0
         if all(sensor.noise is not None for sensor in self.model.sensors.values()):
             return float(ndtri(upper))
@@ -76,7 +76,7 @@ class Fit:
 
 
 def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
-    """Return the best fit and the intervals of its free numbers; a wide interval causes a second search for minima."""
+    """Return the best fit and its intervals; search a second time if a blow is missing or an interval is wide."""
     fit = Fit.polished(model, as_good(model, _minima(model, 0)))
     if searched_again := bool(_extra_blows(fit) or _is_vague(fit)):
         fit = fit.again()
@@ -90,7 +90,7 @@ def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
 
 
 def _minima(model: Model, after: int) -> list[Point]:
-    """Fit roughly from STARTS starting points after the best `after` points, and return the local minima."""
+    """Fit roughly from the STARTS starting points that follow the best `after` ones; return the local minima."""
     which = slice(after, after + STARTS)
     starts, first = scatter(model)[which], model.of_first_blow()
     if not after and not starts:
@@ -99,7 +99,7 @@ def _minima(model: Model, after: int) -> list[Point]:
         slopes = np.sum([np.abs(model.jacobian(x)).max(axis=0) for x in starts], axis=0)
         for number in (number for number, slope in zip(model.free, slopes, strict=False) if slope == 0.0):
             raise ValueError(f"free: the log does not depend on {number.name}; leave it out or record another column")
-    if first.samples < model.samples:  # several blows have many minima: fits to the first one are also starting points
+    if first.samples < model.samples:  # several blows cause many minima: start also from fits to the first blow
         starts += [point.x for point in race(first, scatter(first)[which])]
     return race(model, starts)
 
@@ -141,7 +141,7 @@ def _estimate_noise(model: Model, x: Array) -> bool:
 
 
 def _covariance(jacobian: Array) -> Array:
-    """Return the inverse of J^T J for a jacobian J, with very large entries where no sample depends on x."""
+    """Return the inverse of J^T J for a jacobian J; very large for a component of x that changes no sample."""
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0.0] = 1.0
     _, values, rows = np.linalg.svd(jacobian / size, full_matrices=False)
@@ -150,16 +150,16 @@ def _covariance(jacobian: Array) -> Array:
 
 
 class _BetterError(Exception):
-    """Raised with a point x as its argument if this point fits better than the best fit so far."""
+    """Raised with a point x that fits better than the best fit so far."""
 
 
 def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
     """Return the fit and the two ends of each free number's interval; an end is None if that side is unlimited.
 
-    An interval also includes other minima whose misfit is less than quantile^2 above that of the best fit. If a better
-    point is found, a fit from this point replaces the best fit, and all intervals are computed again.
+    An interval includes all found minima with a misfit less than quantile^2 above the least misfit. If a better point
+    is found, a fit from this point replaces the best fit, and all intervals are computed again.
     """
-    while True:  # terminates, because each better point must lower the misfit by twice as much as the one before
+    while True:  # ends, because each better point must lower the misfit by twice as much as the point before
         try:
             return fit, [tuple(_end(fit, i, side) for side in (-1, 1)) for i in range(len(fit.model.free))]
         except _BetterError as better:
@@ -168,13 +168,13 @@ def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
 
 
 def _end(fit: Fit, i: int, side: int) -> float | None:
-    """Return the end of the interval of x[i] on one side (-1, 1): the outermost end found from any good minimum."""
+    """Return the end of the interval of x[i] on one side (-1, 1): the outermost of the ends from all good minima."""
     limit = fit.quantile**2
     end = profile(fit, i, side, Point(fit.misfit, fit.x))
     for point in fit.others:
         if end is not None and point.misfit - fit.misfit < limit and side * (point.x[i] - end) > 0.0:
             end = profile(fit, i, side, point)
-    for factor in BEYOND:  # behind a ridge the misfit may fall again
+    for factor in BEYOND:  # farther out the misfit may fall again
         if end is None:
             break
         last = fit.model.free[i].reach[side > 0]
@@ -194,9 +194,9 @@ def _is_vague(fit: Fit) -> bool:
 
 
 def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
-    """Keep x[i] at `u`, fit the rest of x from `near`, and return the result; raise _BetterError if it is better."""
+    """Keep x[i] at `u` and fit the rest of x from `near`; raise _BetterError if this fit beats the best fit."""
     points = []
-    # the start is `near`, moved along the valley; if that fit is bad, with only x[i] changed
+    # start at `near`, moved along `valley`; if that fit is bad, at `near` with only x[i] changed
     for along in (fit.valley[:, i] / fit.valley[i, i], np.zeros_like(near.x)):
         start = near.x + along * (u - near.x[i])
         start[i] = u
@@ -209,7 +209,7 @@ def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
 
 
 def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
-    """Return x[i] on one `side` (-1, 1), where the refitted misfit is quantile^2 above the best one; None: nowhere."""
+    """Return x[i] on one `side` (-1, 1) at which the refitted misfit is quantile^2 above the best; None: nowhere."""
     first, last = float(begin.x[i]), fit.model.free[i].reach[side > 0]
     inner, outer = (first, math.sqrt(max(begin.misfit - fit.misfit, 0.0) / fit.quantile**2), begin), None
     u = first + side * min((1.0 - inner[1]) * fit.quantile * fit.deviations[i], MAX_STEP)

@@ -19,7 +19,7 @@ from impact_gym.scene import Scene
 
 UNITS = {"object_velocity": "m/s", "peak_force": "N", "impulse": "N s", "duration": "s"}
 """Quantities of a blow and their units: V_p; peak and integral of the force; width of the force at half of its peak."""
-END = 0.25  # the mean over the last quarter of a log's samples is taken as the velocity after the blow
+END = 0.25  # last part of a log; the mean of its samples is the velocity after the blow
 
 
 class Prediction(NamedTuple):
@@ -39,10 +39,10 @@ class HeldOut:
     predictions: tuple[Prediction, ...]
 
     def errors(self, quantity: str) -> tuple[Array, Array]:
-        """Return relative errors of `quantity` (blows,): of predictions; of medians of blows with the same motion."""
+        """Return relative errors (blows,) of the predictions, and of the medians of blows with the same motion."""
         rows = [each[2:] for each in self.predictions if each.quantity == quantity]
         measured, predicted, equal = np.array(rows).reshape(-1, 3).T
-        with np.errstate(divide="ignore"):  # inf where the measured value is 0
+        with np.errstate(divide="ignore"):  # a measured value may be 0
             return np.abs(predicted - measured) / np.abs(measured), np.abs(equal - measured) / np.abs(measured)
 
     def __str__(self) -> str:
@@ -59,7 +59,7 @@ class HeldOut:
         return "\n".join(lines)
 
     def csv(self) -> str:
-        """Return the text of a CSV file with the predictions, one row for each blow and quantity."""
+        """Return the predictions as CSV, a row for each blow and quantity."""
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
         table.writerow(["log", "quantity", "unit", "measured", "predicted", "equal blows"])
@@ -74,8 +74,8 @@ def hold_out(
     """Fit every second log and predict the other logs, then the reverse; for the arguments see `identify`.
 
     Raises:
-        TypeError, ValueError: as `identify`; or there are too few logs, their columns differ, or they have neither a
-            column `object_velocity`, for V_p, nor a column `force`, for the other quantities.
+        TypeError, ValueError: as `identify`; there are fewer than two logs; their columns differ; they have neither
+            a column `object_velocity` nor a column `force`.
     """
     count = len(log) if isinstance(log, (list, tuple)) else 1
     if count < 2:
@@ -102,7 +102,7 @@ def hold_out(
 
 
 def _predicted(log: Log, motion: Trapezoid, fit: Identified) -> Log:
-    """Return a log with the readings that a fit predicts for `log`, to which only start and bias are fitted."""
+    """Return a log with the readings that `fit` predicts; only start and biases are fitted to `log`."""
     model = Model([log], fit.scene, [motion], fit.fit.model.sensors, ())
     x = descend(model, start_at(model, np.empty(0), 0.5).x).x
     samples = model.predicted(x)[0] + model.biases(x)

@@ -1,4 +1,4 @@
-"""Read the log of a measured blow, and refuse an invalid log with an error that names what is wrong."""
+"""Read the log of a measured blow, and refuse an invalid log."""
 
 import math
 from collections.abc import Mapping
@@ -34,11 +34,11 @@ MAX_FORCE = 1e5  # N
 MAX_ACCELERATION = 1e6  # m/s^2
 MAX_SPEED_RATIO = 10.0  # largest ratio of a recorded velocity to the speed of the motion
 MAX_STEP = 0.05  # s, largest median time between two samples
-MAX_GAP = 1.5  # median steps: samples were lost in a longer step, unless its neighbouring steps are as much shorter
+MAX_GAP = 1.5  # median steps; a longer step lost samples, unless the steps beside it are shorter by as much
 MAX_LOST = 3  # largest number of lost samples in a row
-MIN_SWING = 10.0  # least range of a column with a blow, largest minus least sample, in standard deviations of the noise
-LEAST_IMPULSE = 0.03  # smallest allowed impulse / impulse of a plastic impact of the lightest bodies that are searched
-FLAT_SAMPLES = 3  # so many equal extreme values in a row show that the sensor was saturated
+MIN_SWING = 10.0  # least (largest - least sample) of a column with a blow, in standard deviations of the noise
+LEAST_IMPULSE = 0.03  # least allowed impulse / impulse of a plastic impact of the lightest searched bodies
+FLAT_SAMPLES = 3  # least number of equal extreme samples in a row of a saturated sensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,17 +56,17 @@ class Log:
         steps = np.diff(self.time)
         usual = float(np.median(steps))
         padded = np.concatenate([[usual], steps, [usual]])
-        three = padded[:-2] + steps + padded[2:]  # a sum of three steps is right even if its middle step ends late
+        three = padded[:-2] + steps + padded[2:]  # a late sample within three steps does not change their sum
         return np.where(steps > MAX_GAP * usual, np.maximum(np.rint(three / usual) - 3, 0), 0).astype(np.int64)
 
     @property
     def step(self) -> float:
-        """Mean time between two samples, s; lost samples count as samples."""
+        """Mean time between two samples, s; lost samples counted."""
         return float(self.time[-1] - self.time[0]) / float(len(self.time) - 1 + self.lost.sum())
 
 
 def read(source: Any, name: str) -> Log:
-    """Return a log from a mapping of columns or a CSV file, see `impact_gym.csv_files`; return a `Log` as it is."""
+    """Return a log from a mapping of columns, a CSV file (see `impact_gym.csv_files`), or a `Log`."""
     if isinstance(source, Log):
         return source
     said = ""
@@ -106,7 +106,7 @@ def read(source: Any, name: str) -> Log:
 
 
 def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
-    """Refuse a log that cannot be a blow of this scene: the message names column, value, unit and allowed range."""
+    """Raise ValueError if a log cannot be a blow of this scene."""
     for name, values in log.columns.items():
         what = f"{log.name}, {name}"
         limits = {"N": (MAX_FORCE, "mN"), "m/s": (MAX_SPEED_RATIO * motion.speed, "mm/s")}
@@ -127,13 +127,13 @@ def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Senso
 
 
 def tool_mass(scene: Scene) -> float:
-    """Return the mass (kg) of the tool and all bodies fixed to it; inf if the motion of the tool is imposed."""
+    """Return the mass (kg) of the tool and all bodies fixed to it; inf if fixed to a rigid robot or a `RobotTable`."""
     behind = scene.robot.mass if isinstance(scene.robot, Robot) else math.inf
     return scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
 
 
 def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Sensor) -> None:
-    """Raise ValueError if the force pulls, or if its impulse is far below that of a plastic impact."""
+    """Raise ValueError if the force mostly pulls, or if its impulse is far below that of a plastic impact."""
     force = log.columns["force"] - level(log.columns["force"], sensor)
     most, least = float(force.max()), float(force.min())
     if sensor.bias != "estimated" and -least > most:
@@ -151,7 +151,7 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
 
 
 def _refuse_clipped(log: Log, name: str) -> None:
-    """Raise ValueError if a column is saturated: an extreme value repeats, and its neighbours clearly differ."""
+    """Raise ValueError if a column is saturated: an extreme value repeats, and the samples beside it differ."""
     values = log.columns[name]
     resolution = np.diff(np.unique(values))
     for end, side in ((values.max(), 1.0), (values.min(), -1.0)):

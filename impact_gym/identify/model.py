@@ -1,7 +1,7 @@
 """The model that is fitted to logs: it predicts logs from x, and returns residuals divided by the noise.
 
-x contains a coordinate for each free number of the scene: ln(e/(1-e)) for the restitution e, the logarithm for any
-other number. It also contains the start of the motion in each log, and the biases to estimate.
+x contains a coordinate for each free number of the scene: ln(e/(1-e)) for the restitution e, ln|a| for any other
+number a. x also contains the start of the motion in each log, and the biases to estimate.
 """
 
 import math
@@ -24,7 +24,7 @@ from impact_gym.validation import WrongTypeError
 MASS, STIFFNESS, RESTITUTION = "object.mass", "contact.stiffness", "contact.restitution"
 SEARCHED = {STIFFNESS: (1e2, 1e8), RESTITUTION: (0.03, 0.99), MASS: (5e-3, 5e2)}  # ranges of the starting points
 SEARCH_FACTOR = 10.0  # for numbers not in SEARCHED, starting points are from a tenth to ten times the scene's value
-REACH_FACTOR = 1e4  # the fit may leave the searched range by this factor at either end
+REACH_FACTOR = 1e4  # the fit may leave the searched range by this factor at either end, except for the restitution
 WALL = 1e5  # largest object mass / mass of a tool on a spring; a heavier object acts like a fixed wall
 LARGEST_LOGIT = 14.0  # largest ln(e/(1-e)): e within 1e-6 of 0 or 1
 RTOL = 1e-8
@@ -38,9 +38,9 @@ class Coordinate:
     """The coordinate of one free number, and its bounds."""
 
     name: str
-    sign: float  # sign of the number; the coordinate is computed from the number's absolute value
+    sign: float  # of the number; the coordinate is computed from the absolute value
     searched: tuple[float, float]  # range of the absolute value for starting points
-    wall: float = math.inf  # largest absolute value; larger ones would not change the log
+    wall: float = math.inf  # largest absolute value; larger values would not change the log
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -105,8 +105,7 @@ def tool_acceleration(scene: Scene, trace: Trace) -> Array:
 class Model:
     """Residuals of all logs as a function of x: coordinates of the free numbers, start of each motion (s), biases.
 
-    `noise` has the standard deviation of the noise of each column, which is the same in all logs and above 0: the
-    sensor's, or else an estimate from the logs.
+    `noise`: standard deviation of each column's noise, the same in all logs: the sensor's, or else an estimate.
     """
 
     def __init__(

@@ -17,9 +17,9 @@ from impact_gym.quantities import BY_PATH
 from impact_gym.scene import Scene
 from impact_gym.simulation import simulate
 
-WIDE_RATIO = 2.0  # an interval is called wide if its ends have a larger ratio than this
-WIDE_RESTITUTION = 0.3  # an interval of the restitution is called wide if it is longer than this
-MIN_CORRELATION = 0.95  # two numbers are not separable if their correlation is larger and one has a wide interval
+WIDE_RATIO = 2.0  # an interval is wide if the ratio of its ends is larger
+WIDE_RESTITUTION = 0.3  # an interval of the restitution is wide if it is longer
+MIN_CORRELATION = 0.95  # two numbers are not separable if |correlation| is larger and an interval is wide
 
 FALSE_ALARM = 1e-4  # probability that one test of the residuals rejects a correct model
 LAGS = 10  # largest lag, in samples, of the residuals' autocorrelation that is tested
@@ -30,17 +30,17 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """The result of `identify`: estimates of the free numbers, in SI units; keys are dotted names: "object.mass"."""
+    """The result of `identify`: estimates of the free numbers, in SI units; keys are dotted names, as "object.mass"."""
 
     estimate: Mapping[str, float]
-    interval: Mapping[str, Interval]  # 95 % confidence if `warnings` is empty; an end 0 or inf: unlimited on that side
+    interval: Mapping[str, Interval]  # 95 % confidence if `warnings` is empty; an end 0, inf or restitution 1: no limit
     correlation: Array  # (k, k), correlations of the coordinates (see `model`), in the order of `estimate`
     scene: Scene  # the given scene with the estimates
     indistinguishable: tuple[str, ...]  # sentences on what the log cannot determine
-    warnings: tuple[str, ...]  # signs that the model does not fit the log; each one was also given as a UserWarning
-    start: tuple[float, ...]  # s, for each log the time in its own clock at which the motion began
+    warnings: tuple[str, ...]  # signs that the model does not fit the log; each was also given as a UserWarning
+    start: tuple[float, ...]  # s, for each log the time of its clock at which the motion began
     noise: Mapping[str, float]  # standard deviation of each column's noise, known or estimated, in the column's unit
-    bias: tuple[Mapping[str, float], ...]  # for each log the bias of each column, known or estimated, in its unit
+    bias: tuple[Mapping[str, float], ...]  # for each log the bias of each column, known or estimated
     residuals: tuple[Mapping[str, Array], ...] = field(repr=False)  # for each log and column: measured - fitted, (n,)
     fit: Fit = field(repr=False)
 
@@ -107,11 +107,11 @@ class Identified:
 
 
 def misfits(fit: Fit) -> Iterator[str]:
-    """Yield a sentence for each test that the residuals fail. A correct model fails a test with chance FALSE_ALARM.
+    """Yield a sentence for each test that the residuals fail.
 
-    The tests: mean before the touch (normal distribution); variance from the touch on / variance before it (Fisher's
-    F); variance / known variance of the noise (chi-squared); whiteness (Ljung and Box, Biometrika 65, 1978). A column
-    with noise below the resolution of the sensor is not tested.
+    The tests: mean before the touch (normal distribution); variance after the touch / variance before it (Fisher's F);
+    variance / known variance (chi-squared); whiteness (Ljung and Box, Biometrika 65, 1978). Not tested:
+    `flange_velocity`, columns with noise below the sensor's resolution, and the first two on `tool_velocity`.
     """
     model = fit.model
     scene, left = model.scene_at(fit.x), -fit.model.residuals(fit.x)

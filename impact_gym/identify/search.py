@@ -1,8 +1,7 @@
 """Choose starting points of a fit, run least squares from several of them, and stop the worst fits early.
 
-The free numbers of a starting point are those of the given scene, those of a scene whose blow has the measured impulse
-and width, or a point of a Latin hypercube over the searched ranges. For these numbers, the start of the motion and the
-biases are chosen so that the misfit is least.
+A starting point has the free numbers of the given scene, of a scene whose blow has the measured impulse and width, or
+of a point of a Latin hypercube over the searched ranges. Its start times and biases minimize the misfit.
 """
 
 import math
@@ -21,24 +20,24 @@ from impact_gym.scene import Scene
 SCATTERED = 40  # number of points of the Latin hypercube
 SEED = 0
 RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # `from_impulse` makes a starting point for each of these
-PASSES = 8  # of `from_impulse`: most simulations for a starting point
+PASSES = 8  # of `from_impulse`: most simulations of a starting point
 NEAR = 0.1  # tolerance of the logarithms of mass and stiffness in `from_impulse`
-HEAVY = 1e3  # largest object mass in `from_impulse`, in masses of the tool
+HEAVY = 1e3  # largest object mass / tool mass in `from_impulse`
 ROUNDS = 5  # of `race`: number of comparisons
 ROUND_EVALUATIONS = 8  # most evaluations of the residuals before a comparison
-MIN_GAP_REDUCTION = 0.2  # a fit is dropped if a round closes less than this part of its gap to the best fit
-GOOD_MISFIT = 20.0  # in misfits per sample: a rough minimum is refined if it exceeds the least misfit by less than this
+MIN_GAP_REDUCTION = 0.2  # a bad fit is dropped if a round closes less than this part of its gap to the best fit
+GOOD_MISFIT = 20.0  # a fit is good if misfit - least misfit is below this times (1 + least misfit / samples)
 MIN_DISTANCE = 0.03  # minima are distinct if a coordinate differs by more than this
 LARGEST_START = 4.0  # largest |ln(e/(1-e))| at the start of a fit, which means e from 0.02 to 0.98
 FINE, ROUGH = 1e-8, 1e-5  # relative tolerances of misfit and x: FINE for the final fit, ROUGH for intermediate fits
 
 
 class Point(NamedTuple):
-    """A point x to which least squares led, and its misfit."""
+    """A point x and its misfit."""
 
     misfit: float  # sum of (residual / noise)^2
     x: Array
-    is_minimum: bool = True  # False: the allowed evaluations were used up before convergence
+    is_minimum: bool = True  # False: least squares did not converge, or was not run
 
 
 def scatter(model: Model) -> list[Array]:
@@ -54,11 +53,11 @@ def scatter(model: Model) -> list[Array]:
 
 
 def from_impulse(model: Model, given: Array) -> list[Array]:
-    """For each of RESTITUTIONS, return coordinates that reproduce impulse and width in the first log with a force.
+    """Return coordinates that reproduce impulse and width in the first log with a force, one for each restitution.
 
-    With restitution e, speed v and the object's mass m the impulse is (1 + e) v / (1/m + 1/m_tool). The width, impulse
-    / peak, is proportional to k^(-1/(n + 1)) for a force k delta^n at the penetration delta (Johnson, Contact
-    Mechanics, 1985, sec. 11.4). Each pass simulates a blow and corrects m and k.
+    With restitution e, speed v and the object's mass m the impulse is (1 + e) v / (1/m + 1/m_tool). The width is
+    impulse / peak. For a force k delta^n (penetration delta) the width is proportional to k^(-1/(n + 1)) (Johnson,
+    Contact Mechanics, 1985, sec. 11.4). Each pass simulates a blow and corrects m and k.
     """
     places = {number.name: i for i, number in enumerate(model.free)}
     k = next((k for k, log in enumerate(model.logs) if "force" in log.columns), None)
@@ -105,7 +104,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 
 
 def start_at(model: Model, point: Array, share: float) -> Point:
-    """Return x: the coordinates `point`, the best biases and the best start times, of samples shifted by `share`."""
+    """Return x with coordinates `point` and best biases and start times; samples are shifted by `share` of a step."""
     x = np.zeros(model.size)
     x[: len(point)] = point
     total = 0.0
@@ -158,7 +157,7 @@ def descend(
     model: Model, x: Array, fixed: int | None = None, tolerance: float = FINE,
     evaluations: int = ROUNDS * ROUND_EVALUATIONS,
 ) -> Point:  # fmt: skip
-    """Run least squares from x with x[fixed] kept constant, for at most `evaluations` of the residuals."""
+    """Run least squares from x, with x[fixed] constant and at most `evaluations` evaluations of the residuals."""
     free = np.delete(np.arange(model.size), [] if fixed is None else [fixed])
     x = x.copy()
     if not np.all(np.isfinite(x)):
@@ -187,8 +186,8 @@ def descend(
 def race(model: Model, starts: Sequence[Array]) -> list[Point]:
     """Fit roughly from all `starts`; return the distinct minima, the best first.
 
-    The fits run in rounds, and are compared after each round. Of several fits with the same free numbers only the best
-    fit continues. A fit is stopped if it is clearly worse than the best fit and has hardly improved in this round.
+    The fits run in rounds, and are compared after each round. Of several fits with nearly the same free numbers only
+    the best continues. A fit is stopped if it is clearly worse than the best fit and has hardly improved in this round.
     """
     points = [Point(math.inf, x, is_minimum=False) for x in starts]
     for _ in range(ROUNDS):
@@ -211,7 +210,7 @@ def as_good(model: Model, points: Sequence[Point]) -> list[Point]:
 
 
 def distinct(model: Model, points: Sequence[Point]) -> list[Point]:
-    """Return the points sorted by misfit, the best first, without those whose free numbers equal a better point's."""
+    """Return the points, the best first, without those whose free numbers are nearly those of a better point."""
     kept: list[Point] = []
     for point in sorted(points, key=lambda point: point.misfit):
         if all(np.abs(point.x - other.x)[: len(model.free)].max() > MIN_DISTANCE for other in kept):

@@ -14,14 +14,14 @@ from impact_gym.validation import number, one_of
 Array = NDArray[np.float64]
 
 GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
-MIN_STEP = 1e-9  # s, least step between used points of a trace; between closer points rounding dominates the slope
-MIN_HEIGHT = 5.0, 0.2  # least height of a burst: in standard deviations of the noise; relative to the highest burst
+MIN_STEP = 1e-9  # s, least step between used points of a trace; in shorter steps rounding dominates the slope
+MIN_HEIGHT = 5.0, 0.2  # least height of a burst: in standard deviations of the noise, and relative to the highest burst
 
 
 def curve(time: Array, values: Array) -> PPoly:
     """Return cubic Hermite pieces through points (k,), with slopes of parabolas through three neighbouring points.
 
-    `scipy.interpolate.CubicHermiteSpline` makes the same curve, but takes as long as the simulation of the points.
+    `scipy.interpolate.CubicHermiteSpline` makes the same curve more slowly.
     """
     apart = np.append(np.diff(time) > MIN_STEP, True)
     time, y = time[apart], values[apart]
@@ -41,9 +41,8 @@ class LoadCell(Parameters):
     """A force sensor at the tool: a mass on an elastic element, which is a spring and damper in parallel.
 
     The cell reads the element's force R = k u + c u', with its compression u, stiffness k and damping c. The mass m
-    moves by m u'' + R = F + m a, with the contact force F and the tool's acceleration a. So the reading oscillates
-    after a blow, is m a without contact, and is below F while F decelerates the tool. The element is assumed to be much
-    stiffer than the contact.
+    moves by m u'' + R = F + m a, with the contact force F and the tool's acceleration a. So R oscillates about F + m a.
+    The element is assumed to be much stiffer than the contact.
     """
 
     mass: Annotated[float, SI("kg", above=0)]  # m, of the part between element and contact
@@ -53,7 +52,7 @@ class LoadCell(Parameters):
 
 @dataclass(frozen=True, slots=True)
 class Sensor(Parameters):
-    """Known properties of the sensor of one column of a log; it adds white normal noise after load cell and filter."""
+    """Known properties of the sensor of one column; white normal noise is added after load cell and filter."""
 
     rate: Annotated[float | None, SI("Hz", above=0)] = None  # of the samples; None: not compared with the log's times
     low_pass: Annotated[float | None, SI("Hz", above=0)] = None  # cut-off of a first-order filter; None: no filter
@@ -73,7 +72,7 @@ class Sensor(Parameters):
         Args:
             time: times of the signal's points (k,), s; before the first point the signal is 0 (without
                 filter and cell: the value of the first point), after the last point constant.
-            values: the signal at these times (k,); between them it is interpolated smoothly.
+            values: the signal at these times (k,); between them it is interpolated by `curve`.
             at: times of the readings (n,), s, increasing.
         """
         signal = curve(time, values)
@@ -104,7 +103,7 @@ class Sensor(Parameters):
         share = 1j * (omega**2 - damping * pole) / (pole.imag * pole)
         if slow is None:
             return [(share, pole)]
-        element = omega**2 - damping * slow  # the cell's gain of exp(-slow t) is element / (slow^2 + element)
+        element = omega**2 - damping * slow  # for exp(-slow t) the cell's gain is element / (slow^2 + element)
         return [(element / (slow**2 + element), slow), (share * slow / (slow - pole), pole)]
 
 

@@ -4,22 +4,22 @@ With the reduced mass M, the approach velocity v, the stiffness k_c and its expo
 
     delta0 = (M v^2 / k_c)^(1 / (m + 1))      t0 = delta0 / v      F0 = k_c delta0^m = M v / t0
 
-In these units the penetration is u = delta / delta0, its rate w = delta_dot / v, and the force f = u^m + d u^n w with
-the damping factor d and the exponent n of the damping; where f would be negative, a pull, the force is 0. With m = n
+In these units the penetration is u = delta / delta0, its rate w = delta_dot / v, and the force f = u^m + d u^n w, with
+the damping factor d and the exponent n of the damping. Where f would be negative, a pull, the force is 0. With m = n
 = 3/2 the half-integer power makes u(t) non-smooth at the beginning and at the end of the contact. With the unknown z
-= sqrt(u) and the independent variable s, where dt = z ds, the same motion is
+= sqrt(u) and the variable s instead of time, where dt = z ds, the same motion is
 
     dz/ds = w / 2      dw/ds = z (push - f)      f = z^3 (1 + d w)
 
 Here `push` is the relative acceleration without contact force. The right sides are polynomials in z and w. So an
 integrator keeps its full order over the whole contact, and onset and separation are simple zeros of z. For other
-exponents the variables are the same, and the right sides are polynomials if 2 m and 2 n are whole numbers.
+exponents the right sides are polynomials if 2 m and 2 n are whole numbers.
 """
 
 cdef enum:
     ROOT, RATE, TIME, IMPULSE  # components that the scaled state of every chain has: z, w, t, impulse on the object
 
-cdef double APPROACH_VELOCITY_FLOOR = 1e-6  # m/s; slower contacts use the chi of this approach velocity v_in, because chi grows as 1 / v_in (paper, eq. 7)
+cdef double APPROACH_VELOCITY_FLOOR = 1e-6  # m/s; slower contacts use the chi of this approach velocity, because chi grows as 1 / velocity (paper, eq. 7)
 
 
 cdef struct Contact:
@@ -83,14 +83,14 @@ cdef inline double damping_at(const Contact *law, double approach_velocity) noex
 
 
 cdef inline double contact_force(const Contact *law, double z, double w) noexcept nogil:
-    """Return contact force / F0 (paper, eq. 5); it is negative, a pull, if the surfaces part faster than they recover."""
+    """Return contact force / F0 (paper, eq. 5); negative, a pull, if the surfaces part faster than they recover."""
     if is_hertz(law):
         return z * z * z * (law.held + law.damping * w)
     return law.held * root_power(z, law.m, law.twice_m) + law.damping * root_power(z, law.n, law.twice_n) * w
 
 
 cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept nogil:
-    """Return z f, the derivative of the impulse by s, with few operations after w is known."""
+    """Return z f, the derivative of the impulse by s; only few operations use w, which is known last."""
     cdef double fourth
     if is_hertz(law):
         fourth = (z * z) * (z * z)

@@ -30,8 +30,8 @@ cdef double shortfall(double x) noexcept nogil:
 cpdef double exact_damping(double restitution) noexcept nogil:
     """Return the damping factor d with which a contact has exactly this restitution e.
 
-    d solves ln((1 + d) / (1 - d e)) = d (1 + e). With S = `shortfall` this is (1 - e)(1 + e) = d (S(d) + e^3 S(-d e)),
-    which has no cancellation as e -> 1. For e <= 0.6 the code solves 1 - d e = exp(ln(1 + d) - d (1 + e)) instead.
+    d solves ln((1 + d) / (1 - d e)) = d (1 + e). With S = `shortfall` this is (1 - e)(1 + e) = d (S(d) + e^3 S(-d e)).
+    This form has no cancellation as e -> 1. For e <= 0.6 the code solves 1 - d e = exp(ln(1 + d) - d (1 + e)).
     """
     cdef double rest, following, e = restitution, d = 1.5 * (1.0 - e) if e > 0.6 else 1.0 / e
     for _ in range(200):
@@ -49,8 +49,8 @@ cpdef double exact_damping(double restitution) noexcept nogil:
 cpdef double delivered(double damping) noexcept nogil:
     """Return the restitution e of an isolated contact with m = n and this damping factor d; relative error a few 1e-15.
 
-    Newton's method is used. For small d it solves e^2 (1 + d e S(-d e)) = 1 - d S(d) for e, with S = `shortfall`. For
-    other d it solves q - z = d - ln(1 + d) for q = -ln(1 - z), with z = d e, which is accurate even if z is close to 1.
+    Newton's method: for small d it solves e^2 (1 + d e S(-d e)) = 1 - d S(d) for e, with S = `shortfall`; for other d
+    q - z = d - ln(1 + d) for q = -ln(1 - z), with z = d e. Unlike z, q is accurate if z is close to 1.
     """
     cdef double d = damping, e, excess, gain, residual, step, rest, q
     if d < SERIES_BELOW:
@@ -75,7 +75,7 @@ cpdef double delivered(double damping) noexcept nogil:
 
 
 cpdef double delivered_linear(double damping) noexcept nogil:
-    """Return the restitution e of a linear contact (m = 1, n = 0, damping ratio zeta = d / 2) that ends before its force would be a pull.
+    """Return the restitution e of a linear contact (m = 1, n = 0, damping ratio zeta = d / 2) that ends before it pulls.
 
     e = exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)), which is exp(-2) at zeta = 1. For zeta > 1 the exponent is
     -2 zeta arcosh(zeta) / sqrt(zeta^2 - 1).

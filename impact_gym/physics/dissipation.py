@@ -1,10 +1,9 @@
 """Damping factors of contacts for a nominal restitution, and the restitution that a contact really has.
 
-With equal exponents m = n a contact has the damping factor d = (chi / k_c) v_in, with hysteresis damping chi, stiffness
-k_c and approach velocity v_in. If isolated, it satisfies d - ln(1 + d) = -z - ln(1 - z), with z = d e_eff and its
-restitution e_eff, as derived in `damping.pxi`. Published laws are approximate solutions of this equation for d.
-Skrinjar, Slavic, Boltezar, Int. J. Mech. Sci. 145 (2018) 171-187 (the paper's reference 11) collect the laws below and
-more.
+With equal exponents m = n the damping factor is d = (chi / k_c) v_in, with hysteresis damping chi, stiffness k_c and
+approach velocity v_in. An isolated contact of restitution e satisfies d - ln(1 + d) = -z - ln(1 - z), with z = d e, as
+derived in `damping.pxi`. Published laws are approximate solutions of this equation for d. Skrinjar, Slavic, Boltezar,
+Int. J. Mech. Sci. 145 (2018) 171-187 (the paper's reference 11) collect the laws below and more.
 """
 
 import math
@@ -56,8 +55,8 @@ def damping_factor(
 ) -> float:
     """Return the damping factor d that `law` gives for a nominal `restitution`.
 
-    The published laws do not depend on the exponents. With "exact" a contact has the nominal restitution, whatever the
-    exponents; with "fixed" only if it begins at its reference velocity.
+    The published laws do not depend on the exponents. With "exact" an isolated contact has the nominal restitution for
+    all exponents; with "fixed" only if the contact begins at its reference velocity.
     """
     m, n = stiffness_exponent, damping_exponent
     if law not in ("exact", "fixed"):

@@ -1,9 +1,9 @@
 """Contact stiffness of two bodies from their materials, and a small table of materials of pads and surfaces.
 
 Published values scatter, so the table has ranges. Each source states whether we read it ourselves. Restitution depends
-on the materials, shapes and velocities of both bodies. So the table gives a restitution only if it was measured with
-two bodies of the same material, or with one body of the material and a far stiffer body. For other pairs, identify the
-restitution from a measured impact (`impact_gym.identify`).
+on the materials, shapes and velocities of both bodies. The table has restitutions of two bodies of the same material,
+or of one body and a far stiffer body. For other pairs, identify the restitution from a measured impact
+(`impact_gym.identify`).
 """
 
 import math
@@ -78,7 +78,7 @@ FOAM = (
 
 
 def rubber(shore: float, source: str = GENT, restitution: Range | None = None) -> Material:
-    """Return rubber of hardness `shore` (Shore A); Young's modulus is from Gent's value / 1.2 to Gent's value * 1.2.
+    """Return rubber of hardness `shore` (Shore A); Young's modulus is from Gent's value / 1.2 to that value * 1.2.
 
     Gent's relation treats the blunt cone of the durometer as a flat punch: E = (1 - nu^2) F / (2 R delta), with
     Poisson's ratio nu, the durometer's spring force F, the indentation delta, and the mean radius R of the cone.
@@ -113,7 +113,7 @@ def material_ranges(radius: Range, tool: str | Material, target: str | Material)
     Args:
         radius: smallest and largest radius of the curved body, m.
         tool: material of the tool's surface: a name in MATERIALS, or a `Material`.
-        target: material of the object's surface: a name in MATERIALS, or a `Material`.
+        target: the same for the object's surface.
 
     Raises:
         ValueError: a material is unknown, or a radius is not above 0.

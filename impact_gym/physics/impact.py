@@ -29,8 +29,8 @@ def free_tool(
 ) -> tuple[Velocities, Velocities]:  # fmt: skip
     """Return the final velocities of tool and object, m/s, after an impact of two free bodies (paper, eq. 3-4).
 
-    `impulse` (N s) is given by a coupling to the tool during the impact (paper, eq. 21-22). It increases the velocities
-    of tool and object by the same amount.
+    A coupling gives the `impulse` (N s) to the tool during the impact (paper, eq. 21-22). The impulse changes the
+    velocities of tool and object by the same amount.
 
     Raises:
         ValueError: a mass (kg) is not positive, a restitution is outside [0, 1], or a number is not finite.

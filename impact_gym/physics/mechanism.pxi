@@ -1,9 +1,8 @@
 """Forces and energies of a coupling with stops: a bistable mechanism (paper, Fig. 21), or a linear spring and damper.
 
-The spring of a mechanism hangs on a pivot at height H above the path of the slider. x is the position of the slider,
-measured from the alignment, where the spring is vertical, shortest, and pushes neither way. The stretch of the coupling
-is x - `rest`, where `rest` is the position of the slider at rest. A stop is a linear spring and damper that never
-pulls. If the coupling is a linear spring and damper, `rest` is 0.
+The spring of a mechanism hangs on a pivot at height H above the path of the slider. The slider's position x is measured
+from the alignment, where the spring is vertical, shortest, and pushes neither way. The stretch of the coupling is
+x - `rest`, with the position `rest` of the slider at rest. A stop is a linear spring and damper that never pulls.
 """
 
 cdef enum:
@@ -14,7 +13,7 @@ cdef struct Mechanism:
     double stiffness  # N/m, k
     double free_length  # m, L0
     double height  # m, H
-    double rest  # m, position of the slider at rest
+    double rest  # m, position of the slider at rest; 0 if linear
     double front_stop  # m
     double rear_stop  # m
     double stop_stiffness  # N/m
@@ -61,7 +60,7 @@ cdef inline double stop_place(const Mechanism *law, int stop) noexcept nogil:
 cdef inline (double, double, double) stop_switch(
     const Mechanism *law, int stop, int pressed, double stretch, double rate, double acceleration
 ) noexcept nogil:
-    """Return the value (N) of the event that `stop` begins to push or would pull, its smooth form, and the rate of that."""
+    """Return the event's value (N), its smooth form and that form's rate; event: `stop` begins to push, or would pull."""
     cdef double k = law.stop_stiffness, c = law.stop_damping
     cdef double push = stop * k * (law.rest + stretch - stop_place(law, stop)), moving = stop * rate
     if pressed == stop:  # the event: the stop would pull, perhaps before the slider has left it
@@ -72,7 +71,7 @@ cdef inline (double, double, double) stop_switch(
 
 
 cdef inline double stiffness_bound(const Mechanism *law) noexcept nogil:
-    """Return the largest absolute `spring_slope`, N/m; that of a mechanism occurs at the alignment or far from it."""
+    """Return the largest absolute `spring_slope`, N/m; in a mechanism at the alignment or far from it."""
     if law.linear:
         return law.stiffness
     return law.stiffness * max(law.free_length / law.height - 1.0, 1.0)
@@ -97,7 +96,7 @@ cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noe
         return 0.0, INFINITY
     if side > 0:
         return mechanism_energy(law, 0.0), barrier
-    # in the rear stop the spring pushes with less than F, so the energy falls by at most F^2 / (2 k_s) (stiffness k_s of the stop)
+    # in the rear stop (stiffness k_s) the spring pushes with less than F, so the energy falls by at most F^2 / (2 k_s)
     return max(spring_energy(law, law.rear_stop) - 0.5 * F * F / law.stop_stiffness, 0.0), barrier
 
 

@@ -5,7 +5,7 @@ object do not touch, under a flange acceleration a,
 
     y'' + 2 zeta omega y' + omega^2 y = -a        (paper, eq. 17 with F = 0)
 
-so z = y + a / omega^2 is a free damped oscillation, whose value at any time has a formula.
+so z = y + a / omega^2 is a free damped oscillation.
 """
 
 

@@ -1,8 +1,7 @@
 """Mass, stiffness and damping of a compliant robot (paper, eq. 8 and 16), from a table over the imposed position.
 
-Between two breaks of the table, the three parameters are cubic polynomials of the imposed position; before the first
-and after the last break they are constant. A robot with constant parameters has a table with one interval, longer than
-any motion.
+Between two breaks of the table, the three parameters are cubic polynomials of the imposed position. Before the first
+and after the last break they are constant. The table of a robot with constant parameters has one very long interval.
 """
 
 
@@ -18,7 +17,7 @@ cdef struct RobotNow:
 
 
 cdef struct RobotSlopes:  # more derivatives by the imposed position
-    double stiffness, damping  # N/m^2, N s/m^2, derivatives of stiffness and damping
+    double stiffness, damping  # N/m^2, N s/m^2
     double mass_bend  # kg/m^2, second derivative of the mass
 
 
@@ -40,7 +39,7 @@ cdef inline (double, double) robot_bounds(const RobotTable *table, int place) no
 
 
 cdef inline double table_offset(const RobotTable *table, int place, double position, int *interval) noexcept nogil:
-    """Return x - breaks[i], m, the argument of the polynomials, where x is the nearest position in the table; write i to `interval`."""
+    """Return x - breaks[i], m, the polynomials' argument, with x the nearest position in the table; write i to `interval`."""
     cdef int i = min(max(place, 0), <int> table.intervals - 1)
     interval[0] = i
     if place == i:

@@ -1,19 +1,18 @@
 """Compute a robot's mass, damping and stiffness along an approach from its joints (paper, section 3.1, eq. 10-16).
 
-    default_approach() -> Approach        the shipped table: Viper s650, the paper's m_r at the impact
+    default_approach() -> Approach        the shipped table: Viper s650, with the paper's mass at the impact
     Approach.robot_table(), .at(position) the robot of a Scene, with one of three kinds of mass
 
-The functions below compute such a table and need MuJoCo, the extra `robot`:
+These functions need MuJoCo, the extra `robot`:
 
     from_urdf(path, base, tip) -> Arm     any serial arm; viper.viper() returns the paper's arm
     Arm.along(start, direction, length)   -> Approach, the table along a line through the flange
     Arm.reduction(angles, direction)      one row of the table
     joint_angles(arm, place, ...)         joint angles of a pose
-    all_joints.simulate(arm, approach, scene)  simulates a blow with all joints, to see the error of the table
+    all_joints.simulate(arm, approach, scene)  a blow with all joints, to see the error of the table
 
 Kinematics and joint limits of the Viper are public data. Its inertia and joint stiffness are estimates: at a given pose
-m_r is uncertain by tens of per cent, k_r even more. At the impact of the default approach, m_r is the paper's
-value, and k_r is inferred from the paper.
+the mass is uncertain by tens of per cent, the stiffness even more.
 """
 
 import warnings
@@ -42,28 +41,27 @@ def from_urdf(
     """Return the arm between two links of a URDF file; each joint is elastic between its motor and its link.
 
     Args:
-        path: path of the URDF file; the mesh files that it names are not needed.
+        path: the URDF file; its mesh files are not needed.
         base: name of the fixed link; links above it are ignored.
         tip: name of the link at the end of the arm; its frame is the flange.
-        joint_stiffness: N m/rad, for prismatic joints N/m: see `PerJoint`. Two numbers for an arm of two joints are one
-            number for each joint. There is no default, because the stiffness matters, but is seldom published.
+        joint_stiffness: N m/rad, for prismatic joints N/m: see `PerJoint`. For an arm of two joints, two numbers are
+            one number for each joint, not a pair.
         joint_damping: N m s/rad, for prismatic joints N s/m: see `PerJoint`.
         rotor_inertia: inertia of the motors' rotors, kg m^2, for prismatic joints kg; only the servo of
             `all_joints.simulate` needs it.
         gear: turns of the rotor per turn of the joint; None: 1.
         seed: seed of the random draws from pairs.
-        inertia: "given" or "balanced". A principal moment of inertia cannot exceed the sum of the two others. "given"
-            refuses a body that breaks this rule. "balanced" replaces its three moments by their mean, as MuJoCo's
-            `balanceinertia` does. A body is a link with all links welded to it.
+        inertia: "given" or "balanced". A principal moment of inertia of a body (a link with all links welded to it)
+            cannot exceed the sum of the two others. "given" refuses a body that breaks this rule. "balanced" replaces
+            the three moments of such a body by their mean, as MuJoCo's `balanceinertia` does.
 
     Raises:
-        TypeError, ValueError: the file does not describe such an arm, or a joint parameter is invalid. The message
-            names the link, the joint or the parameter.
+        TypeError, ValueError: the file does not describe such an arm, or an argument is invalid.
         ImportError: MuJoCo is not installed.
 
     Warns:
-        UserWarning: a link that the arm moves has inertia but no mass, so its inertia is left out. Or a joint outside
-            the arm mimics a joint of the arm, but is held at zero. Or a joint has limits beyond 10 rad or 100 m.
+        UserWarning: a link that the arm moves has inertia but no mass, so its inertia is left out; a joint outside
+            the arm mimics a joint of the arm, but is held at zero; a joint has limits beyond 10 rad or 100 m.
     """
     choice("inertia", inertia, ("given", "balanced"))
     one_of("path", path, str, Path)

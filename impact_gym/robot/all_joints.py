@@ -3,9 +3,9 @@
     M(q) q'' + c(q, q') = D (q_m' - q') + K (q_m - q) - J' F
 
 Joints of stiffness K and damping D connect the motors, at the angles q_m, with the links, at the angles q. The motors
-follow the line, exactly or by a servo. Tool and object move along the line. F is the force of the coupling on the
-flange or, if the coupling is rigid, the contact force. MuJoCo computes the mass matrix M, the flange's Jacobian J and
-the weight and Coriolis forces c. SciPy integrates, so the results are independent of this package's compiled solver.
+follow the line of the approach, exactly or by a servo. Tool and object move along this line. F is the force of the
+coupling on the flange or, if the coupling is rigid, the contact force. MuJoCo computes the mass matrix M, the flange's
+Jacobian J, and c, the weight and Coriolis forces. SciPy integrates, independently of this package's compiled solver.
 """
 
 import math
@@ -30,7 +30,7 @@ MOST_CONTACTS = 200
 
 @dataclass(frozen=True)
 class Blow:
-    """Results of an approach that was simulated with all joints."""
+    """Results of an approach simulated with all joints."""
 
     object_velocity: float  # m/s, V_p
     touch_time: float | None  # s, time of the first touch; None: the object is not touched
@@ -52,16 +52,17 @@ def simulate(
     Args:
         arm: the arm that `approach` describes.
         approach: the line, and the motors' angles along it.
-        scene: tool, object without friction, contact with two equal exponents, and coupling.
+        scene: tool, object without friction, contact with equal exponents, and coupling.
         motion: motion of the motors along the line.
         duration: length of the run, s.
-        gravity: whether gravity acts; it then also deflects the joints at the start.
-        servo: the servo by which the motors follow the line; None: they follow it exactly.
+        gravity: whether gravity acts and, at the start, deflects the joints.
+        servo: the servo by which the motors follow the line; None: the motors follow the line exactly.
         rtol: relative tolerance of the integration, 1e-12 to 1e-3.
-        most_evaluations: number of evaluations of the equations after which the run stops with a status.
+        most_evaluations: number of evaluations of the equations after which the run ends early.
 
     Raises:
-        ValueError: the scene has something that is not modelled here, or the line ends before the object.
+        TypeError, ValueError: the scene has something that is not modelled here, the line ends before the object, or
+            another argument is invalid.
     """
     for field, value, kinds in (
         ("arm", arm, (Arm,)), ("approach", approach, (Approach,)), ("scene", scene, (Scene,)),

@@ -1,4 +1,4 @@
-"""A table of a robot's mass, damping and stiffness along a straight approach; reading and writing such tables."""
+"""A table of a robot's mass, damping and stiffness along a straight approach; reads and writes such tables."""
 
 import json
 from dataclasses import dataclass, fields
@@ -25,7 +25,7 @@ Mass = Literal["held", "effective", "composite"]
 
 @dataclass(frozen=True, eq=False)
 class Approach(Parameters):
-    """A robot on a line at constant orientation, as a table with a row for each position; masses are without a tool."""
+    """A robot on a line, as a table with a row for each position; masses are without a tool."""
 
     position: Annotated[Array, SI("m")]  # distance of the imposed motion from its start, rising from 0
     held: Annotated[Array, SI("kg")]  # m_r = M_X,11 (paper, eq. 12 and 16)
@@ -57,7 +57,7 @@ class Approach(Parameters):
     def robot_table(self, mass: Mass | None = None) -> RobotTable:
         """Return the robot with parameters that vary along the line; `mass` names one of three kinds of mass.
 
-        With the effective mass, the stiffness is the effective one, and damping is reduced in proportion to stiffness.
+        The effective mass is combined with the effective stiffness; damping is reduced in proportion to stiffness.
         """
         mass = self.chosen if mass is None else mass
         choice("mass", mass, get_args(Mass))

@@ -25,11 +25,10 @@ SPACING, LONGEST = 0.0025, 4.0  # m, largest distance between places along a lin
 MAX_CONDITION = 30.0
 """Largest allowed condition number of the Jacobian.
 
-At a condition number of 30, joint 5 of the paper's arm (`viper`) is 6 to 10 deg from its angle at a straight wrist, or
-joint 3 is about 14 deg from its angle at a stretched arm. There a small displacement of the flange needs a large
-rotation of the joints: M_X,11 is some 100 kg, more than three times the mass of the robot, and eq. 11-16 no longer
-hold."""
-SOFTEST, STIFFEST = 1.0, 1e8  # N/m, allowed stiffness along a line; outside, a unit is wrong. 20 N m/rad give 100 N/m
+At 30, joint 5 of the paper's arm (`viper`) is 6 to 10 deg from a straight wrist, or joint 3 is about 14 deg from a
+stretched arm. There a small displacement of the flange needs a large rotation of the joints. The held mass is some
+100 kg, more than three times the mass of the robot, so the paper's eq. 11-16 no longer hold."""
+SOFTEST, STIFFEST = 1.0, 1e8  # N/m, allowed stiffness along a line; beyond, a unit is probably wrong
 
 
 class Arm:
@@ -70,7 +69,7 @@ class Arm:
 
     @cached_property
     def length(self) -> float:
-        """Largest distance between neighbours among joints and flange, m; rotations are multiplied by it."""
+        """Largest distance between successive joints, or last joint and flange, m; factor of rotations."""
         self._place(np.zeros(self.count))
         anchors = np.vstack([self._data.xanchor, self._data.xpos[self._tip]])
         return float(np.linalg.norm(np.diff(anchors, axis=0), axis=1).max())
@@ -88,12 +87,12 @@ class Arm:
         return jacobian
 
     def held_rows(self, angles: ArrayLike) -> Array:
-        """Return the rows of J(q) for the directions in which the flange is held: six, or three below six joints."""
+        """Return the rows of J(q) for the directions in which the flange is held: six; three with under six joints."""
         return self.jacobian(angles)[: 6 if self.holds_orientation else 3]
 
     @cached_property
     def rank(self) -> int:
-        """Rank of `held_rows` at a general pose; lower than their number, for instance, if the arm moves in a plane."""
+        """Rank of `held_rows` at a general pose; below their number, for instance, if the arm moves in a plane."""
         low, high = np.clip([self.lower, self.upper], -3.0, 3.0)
         somewhere = np.random.default_rng(0).uniform(low, np.maximum(high, low), (8, self.count))
         return max(int((sizes > 1e-9 * sizes[0]).sum()) for sizes in map(self._singular_values, somewhere))
@@ -137,7 +136,7 @@ class Arm:
         return position, J
 
     def accelerations(self, torques: Array) -> Array:
-        """Return the accelerations of the joints (n,) by `torques`, weight and Coriolis forces, after `move`."""
+        """Return the joints' accelerations (n,) under `torques`, weight and Coriolis forces; call `move` first."""
         self._data.qfrc_applied[:] = torques
         self._mujoco.mj_fwdAcceleration(self._model, self._data)
         return self._data.qacc_smooth.copy()
@@ -156,10 +155,11 @@ class Arm:
         Held mass, damping and stiffness are the elements (1,1) of the Cartesian matrices (paper, eq. 12-16). They
         describe a flange that can move only along the line. Effective mass and stiffness describe a free flange:
         impulse / velocity and static force / deflection along the line. They never exceed the held mass and stiffness
-        (Cauchy-Schwarz). The composite mass is the effective mass of all links as one free rigid body; an arm under
+        (Cauchy-Schwarz). The composite mass is the effective mass of all links as one free rigid body. An arm under
         stiff position control behaves nearly like such a body (Wang, Dehio and Kheddar, arXiv 2202.12646).
 
-        For an arm with more joints than held directions, the Cartesian matrix of a joint matrix A is (J A^-1 J')^-1.
+        With more joints than held directions, held mass and stiffness are elements of (J A^-1 J')^-1 for a joint
+        matrix A. The damping is then that at the joint rates of a static deflection.
 
         Raises:
             ValueError: the arm cannot move in `direction`, or is too near a singularity.
@@ -192,8 +192,8 @@ class Arm:
             length: length of the line, m; or the positions of the table's rows, m from the start, rising from 0.
 
         Raises:
-            ValueError: the arm cannot follow the line; the message names the first place that it cannot reach, and the
-                joint. Or the arm is so soft or so stiff along the line that a unit must be wrong.
+            ValueError: the arm cannot follow the line; the message names the first place that the arm cannot reach.
+                Or the stiffness along the line is so low or high that a unit is probably wrong.
         """
         unit, angles, given = _unit(direction), np.array(numbers("start", start, "rad")), length
         if not hasattr(given, "__len__"):
@@ -229,12 +229,11 @@ def _unit(direction: ArrayLike) -> Array:
 def joint_angles(arm: Arm, position: ArrayLike, rotation: Array | None, near: ArrayLike) -> Array:
     """Return the joint angles (n,) that put the flange at `position`; the search starts from the angles `near`.
 
-    The search is Newton's method with the least change of the joints in each step, so that also an arm with more joints
-    than needed gets one definite solution. If `rotation` is None, the orientation is free.
+    The search is Newton's method. Each step changes the joints as little as possible, so an arm with more joints than
+    needed also gets one solution. If `rotation` is None, the orientation is free.
 
     Raises:
-        ValueError: the arm cannot reach the pose within its limits, or only near a singularity; the message names place
-            and joint.
+        ValueError: the arm cannot reach the pose within its limits, or only near a singularity.
     """
     goal, angles = np.asarray(position, dtype=np.float64), np.array(near, dtype=np.float64)
     where = f"x = {goal[0]:.6g} m, y = {goal[1]:.6g} m, z = {goal[2]:.6g} m"

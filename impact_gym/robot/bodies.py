@@ -1,4 +1,4 @@
-"""The bodies of an arm. A body is a joint with the links that it moves and that are welded together."""
+"""The bodies of an arm. A body is a joint with the links, welded together, that the joint moves."""
 
 import importlib
 from collections.abc import Sequence
@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from impact_gym.robot.approach import Array
 
 LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # least allowed values of a body, kg and kg m^2
-LARGEST_GYRATION = 3.0  # m, or the arm's reach if that is larger: largest radius of gyration; kg mm^2 give a larger one
-ROUNDING = 1e-6  # the largest moment may exceed the sum of the others by this fraction: files have about six digits
+LARGEST_GYRATION = 3.0  # m, largest radius of gyration, unless the arm's reach is larger; kg mm^2 give more
+ROUNDING = 1e-6  # fraction by which a moment may exceed the sum of the others: files have about six digits
 
 
 class Body(NamedTuple):
@@ -27,7 +27,7 @@ class Body(NamedTuple):
 
 
 def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[Any, Any]:
-    """Return the module mujoco, and an MjSpec of a chain of bodies; `tip` (4, 4) is the flange's pose in the last."""
+    """Return the module mujoco, and an MjSpec of a chain of bodies; `tip` (4, 4): flange's pose in the last body."""
     try:
         mujoco: Any = importlib.import_module("mujoco")  # by name, so that types are checked without MuJoCo
     except ImportError as missing:
@@ -46,7 +46,7 @@ def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[A
 
 
 def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
-    """Return mass and inertia of a body as arguments of MuJoCo's `add_body`; `reach` (m) is that of the arm."""
+    """Return mass and inertia of a body as arguments of MuJoCo's `add_body`; `reach` (m) of the arm."""
     total = np.sum(list(body.links.values()), axis=0)  # a single link may be a mere frame or a point mass
     mass, centre = float(total[3, 3]), total[:3, 3] / max(total[3, 3], LEAST_MASS)
     if not mass >= LEAST_MASS:
@@ -62,7 +62,7 @@ def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
     if not least >= LEAST_INERTIA:
         raise ValueError(f"{found}: each must be above 0, at least {LEAST_INERTIA:g}")
     if most <= (1.0 + ROUNDING) * (least + middle):
-        spread = np.maximum(spread, 1e-12 * spread.sum())  # MuJoCo refuses moments that break the rule by rounding
+        spread = np.maximum(spread, 1e-12 * spread.sum())  # MuJoCo does not allow for this rounding
         moments = spread.sum() - spread
     elif balanced:
         moments = np.full(3, spread.sum() * 2.0 / 3.0)

@@ -17,13 +17,13 @@ from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.arm import Arm
 from impact_gym.scene import Bistable, Rigid, Scene, SpringDamper
 
-LOST = 0.05  # rad or m; if a motor deviates more from its command, the servo is considered to have failed
-MOST_EVALUATIONS = 400_000  # default: most evaluations of the equations in a run; so many take about 15 s
+LOST = 0.05  # rad or m; if a motor deviates more from its command, the run ends
+MOST_EVALUATIONS = 400_000  # default: most evaluations of the equations in a run; they take about 15 s
 STIFF = 1e5  # 1/s; if the joints' fastest mode is faster, an implicit integration method is used
 
 
 class Path:
-    """The commanded motion along the line; its velocity is linear between `times` (s), and the last one is held."""
+    """The commanded motion along the line; velocity is linear between `times` (s), then constant."""
 
     def __init__(self, motion: Trapezoid | Motion) -> None:
         self._motion, self.threshold = motion, math.inf  # N, force that triggers the brake
@@ -46,7 +46,7 @@ class Path:
         return self._places[k] + (speed + 0.5 * rate * since) * since, speed + rate * since, rate
 
     def brake(self, detection: float) -> None:
-        """Add the braking; it begins the brake's delay after `detection` (s), when the force exceeded the threshold."""
+        """Add the braking, which begins `delay` after the force exceeded the threshold at `detection` (s)."""
         assert isinstance(self._motion, Trapezoid)
         assert self._motion.brake
         t = detection + self._motion.brake.delay
@@ -73,8 +73,8 @@ class Unfinished(Exception):  # noqa: N818 a status, not an error
 class Equations:
     """The equations of motion, and the numbers in them.
 
-    The state consists of angles and rates of the joints; with a servo, angles and rates of the motors; position and
-    velocity of the tool and of the object; and the impulse on the object.
+    The state: joint angles and rates; with a servo, motor angles and rates; position and velocity of the tool, then of
+    the object; impulse on the object.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Equations:
         inverse, unit = np.linalg.inv(self.arm.mass_matrix(self.motors(scene.object.distance))), np.eye(self.n)
         modes = np.linalg.eigvals(np.block([[0.0 * unit, unit], [-inverse * arm.stiffness, -inverse * arm.damping]]))
         self.stiff = bool(np.abs(modes).max() > STIFF)
-        self.damping = 0.0  # N s/m^(1 + n), chi in the present contact's damping force chi * depth^n * rate
+        self.damping = 0.0  # N s/m^(1 + n), chi in the damping force chi * depth^n * rate of the present contact
         self.evaluations, self.most_evaluations = 0, most_evaluations
         q = q_m = self.motors(0.0)
 
@@ -100,7 +100,7 @@ class Equations:
 
         if gravity:
             q = fsolve(unbalanced, q_m)
-        self.torque = arm.stiffness * (q_m - q)  # torques of the motors, constant between two samples of the servo
+        self.torque = arm.stiffness * (q_m - q)  # torques of the motors, from the last sample that acts
         motors = [q_m, np.zeros(self.n)] if servo else []
         place = float(self.u @ (self.arm.flange(q)[0] - self.start))
         self.first = np.concatenate([q, np.zeros(self.n), *motors, [place, 0.0, scene.object.distance, 0.0, 0.0]])
@@ -174,7 +174,7 @@ class Equations:
         return float(tool - y[-3]), float(v_t - y[-2])
 
     def piece(self, t: float, until: float, y: Array, touching: bool, rtol: float) -> Any:
-        """Integrate to `until` (s) or the first event: touch or parting, end of the line, force above the threshold."""
+        """Integrate to `until` (s) or the first event: touch, parting, an end of the line, force above threshold."""
         events: list[Any] = [
             lambda _, y: self.penetration(y)[0],
             lambda t, _: min((s := self.path.at(t)[0]) + 1e-9, self.end - s),

@@ -1,10 +1,9 @@
 """Read the serial arm between two links of a URDF file.
 
-Joints that are not between the two links, such as those of a gripper, are held at zero, so the links behind them move
-with the arm. Links that the arm does not move are not checked. Meshes, colours and transmissions are ignored.
+Joints outside the arm, such as those of a gripper, are held at zero. The inertia of links that the arm does not move
+is not read. Meshes, colours and transmissions are ignored.
 
-MuJoCo's own URDF reader is not used: it needs the mesh files, ignores mimic joints without a warning, and does not name
-the link whose inertia is wrong.
+MuJoCo's own URDF reader is not used: it needs the mesh files, and ignores mimic joints without a warning.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -24,7 +23,7 @@ from impact_gym.validation import number, unit_text
 UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 """Types of joints that an arm may have, and the unit of each type's position."""
 MOST_MASS, MOST_INERTIA, FARTHEST, MOST_TURN = 1e6, 1e12, 100.0, 10.0
-"""Largest numbers allowed in a file, in kg, kg m^2, m and rad; larger ones are probably in other units."""
+"""Largest numbers allowed in a file, in kg, kg m^2, m and rad; larger joint limits only cause a warning."""
 MOST_JOINTS = 1000  # most joints of an arm; MuJoCo recurses from joint to joint
 Element = ElementTree.Element
 
@@ -41,7 +40,7 @@ class Joint(NamedTuple):
 
 
 def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[Body], Array]:
-    """Return the bodies from link `base` to link `tip`, and the pose (4, 4) of `tip` in the last; warn in `remarks`."""
+    """Return the bodies from link `base` to link `tip`, and `tip`'s pose (4, 4) in the last body; add to `remarks`."""
     robot = _parsed(content)
     links = _named(robot, "link")
     joints = _downwards(links, _named(robot, "joint"))
@@ -51,7 +50,7 @@ def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[
         wanted = "two joints or more" if len(chain) < 2 else f"at most {MOST_JOINTS} joints"
         raise ValueError(f"an arm has {wanted}, between {base!r} and {tip!r} there are {len(chain)}")
     bodies, fixed = list[Body](), (None, np.eye(4))
-    places: dict[str, tuple[Body | None, Array]] = {base: fixed}  # for each link its body, and its pose in the body
+    places: dict[str, tuple[Body | None, Array]] = {base: fixed}  # for each link its body, and its pose in that body
     for joint in joints:
         body, place = places.get(joint.parent, fixed)
         if not body and joint not in way:
@@ -118,7 +117,7 @@ def _named(robot: Element, kind: str) -> dict[str, Element]:
 
 
 def _only(of: Element | None, tag: str, name: str) -> Element | None:
-    """Return the only child with this tag, or None; `name` is the name of the parent for messages."""
+    """Return the only child with this tag, or None; messages contain `name`, the parent's name."""
     found = [] if of is None else of.findall(tag)
     if of is not None and len(found) > 1:
         raise ValueError(f"{of.tag} {name!r} has {len(found)} elements <{tag}>, allowed is one")
@@ -163,7 +162,7 @@ def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, m
 
 
 def _place(name: str, of: Element) -> Array:
-    """Return the pose of a joint or of a centre of mass, homogeneous, (4, 4)."""
+    """Return the pose of a joint or of an inertial frame, homogeneous, (4, 4)."""
     origin, place = _only(of, "origin", name), np.eye(4)
     if unknown := [] if origin is None else sorted({*origin.keys()} - {"xyz", "rpy"}):
         raise ValueError(f"origin of {name} has {', '.join(unknown)}, known are xyz and rpy")
@@ -205,7 +204,7 @@ def _axis(joint: Joint) -> Array:
 def _inertia(link: Element, remarks: list[str]) -> Array:
     """Return the pseudo-inertia J (4, 4) of a link: the integral of r r' over its mass, r = (x, y, z, 1) in its frame.
 
-    In a frame in which the link has the pose T, the pseudo-inertia is T J T'. In a common frame the pseudo-inertias of
+    In a frame in which the link has the pose T, the pseudo-inertia is T J T'. In one frame the pseudo-inertias of
     welded links add up (Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3, 2018).
     """
     name = link.get("name", "")

@@ -1,13 +1,12 @@
 """The paper's arm, the Viper s650, and a default approach on which it has the paper's mass and stiffness.
 
-The paper gives neither the joint angles nor the place of the impact. Of the curves in its Fig. 12 it prints only
-m_r + m_t = 5.35 kg at the impact. We infer k_r = 1.9e5 N/m at the impact, and a travel of 0.2505 m before it, from
-other printed numbers (see docs/provenance.md).
+The paper gives neither the joint angles nor the place of the impact. Of its Fig. 12 it prints one number: robot mass
+m_r + tool mass m_t = 5.35 kg at the impact. From other printed numbers we infer the robot's stiffness at the impact,
+k_r = 1.9e5 N/m, and the travel to the impact, 0.2505 m (see docs/provenance.md).
 
-With the tool in the plane of the arm (y = 0), m_r and k_r depend only on the position of the wrist centre, because the
-orientation is held and links 5 and 6 only translate. `default_line` finds a position at which m_r and k_r have the
-values above. The arm reaches it on a straight line of 0.2505 m, with every joint at least 15 degrees from its limits.
-The tool is horizontal and points along the approach.
+With the tool in the plane of the arm (y = 0), m_r and k_r depend only on the position of the wrist centre, because
+links 5 and 6 only translate. `default_line` finds a position with these m_r and k_r. The arm reaches this position on a
+straight line, with every joint at least 15 degrees from its limits. The tool points along the line.
 """
 
 from pathlib import Path
@@ -22,9 +21,9 @@ from impact_gym.robot.arm import Arm, joint_angles
 
 FILE = Path(__file__).with_name("viper_s650.urdf")
 STIFFNESS = (10000.0, 10000.0, 3000.0, 1000.0, 700.0, 300.0)
-"""Stiffness of the joints, N m/rad. It is an estimate, not measured; the ratios between joints are arbitrary.
+"""Stiffness of the joints, N m/rad: estimates, with arbitrary ratios between joints.
 
-It gives k_r = 1.5e5 N/m at x = 0.50 m, z = 0.20 m with the tool pointing down.
+They give k_r = 1.5e5 N/m at x = 0.50 m, z = 0.20 m with the tool pointing down.
 """
 DAMPING_OVER_STIFFNESS = 3.7e-4  # s, factor beta in D = beta K; a damping ratio of about 3 % at 26 Hz
 MASS_AT_IMPACT = 5.35 - 0.125  # kg, the printed m_r + m_t (paper, section 3.2) minus the mass of the tool
@@ -41,20 +40,20 @@ ELBOW_UP = (0.0, -0.7, 3.2, 0.0, -2.5, 0.0)  # rad, joint angles with the elbow 
 
 
 def viper() -> Arm:
-    """Return the Viper. At joint angles of 0 all its frames are parallel. The flange's z axis points away from it."""
+    """Return the Viper. At joint angles of 0 all frames are parallel. The flange's z axis points away from the arm."""
     damping = tuple(DAMPING_OVER_STIFFNESS * stiffness for stiffness in STIFFNESS)
     return from_urdf(FILE, "base", "flange", joint_stiffness=STIFFNESS, joint_damping=damping)
 
 
 def angles_at(arm: Arm, x: float, y: float, z: float, orientation: str) -> Array:
-    """Return joint angles, with the elbow up, that put the flange at x, y, z (m); `orientation` is a key of PITCH."""
+    """Return joint angles, elbow up, that put the flange at x, y, z (m); `orientation` is a key of PITCH."""
     pitch = PITCH[orientation]
     near = np.add(ELBOW_UP, [np.arctan2(y, x), 0.0, 0.0, 0.0, pitch, 0.0])
     return joint_angles(arm, (x, y, z), Rotation.from_rotvec([0.0, pitch, 0.0]).as_matrix(), near)
 
 
 def default_line(arm: Arm) -> Approach:
-    """Find the default approach numerically and return it."""
+    """Return the default approach, found numerically."""
 
     def misfit(place: Array) -> Array:
         x, z = map(float, place)
@@ -72,5 +71,5 @@ def default_line(arm: Arm) -> Approach:
 
 
 def write_default_approach(path: Path = SHIPPED) -> None:
-    """Compute the default approach again and write its table, by default over the shipped one."""
+    """Compute the default approach and write its table, by default over the shipped table."""
     write(path, default_line(viper()), PROVENANCE)

@@ -1,4 +1,4 @@
-"""The outer loop: a command ramps the flange's velocity and holds it; meanwhile flights and contacts alternate."""
+"""The outer loop: a command ramps and holds the flange's velocity, while flights and contacts alternate."""
 
 cdef double GRAZE = 1e-12  # m/s, smallest approach velocity; with 0 the scaled equations would stay at their initial state
 cdef double LOST = 1e11  # largest ratio steady deflection / position of the object; above it rounding exceeds 1e-5 of the position
@@ -10,7 +10,7 @@ cdef void reset_memory(Memory *memory, double step) noexcept nogil:
     memory.step, memory.method, memory.patience = step, EXPLICIT, UNCHECKED
 
 
-cdef double REST_SPEED = 1e-3  # m/s, a tool that stays slower counts as at rest
+cdef double REST_SPEED = 1e-3  # m/s, a slower tool counts as at rest
 cdef double REST_STEP = 1e-3  # s, time between two checks whether the tool is at rest
 
 
@@ -65,7 +65,7 @@ cdef double take_peak(const Run *run, Chain *chain) noexcept nogil:
 
 
 cdef int command(Run *run, Chain *chain, double target, double acceleration, double until) noexcept nogil:
-    """Ramp the flange to `target` (m/s), and hold it until `until` (s); return ARRIVED, or earlier another status."""
+    """Ramp the flange to `target` (m/s), hold it until `until` (s), return ARRIVED; or return earlier with another status."""
     cdef double change, ramp, end
     cdef bint ramp_ends
     cdef int status
@@ -108,7 +108,7 @@ cdef int advance(Run *run, Chain *chain, double acceleration, double until) noex
 
 
 cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
-    """Advance a flight to the first event, or to `until` (s) or until the object comes to rest; return the status."""
+    """Advance a flight to the first event, the object's rest or `until` (s); return the status."""
     cdef double rest = INFINITY
     cdef int status
     if ground_now(run, chain) > 0.0:
@@ -171,7 +171,7 @@ cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef inline double slow_swing(double velocity, double acceleration, double frequency) noexcept nogil:
-    """Return a bound on the displacement (m) in an oscillation of at least this angular frequency; inf if REST_SPEED can be exceeded."""
+    """Return a bound on the displacement (m) of an oscillation of at least `frequency` (rad/s); inf if faster than REST_SPEED."""
     cdef double fastest = hypot(velocity, acceleration / frequency)
     return 2.0 * fastest / frequency if fastest <= REST_SPEED else INFINITY
 
@@ -183,7 +183,7 @@ cdef void note_tool_rest(const Run *run, Chain *chain) noexcept nogil:
 
 
 cdef void record_rest(const Run *run, Chain *chain, double distance) noexcept nogil:
-    """With friction, store how far the object slides from `distance` (m), and when tool and object are at rest, if no contact follows."""
+    """With friction, store the slide from `distance` (m), and when tool and object are at rest, if no contact follows."""
     cdef double speed = max(object_velocity(chain), 0.0)
     if run.ground == 0.0:
         return
@@ -204,13 +204,13 @@ cdef struct Approach:  # scene and motion of one run
     double threshold  # N, inf without a brake
     double delay  # s
     double deceleration  # m/s^2
-    int64_t motion, points  # of a `Motion`: index of its times in the tables, which its velocities follow; number of its times
+    int64_t motion, points  # of a `Motion`: index in the tables of its times, then its velocities; number of its times
     double duration  # s
     double frame  # m/s, common velocity of flange, tool and object at t = 0
 
 
 cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
-    """Run an approach: a trapezoid, which a brake may end, or a `Motion`; record an unfinished contact, too."""
+    """Run an approach: a `Motion`, or a trapezoid, which a brake may end; also record an unfinished contact."""
     cdef const double *times = run.tables + plan.motion
     cdef const double *velocities = times + plan.points
     cdef double speed = plan.speed, acceleration = plan.acceleration, brake_at = INFINITY

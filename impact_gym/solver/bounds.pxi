@@ -1,4 +1,4 @@
-"""Bounds on the motion of an INTEGRATED chain: on its energy, and how far the tool can move."""
+"""Bounds on the motion of an INTEGRATED chain."""
 
 
 cdef inline double coupling_energy(const Law *law, double stretch) noexcept nogil:
@@ -53,7 +53,7 @@ cdef enum:
 
 
 cdef double longest_blind_step(const Piece *now, const double *x, double longest, double shortest) noexcept nogil:
-    """Return a step (scaled) of a flight, at most `longest`, in which tool and object cannot touch; `shortest` if none is found."""
+    """Return a step (scaled) of a flight, at most `longest`, in which tool and object cannot touch; else `shortest`."""
     cdef const Law *law = now.law
     cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
     cdef double touching = law.tool_mass, mass = law.tool_mass, energy, floor = 0.0, barrier = INFINITY
@@ -70,12 +70,12 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
     else:
         touching = mass
         energy = 0.5 * (mass * at.y_dot * at.y_dot + at.robot.stiffness * at.y * at.y)
-    # the energy E relative to the imposed motion grows by at most |a| sqrt(2 E mass) per s, so sqrt(E) by |a| sqrt(mass / 2) times time
+    # the energy E relative to the imposed motion grows by at most |a| sqrt(2 E mass) per s, so sqrt(E) by |a| sqrt(mass / 2) per s
     while h > shortest:
         span = h * now.units.time
         gained = fabs(now.acceleration) * sqrt(0.5 * mass) * span
         fed = sqrt(TABLE * max(energy - floor, 0.0)) + gained
-        if floor + fed * fed >= barrier:  # then the slider can reach the other side, where the spring's energy can be lower
+        if floor + fed * fed >= barrier:  # the slider can reach the other side, where the spring's energy can be lower
             fed = sqrt(TABLE * energy) + gained
         if span * (closing + (fabs(now.acceleration) + ground) * span + fed * sqrt(2.0 / touching)) < gap:
             return h

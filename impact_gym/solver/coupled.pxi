@@ -1,4 +1,4 @@
-"""Functions whose formulas differ between the kinds of chain: RIGID, SPRING and INTEGRATED."""
+"""Functions whose formulas differ between RIGID, SPRING and INTEGRATED chains."""
 
 
 cdef void begin_piece(
@@ -12,7 +12,7 @@ cdef void begin_piece(
     if not chain.holding:
         now.contact.held = now.contact.damping = 0.0
     now.tolerance = run.tolerance
-    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # only a contact: flights of RIGID and SPRING chains have formulas
+    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # only contacts: flights of these chains have formulas
     now.threshold = run.threshold / now.units.force
     now.horizon = (until - chain.time) / now.units.time
     now.push = acceleration * now.units.time / now.units.velocity
@@ -66,7 +66,7 @@ cdef void load(const Piece *now, const Chain *chain, double *x) noexcept nogil:
 
 
 cdef void store(const Piece *now, const Chain *base, const double *x, Chain *chain) noexcept nogil:
-    """Write the scaled state `x` into `chain`; `base` is the chain at the start of the piece, and may be `chain` itself."""
+    """Write the scaled state `x` into `chain`; `base`, the chain at the start of the piece, may be `chain` itself."""
     cdef double impulse = now.units.force * now.units.time
     if now.law.kind == SPRING:
         chain.deflection_integral = base.deflection_integral
@@ -126,7 +126,7 @@ cdef void dense_output(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nogil:
-    """Return the estimated largest eigenvalue: for an explicit step from its last two stages, for a series by `fastest`."""
+    """Return the estimated largest eigenvalue: of an explicit step from its last two stages, of a series by `fastest`."""
     if work.method == SERIES:
         return fastest(now, work.trial, work.trial_rate)
     if now.law.kind == SPRING:
@@ -158,7 +158,7 @@ cdef inline double touch_time(const Run *run, const Chain *chain, double acceler
 
 
 cdef double smooth_until(const Run *run, const Chain *chain, double acceleration, double until) noexcept nogil:
-    """Return the time (s), at most `until`, up to which a robot's parameters are smooth functions of time."""
+    """Return the time (s), at most `until`, up to which the robot's parameters are smooth."""
     cdef double low, high, ahead = INFINITY, behind = INFINITY, x_r = chain.flange_position, v_r = chain.flange_velocity
     cdef RobotTable table
     if run.law.kind != INTEGRATED or not run.law.intervals:
@@ -173,7 +173,7 @@ cdef double smooth_until(const Run *run, const Chain *chain, double acceleration
 
 
 cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
-    """Return True only if no touch is possible while the imposed motion stays at rest; False: possible or unknown."""
+    """Return whether no touch is possible while the imposed motion stays at rest; False also if unknown."""
     cdef double reach
     if run.law.kind == RIGID:
         return chain.penetration_rate <= 0.0
@@ -231,6 +231,6 @@ cdef Accelerations motion_now(const Run *run, const Chain *chain, double acceler
 
 
 cdef double tool_momentum(const Run *run, const Chain *chain) noexcept nogil:
-    """Return the momentum (N s) that the moving mass has gained in the contact, without that of robot mass that joined it."""
+    """Return the momentum (N s) that the moving mass gained in the contact, without that of robot mass that joined."""
     cdef double before = moving_mass(run, chain.start_flange_position) * chain.start_tool_velocity
     return moving_mass(run, chain.flange_position) * tool_velocity(chain) - before - chain.joined

@@ -1,7 +1,7 @@
 """Find events within a smooth piece. An event has a row: a value, which is negative until the event occurs, and its slope.
 
-The rows at the two ends of a step show which events have occurred at its end, and which may have occurred and ended within
-the step. The first event is located by the integrator's polynomial or by shorter steps; then a step is taken that ends there.
+The rows at both ends of a step show which events have occurred at its end, and which may have begun and ended within it. The first
+event is located by the integrator's polynomial or by shorter steps. Then a step is taken that ends on the event.
 """
 
 cdef enum:
@@ -17,9 +17,9 @@ cdef enum:
     TOUCH  # tool and object touch: a flight ends
     ROWS
     NOTHING = -1
-    SHORTER = -2  # an event cannot be located in this step: try a shorter step
+    SHORTER = -2  # no event can be located in this step: try a shorter step
 
-cdef double SHORTEST_STEP = 1e-10  # a step that starts on an event and ends beyond it is shortened down to this length
+cdef double SHORTEST_STEP = 1e-10  # least length to which a step that starts on an event is shortened
 
 
 cdef struct Events:
@@ -42,7 +42,7 @@ cdef void evaluate_events(const Piece *now, const double *x, const double *rate,
     if now.contact.held != 0.0:
         events.value[CLAMP], events.slope[CLAMP] = -events.value[CLAMP], -events.slope[CLAMP]
         events.height[FORCE], events.slope[FORCE] = force_along(&now.contact, z, w, rate[RATE])
-        if z == 0.0:  # there the slope may be 0 although the force rises
+        if z == 0.0:  # the slope may be 0 although the force rises
             events.slope[FORCE] = 1e-300
     events.height[CLAMP] = events.value[CLAMP]
     events.value[FORCE] = events.height[FORCE] - now.threshold
@@ -61,7 +61,7 @@ cdef void evaluate_object_events(const Piece *now, const double *x, const double
     events.value[REST] = events.height[REST] = -speed - now.standstill
     events.slope[REST] = -gain
     events.value[TOP], events.height[TOP], events.slope[TOP] = -1.0, speed, gain
-    if x[ROOT] <= 0.0:  # at a separation, or beyond it, where time runs backwards
+    if x[ROOT] <= 0.0:  # at or beyond a separation; beyond, time runs backwards
         events.slope[TOP] = copysign(1e-300, events.value[SLIP])
 
 
@@ -143,7 +143,7 @@ cdef Finding search(
 
 
 cdef bint rises_at_onset(const Piece *now, Work *work, double h) noexcept nogil:
-    """Return whether the force grows at the onset of a contact with n = 0, where df/ds is always 0 because dt/ds is."""
+    """Return whether the force grows at the onset of a contact with n = 0, where dt/ds = 0, so df/ds = 0."""
     cdef Events soon
     probe_exactly(now, work, h, 1e-3)  # 1e-3 of the step in s is 1e-6 of its duration
     evaluate_events(now, work.probe, work.probe_rate, &soon)
@@ -151,7 +151,7 @@ cdef bint rises_at_onset(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef bint starts_on(int row, double h, const Events *start, double reached) noexcept nogil:
-    """Return whether a step of `h` starts on a zero of the row and contains a second zero, which a shorter step excludes."""
+    """Return whether a step of `h` starts on a zero of the row and contains a second zero: try a shorter step."""
     if row < CLAMP or h <= SHORTEST_STEP or start.value[row] <= -1e-9 * reached:
         return False
     return FRONT_STOP <= row <= ALIGNMENT or start.slope[row] <= 0.0
@@ -169,7 +169,7 @@ cdef int before_landing(const Piece *now, const Events *end, int landed, bint un
 
 
 cdef double extremum(double start, double start_slope, double end, double end_slope) noexcept nogil:
-    """Return the maximum's place in (0, 1) of a cubic that rises at 0 and falls at 1, from its values and slopes at 0 and 1."""
+    """Return the place of the maximum in (0, 1) of a cubic that rises at 0 and falls at 1, from values and slopes there."""
     cdef double a = 3.0 * (end - start) - 2.0 * start_slope - end_slope, b = start_slope + end_slope - 2.0 * (end - start)
     cdef double root = sqrt(max(a * a - 3.0 * b * start_slope, 0.0))
     cdef double place = -start_slope / (a - root)
@@ -187,7 +187,7 @@ cdef double on_cubic(double t, double start, double start_slope, double end, dou
 cdef bint comes_back(int row, double h, const Events *start, const Events *end) noexcept nogil:
     """Return whether the value of a row first rises and then falls within a step, and may exceed zero in between."""
     cdef double v0 = start.height[row], v1 = end.height[row], s0 = h * start.slope[row], s1 = h * end.slope[row], top
-    if row == TOP and s1 < 0.0 < start.slope[SLIP]:  # at a slip the speed begins to grow, but the sign of its slope is a rounding error
+    if row == TOP and s1 < 0.0 < start.slope[SLIP]:  # at a slip the sign of the slope is a rounding error
         return True
     if not s0 > 0.0 > s1:
         return False
@@ -204,7 +204,7 @@ cdef double climb(
     cdef double low = 0.0, high = 1.0, low_slope = start.slope[row], high_slope = end.slope[row], before, gain
     cdef double share = extremum(start.height[row], h * low_slope, end.height[row], h * high_slope)
     cdef int side = 0
-    cdef bint exactly = work.method != EXPLICIT  # else first on the polynomial, to a millionth of the step, then by exact steps
+    cdef bint exactly = work.method != EXPLICIT  # else first on the polynomial, to 1e-6 of the step, then by exact steps
     for _ in range(60):  # secant method inside a bracket (Illinois), for the slope's zero
         if exactly:
             probe_exactly(now, work, h, share)
@@ -248,7 +248,7 @@ cdef double cubic_zero(double start, double start_slope, double end, double end_
 cdef double crossing_share(
     const Piece *now, Work *work, double h, int row, const Events *start, const Events *end, double high
 ) noexcept nogil:
-    """Find the zero, to 1e-9 of the step, of a row that is negative at the step's start and positive at `high` (Newton or bisection)."""
+    """Find the zero, to 1e-9 of the step, of a row that is negative at 0 and positive at `high` (Newton or bisection)."""
     cdef double low = 0.0, share = 0.5 * high, value, move
     cdef Events events
     if start.value[row] >= 0.0:  # by rounding
@@ -275,7 +275,7 @@ cdef double crossing_share(
 
 
 cdef double clock_share(const Piece *now, const Work *work, double h) noexcept nogil:
-    """Estimate the fraction of the step at which the piece ends, from t, z, w and dw/ds at both ends of the step; `land` corrects it."""
+    """Estimate the fraction of the step at which the piece ends, from t, z, w and dw/ds at both ends; `land` corrects it."""
     cdef double v0 = h * work.x[ROOT], a0 = 0.25 * h * h * work.x[RATE], j0 = h * h * h / 12.0 * work.rate[RATE]
     cdef double v1 = h * work.trial[ROOT], a1 = 0.25 * h * h * work.trial[RATE], j1 = h * h * h / 12.0 * work.trial_rate[RATE]
     cdef double way = work.trial[TIME] - work.x[TIME], left = now.horizon - work.x[TIME]
@@ -298,7 +298,7 @@ cdef double clock_share(const Piece *now, const Work *work, double h) noexcept n
 
 
 cdef double bend_share(const Work *work, double h) noexcept nogil:
-    """Return the fraction of a step of flight at which the gap may close although it opens at both ends of the step; 1: nowhere."""
+    """Return the fraction of a step of flight at which the gap may close although it opens at both ends; 1: nowhere."""
     cdef double w0 = work.x[RATE], w1 = work.trial[RATE], bend0 = h * work.rate[RATE], bend1 = h * work.trial_rate[RATE]
     cdef double share
     if w0 > 0.0 or w1 > 0.0 or not bend0 > 0.0 > bend1 or w0 + bend0 <= 0.0:
@@ -318,7 +318,7 @@ cdef double land(const Piece *now, Work *work, const Finding *found, double trie
         memcpy(work.trial, work.x, sizeof(work.x))
         memcpy(work.trial_rate, work.rate, sizeof(work.x))
         return 0.0
-    for _ in range(60):  # Newton's method on full steps, so that the event is on the computed motion, not on a polynomial
+    for _ in range(60):  # Newton's method on full steps: the event is on the computed motion, not on a polynomial
         error[0] = attempt(now, work, h)
         evaluate_events(now, work.trial, work.trial_rate, &events)
         off = -events.value[row] / events.slope[row]

@@ -1,13 +1,13 @@
-"""The integration loop: integrates a contact, or a flight that has no formula, to the next event."""
+"""Integrate a contact, or a flight that has no formula, to the next event."""
 
 cdef double FIRST_STEP = 0.3  # first trial step of a contact, in its variable s
-cdef double FIRST_FLIGHT = 0.1  # first trial step of a flight, multiplied by the chain's highest angular frequency
-cdef double LARGEST_STEP = 1.0  # largest step of a flight, scaled in the same way, unless a touch is impossible (`longest_blind_step`)
-cdef double OVERSHOOT = 1e3  # largest step of a contact with friction / time left, so that the piece's end can be located in the step
+cdef double FIRST_FLIGHT = 0.1  # first trial step of a flight, times the chain's highest angular frequency
+cdef double LARGEST_STEP = 1.0  # largest step of a flight, times the same frequency, unless a touch is impossible (`longest_blind_step`)
+cdef double OVERSHOOT = 1e3  # largest step of a contact with friction / time left; in a longer step the piece's end could not be located
 
 cdef enum:
-    TRACE_POINTS = 8  # trace points in a step of a contact that is not a series step
-    EVENTS_IN_TURN = 20  # largest number of events on which, one after another, a step is made to end
+    TRACE_POINTS = 8  # trace points in a step of a contact; more in a series step
+    EVENTS_IN_TURN = 20  # most events that are tried, one after another, as the end of a step
 
 
 cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bint flying) noexcept nogil:
@@ -25,11 +25,11 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     load(&now, chain, work.x)
     rates(&now, work.x, work.rate)
     evaluate_events(&now, work.x, work.rate, start)
-    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:  # step to about the time when the gap stops opening
+    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:  # to about the time when the gap stops opening
         h = min(h, -work.x[RATE] / work.rate[RATE])
     if not flying:
         peak = start.height[FORCE]  # the force of a linear contact begins above 0
-        if undetected and start.value[FORCE] >= 0.0:  # the force at the start can be at the threshold already
+        if undetected and start.value[FORCE] >= 0.0:  # the force at the start may have reached the threshold
             chain.detection = chain.time
             return DETECTED
         if now.rough and now.object_state == STUCK and work.x[ROOT] == 0.0 and start.value[SLIP] > 0.0:
@@ -72,7 +72,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
 
 
 cdef void add_ground_impulse(const Piece *now, const Run *run, Chain *chain, const double *x) noexcept nogil:
-    """Add the impulse of the ground in a piece: equal to the contact force's if the object sticks, else mu m_p g times time."""
+    """Add the impulse of the ground in a piece: the contact force's if the object sticks, else mu m_p g times time."""
     if now.object_state == STUCK:
         chain.ground_impulse += x[IMPULSE] * now.units.force * now.units.time
     else:
@@ -87,7 +87,7 @@ cdef void come_to_rest(Chain *chain) noexcept nogil:
 cdef bint good_step(
     const Piece *now, Work *work, const Events *start, Events *end, bint undetected, double *h, double *taken, Finding *found
 ) noexcept nogil:
-    """Try a step of `h`, or to the first event in it; return whether the step is accepted, and set `h` to the next trial step."""
+    """Try a step of `h`, or to the first event in it; return whether to accept it, and set `h` to the next trial step."""
     cdef double error, factor, tried, left = INFINITY, most = INFINITY
     if now.flying:
         left = now.horizon - work.x[TIME]
@@ -124,7 +124,7 @@ cdef bint good_step(
 cdef double land_on_first(
     const Piece *now, Work *work, double tried, const Events *start, Events *end, bint undetected, Finding *found, double *error
 ) noexcept nogil:
-    """Take a step that ends on the first event, and return its length; set `found.event` to SHORTER if a shorter step must be tried."""
+    """Take a step that ends on the first event; return its length; set `found.event` to SHORTER if a shorter one is needed."""
     cdef int other
     cdef double taken = tried
     for _ in range(EVENTS_IN_TURN):
@@ -138,7 +138,7 @@ cdef double land_on_first(
             return taken
         found.event, found.within = other, 1.0
         found.share = crossing_share(now, work, taken, other, start, end, 1.0)
-    found.event, found.share = SHORTER, 0.5  # the order of two events is undecided: they are closer than the error
+    found.event, found.share = SHORTER, 0.5  # two events are closer than the error, so their order is unknown
     return taken
 
 
@@ -171,11 +171,11 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
 
 
 cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noexcept nogil:
-    """Record trace points along the accepted step, each by a step of its own, which is more exact than the polynomial."""
+    """Record trace points along the accepted step, each by its own step, which is more exact than the polynomial."""
     cdef Chain ghost = chain[0]
     cdef Events events
     cdef int64_t point, points = TRACE_POINTS
-    if run.work.method == SERIES:  # such a step is longer than other steps
+    if run.work.method == SERIES:  # a longer step
         points = 3 * TRACE_POINTS // 2
     if now.flying:
         points = <int64_t> ceil(taken * now.units.time / run.recorder.interval)

@@ -1,9 +1,9 @@
 """Equations of motion of an INTEGRATED chain, whose flights have no formula.
 
-Such a chain has a compliant robot with a coupling, a coupling with stops, or both; or tool and robot are one mass whose
-parameters vary along a table. Forces are computed in SI units, then scaled. After z, w, t, impulse, deflection and its
-rate, the state has: the impulse of the coupling on the tool; the momentum of robot mass that has joined the moving part; the
-offset of the flange from the imposed motion; the rate of this offset.
+Such a chain has a coupling with stops, a compliant robot with an elastic coupling, or a robot table with a rigid coupling.
+Forces are computed in SI units, then scaled. The state has z, w, t, the impulse on the object, deflection and its rate; then
+the impulse of the coupling on the tool; the momentum of robot mass that has joined the moving part; the offset of the flange
+from the imposed motion, and its rate.
 """
 
 
@@ -46,7 +46,7 @@ cdef inline double coupling_pull(const Piece *now, double stretch, double stretc
 
 
 cdef inline Accelerations motion(const Piece *now, const Swing *at, double push) noexcept nogil:
-    """Return accelerations and forces (paper, eq. 8, 16 and 17) under the contact force `push` (N; `now.push` is an acceleration)."""
+    """Return accelerations and forces (paper, eq. 8, 16, 17) under the contact force `push`, N (`now.push`: acceleration)."""
     cdef Accelerations move
     cdef const RobotNow *robot = &at.robot
     cdef double flange_rate
@@ -59,7 +59,7 @@ cdef inline Accelerations motion(const Piece *now, const Swing *at, double push)
         move.pull = coupling_pull(now, at.y - at.q, at.y_dot - at.q_dot)
         move.gap = (move.pull - push) * now.tool_rate
         if now.robot.intervals:
-            flange_rate = now.per_acceleration / robot.mass  # divided first: the division need not wait for the pull
+            flange_rate = now.per_acceleration / robot.mass  # divided before the pull is known, which is faster
             move.flange = (-robot.stiffness * at.q - robot.damping * at.q_dot - move.pull) * flange_rate - now.push
     move.tool = move.gap - now.push
     move.gap += now.ground - push * now.object_rate
@@ -89,9 +89,9 @@ cdef inline IntegratedRates integrated_rates(
 
 
 cdef struct Gradient:  # derivatives of one entry of `Accelerations`
-    double y, y_dot  # derivatives by the deflection (per m) and by its rate (per m/s)
-    double q, q_dot  # derivatives by the flange offset and by its rate
-    double time  # derivative by time (per s)
+    double y, y_dot  # by the deflection (per m) and its rate (per m/s)
+    double q, q_dot  # by the flange offset and its rate
+    double time  # by time (per s)
 
 
 cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept nogil:
@@ -113,7 +113,7 @@ cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept n
 
 
 cdef inline Gradient flange_gradient(const Piece *now, const Swing *at, const Gradient *pull, double T) noexcept nogil:
-    """Return the derivatives of the force on a separate flange / its mass, from the coupling's force T (N) and its derivatives `pull`."""
+    """Return derivatives of force / mass of a separate flange, from the coupling's force T (N) and derivatives `pull`."""
     cdef const RobotNow *robot = &at.robot
     cdef RobotSlopes slopes = robot_slopes(&now.robot, now.place, at.x_r)
     cdef double m = robot.mass, force = -robot.stiffness * at.q - robot.damping * at.q_dot - T

@@ -1,4 +1,4 @@
-"""The constants of one smooth piece of a contact or a flight, and functions that are the same for every kind of chain."""
+"""The constants of one smooth piece of a contact or a flight, and functions that are the same for all chains."""
 
 cdef enum:
     DEFLECTION = 4, DEFLECTION_RATE = 5  # components of the scaled state after z, w, t and the impulse: y and y'
@@ -12,8 +12,8 @@ cdef struct Piece:
     const Law *law
     int width  # number of components of the scaled state
     Units units
-    bint analytic  # the equations are polynomials (see `contact.pxi`), and steps use the Taylor series of their solution
-    bint flying  # in flight, where the first component is penetration / unit of length instead of z, and s is time
+    bint analytic  # the equations are polynomials (see `contact.pxi`); steps use the Taylor series of their solution
+    bint flying  # in flight: the first component is penetration / unit of length instead of z, and s is time
     const Contact *grip  # the contact law
     Contact contact  # the contact law, without force while the surfaces part faster than they recover
     bint rough  # whether there is friction under the object
@@ -57,7 +57,7 @@ cdef void store_common(const Piece *now, const Chain *base, const double *x, Cha
 
 
 cdef inline double object_velocity(const Chain *chain) noexcept nogil:
-    """Return the velocity of the object, m/s; exactly 0 before the first contact and while it sticks."""
+    """Return the velocity of the object, m/s; exactly 0 before the first contact and while the object sticks."""
     if chain.contacts == 0 or chain.object_state == STUCK:
         return 0.0
     return tool_velocity(chain) - chain.penetration_rate
@@ -72,12 +72,12 @@ cdef inline double tool_position(const Chain *chain) noexcept nogil:
 
 
 cdef inline double flange_velocity(const Law *law, const Chain *chain) noexcept nogil:
-    """Return the velocity of the flange itself, m/s; `chain.flange_velocity` is that of the imposed motion."""
+    """Return the velocity of the flange itself, m/s; `chain.flange_velocity` is the imposed velocity."""
     return tool_velocity(chain) if law.with_tool else chain.flange_velocity + chain.flange_offset_rate
 
 
 cdef inline double flange_position(const Law *law, const Chain *chain) noexcept nogil:
-    """Return the position of the flange itself, m; `chain.flange_position` is that of the imposed motion."""
+    """Return the position of the flange itself, m; `chain.flange_position` is the imposed position."""
     return tool_position(chain) if law.with_tool else chain.flange_position + chain.flange_offset
 
 

@@ -2,7 +2,7 @@
 
 
 cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil:
-    """Add the present contact to the totals of `chain` and to the contact log; `end` (s) is nan if the contact is unfinished."""
+    """Add the present contact to the totals of `chain` and to the contact log; `end` (s): nan if unfinished."""
     cdef double impulse = coupling_impulse(run.law, chain)
     cdef double given = run.object_mass * (object_velocity(chain) - chain.start_object_velocity)
     cdef double residual = tool_momentum(run, chain) + given - impulse  # residual of the paper's eq. 20
@@ -27,7 +27,7 @@ cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil
 
 
 cdef void trace(const Run *run, Chain *counter, const Chain *chain, double acceleration, double push) noexcept nogil:
-    """Append the state of `chain` under a contact force `push` (N) to the trace; `counter.traced` counts the points."""
+    """Append the state of `chain` under a contact force `push` (N) to the trace; count it in `counter.traced`."""
     cdef TraceRow *row
     if run.recorder.trace_rows == 0:
         return

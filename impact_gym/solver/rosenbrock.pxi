@@ -1,10 +1,8 @@
 """The L-stable 5(4) pair Rodas5P, for stiff pieces: a slow contact under a push, an overdamped spring, or a hard stop.
 
-A Rosenbrock method is linearly implicit: a step inverts one matrix, I / (gamma h) - J with the exact Jacobian J, and
-needs no iteration. Coefficients: Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks
-within the Julia Differential Equations package (BIT Numerical Mathematics 63:27, 2023), in the form of Hairer, Wanner,
-Solving Ordinary Differential Equations II (1996), IV.7, eq. 7.25. Time is a component of the state, so the equations
-are autonomous.
+A step of a Rosenbrock method needs no iteration, but inverts one matrix, I / (gamma h) - J with the exact Jacobian J.
+Coefficients: Steinebach, BIT Numerical Mathematics 63:27 (2023), in the form of Hairer, Wanner, Solving Ordinary
+Differential Equations II (1996), IV.7, eq. 7.25. Time is a component of the state, so the equations are autonomous.
 """
 
 cdef enum:
@@ -27,7 +25,7 @@ STIFF_A[7][:7] = [
     -7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946, 1.0, 1.0
 ]  # the state at the end of the step is that of the last row plus the last stage
 
-cdef double[STIFF_STAGES][STIFF_STAGES] STIFF_C  # row i: weights, to be divided by h, of the earlier stages on the right side of stage i
+cdef double[STIFF_STAGES][STIFF_STAGES] STIFF_C  # row i: weights, times h, of the earlier stages on the right side of stage i
 STIFF_C[1][:1] = [-14.155112264123755]
 STIFF_C[2][:2] = [-17.97296035885952, -2.859693295451294]
 STIFF_C[3][:3] = [147.12150275711716, -1.41221402718213, 71.68940251302358]
@@ -44,7 +42,7 @@ STIFF_C[7][:7] = [
 
 
 cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
-    """Try a step of `h` from `work.x` into `work.trial`; return estimated error of the solution of order 4 / allowed error."""
+    """Try a step of `h` from `work.x` into `work.trial`; return estimated error of order 4 / allowed error."""
     cdef int stage, earlier, i, n = now.width
     cdef double total = 0.0, a, c, size
     cdef double[WIDTH] right
@@ -54,7 +52,7 @@ cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
         for earlier in range(n):
             work.matrix[i][earlier] = -work.matrix[i][earlier]
         work.matrix[i][i] += 1.0 / (STIFF_GAMMA * h)
-    invert(n, work.matrix)  # faster than two triangular systems in each stage, whose components wait for one another
+    invert(n, work.matrix)  # faster than two triangular systems in each stage
     for stage in range(STIFF_STAGES):
         k = work.stage[stage]
         memcpy(work.trial, work.x, sizeof(right))

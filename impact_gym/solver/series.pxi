@@ -1,7 +1,7 @@
 """Steps by Taylor series, for analytic pieces: `taylor.h` computes the series; this file chooses and takes the step."""
 
 cdef enum:
-    LAST_ORDERS = 3  # number of highest orders that give the radius; without damping, from z = 0, two of any five orders are 0
+    LAST_ORDERS = 3  # number of highest orders for the radius of convergence; without damping, from z = 0, two of five orders are 0
 
 cdef double LEFT_OUT = 0.05  # truncation error / local error allowed; small, because the errors of a contact's steps add up
 cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error; small, because the errors of several contacts add up
@@ -9,7 +9,7 @@ cdef double TOO_STEEP = 1e30  # mean square of coefficients above which the expl
 
 
 cdef void expand(const Piece *now, Work *work) noexcept nogil:
-    """Compute the Taylor series of the state at `work.x`, and the longest step for which the series is accurate, 0 if unknown."""
+    """Compute the Taylor series of the state at `work.x`, and the longest accurate step, 0 if unknown."""
     cdef Polynomial law = Polynomial(
         now.contact.held, now.contact.damping, now.share, now.ground,
         now.tool_share, now.push, now.pull_y, now.pull_y_dot,
@@ -23,8 +23,8 @@ cdef void expand(const Piece *now, Work *work) noexcept nogil:
 
 
 cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil:
-    """Return the step with the allowed truncation error, assuming coefficients of order k proportional to radius^-k."""
-    cdef float inverse_radius = -7.0  # its logarithm, at least -7, because the last orders can be 0 or underflow
+    """Return the step with the allowed truncation error, if coefficients of order k are proportional to radius^-k."""
+    cdef float inverse_radius = -7.0  # its logarithm, at least -7: the last orders can be 0 or underflow
     cdef double[PLACES] weight
     cdef double squares, left_out = min(LEFT_OUT * now.tolerance, MOST_LEFT_OUT)
     cdef int i, k
@@ -42,7 +42,7 @@ cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil
 
 
 cdef void evaluate(const Piece *now, const Work *work, double h, double *x, double *rate) noexcept nogil:
-    """Write the state after a step of `h` into `x` (Horner's scheme for even and for odd orders), and its derivative into `rate`."""
+    """Write the state after a step of `h` into `x` (Horner's scheme, even and odd orders), its derivative into `rate`."""
     cdef double[PLACES] odd, even
     cdef double square = h * h
     cdef int i, k
@@ -58,7 +58,7 @@ cdef void evaluate(const Piece *now, const Work *work, double h, double *x, doub
 
 
 cdef double fastest(const Piece *now, const double *x, const double *rate) noexcept nogil:
-    """Return the larger of the eigenvalues of the contact alone and of the spring alone, for an analytic piece at `x`."""
+    """Return the larger eigenvalue, of the contact alone or of the spring alone, in an analytic piece at `x`."""
     cdef double z = x[ROOT], force, spring = 0.0
     if now.law.kind == SPRING:
         spring = z * largest_root(-now.pull_y_dot, -now.pull_y)

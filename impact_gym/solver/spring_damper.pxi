@@ -1,7 +1,7 @@
 """A SPRING chain: the tool, or tool and robot, as one mass on a spring and damper. Its flights have a formula."""
 
 cdef enum:
-    MOST_BENDS = 300000  # largest number of intervals between zeros of the gap's third derivative that are searched in one flight
+    MOST_BENDS = 300000  # most intervals between zeros of the gap's third derivative that are searched in one flight
 
 
 cdef struct SpringRates:
@@ -99,7 +99,7 @@ cdef double monotone_zero(const Glide *glide, int order, bint rising, double low
 
 
 cdef double inflection_time(const Glide *glide, double after, const Gap *gap) noexcept nogil:
-    """Return the first time after `after` (s) at which the gap's third derivative, a free damped oscillation, is zero; inf if none."""
+    """Return the first time after `after` (s) at which the gap's third derivative (a free damped oscillation) is 0, or inf."""
     cdef double w = glide.frequency, zeta = glide.damping_ratio, p = gap.order[3]
     cdef double slope = gap.order[4] + zeta * w * p, square = (1.0 - zeta) * (1.0 + zeta) * w * w
     cdef double damped, phase, ratio, split
@@ -121,7 +121,7 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
 
 
 cdef double within_reach(const Glide *glide, double now) noexcept nogil:
-    """Return a time before which no touch is possible, because |z| stays within the present sqrt(z^2 + (z' / omega)^2); inf: never."""
+    """Return a time before which no touch is possible (inf: never), as |z| stays within the present hypot(z, z' / omega)."""
     cdef double gap, swing, closed, z = glide.position, z_dot = glide.velocity
     if now > 0.0:
         z, z_dot = free_decay(glide.frequency, glide.damping_ratio, z, z_dot, now)
@@ -169,7 +169,7 @@ cdef double spring_touch(
 cdef double touch_in_bend(
     const Glide *glide, double begin, const Gap *first, double end, const Gap *last
 ) noexcept nogil:
-    """Return the time of the first touch between `begin` and `end`, where the gap has no inflection; inf if there is none."""
+    """Return the time of the first touch between `begin` and `end`, where the gap has no inflection; inf: none."""
     cdef bint closing = first.order[1] > 0.0, still = last.order[1] > 0.0
     cdef double turn
     cdef Gap there

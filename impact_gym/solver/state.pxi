@@ -1,17 +1,17 @@
 """The structures of the solver; some of them also exist as NumPy data types, see `kernels.pyx`."""
 
 cpdef enum:
-    RIGID, SPRING, INTEGRATED  # kinds of chain: tool with imposed motion, one mass on a spring and damper, any other chain
+    RIGID, SPRING, INTEGRATED  # kinds of chain: tool with imposed motion; one mass on a spring and damper; other
 
 cpdef enum:
     ARRIVED = 0  # the requested time is reached
-    DETECTED = 1  # the contact force has just exceeded the threshold for the first time
+    DETECTED = 1  # the contact force exceeds the threshold for the first time
     TOUCHED = 2  # a contact begins
     PARTED = 3  # the contact has ended
     SWITCHED = 4  # another event ended a piece of the motion, see `conclude`
-    UNSETTLED = 5  # the simulation that follows an episode reached its time limit, and contacts were still possible
+    UNSETTLED = 5  # the simulation after an episode reached its time limit, but contacts were still possible
     STEP_LIMIT = -1  # more integration steps, or searched intervals of a flight, than allowed
-    NOT_FINITE = -2  # a state became inf or nan, a step became too short, or rounding errors too large
+    NOT_FINITE = -2  # a state became inf or nan, a step too short, or rounding errors too large
 
 
 cpdef enum:
@@ -26,7 +26,7 @@ cpdef enum:
 cdef struct Mount:  # tool mass, coupling and robot, as a user describes them
     int64_t coupling_kind, robot_kind
     double tool_mass  # kg
-    CouplingNumbers coupling  # a number that this kind of coupling does not have is 0
+    CouplingNumbers coupling  # numbers that this kind does not have are 0
     RobotNumbers robot  # only of a LUMPED robot
     int64_t table, intervals  # of a TABLE_OF_POSITION, as in `Law`
     double stiffest
@@ -52,27 +52,27 @@ cdef struct Law:  # the simplest chain equivalent to the mount
     int64_t table  # where the robot's table begins among the numbers of all tables; -1 if it is `lumped`
     int64_t intervals  # of that table; 0 if the robot is rigid
     Interval lumped
-    double stiffest  # 1/s^2, largest k_r / m_r at the breaks of the table; between breaks it may be larger
+    double stiffest  # 1/s^2, largest k_r / m_r at the breaks of the table
 
 
 cdef struct Memory:  # step control of a contact or a flight, kept between steps
     double step  # next trial step
     int64_t method  # of the next step: EXPLICIT or STIFF
-    int64_t seen  # attempts by this method; after `patience`, only those of the explicit pair near the limit of stability
-    int64_t patience  # number of attempts of the explicit pair before stiffness is checked
+    int64_t seen  # attempts by this method; if it is explicit, after `patience` only attempts near the limit of stability
+    int64_t patience  # attempts before stiffness is checked
     int64_t rejected  # 1 if the last attempt was rejected
     double log_before  # log of the error of the last accepted attempt
 
 
-cdef struct Chain:  # a row: the state of motion, and results so far
+cdef struct Chain:  # of a row: state of motion, and results so far
     double time  # s
     double flange_position  # m, of the imposed motion; with a rigid robot also of the flange
     double flange_velocity  # m/s, of the imposed motion
     double deflection  # m, tool minus imposed motion
     double deflection_rate  # m/s
-    double penetration  # m, position of the tool's face minus that of the object's face; in flight minus the gap
+    double penetration  # m, position of the tool's face minus that of the object's face; at most 0 in flight
     double penetration_rate  # m/s
-    double flange_offset  # m, flange minus imposed motion; nonzero only with a compliant robot and a coupling that is not rigid
+    double flange_offset  # m, flange minus imposed motion; nonzero only with a compliant robot and an elastic coupling
     double flange_offset_rate  # m/s
     int64_t pressed  # which stop pushes: 1 front, -1 rear, 0 none
     int64_t side  # on which side of its alignment the slider of a mechanism is: 1 front, -1 rear
@@ -80,9 +80,9 @@ cdef struct Chain:  # a row: the state of motion, and results so far
 
     # the present contact
     int64_t touching  # 0 or 1
-    int64_t holding  # 0 while the contact force is 0 because the surfaces part faster than they spring back; else 1
+    int64_t holding  # 0 while there is no force, because the surfaces part faster than they recover; else 1
     Units units
-    double start  # s, time at which the contact began; fields named start_... are values at this time
+    double start  # s, start of the contact; fields named start_... are values at this time
     double approach_velocity  # m/s
     double start_tool_velocity  # m/s
     double start_object_velocity  # m/s
@@ -102,11 +102,11 @@ cdef struct Chain:  # a row: the state of motion, and results so far
     double first_contact  # s, inf if none yet
     double detection  # s, inf if none yet
     double peak_force  # N
-    double peak_object_velocity  # m/s, with friction; without friction the object never loses velocity
+    double peak_object_velocity  # m/s, with friction
     double object_rest_time  # s, when the object last came to rest
-    double tool_rest_time  # s, since when the tool counts as at rest, see `reach_at_rest`; inf: it does not, or there is no friction
+    double tool_rest_time  # s, since when the tool counts as at rest, see `reach_at_rest`; inf: not at rest, or no friction
     double slide  # m, with friction: distance from the object's first to its last position
-    double rest_time  # s, with friction: since when object and tool are at rest; inf if the tool is not
+    double rest_time  # s, with friction: from when on object and tool are at rest; inf if the tool is not
     double unread_force  # N, largest contact force since the last call of `take_peak`
     double coupling_impulse  # N s, sum over the finished contacts (paper, eq. 21)
     double momentum_error  # -, largest momentum error of the finished contacts (paper, eq. 20)
@@ -157,7 +157,7 @@ cdef extern from "solver/taylor.h" nogil:
 
 cdef enum:
     WIDTH = 10  # number of components of the longest scaled state
-    KEPT = 8  # stages of a step that are kept: the rates of stages 5 to 11 for dense output, or all stages of a stiff step
+    KEPT = 8  # number of kept stages: rates of stages 5 to 11 for dense output, or all stages of a stiff step
 
 
 cdef struct Work:  # work arrays of the integrator
@@ -184,7 +184,7 @@ cdef struct Run:  # what the functions of the solver need in a run
     double ground  # m/s^2, mu g, deceleration of an object that slides; 0 without friction
     double threshold  # N, threshold of the contact alarm; inf if there is no alarm
     bint tell_touch  # whether `command` returns at the first touch
-    double tolerance  # -, local error allowed in a step, in the units of its piece
+    double tolerance  # -, local error allowed in a step, in the piece's units
     int64_t max_steps
     Recorder recorder
     Work *work

@@ -1,18 +1,18 @@
 """One step of the integrator: by a Taylor series, by the explicit pair DOP853, or by the L-stable pair Rodas5P.
 
 In an analytic piece (see `Piece`) a step uses a Taylor series (`series.pxi`), otherwise the explicit pair. Stiffness is
-detected from h lambda, with the step h and the largest eigenvalue lambda, for the explicit pair as in Hairer's code: its last
-two stages are at the same time, and their rates differ by about lambda times the difference of their states. Near the limit of
-stability, h lambda about 6, the error estimate keeps h short, however smooth the motion is. After repeated attempts near this
-limit the L-stable pair is used. Every few steps the series or the explicit pair is tried again, and kept if it succeeds.
+detected from h lambda, with the step h and the largest eigenvalue lambda. For the explicit pair this is as in Hairer's code:
+the last two stages are at the same time, and their rates differ by about lambda times the difference of their states. Near the
+limit of stability, h lambda about 6, the error estimate keeps h short. After repeated attempts near this limit the L-stable
+pair is used. Every TRY stiff steps the series or the explicit pair is tried again, and kept if it succeeds.
 """
 
 cdef enum:
     EXPLICIT, STIFF, SERIES
-    UNCHECKED = 25  # number of attempts before stiffness is checked; most smooth pieces need fewer attempts
+    UNCHECKED = 25  # attempts before stiffness is checked; most pieces need fewer
     REPEATED = 10  # attempts near the limit of stability before the change to the L-stable pair
     TRY = 10  # stiff steps between two trials of the explicit pair
-    IN_VAIN = 2  # if the explicit pair succeeds within this many trials, the change to the L-stable pair was not needed
+    IN_VAIN = 2  # if the explicit pair succeeds within so many trials, the L-stable pair was not needed
     MOST = 16 * UNCHECKED  # largest number of attempts before stiffness is checked
 
 cdef double NEAR = 3.5  # h lambda above this is near the limit of 6, where it alternates between about 4 and 7
@@ -30,7 +30,7 @@ cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double judge(const Piece *now, Work *work, double h, double *error) noexcept nogil:
-    """Return the factor by which to change the step `h`, and choose the method of the next step; `error[0]` > 1 rejects the attempt."""
+    """Return the factor by which to change `h`, and choose the next step's method; an `error[0]` above 1 rejects the step."""
     cdef Memory *memory = &work.memory
     memory.seen += 1
     if work.method != STIFF and memory.method == STIFF:  # a trial of the explicit pair; unstable steps can have small errors
@@ -48,7 +48,7 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
 
 
 cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
-    """Choose the method of the step; in a stiff piece the explicit pair is sometimes tried. A new series sets `h`."""
+    """Choose the method of the step; in a stiff piece every TRY-th is explicit. A new series sets `h`."""
     cdef const Memory *memory = &work.memory
     cdef bint stiff = memory.method == STIFF, known = work.expanded
     work.method = STIFF if stiff and (memory.seen == 0 or memory.seen % TRY != 0) else EXPLICIT
@@ -84,7 +84,7 @@ cdef double step_factor(Work *work, double error) noexcept nogil:
 
 
 cdef void probe(const Piece *now, Work *work, double h, double share) noexcept nogil:
-    """Compute the state and its rate at the fraction `share` of the last attempt of `h`; by its polynomial, if there is one."""
+    """Compute the state and its rate at the fraction `share` of the last attempt of `h`, by its polynomial if it has one."""
     cdef int i
     if work.method != EXPLICIT:
         probe_exactly(now, work, h, share)
@@ -96,7 +96,7 @@ cdef void probe(const Piece *now, Work *work, double h, double share) noexcept n
 
 
 cdef void probe_exactly(const Piece *now, Work *work, double h, double share) noexcept nogil:
-    """Compute the state and its rate at the fraction `share` of the last attempt of `h`, by a step that ends there."""
+    """As `probe`, but by a step that ends there."""
     cdef Work other
     if work.method == SERIES:
         evaluate(now, work, share * h, work.probe, work.probe_rate)
@@ -110,7 +110,7 @@ cdef void probe_exactly(const Piece *now, Work *work, double h, double share) no
 
 
 cdef void fit_polynomial(const Piece *now, Work *work, double h) noexcept nogil:
-    """Compute the polynomial through the last attempt of the explicit pair, unless it is known already."""
+    """Compute the polynomial through the last attempt of the explicit pair, unless it is known."""
     cdef double change
     cdef int i
     if work.dense_known:

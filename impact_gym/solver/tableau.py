@@ -1,9 +1,9 @@
 """Generate the code of the explicit integrator: the 8(5,3) pair of Dormand and Prince, called DOP853 in Hairer's code.
 
-The pair has order 8 and 12 stages; the rate at the end of a step is the first stage of the next. Coefficients, error
-estimates and dense output of order 7 are those of Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I
-(1993), II.10, taken in double precision from SciPy. setup.py writes `dop853.pxi` for each kind of chain: code without
-loops on local variables, which a compiler can keep in registers.
+The pair has order 8 and 12 stages; the rate at the end of a step is the first stage of the next step. Coefficients,
+error estimates and dense output of order 7 are from Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I
+(1993), II.10, in SciPy's double precision. setup.py writes `dop853.pxi` with functions for each kind of chain. They
+have no loops, so a compiler can keep their local variables in registers.
 """
 
 from collections.abc import Iterable

@@ -7,10 +7,10 @@ cdef double EVERYWHERE = 1e9  # m, half the length of the one interval in the ta
 cpdef double rest_of(
     double stiffness, double free_length, double height, double front_stop, double stop_stiffness
 ) noexcept nogil:
-    """Return the position (m) of the slider at which the force of the front stop balances that of the spring."""
+    """Return the position (m) of the slider at which the front stop balances the spring."""
     cdef Mechanism law = Mechanism(stiffness, free_length, height, 0.0, front_stop, 0.0, stop_stiffness, 0.0, 0, 0.0)
     cdef double depth = sqrt((free_length - height) * (free_length + height)) - front_stop, net, lower
-    while True:  # the net force is concave in `depth`, so Newton's method decreases to the only zero, until rounding stops it
+    while True:  # the net force is concave in `depth`, so Newton's method lowers `depth` to the only zero
         net = bistable_force(stiffness, free_length, height, front_stop + depth) - stop_stiffness * depth
         lower = depth - net / (spring_slope(&law, front_stop + depth) - stop_stiffness)
         if not lower < depth:

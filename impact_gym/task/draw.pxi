@@ -10,7 +10,7 @@ cdef struct Generator:  # `bitgen_t` of NumPy's C interface
 
 
 cpdef double draw(double low, double high, bint logarithmic, double uniform) noexcept nogil:
-    """Map `uniform` in [0, 1) to a number in [low, high), distributed uniformly or log-uniformly."""
+    """Map `uniform` in [0, 1) to a number from `low` to `high`, distributed uniformly or log-uniformly."""
     if low == high:
         return low
     if logarithmic:
@@ -39,7 +39,7 @@ cdef inline double drawn_or(double fixed, double drawn) noexcept nogil:
 cdef Record draw_record(
     const Task *task, const Draw *draws, const double *uniforms, const Record *fixed
 ) noexcept nogil:
-    """Draw those numbers of an episode that are nan in `fixed`; those of the set-up come from the stream of the drawn noise seed."""
+    """Draw the numbers of an episode that are nan in `fixed`; see `Draw` for their uniform numbers."""
     cdef Record record = task.numbers
     cdef double *number = <double *> &record
     cdef const double *given = <const double *> fixed

@@ -1,4 +1,4 @@
-"""Play the episode of a row: its beginning, its control steps and its end."""
+"""Play the episode of a row."""
 
 
 cpdef int64_t readings_in_transit(double reaction_delay, double control_period) noexcept nogil:
@@ -46,8 +46,8 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
         chain.time, force, chain.peak_force, chain.deflection - chain.flange_offset
     )
     episode.pushed += 1
-    # The next reading is one `reaction_delay` before the next observation. A switch's alarm, which shifts the control steps, also
-    # arrives one `reaction_delay` after its cause, so this time is known early enough.
+    # The next reading is one `reaction_delay` before the next observation. The switch's alarm, which shifts the control steps,
+    # also arrives one `reaction_delay` after its cause, so the time of that observation is known early enough.
     if isinf(chain.detection) or row.task.operator_kind:
         last = row.task.horizon - delay
     else:
@@ -63,7 +63,7 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
 
 
 cdef void receive(Row *row) noexcept nogil:
-    """Deliver the oldest reading in transit to the controller, with the sensor's errors; with `alarm="reading"` it can raise the alarm."""
+    """Deliver the oldest reading in transit, with the sensor's errors; with `alarm="reading"` it can raise the alarm."""
     cdef Episode *episode = row.episode
     cdef Sensors *sensors = &episode.sensors
     cdef const Reading *reading = &row.readings[episode.popped % row.slots]
@@ -88,7 +88,7 @@ cdef void receive(Row *row) noexcept nogil:
 
 
 cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
-    """Play one control step, and after the last one the end of the episode; return the reward, m/s."""
+    """Play a control step, and after the last one the end of the episode; return the reward, m/s."""
     cdef const Task *task = row.task
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
@@ -127,7 +127,7 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
 
 
 cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
-    """Move the flange to the end of the control step, and read the sensors on the way; with an operator the link commands."""
+    """Move the flange to the end of the control step, and read the sensors; with an operator the link commands."""
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
     cdef bint linked = row.task.operator_kind != NO_OPERATOR

@@ -1,4 +1,4 @@
-"""Write the observation: the present sensor values, each scaled to the range that `task/observation.py` states."""
+"""Write the observation: the present values, each scaled as `task/observation.py` states."""
 
 cpdef enum:
     LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE  # functions applied to a number before scaling

@@ -7,7 +7,7 @@ cdef struct Range:
 
 cdef struct Draw:  # a number that an episode draws from a range
     int64_t place  # index of the number in `Record`
-    int64_t source  # index of its uniform number: >= 0 among the generator's numbers, < 0 in the stream of the noise seed
+    int64_t source  # index of its uniform number: >= 0 in the generator's numbers, < 0 in the noise seed's stream
     int64_t by_ratio  # 1: log-uniform, 0: uniform
     double low, high
 
@@ -20,9 +20,9 @@ cdef struct Table:  # times, then as many values, among the numbers of all table
 
 cdef struct Task:  # of a row
     double control_period  # s
-    double horizon  # s, the end of an episode without an alarm
-    double after_alarm  # s, from the alarm to the end of an episode
-    double full_deceleration  # m/s^2, deceleration of the flange after the end of an episode
+    double horizon  # s, end of an episode without alarm
+    double after_alarm  # s, from the switch's alarm to the end of an episode; duration of a reading's alarm
+    double full_deceleration  # m/s^2, of the flange after the end of an episode
     double settle_limit  # s, longest simulation after the end of an episode
     double missed_cost  # m/s
     int64_t action_size
@@ -36,7 +36,7 @@ cdef struct Task:  # of a row
     int64_t alarm_by_reading  # 1: readings raise the alarm, 0: a switch does
     double force_weight  # m/s per N
     double tolerance  # -, local error allowed in a step of the integrator
-    int64_t exact  # 1: the damping factor gives exactly the restitution, 0: the damping factor of Hu and Guo
+    int64_t exact  # 1: damping factor `exact_damping`, 0: `hu_guo`
     double reference_velocity  # m/s, reference velocity of a constant chi; 0: the damping factor is constant
     int64_t max_steps  # control steps until truncation, 0 if unlimited
     int64_t operator_kind  # NO_OPERATOR: the controller commands alone
@@ -78,10 +78,10 @@ cdef struct Episode:  # a row, except its chain
     double slide, rest_time  # m and s; inf until the episode has terminated, and without friction
     double done_time  # s, end of the last control step so far
     double taken  # -, fraction of the operator's commanded motion withheld before the touch, so far
-    double late  # s, mean time from a touch until the operator's stop reaches the arm
+    double late  # s, mean time from a touch to the arrival of the operator's stop at the arm
 
 
-cdef struct Packet:  # a command in transit, and the packet to the display that was sent at the same time
+cdef struct Packet:  # a command in transit, and the packet to the display sent at the same time
     double sent, arrives  # s
     double command  # m/s
     double position  # m, of the flange, when the packet was sent
@@ -97,7 +97,7 @@ cdef struct Link:  # operator, channels and assistance of a row
     double sent  # s, when it was sent; negative before the first
     double next_sent, next_arrival  # s, when the next command is sent, and when the next one arrives
     double expires  # s, when the newest command becomes too old
-    double idle_since  # s, when the command became 0; inf while it is not 0, and until it was not 0
+    double idle_since  # s, when the command became 0 again; inf while it is not 0, and before it first was not 0
     double stop  # s, when the operator stops; inf if not known yet
     double seen_position  # m, of the flange, in the newest packet that the operator has seen
     double alarmed  # s, when the last alarm reached the controller; -inf before the first
@@ -108,7 +108,7 @@ cdef struct Link:  # operator, channels and assistance of a row
     double person_command  # m/s, what a `Person` sends at the next ticks
     double gain, acceleration, withdrawal  # of the assistance: -, m/s^2, m/s
     double commanded_way, withheld_way  # m, distances commanded by the operator and withheld before the touch
-    double age_mean, age_squares  # s, s^2: mean age of commands on arrival, and sum of the squared deviations from this mean
+    double age_mean, age_squares  # s, s^2: mean age of commands on arrival, sum of squared deviations from it
     int64_t packets, oldest, arrived, ticks  # commands sent; index of the oldest that may be used; commands used; ticks
     int64_t display_packets, seen_packet  # packets sent to the display; index of the newest that the operator has seen
     int64_t expired, stopped  # 0 or 1

@@ -1,8 +1,8 @@
-"""The reward of a control step: four unweighted terms, and the function that weighs and adds them."""
+"""The reward of a control step: four unweighted terms, then their weighted sum."""
 
 
 cdef struct Terms:  # of a control step, or their sums in an episode
-    double time  # s, time charged: only before the first contact; with an operator all time
+    double time  # s, time before the first contact; with an operator all time
     double speed  # m/s, V_p in the last step of the episode; 0 before
     double force  # N, largest contact force of the episode in its last step; 0 before
     double miss  # m/s, cost of an object that was not touched, in the last step; 0 before

@@ -1,4 +1,4 @@
-"""The end of an episode: after a touch the flange brakes to rest, and the simulation continues until `is_over` or a time limit."""
+"""The end of an episode: after a touch the flange brakes, and the simulation continues until `is_over` or a time limit."""
 
 
 cdef inline double v_p(const Run *run, const Chain *chain) noexcept nogil:
@@ -7,7 +7,7 @@ cdef inline double v_p(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
-    """End an episode: call `settle` if the object was touched, and write the reward terms of the last step except the time term."""
+    """End an episode: call `settle` if the object was touched, and write the last step's reward terms except time."""
     cdef Episode *episode = row.episode
     if episode.status == 0 and row.chain.contacts > 0:
         episode.status = settle(run, row)
@@ -30,7 +30,7 @@ cdef int settle(Run *run, Row *row) noexcept nogil:
     cdef int status
     while not is_over(run, chain):
         if chain.time >= limit:
-            # a tool that oscillates against an object that has stuck for long only loses energy: the object sticks forever
+            # an object that has stuck for long sticks forever, because a tool that oscillates against it only loses energy
             if has_stuck(chain, limit - 0.5 * row.task.settle_limit) or not chain.touching and cannot_touch(run, chain):
                 return ARRIVED
             if chain.touching:

@@ -5,7 +5,7 @@ cpdef enum:
 
 
 cdef double chance(Row *row, int64_t stream, int64_t count) noexcept nogil:
-    """Return the `count`-th uniform number in [0, 1) of the episode's random stream `stream`; stream 0 is for the force noise."""
+    """Return the `count`-th uniform number in [0, 1) of the episode's `stream`; stream 0 is for the force noise."""
     return hashed(row.episode.drawn.noise_seed, (stream << 40) + count)
 
 
@@ -17,7 +17,7 @@ cdef double normal_chance(Row *row, int64_t stream, int64_t count) noexcept nogi
 
 cdef double delay_of(Row *row, const ChannelNumbers *channel, const Table *trace, int64_t stream, int64_t count,
                      double time) noexcept nogil:
-    """Return the delay (s) of a channel's `count`-th packet, sent at `time` (s): from the trace, or `delay` plus a random time."""
+    """Return the delay (s) of a channel's `count`-th packet, sent at `time` (s): by the trace, or `delay` + a random time."""
     cdef double mean, begin
     if trace.points > 0:
         begin = chance(row, stream + 3, 0) * trace.length
@@ -36,7 +36,7 @@ cdef double mean_delay(const ChannelNumbers *channel, const Table *trace) noexce
 
 cdef bint is_lost(Row *row, const ChannelNumbers *channel, int64_t *was_lost, int64_t stream,
                   int64_t count) noexcept nogil:
-    """Return whether the `count`-th packet is lost: the fraction `loss` of all packets, on average `burst` in a row (Gilbert 1960)."""
+    """Return whether the `count`-th packet is lost: on average the fraction `loss`, `burst` in a row (Gilbert 1960)."""
     cdef double share = channel.loss
     if share == 0.0:
         return False

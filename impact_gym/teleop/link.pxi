@@ -1,10 +1,10 @@
-"""The link between operator and arm: its events, the packets in transit, the assistance at the arm, and the end of the task."""
+"""The link between operator and arm: events, packets in transit, assistance at the arm, end of the task."""
 
 cdef double WITHDRAWAL = 0.3  # m/s, fastest withdrawal
-cdef double FADE = 0.1  # s, time in which a withdrawal is reduced to 0
+cdef double FADE = 0.1  # s, time in which a withdrawal falls to 0
 FASTEST_WITHDRAWAL, WITHDRAWAL_FADE = WITHDRAWAL, FADE
 cdef double IDLE = 0.3  # s; the operator is done after commanding 0 for this time
-cdef double BESIDE = 5e-3  # m; the tool is done if gap and penetration are at most this, and the commanded speed at most STANDING
+cdef double BESIDE = 5e-3  # m; the tool is done if gap or penetration is at most BESIDE, and the commanded speed at most STANDING
 cdef double STANDING = 0.01  # m/s
 
 
@@ -106,7 +106,7 @@ cdef void process_events(Row *row) noexcept nogil:
 
 
 cdef Command flange_command(Row *row) noexcept nogil:
-    """Return the command to the flange: gain times the operator's command, minus the withdrawal; a stop if there is no command."""
+    """Return the flange's command: gain * operator's command - withdrawal; a stop if the operator's is 0 or expired."""
     cdef Link *link = row.link
     cdef const Task *task = row.task
     cdef Command sent = Command(0.0, task.full_deceleration)
@@ -146,7 +146,7 @@ cdef void observe_link(Row *row) noexcept nogil:
 
 
 cdef bint task_done(Row *row) noexcept nogil:
-    """Return whether the object rests and operator or tool is done, or the operator stopped before a touch."""
+    """Return whether the operator stopped before a touch, or the object rests and operator or tool is done."""
     cdef Chain *chain = row.chain
     cdef bint idle = chain.time >= row.link.idle_since + IDLE - ROUNDING
     if chain.contacts == 0:

@@ -118,8 +118,8 @@ def test_copy_setup_keeps_a_folder_for_its_set_up(mine, tmp_path):
     without = "holds results of a run without --quick: name another folder"
     refused(lambda: copy_setup(load_setup(mine), out, quick=True), without)
     change(mine, "0.7", "0.8")
-    refused(lambda: copy_setup(load_setup(mine), out), "earlier mine.toml", "name another folder")
-    no_such = "has files, but no linear-blind.toml (mine.toml): name another folder"
+    refused(lambda: copy_setup(load_setup(mine), out), "another version of mine.toml", "name another folder")
+    no_such = "has mine.toml, but no linear-blind.toml: name another folder"
     refused(lambda: copy_setup(load_setup("linear-blind"), out), no_such)
     assert "0.7" in copy.read_text()
     refused(lambda: copy_setup(load_setup(mine), mine), "out must be a folder")

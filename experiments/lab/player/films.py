@@ -1,4 +1,4 @@
-"""Films of notable scenarios: replays, with fewer points of the time histories, and with a common clock."""
+"""Films of notable scenarios: replays with fewer points of the time histories, and one clock for all runs."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -21,7 +21,7 @@ POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005  # errors that `t
 def thin(
     columns: Mapping[str, NDArray[np.float64]], limits: Mapping[str, float], coarse: float = 1.0
 ) -> NDArray[np.int64]:
-    """Return the indices of the rows to keep, which include the rows around begins and ends of contacts.
+    """Return the indices of the rows to keep: first those around begins and ends of contacts.
 
     Rows are added until linear interpolation has at most `coarse` times the allowed errors, or there are MOST rows.
     """
@@ -46,7 +46,7 @@ def thin(
 
 
 def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
-    """Return the numbers of notable scenarios, by the reason in words; ValueError: the scenarios of both differ."""
+    """Return the numbers of notable scenarios, by the reason in words; ValueError: different scenarios."""
     ours, theirs = played_policy.scenario, played_baseline.scenario
     if any(not np.array_equal(ours[name], theirs[name]) for name in ours):
         raise ValueError("baseline and policy must have played the same scenarios")
@@ -118,13 +118,13 @@ def until(run: History, end: float) -> Columns:
 
 
 def farthest(run: History, end: float) -> float:
-    """Return the object's position (m) at `end` (s); after the trace, the object moves at constant velocity."""
+    """Return the object's position (m) at `end` (s) or at the end of the trace, whichever is later."""
     last = run.at(run.now)
     return last.object_position + last.object_velocity * max(end - last.time, 0.0)
 
 
 def clock(runs: Sequence[History], end: float, coarse: float = 1.0) -> list[list[float]]:
-    """Return start (s) and slow-motion factor, the largest of all `runs`, for each part of a film until `end` (s)."""
+    """For each part of a film until `end` (s), return start (s) and largest slow-motion factor of all `runs`."""
     time, stretches = 0.0, list[list[float]]()
     while time < end:
         slower = max(run.factor(time) for run in runs)
@@ -141,7 +141,7 @@ def films(
     """Return the argument of `fragment`. RuntimeError: a replay differs from the result in `played`.
 
     The first of `contestants` is the baseline. `numbers` is the result of `choose`; `played` has the results of
-    `ScenarioBatch.play`, by contestant, in `environment`. Scenario k is that of an episode with the seed `seed` + k.
+    `ScenarioBatch.play` in `environment`, by contestant. Scenario k belongs to an episode with the seed `seed` + k.
     """
     scenes = []
     for label, number in numbers.items():

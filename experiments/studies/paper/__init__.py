@@ -96,7 +96,7 @@ def analyse(frames: Frames, quick: bool) -> Findings:
     apart = statements.filter(~pl.col("verdict").is_in(AGREEING))
     misprints = Table.of("", DATA["misprints"], {"Where": "{place}", "What is wrong with it": "{correction}"})
     sections = [
-        Section("What disagrees", [table("Or depends on the reading, or cannot be decided.", apart)], key="apart"),
+        Section("What disagrees", [table("Also what depends on the reading or is undecided.", apart)], key="apart"),
         Section("Misprints", [misprints], key="misprints"),
     ]
     for about in DATA["sections"]:

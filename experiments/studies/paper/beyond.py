@@ -76,7 +76,7 @@ def _numbers_beyond_delay(frame: pl.DataFrame) -> Numbers:
 
 
 def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
-    """Return when (s after the touch) the contact force, and when the coupling's change of force, exceed THRESHOLD."""
+    """Return the times (s after the touch) at which contact force and change of coupling force exceed THRESHOLD."""
     outcome, trace = scenes.simulate_with_trace(approach, STEADY)
     time = trace.time - outcome.contacts[0].start
     change = np.abs(trace.coupling_force - np.interp(0.0, time, trace.coupling_force))
@@ -88,7 +88,7 @@ def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
 
 
 def beyond_detection() -> list[Row]:
-    """Simulate braking that begins FROM_TOUCH, if detected by then, and 16 ms after detection at tool and at robot."""
+    """Simulate braking that begins FROM_TOUCH, if the tool noticed by then, and 16 ms after tool and robot notice."""
     rows: list[Row] = []
     for name, coupling in COUPLINGS.items():
         approach = scene(1e3, 0.1, coupling)

@@ -2,8 +2,8 @@
 
 The instantaneous impact of a tool at 1 m/s on an object at rest is computed in closed form (paper, eq. 1-4). The
 non-instantaneous impact is simulated as an approach at 1 m/s without a brake. Case (a): the tool is fixed to the robot.
-Case (b): the tool is free. The contact of two free masses has the same penetration and force as the contact of a tool
-with imposed motion and an object with the reduced mass of both, so (b) is simulated as such a contact.
+Case (b): the tool is free. Two free masses have the same penetration and force as a tool with
+imposed motion and an object of their reduced mass. So (b) is simulated with this object.
 """
 
 from collections.abc import Iterable

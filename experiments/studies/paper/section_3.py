@@ -9,7 +9,7 @@ from impact_gym.physics.impact import GRAVITY, sliding_distance
 from impact_gym.robot import IMPACT, default_approach
 
 FRICTION = 0.3  # between object and plane; the paper gives no number
-COMPONENTS = {"held": "effective", "damping": None, "stiffness": "effective_stiffness"}  # curves of Fig. 12: variants
+COMPONENTS = {"held": "effective", "damping": None, "stiffness": "effective_stiffness"}  # Fig. 12, solid: dashed
 
 
 def figure_11() -> pl.DataFrame:

@@ -130,7 +130,7 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
 
 
 def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> pl.DataFrame:
-    """Return rows of `judge` for `statements` about figures in `numbers` whose `agree` is about these figures, too."""
+    """Return a row of `judge` for each statement that, with all in its `agree`, is about figures in `numbers`."""
     found = dict[str, dict[str, Any]]()
     for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # statements with `agree` last
         figure = name.partition(".")[0]

@@ -1,4 +1,4 @@
-"""Approaches for the studies `speed` and `stability`: six with a name, and random ones, the storm."""
+"""Approaches for the studies `speed` and `stability`: six named approaches, and random approaches (the storm)."""
 
 import math
 from collections.abc import Callable
@@ -42,7 +42,7 @@ OTHERS = {  # ranges of further random numbers of a scene; we chose these ranges
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
 ROUGH = 0.25  # probability of each change by `roughened`
 AT_AN_END = 0.05  # share of the draws from RANGES that are an end of the range
-AFTERMATH = 0.5  # s, least duration of a run after the time at which a flange that does not brake reaches the object
+AFTERMATH = 0.5  # s, least duration of a run after an unbraked flange reaches the object
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class _Draw:
         self.share = self.rng.uniform
 
     def value(self, name: str) -> float:
-        """Draw from a range: log-uniform, or uniform if the range begins at 0. Some draws are an end of the range."""
+        """Draw from a range: log-uniform, or uniform if the range begins at 0. In RANGES, some draws are an end."""
         low, high = RANGES.get(name) or OTHERS[name]
         u, end = map(float, self.rng.random(2))
         if name in RANGES and end < AT_AN_END:
@@ -147,7 +147,7 @@ class _Draw:
         return [self.value(f"robot {name}") for name in ("mass", "stiffness", "damping")]
 
     def robot_table(self, distance: float) -> ig.RobotTable:
-        """Return the shipped robot, or one whose parameters change by up to a factor of about two along the path."""
+        """Return the shipped robot, or a robot whose parameters change by a factor of at most about two on the path."""
         if self.share(0, 1) < 0.25:
             return default_approach().robot_table()
         way = np.linspace(0.0, 1.0, 6)

@@ -1,4 +1,4 @@
-"""Contenders, solvers that compute an approach: errors and processor times (one thread)."""
+"""Errors and processor times (one thread) of contenders, which are solvers that compute an approach."""
 
 import math
 import signal
@@ -21,7 +21,7 @@ JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studie
 MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
 TOO_WRONG = 1e-2  # m/s, error of V_p above which a contender has failed
 TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, which computes the truth, and of Radau, which checks it
-LEAST, MOST_CALLS = 5e-3, 10_000  # s, sum of times up to which a contender's call is repeated; largest number of calls
+LEAST, MOST_CALLS = 5e-3, 10_000  # s, a call is repeated until the times sum up to LEAST; largest number of calls
 SLOW = 0.2  # s; a longer call is timed only in the first round
 
 
@@ -41,7 +41,7 @@ def failure(solution: Solution, truth: Solution, allowed: float) -> str:
 
 
 def true_row(approach: str) -> list[Row]:
-    """Return the truth for a named approach, computed by DOP853, and the difference of a solution by Radau from it."""
+    """Return the truth for a named approach (by DOP853), and the difference of a solution by Radau."""
     found = approach_of(approach)
     best, second = (
         Solution.of(reference.simulate(*found.run, rtol=rtol, method=method), found.duration)

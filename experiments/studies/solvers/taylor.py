@@ -1,9 +1,9 @@
 """Approaches by heyoka: Taylor series, compiled by LLVM (Biscani, Izzo 2021). No code is shared with our solver.
 
-The units in a contact are the length delta0 = (M v_in^2/k_c)^0.4, the velocity v_in and the time t0 = delta0/v_in, with
-the reduced mass M, the approach velocity v_in and the contact stiffness k_c. As in our solver, the state has the root s
-of the penetration, and the time is replaced by sigma with dt = t0 s dsigma. Hertz' law is a polynomial in s, so Taylor
-series keep their order at onset and separation. Flight is integrated in SI units, with the penetration itself.
+The units in a contact are the length delta0 = (M v_in^2/k_c)^0.4, the velocity v_in and the time t0 = delta0/v_in. M is
+the reduced mass, v_in the approach velocity, k_c the contact stiffness. As in our solver, the state has the root s of
+the penetration, and sigma replaces the time: dt = t0 s dsigma. Hertz' law is a polynomial in s, so Taylor series keep
+their order at onset and separation. Flight is integrated in SI units, with the penetration itself.
 """
 
 import math
@@ -121,7 +121,6 @@ class Run:
         return Solution(v_p, self.peak, lasted, self.detection, contacts, self.passes)
 
     def _move(self, touching: bool, begun: float, state: list[float]) -> tuple[float, list[float]]:
-        """Integrate one flight or contact from `begun` (s) to its end; return time (s) and state at the end."""
         (made, events), par = self.integrators[touching], self.par
         unit, event = par["length"] / par["speed"], ""
         made.time, made.state[:] = 0.0, state

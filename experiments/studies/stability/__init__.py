@@ -57,7 +57,7 @@ def analyse(frames: Frames, quick: bool) -> Findings:
         Section("How it is checked", [
             "Scenes: every coupling with every robot, every published law of dissipation, several exponents. Scene k "
             "depends on the number k alone: experiments.studies.solvers.approaches.storm(k), with the ranges.",
-            "Time (ms): processor time of one simulate without trace, the better of two if the first took over 20 ms. "
+            "Time (ms): processor time of one simulate without trace; the shorter of two if the first took over 20 ms. "
             "Errors of momentum and energy, pull: see the docstrings of experiments/studies/stability/storm.py.",
         ]),
     ], {"failures": broken, "agreement": judged})  # fmt: skip

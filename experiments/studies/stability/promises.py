@@ -1,4 +1,4 @@
-"""Promises about the runs of the storm, and functions that find the scenes that break them."""
+"""Promises about the runs of the storm, and functions that find scenes that break a promise."""
 
 from typing import NamedTuple
 
@@ -61,7 +61,7 @@ def failures(rows: pl.DataFrame) -> pl.DataFrame:
 
 
 def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
-    """Return the rows that the independent solver solved; `apart`: V_p or passes differ, or the run of ours failed."""
+    """Return the rows that the independent solver solved; `apart`: V_p or passes differ, or our run failed."""
     true = {f"true_{name}": name for name in ("velocity", "contacts", "passes")}
     empty = pl.DataFrame(schema=dict.fromkeys(true.values(), pl.Float64))  # if no truth is known, columns are missing
     known = pl.concat([truths.filter(FINISHED), empty], how="diagonal_relaxed").select("scene", **true)

@@ -1,13 +1,13 @@
 """Simulation of each scene of the storm, and physical checks of the result.
 
-Energy. Let M be the reduced mass of tool and object, delta the penetration, v_in and v_out the velocities of approach
-and separation, and a the acceleration of the tool by all forces except the contact force. The contact force is
-F = M (a - delta''), so the contact takes from the bodies the energy
+Energy. M is the reduced mass of tool and object, delta the penetration, v_in and v_out are the velocities of approach
+and separation. The forces on the tool, except the contact force, give it the acceleration a. The contact force is
+F = M (a - delta''). So the contact takes from the bodies the energy
 
     integral of F d(delta) = (M v_in^2 - M v_out^2) / 2 + M integral of a d(delta)
 
 This energy must not be negative. The first term is computed from a `ContactRecord`, the second as a sum over the points
-of a `Trace`. The doubt of the sum is its change if every second point is left out, plus its rounding error.
+of a `Trace`. The doubt of the sum is the change if every second point is left out, plus the rounding error.
 
 Momentum. Friction decelerates the object by at most mu g (mu: coefficient of friction), so the contact's impulse may
 exceed the object's gain in momentum by at most the impulse of friction.
@@ -36,7 +36,7 @@ FINER = 1e-10  # rtol of a second run of each scene with a trace
 STIFF = 20.0  # damping factor d above which the independent solver tries Radau first
 TRUE_RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
 CHECKS = ("momentum_error", "impulse_error", "energy_created", "energy_doubt", "pull")
-"""Columns with the checks of a run, without units; each is that of the worst contact, and 0 without a contact.
+"""Columns with the checks of a run, without units: values of the worst contact, 0 without a contact.
 
 `momentum_error`: residual of eq. 20 / impulse. `impulse_error`: (impulse - gain of the object's momentum) / impulse,
 beyond what friction explains. `energy_created`: energy that the contact created (below 0: lost) / energy exchanged; nan
@@ -109,7 +109,7 @@ def finite(outcome: ig.Outcome) -> bool:
 
 
 def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
-    """Return the values of CHECKS for a run, from its contact records and, if it has one, its trace."""
+    """Return the values of CHECKS for a run, from contact records and, if recorded, the trace."""
     if not outcome.contacts:
         return dict.fromkeys(CHECKS, 0.0)
     budgets, energies, pulls = [], [], [0.0]
