@@ -2,7 +2,6 @@
 
 import copy
 from collections.abc import Mapping, Sequence
-from functools import cache
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -46,13 +45,6 @@ class View:
         return self["alarm"] > 0.5
 
 
-@cache
-def least_task(rule: Any) -> tuple[Task, ObservationSpec]:
-    """Return a task that has only the arguments in `rule.NEEDS`, and the task's observation."""
-    task = Task(**rule.NEEDS)
-    return task, ObservationSpec(task)
-
-
 class Rule:
     """A controller with a few parameters, each within its limits."""
 
@@ -74,7 +66,8 @@ class Rule:
         for parameter, values in zip(self.PARAMETERS, np.moveaxis(self.parameters, -1, 0), strict=True):
             for value in (values.min(), values.max()):
                 number(parameter.name, value, parameter.unit, at_least=parameter.low, at_most=parameter.high)
-        self.task, self.spec = least_task(kind)
+        self.task = Task(**kind.NEEDS)
+        self.spec = ObservationSpec(self.task)
 
     @classmethod
     def names(cls) -> list[str]:
@@ -112,7 +105,7 @@ class Rule:
         twin = copy.copy(self)
         twin.task = task.changed({"privileged": True}) if "privileged" in self.NEEDS else task
         twin.spec = ObservationSpec(twin.task)
-        if missing := [name for name in least_task(kind)[1].ids if name not in twin.spec]:
+        if missing := [name for name in ObservationSpec(Task(**kind.NEEDS)).ids if name not in twin.spec.ids]:
             arguments = ", ".join(f"{name} = {value}" for name, value in self.NEEDS.items())
             what = f"{kind.__name__} needs {', '.join(missing)}"
             raise ValueError(f"{what}, which this environment does not observe: make it with, for example, {arguments}")

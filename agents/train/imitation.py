@@ -41,7 +41,7 @@ class Teacher:
         the first step.
         """
         spec, time_weight = self.spec, self.spec.decode(observations, "time_weight")
-        if "time_since_touch" in spec:
+        if "time_since_touch" in spec.ids:
             touched = observations[..., spec.index("time_since_touch")]
             observations = observations.copy()
             observations[..., spec.index("alarm")] = touched > 0.0

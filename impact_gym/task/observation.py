@@ -45,9 +45,8 @@ class ObservationSpec:
     def __init__(self, task: Task, drawn: Iterable[str] | None = None) -> None:
         """Make the specification of `task`; `drawn`: ids of the drawn numbers for a critic, None: those of `task`."""
         critic = {*(task.drawn if drawn is None else drawn)}
-        arguments = {name: _argument(row, task, critic) for name, row in QUANTITIES.items()}
-        observed = sorted(filter(arguments.get, arguments), key=lambda name: arguments[name] == "privileged")
-        self.entries = tuple(_observed(QUANTITIES[name], task, arguments[name]) for name in observed)
+        entries = filter(None, (_entry(row, task, critic) for row in QUANTITIES.values()))
+        self.entries = tuple(sorted(entries, key=lambda entry: entry.observed == "privileged"))
         self.ids = tuple(entry.id for entry in self.entries)
         seen = [row for row in self.entries if row.observed != "privileged"]
         self.actor, self.critic = slice(0, len(seen)), slice(0, len(self.entries))
@@ -70,9 +69,6 @@ class ObservationSpec:
 
     def __len__(self) -> int:
         return len(self.entries)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._index
 
     def index(self, name: str) -> int:
         """Return the index of the number with this id in the observation; ValueError if it is not observed."""
@@ -121,8 +117,8 @@ def affine(scale: Scale) -> tuple[float, float]:
     return begin, (1.0 - scale.scaled_low) / (end - begin)
 
 
-def _argument(row: Quantity, task: Task, drawn: Container[str]) -> str:
-    """Return the argument that adds `row` to an observation of `task`, or "always"; "" if it is not observed."""
+def _entry(row: Quantity, task: Task, drawn: Container[str]) -> Quantity | None:
+    """Return `row` as `task` observes it, with the scale of the task; None: it is not observed."""
     match row.observed:
         case "past_readings":
             sensor, _, before = row.id.rpartition("_")
@@ -133,15 +129,12 @@ def _argument(row: Quantity, task: Task, drawn: Container[str]) -> str:
             seen = getattr(task, row.observed)
         case _:
             seen = row.observed == "always"
-    if seen:
-        return row.observed
     hidden = row.observed == "privileged" or row.id in drawn
     if row.id == "time_since_touch":
         hidden = task.alarm == "reading"  # else it equals the observed time since the alarm
-    return "privileged" if task.privileged and hidden else ""
-
-
-def _observed(row: Quantity, task: Task, argument: str) -> Quantity:
+    if not (seen or (hidden and task.privileged)):
+        return None
     words = f"{row.words} minus flange position" if row.from_flange else row.words
     low, high = task.ends(row.scale.ends) if row.scale.ends else row.scale[:2]
+    argument = row.observed if seen else "privileged"
     return replace(row, words=words, observed=argument, scale=row.scale._replace(low=low, high=high))

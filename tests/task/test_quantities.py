@@ -193,7 +193,7 @@ def test_critic_observes_the_true_value_of_a_drawn_number_on_the_scale_of_its_ro
     observations = envs.reset(seed=1)[0]
     spec, record = envs.unwrapped.observation_spec, envs.unwrapped.batch.info()["record"]
     hidden = [*["distance_estimate"] * (not more["observe_range_noise"]), "force_error", "noise_seed"]  # without scale
-    assert [name for name in record if name not in spec] == hidden
+    assert [name for name in record if name not in spec.ids] == hidden
     for name, values in record.items():
         if name not in hidden:
             seen, expected = observations[:, spec.index(name)], scaled(QUANTITIES[name].scale, values)
@@ -211,7 +211,7 @@ def full_specifications():
 
 @EVERY_ROW
 def test_decoding_inverts_encoding_and_observations_are_clipped_to_their_scale(row):
-    spec = next((spec for spec in full_specifications() if row.id in spec), None)
+    spec = next((spec for spec in full_specifications() if row.id in spec.ids), None)
     assert (spec is None) == (row.scale is NEVER_OBSERVED)
     if spec is None:
         return
