@@ -18,6 +18,7 @@ from agents.jobs import cached
 from agents.provenance import circumstances, digest_of
 from agents.setups import Setup, load_setup, shipped
 from impact_gym.files import locked
+from impact_gym.quantities import QUANTITIES
 from impact_gym.task import Task
 from impact_gym.validation import distinct, nearest, number, whole
 
@@ -26,7 +27,7 @@ BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1
 BOUND_RTOL = 1e-5  # tolerance of the simulation in the search for bounds; the error of V_p is below 1e-6 m/s
 NEAR = 0.005  # s, see `next_weight`
 MOST_TRIED = 8  # largest number of time weights that `tune_at_rule_time` adds to a baseline
-LEAST_WEIGHT, LARGEST_WEIGHT = 0.125, 32.0  # m/s per s, limits of the observed time weight
+LEAST_WEIGHT, LARGEST_WEIGHT = QUANTITIES["time_weight"].scale[:2]  # m/s per s
 LOCK = ".lock"  # name of the lock file in a folder of tuned baselines
 CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}  # an alarm without errors
 SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")

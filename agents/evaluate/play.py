@@ -77,7 +77,7 @@ def scenario_batch_of(scenarios: Mapping[str, Any], weight: float, task: Task, l
     frozen = frozen_of(scenarios)
     if frozen is None:
         task = task.changed({"scenario": scenarios["ranges"]})
-    options: Any = {"time_weight": [weight], "threads": 1, "quiet": True, "lenient": lenient}
+    options: Any = {"time_weight": [weight], "threads": 1, "lenient": lenient}
     return ScenarioBatch(frozen or scenarios["seed"], scenarios["count"], task, **options)
 
 

@@ -50,12 +50,21 @@ def test_scenario_batch_reports_a_failed_scenario_or_counts_it_as_missed():
     assert result.loss(1.0)[result.missed].min() > 2.0 > result.loss(1.0)[~result.missed].max()
 
 
+class ByWeight(ConstantSpeed):
+    """A rule whose speed depends on the time weight that it observes."""
+
+    def command(self, view):
+        velocity, acceleration = super().command(view)
+        return velocity * view["time_weight"] ** 0.1, acceleration
+
+
 @pytest.mark.parametrize("environment", [
     {"range_noise": 0.01}, {"scenario": {"distance": [0.1, 0.3]}, "coupling": {"type": "Bistable"}},
 ], ids=str)  # fmt: skip
-@pytest.mark.parametrize("rule", [ConstantSpeed(0.8, 12.0), Always(0.0, 10.5)])
+@pytest.mark.parametrize("rule", [ByWeight(0.8, 12.0), Always(0.0, 10.5)])
 def test_validation_and_evaluation_play_the_same_scenarios(rule, environment):
     """Validation plays a frozen set at all weights in one batch, evaluation draws from seeds at one weight."""
+    rule = rule.for_task(Task(**environment)) if isinstance(rule, ByWeight) else rule
     scores = Validation(Task(**environment), WEIGHTS, scenarios=40).score(rule)
     for place, weight in enumerate(WEIGHTS):
         episodes = ScenarioBatch(VALIDATION_SEED, 40, Task(**environment, time_weight=weight)).play(rule)

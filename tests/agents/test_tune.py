@@ -148,6 +148,13 @@ def test_tune_repeats_a_search_with_other_settings_or_another_environment(noisy,
     assert len({first, second, path.read_bytes()}) == 3
 
 
+def test_tune_of_the_shipped_set_ups_searches_nothing():
+    for name, setup in tune.Tune().baselines().items():
+        options = tune.Tune((setup.called,))
+        for found in read_tuned(name, options.folder(setup), setup)["weights"].values():
+            assert found["search"] == options.search(name, setup)
+
+
 def test_tune_uses_a_cluster_even_if_processes_are_given(noisy, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(RuntimeError, match="install the extra `cluster`"):
