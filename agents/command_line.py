@@ -54,11 +54,8 @@ def read_command(
             return None
         word = re.sub(r"\[(\w+) \[\1 \.\.\.\]\]", r"\1 ...", spec.metavar.replace("{None}|", ""))
         word = re.sub("INT|FLOAT", "NUMBER", word.replace("STR", "NAME"))
-
-        def shown(value: Any) -> list[str]:
-            return ["none"] if value in (None, ()) else spec.str_from_instance(value)
-
-        return replace(spec, metavar=word, str_from_instance=shown)
+        usual, none = spec.str_from_instance, (None, ())
+        return replace(spec, metavar=word, str_from_instance=lambda value: ["none"] if value in none else usual(value))
 
     config = (tyro.conf.PositionalMetavarFromFieldName,)
     given: dict[str, Any] = {} if default is None else {"default": default}
