@@ -1,7 +1,9 @@
 """The command `impact-gym`: its names, commands as text, and the way from a set-up to its controller."""
 
 import json
+import os
 import shlex
+import subprocess
 import sys
 from importlib.metadata import version
 from itertools import pairwise
@@ -60,9 +62,15 @@ def test_help_is_of_its_command_and_in_words_of_a_user(name, exit_of, capsys):
     assert text.startswith(f"usage: impact-gym {name} ")
     for jargon in ("STR", "[[", "{None}", "experiments.", "agents."):
         assert jargon not in text, jargon
+
+
+def test_line_of_an_option_in_the_help_ends_where_the_next_word_does_not_fit():
+    words = [sys.executable, "-X", "utf8", "-m", "experiments.command", "train", "--help"]
+    text = subprocess.check_output(words, env=os.environ | {"COLUMNS": "80"}, encoding="utf-8")
     rows = [line[1:-1].rstrip() for line in text.splitlines() if line.startswith("\u2502")]
-    for row, after in pairwise(rows):  # a line of an option's help ends where the next word does not fit
-        if "  " in row.strip() and after.startswith(10 * " "):
+    assert len(rows) > 50
+    for row, after in pairwise(rows):
+        if "  " in row[1:] and after.startswith(10 * " "):
             assert len(row) + len(after.split()[0]) >= 77, row
 
 
