@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from impact_gym.files import DiskFullError, writing
@@ -42,27 +43,46 @@ def read_command(
 
     registry, within = constructors.ConstructorRegistry(), list[object]()
 
+    def usual_rule(get: Callable[..., Any], info: object) -> Any:
+        """Call `get`, which calls our own rule again: it returns None then, and so tyro uses the usual rule."""
+        if within:
+            return None
+        within.append(info)
+        try:
+            return get(info)
+        finally:
+            within.clear()
+
+    @registry.struct_rule
+    def paragraphs(info: constructors.StructTypeInfo) -> constructors.StructConstructorSpec | None:
+        """Read a dataclass as tyro does; the lines of an option's help become a paragraph."""
+        spec = usual_rule(registry.get_struct_spec, info)
+        if not isinstance(spec, constructors.StructConstructorSpec):
+            return None
+        return replace(
+            spec, fields=tuple(replace(each, helptext=partial(joined, each.helptext)) for each in spec.fields)
+        )
+
     @registry.primitive_rule
     def plain_words(info: constructors.PrimitiveTypeInfo) -> constructors.PrimitiveConstructorSpec[Any] | None:
         """Read a value as tyro does; the help has "PATH" for "{None}|PATH", and "NAME ..." for "[STR [STR ...]]"."""
-        if within:  # the line `spec = ...` below called this function: None makes tyro use its own rule
-            return None
-        within.append(info)
-        spec = registry.get_primitive_spec(info)
-        within.clear()
+        spec = usual_rule(registry.get_primitive_spec, info)
         if not isinstance(spec, constructors.PrimitiveConstructorSpec):
             return None
         word = re.sub(r"\[(\w+) \[\1 \.\.\.\]\]", r"\1 ...", spec.metavar.replace("{None}|", ""))
         word = re.sub("INT|FLOAT", "NUMBER", word.replace("STR", "NAME"))
-
-        def shown(value: Any) -> list[str]:
-            return ["none"] if value in (None, ()) else spec.str_from_instance(value)
-
-        return replace(spec, metavar=word, str_from_instance=shown)
+        usual, none = spec.str_from_instance, (None, ())
+        return replace(spec, metavar=word, str_from_instance=lambda value: ["none"] if value in none else usual(value))
 
     config = (tyro.conf.PositionalMetavarFromFieldName,)
     given: dict[str, Any] = {} if default is None else {"default": default}
     return tyro.cli(options, prog=f"impact-gym {name}", args=arguments, registry=registry, config=config, **given)
+
+
+def joined(text: str | Callable[[], str | None] | None) -> str | None:
+    """Return a help text in one line."""
+    text = text() if callable(text) else text
+    return text and " ".join(text.split())
 
 
 @contextmanager

@@ -224,16 +224,21 @@ def search_bounds(
     setups = [setup for setup in map(load_setup, options.setups) if setup.bound == setup.name]
     missing = list[tuple[Setup, float]]()
 
+    def known(setup: Setup) -> dict[float, Floats]:
+        try:
+            return tuned.read_bound(setup, options.folder(setup), generations)
+        except ValueError as reason:
+            print(f"the bound of {setup.name} is searched again: {reason}")
+            return {}
+
     def write(place: int, parameters: Floats) -> None:
         setup, weight = missing[place]
-        folder = options.folder(setup)
-        with locked(folder / LOCK):
-            known = tuned.read_bound(setup, folder, generations)
-            tuned.write_bound(setup, known | {weight: parameters}, folder, generations)
+        with locked(options.folder(setup) / LOCK):
+            tuned.write_bound(setup, known(setup) | {weight: parameters}, options.folder(setup), generations)
 
     for setup in setups:
-        known = tuned.read_bound(setup, options.folder(setup), generations)
-        missing += [(setup, weight) for weight in sorted({*(options.weights or setup.evaluation.weights)} - {*known})]
+        weights = {*(options.weights or setup.evaluation.weights)} - {*known(setup)}
+        missing += [(setup, weight) for weight in sorted(weights)]
     budget = {"scenarios": scenarios, "generations": generations}
     arguments = [{"environment": setup.environment, "time_weight": weight, **budget} for setup, weight in missing]
     options.search_all(search_bound, arguments, "bound", write)

@@ -79,10 +79,6 @@ class RandomActions:
         """Make a controller; default `task`: that of `ImpactApproach-v0`."""
         self._rng, self._size = np.random.default_rng(seed), len(ActionSpec(task or Task()))
 
-    def for_task(self, task: Task) -> "RandomActions":
-        """Return a new controller for another task, with seed 0."""
-        return RandomActions(task=task)
-
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], Any]:

@@ -126,8 +126,8 @@ def read_bound(setup: Setup, folder: Path = TUNED, generations: int = BOUND_GENE
     environment = content.pop("environment", {})
     search = {"set": BOUND_SET, "parameters": Clairvoyant.names(), "generations": generations}
     if content != search or not setup.describes(Task(**environment)):
-        remedy = f"impact-gym tune {setup.called} --bound"
-        raise ValueError(f"{path} was searched for another environment or for other parameters: {remedy}")
+        remedy = f"search it again with impact-gym tune {setup.called} --bound"
+        raise ValueError(f"{path} has the bound for another environment or from another search: {remedy}")
     return {float(weight): parameters for weight, parameters in arrays.items()}
 
 

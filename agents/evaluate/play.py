@@ -102,13 +102,14 @@ def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None
     if kind not in KINDS:
         raise ValueError(f"no controller of the kind {kind!r}")
     controller = KINDS[kind](value, time_weight)
-    if task is None or not isinstance(controller, (Rule, RandomActions)):
-        return controller
-    if isinstance(controller, Rule):
+    if task and isinstance(controller, RandomActions):
+        return RandomActions(task=task)
+    if task and isinstance(controller, Rule):
         known = controller.task.by_path() if kind == "tuned" else {}
         kept = {name: known[name] for name in controller.KNOWS if name in known}
-        task = task.changed(kept | {"scenario": task.arguments().get("scenario", controller.task.scenario)})
-    return controller.for_task(task)
+        own = {"scenario": task.arguments().get("scenario", controller.task.scenario)}
+        return controller.for_task(task.changed(kept | own))
+    return controller
 
 
 @lru_cache(maxsize=64)

@@ -189,6 +189,9 @@ def test_search_bounds_beats_a_blind_profile_and_keeps_its_result(tmp_path):
     write_bound(setup, {1.0: 0.5 * parameters}, tmp_path, generations=25)
     assert tune.search_bounds(wanted, **size) == [path]
     assert np.array_equal(read_bound(setup, tmp_path, 25)[1.0], 0.5 * parameters)  # it was not searched again
+    write_bound(setup, {1.0: 0.5 * parameters}, tmp_path, generations=9)
+    tune.search_bounds(wanted, **size)
+    assert np.array_equal(read_bound(setup, tmp_path, 25)[1.0], parameters)
 
 
 def test_read_bound_refuses_the_result_of_another_search(tmp_path):
@@ -196,7 +199,7 @@ def test_read_bound_refuses_the_result_of_another_search(tmp_path):
     path = write_bound(setup, {2.0: np.zeros((3, 13))}, tmp_path)
     assert read_bound(setup, tmp_path)[2.0].shape == (3, 13)
     assert bound_of(setup, tmp_path) == {}  # the weights 0.7, 1 and 4 are missing
-    refused(lambda: read_bound(setup, tmp_path, generations=2), "for another environment or for other parameters")
+    refused(lambda: read_bound(setup, tmp_path, generations=2), "for another environment or from another search")
     path.with_name("clairvoyant-rigid-blind.npz").write_bytes(path.read_bytes())
     refused(lambda: read_bound(load_setup("rigid-blind"), tmp_path), "for another environment")
 
