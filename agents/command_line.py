@@ -38,7 +38,7 @@ def read_command(
 
     `default` replaces the default values of the dataclass. The help shows NAME, NUMBER and PATH instead of types.
     """
-    import tyro  # `progress` does not need it
+    import tyro  # not at the top: `progress` does not need tyro
     from tyro import constructors
 
     registry, within = constructors.ConstructorRegistry(), list[object]()
@@ -87,7 +87,7 @@ def joined(text: str | Callable[[], str | None] | None) -> str | None:
 
 @contextmanager
 def command_line(name: str, after: str = "the same command continues") -> Iterator[None]:
-    """Print OSError, RuntimeError and ValueError without traceback, and each warning once; `after`: how to continue."""
+    """Print OSError, RuntimeError and ValueError without traceback, each warning once; `after`: advice on resuming."""
     said = set[str]()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
@@ -119,7 +119,6 @@ def command_of(name: str, options: Any, default: Any = None, *first: str) -> str
 
 
 def _words(options: Any, default: Any) -> tuple[list[str], list[str]]:
-    """Return the words of positional options, and the words of named options."""
     from tyro.conf import Positional
 
     positional, named = [], []
@@ -152,7 +151,7 @@ class _Lines(io.TextIOBase):
 def progress(title: str, total: int, begun: int = 0) -> "tqdm[Any]":
     """Return a progress bar with `begun` of `total` steps done; the caller updates and closes it.
 
-    On a terminal, the main process redraws the bar. Elsewhere, the bar prints a line every 30 s.
+    On a terminal, the main process redraws the bar. Elsewhere, the bar prints a line about every 30 s.
     """
     from tqdm import tqdm
 

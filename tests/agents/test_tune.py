@@ -140,7 +140,7 @@ def test_parallel_tunings_keep_each_others_weights(noisy, tmp_path):
 def test_tune_repeats_a_search_with_other_settings_or_another_environment(noisy, tmp_path, capsys):
     first = tune.tune(noisy)[0].read_bytes()
     path = tune.tune(replace(noisy, seed=9))[0]
-    assert "tuned again at ['1', '4']: it was tuned with other settings" in capsys.readouterr().out
+    assert "the results at ['1', '4'] have other settings, and are not reused" in capsys.readouterr().out
     second = path.read_bytes()
     (tmp_path / "noisy.toml").write_text(NOISY.replace("[baselines", "tool_mass = 0.2\n[baselines"))
     tune.tune(replace(noisy, seed=9))
