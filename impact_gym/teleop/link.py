@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from impact_gym.kernels import LONGEST_JITTER, WITHDRAWAL_FADE
 from impact_gym.teleop.channels import LOST, WAYS, Channel
-from impact_gym.teleop.operators import KINDS, Operator
+from impact_gym.teleop.operators import KINDS, Operator, Replay
 from impact_gym.validation import Range
 
 LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # in control periods, in s; a trace's median spacing is at most the longer
@@ -45,6 +45,9 @@ class Link(NamedTuple):
                 raise ValueError(f"Replay.velocity must be {allowed}, got {velocity:g} m/s")
         if 0.0 < (length := getattr(self.operator, "length", 0.0)) < horizon:
             raise ValueError(f"Replay.length must be at least the horizon, {horizon:g} s, got {length!r} s")
+        first = self.ends("operator", "recording")[0]
+        if isinstance(self.operator, Replay) and length and first == math.ceil(self.operator.time[-1] / length):
+            raise ValueError(f"Replay.recording must be below {first:g}, the number of recordings, got {first:g}")
         for way in WAYS:
             self._check_delay(way, horizon, control_period)
         if (timeout := self.downlink.timeout) != Channel().timeout:
