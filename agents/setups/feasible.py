@@ -9,11 +9,11 @@ from impact_gym.task.task import MOUNT_IDS
 
 OVERSHOOT = 2.0
 """Largest ratio of a compliant robot's acceleration to the commanded acceleration, for an undamped spring and one step
-of the command. Several steps at the robot's natural frequency cause a larger ratio."""
+of the command. Several steps at the robot's natural frequency can cause a larger ratio."""
 
 
 def warnings(task: Task) -> list[str]:
-    """Return a sentence for each problem of a task; ValueError: the front stop cannot hold the tool."""
+    """Return a sentence for each problem found; ValueError: the front stop cannot hold the tool."""
     (near, far), (least, most) = task.scenario.distance, task.acceleration_range
     observed = ObservationSpec(task).scale("position").high
     first_reading = task.longest("reaction_delay") + task.control_period
