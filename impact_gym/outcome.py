@@ -65,7 +65,7 @@ class Outcome(NamedTuple):
     snap_through: tuple[float, ...]  # s, times at which the slider of a `Bistable` coupling passes the alignment
     peak_object_velocity: float  # m/s, largest velocity of the object; without friction the final velocity
     slide: float | None  # m, slide of the object, if no contact follows the run; None: no friction
-    rest_time: float | None  # s, since when tool (< 1 mm/s) and object rest; inf: tool still moves; None: no friction
+    rest_time: float | None  # s, when tool (< 1 mm/s) and object come to rest; inf: tool still moves; None: no friction
 
 
 @dataclass(frozen=True, eq=False)

@@ -184,7 +184,7 @@ class Batch:
         self.links["person_command"] = velocities
 
     def get_state(self, **more: Any) -> dict[str, Any]:
-        """Return a copy of the whole state of the batch, and `more`, for `set_state`."""
+        """Return a copy of the state, and `more`, for `set_state`."""
         state = {name: getattr(self, name).copy() for name in _STATE} | more
         return state | {"sha256": self._digest(state)}
 

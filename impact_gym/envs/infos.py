@@ -67,7 +67,7 @@ class Infos:
         return [filled(layout, of_row) for layout, of_row in zip(layouts, values, strict=True)]
 
     def columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> dict[str, Any]:
-        """Return infos of `rows` as arrays (size,) with all numbers that any task draws; elsewhere 0, False or None."""
+        """Return infos of `rows`, arrays (size,) with all numbers that any task draws; elsewhere 0, False or None."""
         size, (numbers, others) = len(episodes), self._values(episodes, chains, rows)
         columns = np.zeros((len(numbers), size))
         columns[:, rows] = numbers

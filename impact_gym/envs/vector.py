@@ -162,7 +162,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return tuple(renderer.render(self.batch.history(slot)) for slot in range(self.num_envs))
 
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of the whole state, including the random generators, for `set_state`."""
+        """Return a copy of the state, with the random generators, for `set_state`."""
         return self.batch.get_state(generators=[generator.bit_generator.state for generator in self._generators])
 
     def set_state(self, state: Mapping[str, Any]) -> None:
