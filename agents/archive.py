@@ -1,4 +1,4 @@
-"""Read and write archives: files of JSON, arrays and a checksum. Reading an archive runs no code."""
+"""Read and write archives: files with JSON, arrays and a checksum. Reading an archive runs no code."""
 
 import hashlib
 import io
@@ -35,7 +35,7 @@ def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArr
 
 
 def unpacked(packed: bytes, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of an archive; any exception: damaged archive or another format than `kind`."""
+    """Return content and arrays of an archive; any exception: it is damaged or has another format than `kind`."""
     with NpzFile(io.BytesIO(packed), allow_pickle=False) as archive:
         parts = archive.zip.infolist()  # type: ignore[union-attr]  # `zip` is None after closing
         if (size := sum(part.file_size for part in parts)) > len(packed):

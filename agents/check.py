@@ -28,9 +28,9 @@ SAMPLE = 500  # number of scenarios that the paper's rule plays
 class Check:
     """Check a set-up, and describe it.
 
-    A set-up is a file that describes an arm and its objects. The command prints the observation, the actions, the
-    ranges, and the settings of training and evaluation. It plays the paper's rule in 500 scenarios, and prints the
-    results. It draws robot, tool and object to scale.
+    A set-up is a file that describes an arm, the objects that its tool touches, and the training and evaluation of
+    controllers. The command prints these settings. It plays the paper's rule in 500 scenarios, and prints the results.
+    It draws robot, tool and object to scale.
     """
 
     setup: tyro.conf.Positional[str]

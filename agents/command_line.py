@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from impact_gym.files import DiskFullError, writing
@@ -37,37 +38,56 @@ def read_command(
 
     `default` replaces the default values of the dataclass. The help shows NAME, NUMBER and PATH instead of types.
     """
-    import tyro  # `progress` does not need it
+    import tyro  # not at the top: `progress` does not need tyro
     from tyro import constructors
 
     registry, within = constructors.ConstructorRegistry(), list[object]()
 
+    def usual_rule(get: Callable[..., Any], info: object) -> Any:
+        """Call `get`, which calls our own rule again: it returns None then, and so tyro uses the usual rule."""
+        if within:
+            return None
+        within.append(info)
+        try:
+            return get(info)
+        finally:
+            within.clear()
+
+    @registry.struct_rule
+    def paragraphs(info: constructors.StructTypeInfo) -> constructors.StructConstructorSpec | None:
+        """Read a dataclass as tyro does; the lines of an option's help become a paragraph."""
+        spec = usual_rule(registry.get_struct_spec, info)
+        if not isinstance(spec, constructors.StructConstructorSpec):
+            return None
+        return replace(
+            spec, fields=tuple(replace(each, helptext=partial(joined, each.helptext)) for each in spec.fields)
+        )
+
     @registry.primitive_rule
     def plain_words(info: constructors.PrimitiveTypeInfo) -> constructors.PrimitiveConstructorSpec[Any] | None:
         """Read a value as tyro does; the help has "PATH" for "{None}|PATH", and "NAME ..." for "[STR [STR ...]]"."""
-        if within:  # the line `spec = ...` below called this function: None makes tyro use its own rule
-            return None
-        within.append(info)
-        spec = registry.get_primitive_spec(info)
-        within.clear()
+        spec = usual_rule(registry.get_primitive_spec, info)
         if not isinstance(spec, constructors.PrimitiveConstructorSpec):
             return None
         word = re.sub(r"\[(\w+) \[\1 \.\.\.\]\]", r"\1 ...", spec.metavar.replace("{None}|", ""))
         word = re.sub("INT|FLOAT", "NUMBER", word.replace("STR", "NAME"))
-
-        def shown(value: Any) -> list[str]:
-            return ["none"] if value in (None, ()) else spec.str_from_instance(value)
-
-        return replace(spec, metavar=word, str_from_instance=shown)
+        usual, none = spec.str_from_instance, (None, ())
+        return replace(spec, metavar=word, str_from_instance=lambda value: ["none"] if value in none else usual(value))
 
     config = (tyro.conf.PositionalMetavarFromFieldName,)
     given: dict[str, Any] = {} if default is None else {"default": default}
     return tyro.cli(options, prog=f"impact-gym {name}", args=arguments, registry=registry, config=config, **given)
 
 
+def joined(text: str | Callable[[], str | None] | None) -> str | None:
+    """Return a help text in one line."""
+    text = text() if callable(text) else text
+    return text and " ".join(text.split())
+
+
 @contextmanager
 def command_line(name: str, after: str = "the same command continues") -> Iterator[None]:
-    """Print OSError, RuntimeError and ValueError without traceback, and each warning once; `after`: how to continue."""
+    """Print OSError, RuntimeError and ValueError without traceback, each warning once; `after`: advice on resuming."""
     said = set[str]()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
@@ -99,7 +119,6 @@ def command_of(name: str, options: Any, default: Any = None, *first: str) -> str
 
 
 def _words(options: Any, default: Any) -> tuple[list[str], list[str]]:
-    """Return the words of positional options, and the words of named options."""
     from tyro.conf import Positional
 
     positional, named = [], []
@@ -132,7 +151,7 @@ class _Lines(io.TextIOBase):
 def progress(title: str, total: int, begun: int = 0) -> "tqdm[Any]":
     """Return a progress bar with `begun` of `total` steps done; the caller updates and closes it.
 
-    On a terminal, the main process redraws the bar. Elsewhere, the bar prints a line every 30 s.
+    On a terminal, the main process redraws the bar. Elsewhere, the bar prints a line about every 30 s.
     """
     from tqdm import tqdm
 

@@ -33,13 +33,13 @@ from agents.provenance import origin_of
 from impact_gym.files import DiskFullError, writing
 from impact_gym.validation import WrongTypeError, number, whole
 
-SHOWN = 10  # number of failed calls that JobsFailedError lists
+SHOWN = 10  # largest number of failed calls that JobsFailedError lists
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 """Environment variables that give a worker one thread, so that sums do not depend on the number of cores."""
 
 
 class Failure(NamedTuple):
-    """Why a call has no result."""
+    """The reason why a call has no result."""
 
     reason: str
     trace: str = ""  # traceback of the error that the function raised
@@ -90,8 +90,8 @@ def cached(
         processes: number of new processes on this machine; None: one for each core; 0: compute in this process.
         cluster: address of an existing Ray cluster that runs the calls. "ray": the address in RAY_ADDRESS, or else the
             cluster of this machine.
-        seconds: time limit of a call; the start of a process does not count. A call that takes longer fails. Not
-            allowed on a cluster; without effect if `processes` is 0.
+        seconds: time limit of a call; the start of a process does not count. Not allowed on a cluster;
+            without effect if `processes` is 0.
         failed: function that gets the arguments of a failed call and the reason, and returns a replacement for the
             result. The failure is stored, and the call is not repeated.
         done: function that this process calls with each index and result, stored results first.
@@ -100,7 +100,7 @@ def cached(
         JobsFailedError: `failed` is None, and calls failed. The error is raised when all calls have ended.
         DiskFullError: the disk has no room for a result, or for a file that a call writes.
         RuntimeError: there is no such cluster, or Ray is not installed.
-        TypeError, ValueError: other processes cannot import `function`, or the function does not take the arguments.
+        TypeError, ValueError: other processes cannot import `function`, or an argument is wrong.
     """
     processes = None if processes is None else whole("processes", processes, at_least=0)
     seconds = None if seconds is None else number("seconds", seconds, "s", above=0.0)
@@ -186,12 +186,12 @@ def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: s
 
 
 def perform(call: Call, versions: Mapping[str, str]) -> bytes:
-    """Run a call; return its pickled result, `Failure` (such as for other `versions` here) or `DiskFullError`."""
+    """Run a call; return its pickled result, `Failure` or `DiskFullError`. Other `versions` here cause a `Failure`."""
     try:
         if (here := {name: version(name) for name in versions}) != versions:
             same = "install the same versions on all nodes"
             raise RuntimeError(f"the node has {here}, the calling process {versions}: {same}")
-        with warnings.catch_warnings(action="ignore", category=UserWarning):  # the calling process has warned already
+        with warnings.catch_warnings(action="ignore", category=UserWarning):  # else each call would repeat the warnings
             result = pkgutil.resolve_name(call.function)(**json.loads(call.given or call.arguments))
         return pickle.dumps(result, protocol=5)
     except DiskFullError as error:
@@ -201,7 +201,7 @@ def perform(call: Call, versions: Mapping[str, str]) -> bytes:
 
 
 def on_this_machine(calls: Sequence[Call], processes: int | None, seconds: float | None) -> Answers:
-    """Run calls in spawned processes, because forked processes would inherit threads and locks."""
+    """Run calls in spawned processes, which inherit no threads or locks; with 0 `processes`, here."""
     if processes == 0 or not calls:
         yield from ((call, perform(call, {})) for call in calls)
         return

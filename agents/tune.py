@@ -28,8 +28,8 @@ BOUND_RTOL = 1e-5  # tolerance of the simulation in the search for bounds; the e
 NEAR = 0.005  # s, see `next_weight`
 MOST_TRIED = 8  # largest number of time weights that `tune_at_rule_time` adds to a baseline
 LEAST_WEIGHT, LARGEST_WEIGHT = QUANTITIES["time_weight"].scale[:2]  # m/s per s
-LOCK = ".lock"  # name of the lock file in a folder of tuned baselines
-CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}  # an alarm without errors
+LOCK = ".lock"
+CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}
 SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")
 """Sources on which the result of a search depends."""
 
@@ -52,20 +52,19 @@ class Tune:
     """Number of candidates for each time weight. Without this option, the number is `baselines.budget` of the
     set-up."""
     population: int = 16
-    """Number of candidates that the search tries at the same time."""
+    """Number of candidates in each generation of the search (CMA-ES)."""
     seed: int = 1
     """Seed of the random numbers in the search."""
     bound: bool = False
-    """Also search the bound: the lowest cost of a controller that knows the scenario. Set-ups that use the bound of
-    another set-up are left out."""
+    """Also search the bound: the lowest cost found for a controller that knows the scenario. Set-ups that use the bound
+    of another set-up are left out."""
     at_rule_time: bool = False
     """Also tune for at most eight more time weights. The aim is one mean approach time at most 5 ms below that of the
-    paper's rule, and another at most 5 ms above. The report interpolates V_p (the object's final velocity) between
-    these two times."""
+    paper's rule, and another at most 5 ms above."""
     processes: int = 2
     """Number of searches at the same time on this machine, each on one core. 0: the searches run in this process."""
     cluster: str | None = None
-    """Search on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster."""
+    """Address of a Ray cluster. "ray": the address in RAY_ADDRESS, or else the cluster of this machine."""
     out: Path | None = None
     """Folder for the files of the tuned baselines. Without this option, the command writes the files of a shipped
     set-up into the folder of the shipped baselines, and the files of another set-up into runs/NAME/tuned."""
@@ -117,7 +116,7 @@ class Tune:
 
 
 def tune(options: Tune) -> list[Path]:
-    """Tune baselines for the time weights that their files lack, and return the paths of the files."""
+    """Tune baselines for the time weights that lack a result with these settings; return the paths of the files."""
     setups, missing, arguments = options.baselines(), [], []
     for name, setup in setups.items():
         known, (rule, rtol, *_) = _tuned_before(name, setup, options), setup.tuned[name]
@@ -186,7 +185,7 @@ def _tuned_before(name: str, setup: Setup, options: Tune, say: Callable[[str], N
         return {}
     same = {weight: found for weight, found in weights.items() if found["search"] == options.search(name, setup)}
     if same != weights:
-        say(f"{name} is tuned again at {sorted(set(weights) - set(same))}: it was tuned with other settings")
+        say(f"{name}: the results at {sorted(set(weights) - set(same))} have other settings, and are not reused")
     return same
 
 
@@ -225,16 +224,21 @@ def search_bounds(
     setups = [setup for setup in map(load_setup, options.setups) if setup.bound == setup.name]
     missing = list[tuple[Setup, float]]()
 
+    def known(setup: Setup) -> dict[float, Floats]:
+        try:
+            return tuned.read_bound(setup, options.folder(setup), generations)
+        except ValueError as reason:
+            print(f"the bound of {setup.name} is searched again: {reason}")
+            return {}
+
     def write(place: int, parameters: Floats) -> None:
         setup, weight = missing[place]
-        folder = options.folder(setup)
-        with locked(folder / LOCK):
-            known = tuned.read_bound(setup, folder, generations)
-            tuned.write_bound(setup, known | {weight: parameters}, folder, generations)
+        with locked(options.folder(setup) / LOCK):
+            tuned.write_bound(setup, known(setup) | {weight: parameters}, options.folder(setup), generations)
 
     for setup in setups:
-        known = tuned.read_bound(setup, options.folder(setup), generations)
-        missing += [(setup, weight) for weight in sorted({*(options.weights or setup.evaluation.weights)} - {*known})]
+        weights = {*(options.weights or setup.evaluation.weights)} - {*known(setup)}
+        missing += [(setup, weight) for weight in sorted(weights)]
     budget = {"scenarios": scenarios, "generations": generations}
     arguments = [{"environment": setup.environment, "time_weight": weight, **budget} for setup, weight in missing]
     options.search_all(search_bound, arguments, "bound", write)
@@ -258,7 +262,7 @@ def search_bound(
 
 
 def run(options: Tune) -> None:
-    """Tune the baselines, and print their scores."""
+    """Tune the baselines, print their scores, and search the bounds if `options.bound`."""
     paths = tune(options)
     if options.at_rule_time:
         tune_at_rule_time(options)

@@ -25,7 +25,7 @@ COMMANDS: Mapping[str, Mapping[str, Command]] = {
         "tune": Command("agents.tune", ("train",), "tune the baselines of a set-up"),
         "train": Command("agents.train", ("train",), "train one policy or several policies for a set-up"),
         "controller": Command(
-            "experiments.controller", ("train", "report"), "all in one: tune, train, report, export the best controller"
+            "experiments.controller", ("train", "report"), "tune, train, report, and export the best controller"
         ),
         "report": Command("experiments.report", ("report",), "write a page that compares policies and baselines"),
         "export": Command("agents.export", ("train",), "write a controller as C code, and a policy also as ONNX"),
@@ -88,7 +88,7 @@ def main() -> None:
         remedy = f"pip install 'impact-gym[{','.join(command.extras)}]'"
         sys.exit(f"impact-gym {name} needs {', '.join(absent)}: {remedy}")
     sys.argv[1:] = arguments
-    sys.path.append("")  # for MODULE:OBJECT; at the end, because the current folder may contain an `experiments`
+    sys.path.append("")  # to import MODULE:OBJECT; last, because the current folder may contain `experiments`
     runpy.run_module(command.module, run_name="__main__", alter_sys=True)
 
 

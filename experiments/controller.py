@@ -37,8 +37,8 @@ class ControllerOptions:
     """Number of tunings or trainings at the same time on this machine, each on one core."""
     time_weight: float | None = None
     """Cost of a second until the touch, in m/s of the object's final velocity. The command exports the simplest
-    controller whose mean cost is not significantly above the lowest. Without this option, the value is
-    `evaluation.typical` of the set-up (2 by default)."""
+    controller whose mean cost at this weight is not significantly above the lowest. Without this option, the value
+    is `evaluation.typical` of the set-up (2 by default)."""
     all: bool = False
     """Export all controllers, not only the best one."""
     cluster: str | None = None

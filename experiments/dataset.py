@@ -52,7 +52,7 @@ class DatasetOptions:
     """Record episodes as Minari datasets, or check a dataset.
 
     From a set-up, the command makes a dataset for each player (controller) in --who. From a folder of tries of
-    impact-gym play, it makes one dataset, or the file --operator. The id of a dataset is
+    impact-gym play, it makes one dataset; with --operator, only that file. The id of a dataset is
     NAMESPACE/SETUP/PLAYER-vVERSION.
     """
 
@@ -135,7 +135,7 @@ def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], pla
 def write(
     name: str, env: gym.Env[Any, Any], episodes: Iterator[EpisodeBuffer], options: DatasetOptions, who: str, about: str
 ) -> Any:
-    """Write a dataset atomically and return it; ValueError: the dataset exists, or its name is invalid."""
+    """Write a dataset atomically and return it; ValueError: the dataset exists, or `name` is invalid."""
     final, (namespace, _, _) = get_dataset_path(name), parse_dataset_id(name)
     if final.exists():
         raise ValueError(f"there is a dataset {name} already, {final}: delete it, or use another --version")
@@ -191,7 +191,7 @@ def given(actions: Sequence[Sequence[float]], _weight: float) -> Any:
 
 
 def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
-    """Make a dataset's environment; ValueError: not of this package, or the metadata name other code or files."""
+    """Make a dataset's environment; ValueError: the metadata name other environments, code or files than ours."""
     spec = json.loads(about["env_spec"])
     if spec["id"] not in IDS:
         raise ValueError(f"its id must be one of {', '.join(IDS)}, got {shown(spec['id'])}")
@@ -204,7 +204,7 @@ def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
 
 
 def check(name: str) -> int:
-    """Replay a dataset, and return the number of its episodes; ValueError: no such dataset, or an episode differs."""
+    """Replay a dataset, return the episode count; ValueError: unknown dataset or environment, or an episode differs."""
     if not get_dataset_path(name).is_dir():
         known = ", ".join(minari.list_local_datasets()) or "none"
         raise ValueError(f"there is no dataset {name!r:.80} in {get_dataset_path()}, which has: {known}")
@@ -234,7 +234,7 @@ def work(options: DatasetOptions) -> None:
         print(f"{options.source}: {check(options.source)} episodes replay exactly")
     elif options.operator is not None:
         found = try_files.of_persons(Path(options.source), options.include_marked)
-        content = [f"{key} = {json.dumps(value)}\n" for key, value in try_files.operator_of(found).items()]  # also TOML
+        content = [f"{key} = {json.dumps(value)}\n" for key, value in try_files.operator_of(found).items()]  # TOML, too
         write_file(options.operator, "".join(["[environment.operator]\n", *content]))
         print(f"{options.operator}: an operator that draws one of {len(found)} tries for each episode")
     else:

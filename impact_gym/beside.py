@@ -8,7 +8,7 @@ from types import ModuleType
 
 
 class Beside:
-    """A finder and loader that imports, for instance, `impact_gym.agents` as `agents`."""
+    """A finder and loader, which imports `impact_gym.agents` as `agents`, for instance."""
 
     @staticmethod
     def find_spec(name: str, _path: object = None, _target: object = None) -> ModuleSpec | None:
@@ -18,7 +18,7 @@ class Beside:
 
     @staticmethod
     def create_module(spec: ModuleSpec) -> ModuleType:
-        """Import and return the module of this name without `impact_gym.`."""
+        """Import and return the module whose name is `spec.name` without `impact_gym.`."""
         module = import_module(spec.name.removeprefix("impact_gym."))
         spec.loader_state = module.__spec__
         return module

@@ -1,4 +1,4 @@
-"""Read columns of numbers from CSV files of various programs, such as logs of hits and traces of channel delays.
+"""Read columns of numbers from CSV files of various programs, such as logs of hits and of channel delays.
 
 `read_columns` finds encoding, separator, decimal sign, the lines before the numbers, and the columns' names and units.
 """
@@ -32,7 +32,7 @@ SCALES: Mapping[str, Mapping[str, float]] = {
 """For each SI unit: accepted units in lower case, with their factors to the SI unit."""
 IN_BRACKETS = (r"(.+?)[\s_]*[\[({<]([^\[({<]*)[\])}>]\s*", r"([^/]+?)\s*/\s*\(?(.+?)\)?")
 UNIT_FORMS = (*IN_BRACKETS, r"(.+)()", r"(.+?)(?:[\s_,:-]|\bin\b)+([^\s_]+)")
-"""Patterns of the headers Force (N), force/N, force and force_N; an unknown unit is refused in IN_BRACKETS only."""
+"""Patterns of headers such as Force (N), force/N, force, force_N; an unknown unit is an error in the first two."""
 SEPARATORS = ("\t", ";", ",", "|", None)  # None: any run of blanks
 NUMBERS = {
     sign: re.compile(rf"[+-]?((\d+[{sign}]?\d*|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
@@ -40,14 +40,14 @@ NUMBERS = {
 }
 COMMENTS = ("#", "%", "//")
 COMMENT_LINE = re.compile(r"^[ \t]*(#|%|//).*", re.MULTILINE)
-FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # the layout is found from at most so many
+FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # largest part of a file from which its layout is found
 
 
 class Column(NamedTuple):
     """A column to look for in a file."""
 
     unit: str  # SI unit, a key of SCALES
-    names: str  # regular expression for names, in lower case with single blanks
+    names: str  # regular expression for names in lower case, with a blank between words
     needs_unit: bool = False  # True: the file must state the unit, because several units are common
     may_be_empty: bool = False  # True: an empty field becomes nan; False: an empty field is refused
 
@@ -166,7 +166,7 @@ def _layout(lines: Sequence[str]) -> _Layout:
 def _sources(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column], unnamed: Sequence[str]
 ) -> tuple[_Sources, list[str]]:
-    """Find the wanted columns in the file; return where each one is, and the names of all columns of the file."""
+    """Return index and factor of each wanted column found, and the file's column names ("" if it has none)."""
     allowed = ", ".join(f"{name} ({column.unit})" for name, column in wanted.items())
     heads, units, between = _names(lines, layout, wanted)
     if heads and between:
@@ -200,7 +200,7 @@ def _sources(
 def _names(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column]
 ) -> tuple[list[str], list[str], list[int]]:
-    """Return names and units of the columns, and the indices of other lines between names and numbers."""
+    """Return the columns' names, units, and the indices of lines with other text above the numbers, up to the names."""
     units: list[str] = []
     between: list[int] = []
     for k in reversed(range(layout.first)):
@@ -233,7 +233,7 @@ def _plain(name: str) -> str:
 
 
 def _meaning(head: str, wanted: Mapping[str, Column]) -> tuple[str, str] | None:
-    """Return the wanted column that a header means, and the header's unit or ""; None if it means none."""
+    """Return the wanted column that a header names, and the header's unit or ""; None: the header is unknown."""
     for form in UNIT_FORMS:
         if parts := re.fullmatch(form, head):
             name = next((name for name in wanted if re.fullmatch(wanted[name].names, _plain(parts[1]))), None)

@@ -39,9 +39,9 @@ LARGEST = 100_000_000  # bytes, largest file that `parsed` reads
 def parsed(
     path: Path, kind: str, parse: Callable[[Any], Content], decode: Callable[[bytes], Any] | None = None
 ) -> Content:
-    """Read a file and return `parse(text)`; refuse devices and pipes, because reading might never end.
+    """Read a file and return `parse(decode(content))`; refuse devices and pipes, because reading might never end.
 
-    Without `decode`, the bytes are read as UTF-8; line ends become line feeds, and a byte order mark is removed.
+    The default `decode` reads UTF-8, converts line ends to line feeds, and removes a byte order mark.
 
     Raises:
         ValueError: the file cannot be opened, is not a regular file, is larger than `LARGEST`, is not text, or `parse`
@@ -67,7 +67,7 @@ def reason(error: Exception) -> str:
 
 
 UNFINISHED = ".unfinished"
-"""Suffix of the temporary file that `whole_file` writes; the file stays behind if the process is killed."""
+"""Suffix of the temporary file that `whole_file` writes; the file remains if the process is killed."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -77,7 +77,7 @@ class DiskFullError(OSError):
 
 @contextmanager
 def writing(what: str) -> Iterator[None]:
-    """Turn an OSError with a code in NO_ROOM into a DiskFullError, which says that `what` was being written."""
+    """Turn an OSError with a code in NO_ROOM into a DiskFullError, whose message contains `what`."""
     try:
         yield
     except DiskFullError:  # an inner `writing` has already named its file
@@ -95,11 +95,11 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
     If `path` is a link, the file that it points to is replaced.
 
     Raises:
-        OSError: `path` is a folder, a device, a pipe or a ring of links, and stays unchanged.
-        DiskFullError: the disk is full; `path` stays unchanged.
+        OSError: `path` is a folder, a device, a pipe or a ring of links, or cannot be written; `path` is unchanged.
+        DiskFullError: there is no room; `path` is unchanged.
     """
     name, path = path, Path(os.path.realpath(path))
-    if path.is_symlink() or (path.exists() and not path.is_file()):  # still a link: part of a ring
+    if path.is_symlink() or (path.exists() and not path.is_file()):  # a path that is still a link is in a ring
         what = "a folder, a device, a pipe or a ring of links"
         raise OSError(f"{name} must be a file or not exist yet, but it is {what}: nothing is written")
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
@@ -117,7 +117,7 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
 
 @contextmanager
 def locked(path: Path, wait: bool = True) -> Iterator[None]:
-    """Hold the lock of the file `path`; only one process or thread can hold it at a time.
+    """Hold the lock of the file `path`; only one process or thread at a time can hold this lock.
 
     The lock is released when the context or the process ends. Once the lock is held, all temporary files of
     `whole_file` in the lock's folder and subfolders are removed; killed processes leave such files.
@@ -132,7 +132,7 @@ def locked(path: Path, wait: bool = True) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except BlockingIOError as error:
-            raise ValueError(f"{path.parent} is being written by another process") from error
+            raise ValueError(f"{path.parent} is being written by another process or thread") from error
         for unfinished in path.parent.rglob(f".*{UNFINISHED}"):
             unfinished.unlink(missing_ok=True)
         yield

@@ -1,7 +1,7 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, initializedcheck=False, cdivision=True, cpow=True
-"""The compiled program, in one module, so that the compiler can inline functions from all its files.
+"""The compiled program: one module, so that the compiler can inline functions from all included files.
 
-The functions that Python calls do not check shapes and data types of their arrays.
+Functions that Python calls do not check shapes and data types of arrays.
 """
 
 from cpython.buffer cimport PyBUF_SIMPLE, PyBuffer_Release, PyObject_GetBuffer
@@ -80,7 +80,7 @@ cdef Task blank_task
 
 
 def layout(blank):
-    """Return the NumPy data type of a C structure whose numbers all have eight bytes; `blank` maps its fields to values."""
+    """Return the NumPy data type of a C structure of eight-byte numbers; `blank` maps each field to a value."""
     kinds = {dict: layout, float: lambda _: np.float64, int: lambda _: np.int64}
     kinds[list] = lambda values: np.dtype((kinds[type(values[0])](values[0]), len(values)))
     return np.dtype([(name, kinds[type(value)](value)) for name, value in blank.items()])
@@ -118,11 +118,11 @@ def approach_rows(
     """Run the approaches `first` to `last` - 1 of `plans` (n, APPROACH), and write the results to `chains` (n, CHAIN).
 
     Args:
-        tables: numbers of all tables (k,); a plan's tables begin at the indices `mount.table` and `motion`.
-        tolerance: local error allowed in a step, in the natural units of the contact or the flight.
-        max_steps: integration steps after which a row stops with the status STEP_LIMIT.
+        tables: numbers of all robot tables and motions (k,); those of a plan begin at `mount.table` and `motion`.
+        tolerance: local error allowed in a step, in natural units; relative for components above 1.
+        max_steps: an approach that needs more integration steps ends with the status STEP_LIMIT.
         recorder: arrays for the last approach: contacts (CONTACT), trace points (TRACE), times (s) at which a slider
-            passes its alignment. Then the time (s) between trace points in flight. An empty array records nothing.
+            passes its alignment; and the largest time (s) between trace points in flight. Empty arrays record nothing.
     """
     cdef Run run
     cdef Work work
@@ -168,7 +168,7 @@ def draw_uniforms(list generators, rows, uniforms):
 
 
 cdef class Rows:
-    """A batch of environments: pointers to arrays of rows that Python owns, and the functions that step the rows."""
+    """A batch of environments, each a row in arrays that Python owns, and the functions that step these rows."""
 
     cdef object arrays
     cdef const Task *tasks
@@ -196,7 +196,7 @@ cdef class Rows:
         Args:
             tasks: (size,) or (1,), TASK.
             draws: the draws of all tasks one after another (n,), DRAW.
-            laws: (size,) LAW; (1,) with one task whose episodes draw no number of the mount.
+            laws: (size,), LAW; (1,) if there is one task and its episodes draw no number of the mount.
             tables: see `approach_rows`.
             chains, episodes, rewards: (size,), CHAIN, EPISODE and float64.
             readings: (size, slots), READING.
@@ -233,7 +233,7 @@ cdef class Rows:
         )
 
     def begin(self, rows, uniforms, fixed):
-        """Begin an episode in each of `rows` (k, int64); for `uniforms` (k, UNIFORMS) and `fixed` (k,), RECORD, see `draw_record`."""
+        """Begin episodes in `rows` (k, int64); `uniforms` (k, UNIFORMS) and `fixed` (k,), RECORD: see `draw_record`."""
         cdef const int64_t *places = <const int64_t *> memory_of(rows)
         cdef const double *uniform = <const double *> memory_of(uniforms)
         cdef const Record *given = <const Record *> memory_of(fixed)

@@ -11,9 +11,9 @@ from impact_gym.validation import one_of, rising
 
 @dataclass(frozen=True, slots=True)
 class Brake(Parameters, path="motion.brake"):
-    """Braking to a stop that begins `delay` after the contact force first exceeds `threshold`.
+    """Braking to rest; the brake begins `delay` after the contact force first exceeds `threshold`.
 
-    The default delay is from the paper, which prints no deceleration; 8 m/s^2 is inferred in docs/provenance.md.
+    The default delay is from the paper, which prints no deceleration (docs/provenance.md).
     """
 
     threshold: float = 1.0  # N
@@ -23,7 +23,7 @@ class Brake(Parameters, path="motion.brake"):
 
 @dataclass(frozen=True, slots=True)
 class Trapezoid(Parameters, path="motion"):
-    """A motion from rest that accelerates to `speed` at `acceleration` and then holds `speed` (paper, Fig. 11)."""
+    """A motion from rest to `speed` at `acceleration`, then at constant speed until the brake (paper, Fig. 11)."""
 
     speed: float  # m/s
     acceleration: float  # m/s^2
@@ -35,7 +35,7 @@ class Trapezoid(Parameters, path="motion"):
 
     @property
     def deceleration(self) -> float:
-        """Deceleration of the brake, m/s^2; the acceleration if no deceleration is given."""
+        """Deceleration of the brake, m/s^2; by default the acceleration."""
         if self.brake is None or self.brake.deceleration is None:
             return self.acceleration
         return self.brake.deceleration

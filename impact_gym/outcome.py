@@ -22,7 +22,7 @@ class ContactRecord(NamedTuple):
     separation_velocity: float  # m/s, minus the penetration rate at the end of the contact or of the run
     peak_force: float  # N
     impulse: float  # N s, on the object
-    object_velocity: float  # m/s, at the end of the contact
+    object_velocity: float  # m/s, at the end of the contact or of the run
     coupling_impulse: float  # N s, of the coupling on the tool (paper, eq. 21)
     momentum_error: float  # -, numerical error of the momentum balance (paper, eq. 20), divided by the impulse
 
@@ -44,7 +44,7 @@ class Trace(NamedTuple):
 
     @classmethod
     def of(cls, points: NDArray[Any]) -> "Trace":
-        """Return a trace with copies of recorded points (n,), TRACE."""
+        """Return a trace with copies of `points` (n,), of the dtype `kernels.TRACE`."""
         return cls(*(points[name].copy() for name in cls._fields))
 
 
@@ -60,17 +60,17 @@ class Outcome(NamedTuple):
     coupling_impulse: float  # N s, of the coupling on the tool, summed over the contacts (paper, eq. 21)
     momentum_error: float  # -, largest `momentum_error` of the contacts
     steps: int  # integration steps, rejected steps included
-    status: str  # "ok"
+    status: str  # "ok", because `simulate` raises an error for a failed run
     trace: Trace | None
-    snap_through: tuple[float, ...]  # s, times at which the slider of a `Bistable` coupling passes its alignment
-    peak_object_velocity: float  # m/s, largest velocity of the object; without friction that is its final velocity
-    slide: float | None  # m, distance until the object stops, if no contact follows; None: no friction
-    rest_time: float | None  # s, when object and tool are at rest (tool: below 1 mm/s); inf: never; None: no friction
+    snap_through: tuple[float, ...]  # s, times at which the slider of a `Bistable` coupling passes the alignment
+    peak_object_velocity: float  # m/s, largest velocity of the object; without friction the final velocity
+    slide: float | None  # m, slide of the object, if no contact follows the run; None: no friction
+    rest_time: float | None  # s, when tool (< 1 mm/s) and object come to rest; inf: tool still moves; None: no friction
 
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """Results of a sweep: arrays in the broadcast shape of the varied values; for the fields see `Outcome`."""
+    """Results of a sweep: arrays in the broadcast shape of varied values and durations; for fields see `Outcome`."""
 
     object_velocity: Array  # m/s
     tool_velocity: Array  # m/s
@@ -79,23 +79,23 @@ class Outcomes:
     detection_time: Array  # s, nan if the contact force never exceeded the threshold, or without a brake
     first_contact: Array  # s, nan if there was no contact
     contact_count: NDArray[np.int64]
-    snap_count: NDArray[np.int64]  # how often the slider of a `Bistable` coupling passed its alignment
+    snap_count: NDArray[np.int64]  # how often the slider of a `Bistable` coupling passed the alignment
     coupling_impulse: Array  # N s
     momentum_error: Array  # -
     peak_object_velocity: Array  # m/s
     slide: Array  # m, nan without friction
-    rest_time: Array  # s, nan without friction, or if tool and object are never at rest at the same time
+    rest_time: Array  # s, nan without friction, or if the tool is not at rest at the end of the run
     steps: NDArray[np.int64]
-    status: NDArray[np.object_]  # "ok", or why a run could not finish; then the floats are nan
+    status: NDArray[np.object_]  # "ok", or why the run could not finish; then the floats are nan
 
 
 @dataclass(frozen=True)
 class Model:
-    """A model that `advise` tried, with its errors and the saved computing time."""
+    """A model that `advise` tried."""
 
     name: str
     simplify: Callable[[Scene], Scene]
-    errors: Array  # (scenes,), -, relative to the full model; inf: a run failed, or only the full model gives 0
+    errors: Array  # (scenes,), -, relative to the full model; inf: a run failed, or only the full model's value is 0
     time_saved: float  # -, computing time saved, divided by the full model's computing time
 
     @property

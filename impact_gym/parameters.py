@@ -1,4 +1,4 @@
-"""The base class of frozen dataclasses that check their numbers, such as tools, motions, operators and channels."""
+"""The base class of tools, motions, operators, channels and other dataclasses that check their numbers."""
 
 from collections.abc import Callable
 from dataclasses import fields
@@ -17,11 +17,11 @@ class SI:
 
 
 class Parameters:
-    """Base of frozen dataclasses, which check their numbers when an object is made, and store them as floats.
+    """A dataclass that checks its numbers when an object is made, and stores them as floats.
 
-    The limits of a field come from the row `path.field` of `quantities` or from an annotation such as
-    `Annotated[float, SI("m", above=0)]`. A field with neither is not checked. A field with the default None may be
-    None. A sequence of numbers is stored as a tuple.
+    The limits of a field come from the row "{path}.{field}" of `quantities` or from an annotation such as
+    `Annotated[float, SI("m", above=0)]`. Fields with neither, and fields in `checked_by_itself`, are not checked. A
+    field with the default None may be None. A sequence of numbers is stored as a tuple.
     """
 
     __slots__ = ()

@@ -1,7 +1,7 @@
-"""The table of the numbers of a scene and of the task: the id, words, unit, limits, draw and scale of each number.
+"""The table of the numbers of a scene and of the task; `Quantity` describes the columns.
 
-From this table come checks of input, draws, dotted paths, records of the compiled program, the observation, keys in the
-file of a set-up, and tables of the documentation.
+This table determines checks of input, draws, dotted paths, records of the compiled program, the observation, keys in
+the file of a set-up, and tables of the documentation.
 """
 
 import math
@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 from impact_gym.validation import Range, interval, number
 
 HORIZON = 1.2  # s, default of the argument `horizon`
-AFTER_ALARM = 0.15  # s, default: time from the alarm to the end of an episode
+AFTER_ALARM = 0.15  # s, default of the argument `after_alarm`
 PAST_READINGS = 3  # largest number of earlier readings in an observation
 LARGEST_WEIGHT = 1e6  # m/s per s or m/s per N, largest weight of time or force, so that rewards stay finite
 
@@ -28,8 +28,8 @@ class Draw(NamedTuple):
     """How an episode draws a number: uniformly, log-uniformly (`by_ratio`, if the range begins above 0) or normally.
 
     An episode takes uniform numbers in [0, 1) from the environment's generator. A draw uses the number at index
-    `place`. A normal draw also uses the next number. With `own_stream`, a draw uses the number at index -1 - `place` in
-    the random stream of the noise seed. Places never change, so that a new draw changes no other draw.
+    `place`. A normal draw also uses the next number. With `own_stream`, a draw uses number -1 - `place` of the
+    stream of random numbers that `noise_seed` seeds. Places never change, so that a new draw changes no other draw.
     """
 
     place: int
@@ -60,10 +60,10 @@ class Quantity:
     unit: str  # "-": no unit
     limits: Limits = Limits()
     draw: Draw | None = None
-    observed: str = ""  # "always", or the argument that adds the number; "": only for a critic, if in `Task.drawn`
+    observed: str = ""  # "always", or the argument that adds the number; "": only a critic gets it, if drawn
     scale: Scale = NEVER_OBSERVED
-    path: str = ""  # dotted path in a `Scene` with its motion, if it differs from the id
-    from_flange: bool = False  # True: the flange position is subtracted from the observed value
+    path: str = ""  # dotted path in scene and motion, if it is not the id
+    from_flange: bool = False  # True: the number minus the flange position is observed
     shaped_by: tuple[str, ...] = ()  # arguments of the environment that change the observed value
 
     def check(self, value: Any, name: str = "") -> float:
@@ -178,22 +178,22 @@ SET_UP = (
     set_up("coupling.stiffness", "stiffness of the coupling", "N/m", STIFFNESS, 6, log(1.0, 1e4)),
     set_up("coupling.damping_ratio", "damping ratio of the coupling", "-", DAMPING_RATIO, 7, Scale(0.0, 2.0)),
     set_up("coupling.free_length", "free length of the mechanism's spring", "m", LENGTH, 8, Scale(0.0, 0.2)),
-    set_up("coupling.height", "height of the mechanism's pivot above its path", "m", LENGTH, 9, Scale(0.0, 0.1)),
+    set_up("coupling.height", "height of the pivot above the slider's path", "m", LENGTH, 9, Scale(0.0, 0.1)),
     set_up("coupling.front_stop", "front stop of the mechanism", "m", PLACE, 10, Scale(0.0, 0.1)),
     set_up("coupling.rear_stop", "rear stop of the mechanism", "m", PLACE, 11, Scale(-0.1, 0.0)),
     set_up("coupling.stop_stiffness", "stiffness of the mechanism's stops", "N/m", STOP, 12, log(1e3, 1e7)),
     set_up("coupling.stop_damping_ratio", "damping ratio of the mechanism's stops", "-", DAMPING_RATIO, 13,
            Scale(0.0, 2.0)),
-    set_up("coupling.stroke", "travel of the tool to its stops, either side", "m", LENGTH, 18, TENTH),
+    set_up("coupling.stroke", "travel of the tool from rest to either stop", "m", LENGTH, 18, TENTH),
     set_up("robot.mass", "effective mass of the robot", "kg", MASS, 14, log(0.1, 100.0)),
     set_up("robot.stiffness", "stiffness of the robot", "N/m", STIFFNESS, 15, log(1e3, 1e7)),
     set_up("robot.damping", "damping of the robot", "N s/m", NOT_NEGATIVE, 16, Scale(0.0, 500.0)),
     set_up("operator.speed", "fastest command of the operator", "m/s", POSITIVE, 19, Scale(0.0, 1.0)),
     set_up("operator.reaction", "reaction time of the operator", "s", SECONDS, 20, HALF),
     set_up("operator.place_error", "assumed minus true distance of the object", "m", OFFSET, 21, Scale(-0.2, 0.2)),
-    set_up("operator.creep", "speed at which the operator searches the object", "m/s", POSITIVE, 22, HALF),
-    set_up("operator.lag_slope", "relative increase of reach duration per lag", "1/s", NOT_NEGATIVE, 23, TEN),
-    set_up("operator.noise", "motor noise of the operator divided by the control", "-", EXPONENT, 27, SHARE),
+    set_up("operator.creep", "speed at which the operator searches for the object", "m/s", POSITIVE, 22, HALF),
+    set_up("operator.lag_slope", "relative increase of reach duration per second of lag", "1/s", NOT_NEGATIVE, 23, TEN),
+    set_up("operator.noise", "motor noise of the operator divided by the control signal", "-", EXPONENT, 27, SHARE),
     set_up("operator.stiffness", "stiffness divided by mass of the operator's hand", "1/s^2", STIFFNESS, 28,
            log(1.0, 1e3)),
     set_up("operator.damping", "damping divided by mass of the operator's hand", "1/s", NOT_NEGATIVE, 29,
@@ -215,7 +215,7 @@ SET_UP = (
 DEFLECTION = Quantity("deflection", "displacement of the tool one reaction delay ago", "m", scale=Scale(-0.05, 0.05),
                       observed="deflection_sensor", shaped_by=("reaction_delay",))  # fmt: skip
 PAST = tuple(
-    replace(row, id=f"{row.id}_{before}", words=f"{row.words}, {before} before", observed="past_readings")
+    replace(row, id=f"{row.id}_{before}", words=f"{row.words}, earlier reading {before}", observed="past_readings")
     for before in range(1, PAST_READINGS + 1)
     for row in (SENSORS[5], DEFLECTION)
 )
@@ -251,7 +251,7 @@ RESULTS = (
 STEERED = (
     Quantity("done_time", "end of the last control step", "s"),
     Quantity("late", "mean time from a touch until the operator's stop reaches the arm", "s"),
-    Quantity("taken", "share of the operator's motion that was withheld before the touch", "-"),
+    Quantity("taken", "share of the operator's motion that the assistance withheld before the touch", "-"),
 )
 """Results that only an episode with an operator has."""
 

@@ -1,4 +1,4 @@
-"""The batch as a `VecEnv` for stable-baselines3; needs the extra `train`."""
+"""The environments as a `VecEnv` of stable-baselines3; needs the extra `train`."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ class ImpactVecEnv(VecEnv):
     """`num_envs` environments for stable-baselines3, stepped in one call; arguments: see `ImpactApproachVectorEnv`.
 
     The last step of an episode returns the first observation of the next episode, and the final `info` with
-    `terminal_observation` and `TimeLimit.truncated`. With `render_mode="rgb_array"`, for at most 16 environments,
+    `terminal_observation` and `TimeLimit.truncated`. For at most 16 environments, made with `render_mode="rgb_array"`,
     `render` returns one picture with all environments in a grid, as `VecVideoRecorder` needs.
     """
 
@@ -51,7 +51,7 @@ class ImpactVecEnv(VecEnv):
             num_envs, render_mode=render_mode, autoreset_mode=mode, threads=threads, per_slot=per_slot, **arguments
         )
         self.observation_spec, self.set_scenario = self.envs.observation_spec, self.envs.set_scenario
-        self.get_state, self.set_state = self.envs.get_state, self.envs.set_state  # to call between two steps
+        self.get_state, self.set_state = self.envs.get_state, self.envs.set_state  # call these only between steps
         self._actions: NDArray[Any] = np.zeros((num_envs, len(self.envs.batch.action_spec)), np.float32)
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
         self.metadata = self.envs.metadata

@@ -42,8 +42,8 @@ class Tool(Parameters, path="tool"):
 class Object(Parameters, path="object"):
     """The body that is struck; it is at rest before the first contact.
 
-    With `friction` the object (mass m_p) sticks until the contact force exceeds mu m_p g, with g = 9.80665 m/s^2.
-    Then the object slides to rest, and sticks again. The paper neglects friction as small and beneficial.
+    With `friction` the object (mass m_p) sticks until the contact force exceeds mu m_p g, with g = 9.80665 m/s^2. Then
+    the object slides to rest, and sticks again.
     """
 
     mass: float  # kg
@@ -59,9 +59,9 @@ class Contact(Parameters, path="contact"):
     = 3/2, is for a sphere; m = 1 and n = 0 give a linear spring and damper. `dissipation` names the law that gives chi
     for a nominal restitution. With "exact" an isolated contact has the nominal restitution. With "hu-guo" (paper, eq.
     7) and m = n the restitution is 0.4877 for a nominal 0.5, and 0.0741 for 0.1 (docs/provenance.md). The other laws
-    are in `physics.dissipation`. With all laws but "fixed" the restitution does not depend on the approach velocity.
-    With "fixed" chi is constant: a contact that begins at `reference_velocity` has the nominal restitution. If m = n, a
-    faster contact has a lower restitution, as in measurements.
+    are in `physics.dissipation`. With all laws but "fixed" the restitution is the same for all approach velocities from
+    1e-6 m/s on. With "fixed" chi is constant: a contact that begins at `reference_velocity` has the nominal
+    restitution. If m = n, a faster contact has a lower restitution, as in measurements.
     """
 
     checked_by_itself: ClassVar = ("stiffness",)  # checked below, because its unit depends on the exponent
@@ -123,8 +123,8 @@ class Bistable(Parameters, path="coupling"):
     stiffness: float = 50.0  # N/m, k
     free_length: float = 0.07  # m, L0
     height: float = 0.028  # m, H, of the pivot above the path of the slider
-    front_stop: float = 0.0208  # m, between 0 and the stroke sqrt(L0^2 - H^2)
-    rear_stop: float = -0.02  # m, between minus the stroke and 0
+    front_stop: float = 0.0208  # m, position between 0 and the stroke sqrt(L0^2 - H^2)
+    rear_stop: float = -0.02  # m, position between minus the stroke and 0
     stop_stiffness: float = STOP_STIFFNESS  # N/m, k_s
     stop_damping_ratio: float = STOP_DAMPING_RATIO  # -, zeta_s
 
@@ -159,7 +159,7 @@ class Bistable(Parameters, path="coupling"):
         return float(self.force(self.rest))
 
     def force(self, position: ArrayLike) -> NDArray[np.float64] | float:
-        """Return the force of the spring on the tool, N, without the stops, at slider positions (m) of any shape."""
+        """Return the force (N) on the tool of the spring alone, at slider positions (m) of any shape."""
         return _FORCE(self.stiffness, self.free_length, self.height, position)[()]
 
     def energy(self, position: ArrayLike) -> NDArray[np.float64] | float:
@@ -175,7 +175,7 @@ class Robot(Parameters, path="robot"):
     """A compliant robot, as one mass on a spring and damper (paper, eq. 8-9, Fig. 8), at rest and relaxed at t = 0.
 
     The imposed motion x_r drives the robot's mass through the spring and damper. With a `Rigid` coupling, robot and
-    tool are one mass. With any other coupling the robot's mass is the flange, and the coupling connects the tool to it.
+    tool are one mass. With any other coupling the robot's mass is the flange.
     """
 
     mass: float  # kg, m_r
@@ -209,7 +209,7 @@ class RobotTable(Parameters, path="robot"):
             values = self.splines(turns)[:, place]
             if np.any(values < 0) or (name != "damping" and np.any(values <= 0)):
                 raise ValueError(
-                    f"RobotTable.{name} must stay positive between its positions, but its spline falls to "
+                    f"RobotTable.{name} must stay positive (damping: or 0) between positions, but its spline falls to "
                     f"{values.min():.6g} {BY_PATH[f'robot.{name}'].unit}: give more positions where it varies fast"
                 )
 

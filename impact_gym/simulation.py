@@ -28,7 +28,7 @@ MAX_STEPS = 1_000_000
 """Integration steps after which the solver gives up a run."""
 
 APPROACHES_PER_THREAD = 16  # least number of approaches per thread, if a sweep uses several threads
-_CONTACT_ROWS, _SNAP_ROWS, _TRACE_ROWS = 4096, 64, 4096  # if a run needs more rows, it is repeated with larger arrays
+_CONTACT_ROWS, _SNAP_ROWS, _TRACE_ROWS = 4096, 64, 4096  # rows of the arrays in the first try of a run
 _NO_TRACE, _NO_SNAPS = np.empty(0, TRACE), np.empty(0)
 NOTHING_RECORDED = np.empty(0, CONTACT), _NO_TRACE, _NO_SNAPS, 1.0
 """A recorder of the compiled program that stores nothing."""
@@ -40,11 +40,11 @@ def simulate(
     """Simulate one approach and return its result.
 
     Args:
-        scene: tool, object, contact, coupling and robot; at rest at t = 0.
+        scene: the bodies and their connections, at rest at t = 0.
         motion: imposed motion of the robot.
         duration: length of the run, s.
         rtol: relative error allowed in the results of contacts. Between contacts a motion with a closed form is exact;
-            others (bistable coupling, stops, compliant robot with coupling or table) are integrated to `rtol`.
+            others (bistable coupling, stops, `RobotTable`, spring on a `Robot`) are integrated to `rtol`.
         trace: whether to return time histories; other results do not change. Between contacts the
             points are about 1 ms apart, or 1e-5 of `duration` if that is longer. In a contact there are 8 or 12 points
             per integration step.
@@ -66,7 +66,7 @@ def simulate(
         approach_rows(plans, table, chains, 0, 1, LOCAL_SHARE * rtol, MAX_STEPS, recorder)
         end = _End._make(chains.item())
         if end.logged <= len(contacts) and end.traced <= len(points) and end.snaps <= len(snaps):
-            break  # otherwise repeat the run, which is deterministic, with larger arrays
+            break  # otherwise repeat the run with larger arrays; the run is deterministic
         contacts, points, snaps = np.empty(end.logged, CONTACT), np.empty(end.traced, TRACE), np.empty(end.snaps)
     if end.status < 0:
         raise RuntimeError(f"the run stopped at t = {end.time:.6g} s: {STATUS_MESSAGES[end.status]}")
@@ -173,7 +173,7 @@ def advise(
     scenes: Scene | Sequence[Scene], motion: Trapezoid, tolerance: float = 1e-3, quantity: Advised = "object_velocity",
     duration: float = 1.5, arm: tuple[Arm, Approach] | None = None,
 ) -> Advice:  # fmt: skip
-    """Compare simplified models of `scenes` with the full model; recommend the fastest of sufficient accuracy.
+    """Compare simplified models of `scenes` with the full model; recommend the fastest model within the tolerance.
 
     Args:
         scenes: a scene, or a sample of the scenes that are to be simulated; the advice holds for this sample.
@@ -220,7 +220,7 @@ FROZEN = "frozen where the object stands"
 
 
 def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
-    """Yield name and function of each simpler model; robots are from `line`, if given."""
+    """Yield name and function of each simpler model, for the scenes' own robots or for tables of a `line`."""
     robots: dict[str, Any] = {"robot rigid": None}
     if line is None:
         robots = {"": "its own", f"robot {FROZEN}": "its own", **robots}
@@ -243,7 +243,7 @@ def _timed(
     motion: Trapezoid, duration: float, quantity: Advised, scenes: Sequence[Scene],
     arm: tuple[Arm, Approach] | None = None,
 ) -> tuple[Array, float]:  # fmt: skip
-    """Return the quantity for each scene, and the computing time for all scenes, s."""
+    """Return the quantity for each scene, and the shortest computing time for all scenes, s."""
     from impact_gym.robot.all_joints import simulate as simulate_arm  # here, because this import takes 40 ms
 
     times: list[float] = []

@@ -27,7 +27,7 @@ def generated(name: str) -> str:
 
 
 def write() -> None:
-    """Write the generated sources whose text has changed; writing others would cause a new compilation."""
+    """Write the generated sources whose text has changed; writing all would cause a new compilation."""
     for name in GENERATORS:
         file, text = HERE / name, generated(name)
         if not file.is_file() or file.read_text() != text:

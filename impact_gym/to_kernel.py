@@ -60,7 +60,7 @@ STATUS_MESSAGES = {
 def approach_to_kernel(
     scene: Scene, motion: Trapezoid | Motion, duration: float, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Return the fields of APPROACH, and the tables (n,), which begin at index `table_at` of all tables' numbers."""
+    """Return the fields of `kernels.APPROACH`, and a table (n,), whose index in all tables is `table_at`."""
     held, table = mount_to_kernel(scene.tool.mass, scene.coupling, scene.robot, table_at)
     target = scene.object
     profile: tuple[float, ...]
@@ -96,7 +96,7 @@ _NO_MECHANISM = _NO_COUPLING[2:]
 def mount_to_kernel(
     tool_mass: float, coupling: Coupling, robot: Robot | RobotTable | None = None, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Return the fields of MOUNT, and the robot's table (n,), which begins at index `table_at` of all tables."""
+    """Return the fields of `kernels.MOUNT`, and the robot's table (n,), whose index in all tables is `table_at`."""
     kind, numbers = kernels.DIRECT, _NO_COUPLING
     if isinstance(coupling, SpringDamper):
         kind, numbers = kernels.SPRING_DAMPER, (coupling.stiffness, coupling.damping_ratio, *_NO_MECHANISM)

@@ -86,7 +86,7 @@ def numbers(field: str, values: Any, unit: str, **limits: float) -> tuple[float,
 
 
 def whole(field: str, value: Any, at_least: int) -> int:
-    """Return `value` as an int, or raise: TypeError if it is not a whole number, ValueError if below `at_least`."""
+    """Return `value` as an int; raise TypeError unless it is an integer, ValueError if it is below `at_least`."""
     kind = getattr(getattr(value, "dtype", None), "kind", "i")
     if isinstance(value, bool) or not hasattr(value, "__index__") or getattr(value, "ndim", 0) > 0 or kind not in "iu":
         raise WrongTypeError(f"{field} must be a whole number of at least {at_least}, got {shown(value)}")
@@ -123,7 +123,7 @@ def distinct(field: str, values: Sequence[Any]) -> None:
     """Raise ValueError if two of `values` are equal."""
     for value in values:
         if values.count(value) > 1:
-            raise ValueError(f"{field} must name none twice, got {shown(value)} twice")
+            raise ValueError(f"{field} must have no equal entries, got {shown(value)} twice")
 
 
 def one_of(field: str, value: Any, *kinds: type[Any]) -> None:
@@ -143,9 +143,9 @@ def choice(field: str, value: Any, allowed: Container[str | None]) -> None:
 def array(
     field: str, values: Any, shape: tuple[int, ...] | None = None, kinds: str = "fiu", what: str = "numbers"
 ) -> NDArray[Any]:
-    """Return `values` as an array; raise TypeError for another dtype, ValueError for another shape.
+    """Return `values` as an array; raise TypeError unless the dtype is of `kinds`, ValueError if not in `shape`.
 
-    `kinds` are the allowed kinds of dtype; messages describe them by `what`. Numbers need not be finite.
+    Messages describe `kinds` by `what`. Numbers need not be finite.
     """
     try:
         result = np.asarray(values)

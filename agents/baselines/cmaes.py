@@ -12,7 +12,7 @@ SIGMA = 0.2
 """Initial standard deviation, as a fraction of the range of each parameter."""
 
 Losses = Callable[[Floats], Floats]
-"""Function from the k parameters of candidates (population, problems, k) to their losses (population, problems)."""
+"""Function from candidates (population, problems, k) to losses (population, problems); k: number of parameters."""
 
 
 class Minimum(NamedTuple):
@@ -27,12 +27,12 @@ def minimise(
     losses: Losses, parameters: tuple[Parameter, ...], problems: int = 1, population: int = 20, generations: int = 150,
     seed: int = 0,
 ) -> Minimum:  # fmt: skip
-    """Minimise the losses of independent problems within the limits of `parameters`.
+    """Minimise the losses of independent problems, such as one for each scenario, within the limits of `parameters`.
 
     Each generation calls `losses` once, with `population` candidates of each problem. The search ends after
-    `generations`, or when CMA-ES stops for all problems. The random numbers depend only on `seed`.
+    `generations`, or when CMA-ES stops for all problems. `seed` determines the random numbers.
     """
-    import cma  # not needed to play a rule
+    import cma  # here, so that playing a rule does not need the package
 
     low, high, start = np.array([(each.low, each.high, each.start) for each in parameters]).T
     searches: list[Any] = []
@@ -49,7 +49,7 @@ def minimise(
         searches.append(cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, options))
 
     def within_limits(shares: Any) -> Floats:
-        return np.clip(low + np.clip(shares, 0.0, 1.0) * (high - low), low, high)  # rounding may exceed a limit
+        return np.clip(low + np.clip(shares, 0.0, 1.0) * (high - low), low, high)  # sums may round beyond a limit
 
     generation = 0
     while generation < generations and not all(search.stop() for search in searches):
@@ -63,7 +63,7 @@ def minimise(
 
 
 class Jittery(NamedTuple):
-    """A rule whose actions get random errors. In a scenario, all candidates of a generation get the same errors."""
+    """A rule with random errors added to its actions. In each scenario, all candidates get the same errors."""
 
     rule: Controller
     jitter: float  # standard deviation of the errors, as a fraction of an action's range of 2

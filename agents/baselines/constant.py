@@ -13,7 +13,7 @@ from impact_gym.validation import number
 
 
 class ConstantSpeed(Rule):
-    """Approach at one speed until the alarm, then brake to rest."""
+    """Approach at one speed; while the alarm is on, brake to rest."""
 
     PARAMETERS = (
         Parameter("speed", "m/s", 1e-3, VELOCITY_RANGE[1], 1.0),
@@ -26,8 +26,8 @@ class ConstantSpeed(Rule):
 
         Args:
             speed: m/s, 0.001 to 1.5.
-            acceleration: m/s^2, 1 ... 20.
-            deceleration: m/s^2, 1 ... 20; None: `acceleration`.
+            acceleration: m/s^2, 1 to 20.
+            deceleration: m/s^2, 1 to 20; None: `acceleration`.
         """
         braking = acceleration if deceleration is None else deceleration
         number("speed", np.min(speed), "m/s", above=0)
@@ -40,14 +40,14 @@ class ConstantSpeed(Rule):
 
 
 class PaperTrapezoid(ConstantSpeed):
-    """The paper's rule (section 3.2): accelerate at 8 m/s^2 to 1 m/s; at the alarm, brake at 8 m/s^2 to rest."""
+    """The paper's rule (section 3.2): accelerate at 8 m/s^2 to 1 m/s; during the alarm, brake at 8 m/s^2 to rest."""
 
     def __init__(self) -> None:
         super().__init__(speed=1.0, acceleration=8.0)
 
 
 class LocalBrake(ConstantSpeed):
-    """Follow the operator's command until the alarm, then brake to rest at the arm's largest deceleration."""
+    """Follow the operator's command; while the alarm is on, brake to rest at the arm's largest deceleration."""
 
     def __init__(self) -> None:
         super().__init__(VELOCITY_RANGE[1], *ACCELERATION_RANGE[1:], ACCELERATION_RANGE[1])
@@ -76,15 +76,11 @@ class RandomActions:
     """Draw every action uniformly from the action space of a task."""
 
     def __init__(self, seed: int = 0, task: Task | None = None) -> None:
-        """Make a controller; None: the task of `ImpactApproach-v0`."""
+        """Make a controller; default `task`: that of `ImpactApproach-v0`."""
         self._rng, self._size = np.random.default_rng(seed), len(ActionSpec(task or Task()))
-
-    def for_task(self, task: Task) -> "RandomActions":
-        """Return a new controller for another task, with seed 0."""
-        return RandomActions(task=task)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], Any]:
-        """Return an action (k,), or the actions (n, k) of a batch."""
+        """Return an action (k,), or the actions (n, k) of a batch, and `state`."""
         return self._rng.uniform(-1.0, 1.0, (*np.shape(observation)[:-1], self._size)).astype(np.float32), state

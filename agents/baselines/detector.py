@@ -21,28 +21,23 @@ DETECTOR = (
     Parameter("force per kick", "N/m", 0.0, 5e3, 200.0),
     Parameter("share that a deflection keeps", "-", 0.0, 1.0, 0.7),
 )
-"""Parameters of the cumulative sum in `DetectorRule.touched`.
-
-Each step adds to the sum: force - mean force - `force per kick` * kick - `allowance` - `allowance per noise` * noise. A
-touch is detected when the sum exceeds `detection` + `detection per noise` * noise. The noise (N) is the standard
-deviation of the force readings. "share that a deflection keeps": exp(-w T) for a critically damped tool, with the
-natural frequency w and the control period T.
-"""
+"""Parameters of the cumulative sum in `DetectorRule.touched`. "share that a deflection keeps" means exp(-w T) of a
+critically damped tool; w is the natural frequency (rad/s), T the control period (s)."""
 
 
 class DetectorRule(ReactingRule):
-    """A `ReactingRule` that raises its own alarm by a cumulative sum over the readings of force and deflection.
+    """A `ReactingRule` that raises its own alarm when a cumulative sum over the readings detects a touch.
 
-    While the alarm is off, the rule estimates mean and standard deviation of the force readings. The `kick` is the
-    deflection minus the value that the two previous readings predict for a critically damped tool without a touch. The
-    alarm lasts for the time `after_alarm`, an argument of the environment.
+    While the alarm is off, the rule estimates mean and standard deviation (noise) of the force readings. The `kick`
+    is the deflection minus the value that the two previous readings predict for the free motion of a critically damped
+    tool. The alarm lasts for the time `after_alarm`, an argument of the environment.
     """
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"deflection_sensor": True, "past_readings": 2}
-    MEMORY = 4  # the sum; count, mean and sum of squared deviations of the force readings while the alarm is off
+    MEMORY = 4  # numbers: the sum; count, mean and sum of squared deviations of the force readings without alarm
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return the view with the rule's own alarm, and the state: start of the alarm (s) and MEMORY numbers."""
+        """Return the view with the rule's own alarm, and the state: the alarm's start (s or inf) and MEMORY numbers."""
         time, start = view["time"], state is None or (episode_start is not None and episode_start)
         raised, *memory = np.zeros((1 + self.MEMORY, *np.shape(time))) if state is None else state
         cleared = start | (time > raised + self.task.after_alarm - CLOCK)

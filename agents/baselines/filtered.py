@@ -1,9 +1,8 @@
-"""Rules for a range sensor: a filter estimates the object's place from all readings, and a profile uses the estimate.
+"""Rules for a range sensor: a filter estimates the object's place from readings, and a profile uses the estimate.
 
-A reading plus the tool's position at the time of the reading is a measurement of the object's place. The estimate
-starts at the middle of the range of distances, with the variance of a uniform distribution over this range. The weight
-of a measurement is the inverse of the variance. The filter uses the task's range sensor, tool mass and coupling; for a
-drawn number, the median of the draws.
+The tool's position at the time of a reading, plus the reading without bias, is a measurement of the object's place. The
+estimate starts at the middle of the range of distances, with the variance of a uniform distribution over this range.
+The filter uses the task's range sensor, tool mass and coupling; of a drawn number, it uses the median.
 """
 
 from collections.abc import Mapping
@@ -16,7 +15,7 @@ from agents.baselines.profile import LEAST_SPREAD, StretchedProfile
 from agents.baselines.rule import CLOCK, Floats, View
 from impact_gym.scene import SpringDamper
 
-KEPT = 32  # number of control steps whose tool position the filter remembers, for delayed readings
+KEPT = 32  # number of control steps that the filter remembers, for delayed readings
 
 
 class FilteredProfile(StretchedProfile):
@@ -24,15 +23,14 @@ class FilteredProfile(StretchedProfile):
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_sensor": {"noise": 0.01}}
     KNOWS = ("range_sensor", "tool_mass", "coupling")
-    READINGS = np.inf  # number of readings that the filter uses
+    READINGS = np.inf  # largest number of readings that the filter uses
     SPREAD = "spread"
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return the view with the filter's estimate and its standard deviation, `spread` (m), and the next state.
+        """Return the view, with `distance_estimate` (m) and its standard deviation `spread` (m), and the next state.
 
-        The state holds the estimate's weight (1/m^2) and place (m), the number of readings, the time of the newest
-        reading (s), and deflection (m) and deflection rate (m/s) of the tool as computed by `swing`. Then come time
-        (s), flange velocity (m/s) and tool position (m) of each of the last KEPT control steps.
+        The state holds the estimate's weight (1/m^2) and place (m), count and newest time (s) of the used readings, the
+        result of `swing`, and time (s), flange velocity (m/s) and tool position (m) of the last KEPT control steps.
         """
         time, position, velocity = view["time"], view["position"], view["velocity"]
         near, far = self.task.scenario.distance
@@ -62,7 +60,7 @@ class FilteredProfile(StretchedProfile):
         return View(view.observation, view.spec, **own), state
 
     def swing(self, deflection: Floats, rate: Floats, gained: Floats) -> tuple[Floats, Floats]:
-        """Return deflection (m) and rate (m/s) after a step that adds `gained` to the flange's velocity (eq. 17)."""
+        """Return deflection (m), rate (m/s) after a step that adds `gained` to the flange velocity (paper, eq. 17)."""
         coupling, period = self.task.coupling, self.task.control_period
         if not isinstance(coupling, SpringDamper):
             return deflection, rate
@@ -73,6 +71,6 @@ class FilteredProfile(StretchedProfile):
 
 
 class FirstReadingProfile(FilteredProfile):
-    """`FilteredProfile` whose filter uses only the first reading of an episode."""
+    """`FilteredProfile` whose filter uses only the first valid reading of an episode."""
 
     READINGS = 1

@@ -1,7 +1,7 @@
-"""Rules that follow a speed profile until the alarm, and then react.
+"""Rules that follow a speed profile while the alarm is off, and react while the alarm is on.
 
 The reaction is a velocity as a function of the time since the alarm. A profile is a speed as a function of the flange's
-position, of the estimated distance or of the true distance, which no sensor measures.
+position, of the estimated distance, or of the true distance. No sensor measures the true distance.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,17 +20,17 @@ REACTION = (
     Parameter("acceleration after the alarm", "m/s^2", *ACCELERATION_RANGE, 15.0),
 )
 ACCELERATION = Parameter("acceleration", "m/s^2", *ACCELERATION_RANGE, 15.0)
-"""Limit of acceleration and deceleration on a profile; a low limit keeps a bistable mechanism on its stop."""
+"""Limit of acceleration and deceleration on a profile; a low limit keeps a bistable mechanism on the front stop."""
 USUAL_SPREAD, LEAST_SPREAD = 1e-2, 1e-3  # m, usual and smallest standard deviation of an estimated distance
 
 
 class ReactingRule(Rule):
-    """Follow a speed profile until the alarm, then command the velocities of the parameters REACTION."""
+    """Follow a speed profile; while the alarm is on, command the velocities of the parameters REACTION."""
 
-    OVER = "position"  # name of the observed number on which the profile depends; a distance is negated
+    OVER = "position"  # the profile is a function of this observed number; distances are negated
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return the velocity and acceleration of `approach` until the alarm, then those of the reaction."""
+        """Return velocity and acceleration of the reaction while the alarm is on, else those of `approach`."""
         velocity, acceleration = self.approach(view)
         after = interpolate(TIMES, self.columns(REACTION[0].name, len(TIMES)), view["time_since_alarm"])
         fast = self["acceleration after the alarm"]
@@ -55,11 +55,7 @@ def follow(
     speed: Callable[[Floats], Floats], position: Floats, velocity: Floats,
     acceleration: ArrayLike = ACCELERATION_RANGE[1], period: float = CONTROL_PERIOD,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """Return the profile's `speed` at the end of a `period` (s), and the acceleration, at most `acceleration` (m/s^2).
-
-    The first prediction of the position at the end uses the present velocity. The second prediction uses the mean of
-    the present velocity and the profile's speed at the first prediction.
-    """
+    """Return `speed` at the end of a `period` (s), and the acceleration to it, at most `acceleration` (m/s^2)."""
     ahead = speed(position + velocity * period)
     reach = np.asarray(acceleration) * period
     ahead = np.clip(ahead, velocity - reach, velocity + reach)
@@ -76,7 +72,7 @@ GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
 
 
 class BlindProfile(ReactingRule):
-    """Follow a piecewise linear profile over the flange's position until the alarm; then react."""
+    """Follow a piecewise linear profile over the flange's position."""
 
     PARAMETERS = (
         *(Parameter(f"speed at {1e3 * knot:g} mm", "m/s", 0.01, VELOCITY_RANGE[1], 0.6) for knot in KNOTS),
@@ -109,7 +105,7 @@ class ConstantDeceleration(ReactingRule):
 
 
 class Ranged(ReactingRule):
-    """Brake with constant deceleration to the `contact speed`, `margin` before the estimated place."""
+    """Brake with constant deceleration to the `contact speed`, reached at `margin` (m) before the estimated place."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_noise": 0.01}
     PARAMETERS = (
@@ -129,7 +125,7 @@ class Ranged(ReactingRule):
 
 
 class RangedProfile(ReactingRule):
-    """Follow a piecewise linear profile over the position relative to the object's estimated place; then react."""
+    """Follow a piecewise linear profile over the position relative to the object's estimated place."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_noise": 0.01}
     PARAMETERS = (
@@ -165,7 +161,7 @@ class StretchedProfile(RangedProfile):
 
 
 class Clairvoyant(ReactingRule):
-    """Follow a velocity profile over the object's true distance minus the flange's position; react to the alarm."""
+    """Follow a velocity profile over the object's true distance minus the flange's position."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"privileged": True}
     PARAMETERS = (

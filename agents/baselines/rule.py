@@ -17,7 +17,7 @@ DISTANCES = ScenarioRanges().distance
 """Default range of the objects' distances, m. Positions in parameters are for this range, see `Rule.placed`."""
 LEAST_STRETCH = 0.01  # m, smallest near end and smallest width of a range in `Rule.placed`
 SLOWEST = 1e-9  # m/s, smallest speed of an operator by which a rule divides
-CLOCK = 1e-6  # s, resolution of the observed time
+CLOCK = 1e-6  # s, tolerance in comparisons of observed times
 
 
 class Parameter(NamedTuple):
@@ -27,7 +27,7 @@ class Parameter(NamedTuple):
     unit: str
     low: float
     high: float
-    start: float  # where the search of `impact-gym tune` begins
+    start: float  # value at which the search of `impact-gym tune` begins
 
 
 class View:
@@ -76,7 +76,7 @@ class Rule:
 
     @classmethod
     def of(cls, parameters: ArrayLike) -> Self:
-        """Return the rule with these parameters; the constructor may have other arguments."""
+        """Return the rule with these parameters; a subclass's constructor may have other arguments."""
         rule = cls.__new__(cls)
         Rule.__init__(rule, parameters)
         return rule
@@ -85,7 +85,7 @@ class Rule:
         """Return the rule for a time weight (m/s per s), or for the time weight of each row of a batch.
 
         The parameters are interpolated over the logarithm of the weight. Below the first and above the last of
-        `weights`, the parameters are constant. A rule without `weights` is returned unchanged.
+        `weights`, the parameters are constant. A rule without `weights` does not change.
         """
         twin = copy.copy(self)
         if self.weights:

@@ -23,8 +23,8 @@ from impact_gym.validation import nearest, number
 
 FORMAT = "impact_gym tuned baseline 1"
 BOUND_FORMAT = "impact_gym clairvoyant 2"
-BOUND_SET = "test"  # frozen set with the scenarios of the bound
-BOUND_GENERATIONS = 150  # generations of the search in each scenario
+BOUND_SET = "test"  # shipped set with the scenarios of the bound
+BOUND_GENERATIONS = 150  # largest number of generations in the search of each scenario
 RULES: dict[str, type[Rule]] = {name: resolve_name(f"agents.baselines:{name}") for name in setups.RULES}
 FIXED: dict[str, Any] = {name: resolve_name(f"agents.baselines:{kind}") for name, kind in setups.FIXED.items()}
 
@@ -33,8 +33,8 @@ def load_baseline(name: str, time_weight: float = 2.0, folder: Path | None = Non
     """Return a baseline for `time_weight` (m/s per s); for a tuned baseline see `Rule.at`.
 
     Raises:
-        ValueError: there is no such baseline; its file is missing or altered, or has other parameters or another
-            environment than this version.
+        ValueError: there is no such baseline; the time weight is not above 0; the file is missing or altered, or does
+            not fit this version.
     """
     number("time_weight", time_weight, "m/s per s", above=0)
     if name in FIXED:
@@ -47,7 +47,7 @@ def tuned_rule(content: Mapping[str, Any]) -> Rule:
     if not content["weights"]:
         raise ValueError(f"the file of baseline {content['baseline']!r} holds no weight: tune the baseline")
     tuned = {float(weight): found["parameters"] for weight, found in content["weights"].items()}
-    # in an entry of "weights", the parameters may have another order
+    # the order of the parameters in an entry of "weights" may differ from that in "parameters"
     weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]
     table = [[tuned[weight][name] for name in names] for weight in weights]
     rule = RULES[content["rule"]].of(table).for_task(Task(**content["environment"]))
@@ -65,7 +65,7 @@ def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None
     path = (folder or (setup.folder / "tuned" if setup else TUNED)) / f"{name}.json"
     if setup is None and not path.is_file():
         raise ValueError(nearest("baseline", name, [*FIXED, *shipped_baselines()]))
-    remedy = f"impact-gym tune {setup.called if setup else 'SETUP'}"
+    remedy = f"run impact-gym tune {setup.called if setup else 'SETUP'} --out {path.parent}"
     if not path.is_file():
         raise ValueError(f"baseline {name!r} was not tuned, there is no {path}: {remedy}")
     try:
@@ -82,7 +82,7 @@ def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None
         raise ValueError(f"{path} is no tuned baseline, or it is damaged: {error}; {remedy}") from error
     if other:
         what = "table of parameters" if other[0] == "parameters" else other[0]
-        raise ValueError(f"{path} was tuned for another {what} than this version's: {remedy}")
+        raise ValueError(f"{path} has another {what} than this version or the set-up: {remedy}")
     return content
 
 
@@ -118,7 +118,7 @@ def write_bound(
 
 
 def read_bound(setup: Setup, folder: Path = TUNED, generations: int = BOUND_GENERATIONS) -> dict[float, Floats]:
-    """Return the best parameters (scenarios, k) for each time weight (m/s per s); none without a file."""
+    """Return the best parameters (scenarios, k) for each time weight (m/s per s); empty without a file."""
     path = bound_path(setup, folder)
     if not path.is_file():
         return {}
@@ -126,12 +126,12 @@ def read_bound(setup: Setup, folder: Path = TUNED, generations: int = BOUND_GENE
     environment = content.pop("environment", {})
     search = {"set": BOUND_SET, "parameters": Clairvoyant.names(), "generations": generations}
     if content != search or not setup.describes(Task(**environment)):
-        remedy = f"impact-gym tune {setup.called} --bound"
-        raise ValueError(f"{path} was searched for another environment or for other parameters: {remedy}")
+        remedy = f"search it again with impact-gym tune {setup.called} --bound"
+        raise ValueError(f"{path} has the bound for another environment or from another search: {remedy}")
     return {float(weight): parameters for weight, parameters in arrays.items()}
 
 
 def bound_of(setup: Setup, folder: Path = TUNED) -> dict[float, Floats]:
-    """Return the best parameters (scenarios, k) for each weight of the evaluation; none if a weight is missing."""
+    """Return the best parameters (scenarios, k) for each weight of the evaluation; empty if a weight is missing."""
     by_weight, weights = read_bound(setup, folder), setup.evaluation.weights
     return {weight: by_weight[weight] for weight in weights} if by_weight.keys() >= set(weights) else {}

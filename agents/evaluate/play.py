@@ -1,6 +1,6 @@
-"""Let a controller play scenarios. All arguments are plain data that can be sent to another machine.
+"""Let a controller play scenarios. The arguments of `play` are plain data that can be sent to another machine.
 
-Scenarios have one of three forms. `{"set": name, "count": n}`: the first n of a shipped frozen set. `{"table":
+Scenarios have one of three forms. `{"set": name, "count": n}`: the first n of a shipped set. `{"table":
 {field: values}, "seed": s, "count": n}`: the scenarios in the table. `{"ranges": {field: pair}, "seed": s, "count":
 n}`: the first draws of environments seeded s, s + 1, ...; "ranges" may also be the name of shipped ranges.
 
@@ -55,10 +55,10 @@ def play(
 def environment_and_scenarios(
     environment: Mapping[str, Any], scenarios: Mapping[str, Any]
 ) -> tuple[dict[str, Any], Mapping[str, Any]]:
-    """Return the arguments of an environment without its scenario, and the scenarios to play in it.
+    """Return the arguments of an environment without its scenario, and the scenarios to play.
 
     If the environment has its own `scenario` ranges, the scenarios are drawn from these ranges, with the seed of the
-    frozen set in `scenarios`. The set `hard` stays unchanged.
+    frozen set in `scenarios`. The set `hard`, and scenarios from a table or from ranges, stay unchanged.
     """
     arguments = {name: value for name, value in environment.items() if name != "scenario"}
     if "scenario" not in environment or scenarios.get("set", "hard") == "hard":
@@ -96,19 +96,20 @@ def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None
     """Return the controller that `spec` describes, for a time weight (m/s per s) and a task.
 
     In `task`, a tuned baseline keeps the values of its tuning for the arguments in its class's KNOWS. If `task` is made
-    without the argument `scenario`, a rule also keeps its own range of distances.
+    without the argument `scenario`, a rule also keeps the scenario ranges of its own task.
     """
     ((kind, value),) = spec.items()
     if kind not in KINDS:
         raise ValueError(f"no controller of the kind {kind!r}")
     controller = KINDS[kind](value, time_weight)
-    if task is None or not isinstance(controller, (Rule, RandomActions)):
-        return controller
-    if isinstance(controller, Rule):
+    if task and isinstance(controller, RandomActions):
+        return RandomActions(task=task)
+    if task and isinstance(controller, Rule):
         known = controller.task.by_path() if kind == "tuned" else {}
         kept = {name: known[name] for name in controller.KNOWS if name in known}
-        task = task.changed(kept | {"scenario": task.arguments().get("scenario", controller.task.scenario)})
-    return controller.for_task(task)
+        own = {"scenario": task.arguments().get("scenario", controller.task.scenario)}
+        return controller.for_task(task.changed(kept | own))
+    return controller
 
 
 @lru_cache(maxsize=64)
@@ -141,7 +142,7 @@ KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
 
 
 def try_out(name: str, controller: Controller, observations: NDArray[np.float32], action_size: int) -> None:
-    """Call a controller once with a batch of observations (n, n_obs); ValueError: the controller fails."""
+    """Call a controller once with a batch of observations (n, n_obs); ValueError: an error or wrong actions."""
     start = np.ones(len(observations), np.bool_)
     try:
         actions, _ = controller.predict(observations.copy(), state=None, episode_start=start, deterministic=True)

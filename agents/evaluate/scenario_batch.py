@@ -40,7 +40,7 @@ class Episodes:
     slide: NDArray[np.float64] | None = None  # m, with friction
     rest_time: NDArray[np.float64] | None = None  # s, with friction
     done_time: NDArray[np.float64] | None = None  # s, with an operator
-    taken: NDArray[np.float64] | None = None  # -, with an operator: fraction of the motion withheld before the touch
+    taken: NDArray[np.float64] | None = None  # -, fraction of the operator's motion withheld before the touch
     touch_time: NDArray[np.float64] | None = None  # s, with an operator
     late: NDArray[np.float64] | None = None  # s, with an operator: delay from a touch to the operator's stop
 
@@ -49,7 +49,7 @@ class Episodes:
         return self.object_velocity + time_weight * self.approach_time
 
     def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the cost plus the charge for a missed object, m/s: minus the sum of rewards if `force_weight` is 0."""
+        """Return the cost plus the charge for a missed object, m/s, for each row."""
         return self.cost(time_weight) + self.missed_cost * self.missed
 
 
@@ -162,7 +162,7 @@ WITHIN_STEP = (0.25, 0.5, 0.75, 1.0)
 
 
 class Travel:
-    """Largest change of the tool's deflection (m) in each row: `deflection` until the first touch, `stroke` so far."""
+    """Largest change (m) of each row's deflection since the start: `deflection` until the touch, `stroke` so far."""
 
     def __init__(self, rows: int) -> None:
         self.deflection, self.stroke = np.zeros(rows), np.zeros(rows)

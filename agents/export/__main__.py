@@ -36,11 +36,11 @@ class Export:
     out: Path
     """Folder for the C header and the ONNX file."""
     setup: str | None = None
-    """Name or file of a set-up, if CONTROLLER is a baseline of this set-up. A rule without parameters, such as the
-    paper's rule, is written for the arm of this set-up."""
+    """Name or file of a set-up, if CONTROLLER is a baseline of this set-up. An untuned rule, such as the paper's, is
+    written for the arm of this set-up."""
     all: bool = False
-    """Write all controllers of a set-up: its policy, its tuned baselines, and the rules without parameters, such as the
-    paper's rule."""
+    """Write all controllers of a set-up: its policy, its tuned baselines, and the untuned rules, such as the paper's
+    rule."""
     folder: Path | None = None
     """With --all: folder with the subfolders `policies` and `tuned` of the set-up. Without this option, the command
     uses the folder into which `impact-gym train --seeds` and `impact-gym tune` write these subfolders."""

@@ -110,7 +110,7 @@ def c_text(template: str, folder: Path = Path(__file__).parent, **content: Any) 
 
 
 def has_controller(subject: Subject) -> bool:
-    """Whether a controller in C has all observed values; if not, the header holds only the network."""
+    """Whether a controller in C has all observed values; if not, a policy's header holds only the network."""
     return set(subject.spec.ids) <= set(values(subject.spec))
 
 
@@ -124,7 +124,7 @@ def values(spec: ObservationSpec) -> dict[str, str]:
 
 
 def _scale(entry: Quantity, value: str) -> tuple[str, float, float, float]:
-    """Return `value` with the entry's curve as a C expression, and the entry's low end, gain and scaled low end."""
+    """Return the C expression of the entry's curve at `value`, and the scale's low end, gain and scaled low end."""
     low, gain = affine(entry.scale)
     bent = value if entry.scale.curve == "linear" else f"{entry.scale.curve}({value})"
     return bent, low, gain, entry.scale.scaled_low

@@ -25,26 +25,26 @@ from impact_gym.validation import nearest
 
 FORMAT = "impact_gym controller 1"
 CALLS = (
-    "call NAME_step once in each control period, and once more at the moment of the alarm; the command holds until the "
+    "call NAME_step once in each control period, and once more at the moment of the alarm; use the command until the "
     "next call"
 )
 RESETS = (
-    "call NAME_reset before each approach, with the time weight; it is clipped to the range given, and a missing one "
-    "(NaN or infinite) is the smallest; the call resets time, readings, alarm and memory, and commands to stay at rest"
+    "call NAME_reset before each approach, with the time weight; the weight is clipped to the range, and a missing one "
+    "(NaN or infinite) becomes the smallest; the call resets time, readings, alarm and memory, and commands no motion"
 )
 MISSING = (
-    "a reading that is not later than the last one, or has no time, changes nothing: the last command holds; a missing "
-    "number (NaN or infinite) keeps its last value; before its first value a number is 0, and a range is not used; {}"
+    "a call without time, or with a time that is not later than before, repeats the last command; a missing number "
+    "(NaN or infinite) keeps its last value; before the first value a number is 0, and a range is not used; {}"
 )
 ALARMS = {
-    "reading": "the alarm follows its reading; while it is on, the time since the alarm advances with the time",
-    "force": "an alarm stays on once it has come, and the time since the alarm advances with the time",
+    "reading": "the alarm is on or off as read; during the alarm, the time since the alarm advances with the time",
+    "force": "the alarm stays on, and the time since the alarm advances with the time",
 }
 OPERATOR = (
     "the flange's velocity is gain * u - withdrawal, where u is the operator's command; the withdrawal is complete for "
     "{:g} s after an alarm, and then fades over {:g} s; if u is 0 or missing, or no command has come for {:g} s, the "
-    "flange stops at the arm's limit; a command that arrives between two calls takes effect at once by NAME_obey, and "
-    "a missing one counts as 0"
+    "flange stops at the arm's limit; pass a command that arrives between two calls to NAME_obey; a missing command "
+    "counts as 0"
 )
 
 
@@ -52,7 +52,7 @@ class Subject:
     """A controller to export: a policy, or a rule with its parameters for one time weight or several."""
 
     def __init__(self, controller: Policy | Rule, validation: Any = None, command: str = "") -> None:
-        """Describe a controller. Default `validation` (scores, JSON) and `command`: from the provenance of a policy."""
+        """Describe a controller; a policy's provenance has defaults of `validation` (scores, JSON) and `command`."""
         if not isinstance(controller, Policy | Rule):
             raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
         self.controller, self.task = controller, controller.task
@@ -120,7 +120,7 @@ def _plain(value: Any) -> str:
 
 
 def of_baseline(name: str, setup: Setup | None = None, folder: Path | None = None) -> Subject:
-    """Return a baseline. Without parameters: for the environment of `setup`. Tuned: see `read_tuned`."""
+    """Return a tuned baseline, see `read_tuned`, or one of FIXED for the environment of `setup`."""
     if name in FIXED:
         rule: Any = load_baseline(name)
         return Subject(rule.for_task(setup.task) if setup else rule)
@@ -145,7 +145,7 @@ def of_name(name: str, setup: Setup | None = None) -> Subject:
 
 
 def of_setup(setup: Setup, folder: Path | None = None) -> dict[str, Subject]:
-    """Return a set-up's controllers by name: rules without parameters, and the controllers in `folder`."""
+    """Return a set-up's controllers by name: untuned rules, and the controllers in `folder`."""
     folder, found = folder or setup.folder, {}
     for name in ("paper-trapezoid", "local-brake", *(["operator-alone"] if setup.environment.get("operator") else [])):
         found[name] = of_baseline(name, setup)
@@ -157,5 +157,6 @@ def of_setup(setup: Setup, folder: Path | None = None) -> dict[str, Subject]:
     if (path := folder / "policies" / f"{setup.name}.npz").is_file():
         found[setup.name] = Subject(load_policy(path))
     else:
-        print(f"{setup.name} is left out: there is no {path}: impact-gym train {setup.called}")
+        remedy = f"run impact-gym train {setup.called} --seeds {setup.seeds} --policies {path.parent}"
+        print(f"{setup.name} is left out: there is no {path}; {remedy}")
     return found

@@ -1,8 +1,7 @@
 """The small networks of policies, computed on NumPy.
 
 The result of a row has the same bits in every batch, because rows are multiplied in blocks of one size. Zeros fill the
-last block. In one product, the order of summation would depend on the size of the batch. In blocks larger than the
-machine's BLAS kernel, the order could depend on the row.
+last block.
 """
 
 from collections.abc import Callable, Mapping

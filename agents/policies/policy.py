@@ -142,7 +142,7 @@ class Ensemble:
         """Return the ensemble from `packed` content and arrays."""
         task = Task(**without_files(content["environment"]))
         if any(content[name] != table for name, table in scales(task).items()):
-            raise ValueError("it was made for other scales of observation or action than this version's environment")
+            raise ValueError("it was made for other scales of observation or action than those of this version")
         weights: dict[str, dict[str, NDArray[Any]]] = {seed: {} for seed in content["provenance"]}
         for name, weight in arrays.items():
             seed, _, part = name.partition("/")
@@ -165,7 +165,7 @@ def scales(task: Task) -> dict[str, list[dict[str, Any]]]:
 
 
 def load_ensemble(name: str | Path) -> Ensemble:
-    """Return the policies of all seeds of a shipped set-up, by name, or the policies in a file or a run folder.
+    """Return the policies of a shipped set-up (by name), of a file or of a run folder, for all seeds.
 
     Raises:
         TypeError, ValueError: `name` is no shipped policy, file or run folder; or the file is no policy, is damaged, or
@@ -180,7 +180,7 @@ def load_ensemble(name: str | Path) -> Ensemble:
 
 
 def load_policy(name: str | Path, seed: int | None = None) -> Policy:
-    """Return a shipped policy, by name, or a policy from a file, or the best policy of a run folder.
+    """Return a shipped policy (by name), a policy from a file, or the best policy of a run folder.
 
     Args:
         name: name of a shipped policy, or a path.

@@ -56,8 +56,8 @@ class Evaluation:
     scenarios: int = 2000
     """Number of scenarios to play, from the first of the set on."""
     varied: Mapping[str, Any] = field(default_factory=lambda: usual({}, COMPLIANT))
-    """Values by dotted argument. To test robustness, one argument is changed at a time. An argument has a list of
-    values, or a table {times = [...]} of multiples of the set-up's value. `scenario` has names of frozen sets."""
+    """Values of arguments, such as robot.stiffness. To test robustness, one argument is changed at a time. An argument
+    has a list of values, or a table {times = [...]} of multiples of the set-up's value. `scenario` has sets' names."""
     nominal: Mapping[str, Any] = field(default_factory=dict)
     """Fixed arguments that replace ranges of the set-up, before `varied` changes an argument. In a file, robot =
     "rigid" means no robot compliance."""
@@ -92,10 +92,10 @@ class Evaluation:
 
 
 def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the default variations of an environment: VARIED, with the environment's own numbers.
+    """Return the default variations of an environment: VARIED, and some values that depend on the environment.
 
-    In addition, `robot` replaces a rigid robot, and a spring without stops gets a stroke that is too short. With the
-    default scenario ranges, the frozen set `hard` is also played.
+    `robot` also replaces a rigid robot. A spring without stops gets a `stroke` shorter than the tool's lag, unless
+    episodes draw numbers of the set-up. With the default scenario ranges, the frozen set `hard` is also played.
     """
     with warnings.catch_warnings(action="ignore", category=UserWarning):
         task = Task(**environment)
@@ -117,23 +117,23 @@ def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None
 class Change:
     """One change of an environment."""
 
-    argument: str  # dotted
+    argument: str  # such as robot.stiffness
     label: str
     value: float  # in the argument's unit, or a multiple; nan: the value is not a number
     multiple: bool  # whether `value` is a multiple of the environment's own value
     environment: Mapping[str, Any]  # all arguments, after the change
-    scenarios: str = ""  # name of a frozen set, if the change is to play it
-    same: bool = False  # whether the value equals the environment's own
+    scenarios: str = ""  # name of the frozen set to play, if the argument is `scenario`
+    same: bool = False  # whether the value is the environment's own value
 
 
 def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Change]:
-    """Return all changes of `evaluation`, without those of arguments that `environment` does not have."""
+    """Return the changes of `evaluation` that are possible in `environment`, see `changes`."""
     begun = {**environment, **evaluation.nominal}
     return [change for name, values in evaluation.varied.items() for change in changes(name, values, begun)]
 
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
-    """Yield the changes of one argument, without invalid values; ValueError, if `strict`: an invalid value."""
+    """Yield the changes of one argument. Unless `strict`, invalid values (except names of sets) are left out."""
     where = f"evaluation.varied.{name}"
     multiples = isinstance(values, Mapping)
     if multiples:

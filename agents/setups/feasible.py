@@ -9,11 +9,11 @@ from impact_gym.task.task import MOUNT_IDS
 
 OVERSHOOT = 2.0
 """Largest ratio of a compliant robot's acceleration to the commanded acceleration, for an undamped spring and one step
-of the command. Several steps at the robot's natural frequency cause a larger ratio."""
+of the command. Several steps at the robot's natural frequency can cause a larger ratio."""
 
 
 def warnings(task: Task) -> list[str]:
-    """Return a sentence for each problem of a task; ValueError: the front stop cannot hold the tool."""
+    """Return a sentence for each problem found; ValueError: the front stop cannot hold the tool."""
     (near, far), (least, most) = task.scenario.distance, task.acceleration_range
     observed = ObservationSpec(task).scale("position").high
     first_reading = task.longest("reaction_delay") + task.control_period
@@ -36,10 +36,10 @@ def warnings(task: Task) -> list[str]:
                 f"stop holds at most {max(holds):.3g} m/s^2"
             )
         if min(holds) < most * (1.0 if task.robot is None else OVERSHOOT):
-            swings = f", and a compliant robot overshoots to {OVERSHOOT:g} times that and more" if task.robot else ""
+            swings = f", and a compliant robot can overshoot to {OVERSHOOT:g} times this and more" if task.robot else ""
             sentences.append(
-                f"the front stop holds the tool up to {min(holds):.3g} m/s^2, the arm can make {most:g}{swings}: above "
-                f"{min(holds):.3g} m/s^2 the mechanism leaves its stop before a touch"
+                f"the front stop holds the tool up to {min(holds):.3g} m/s^2, the arm reaches {most:g} m/s^2{swings}: "
+                f"above {min(holds):.3g} m/s^2 the mechanism leaves the stop before a touch"
             )
     return sentences
 

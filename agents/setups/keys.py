@@ -1,4 +1,4 @@
-"""Functions that read the tables of a file."""
+"""Functions that read the tables of a set-up's file."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping

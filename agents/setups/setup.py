@@ -33,7 +33,7 @@ RULES = (
     "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile", "DetectorRanged", "FilteredProfile",
     "FirstReadingProfile", "Ranged", "RangedProfile",
 )  # fmt: skip
-"""Names of the rules in `agents.baselines` that a set-up may tune. Reading a set-up does not import these rules."""
+"""Names of the rules in `agents.baselines` that a set-up may tune."""
 FIXED = {
     "paper-trapezoid": "PaperTrapezoid", "random": "RandomActions", "local-brake": "LocalBrake",
     "operator-alone": "OperatorAlone",
@@ -51,7 +51,7 @@ class Tuned(NamedTuple):
     scenarios: int = 300  # number of scenarios that each candidate plays
 
 
-UNSAID = "unknown; impact-gym report changes one argument at a time"
+UNSAID = "unknown; to find out, run impact-gym report"
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def _loaded(path: Path, _: int) -> Setup:
 
 
 def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Return the content of a file; the INHERITED tables also have the keys of an extended set-up."""
+    """Return the content of a file; the INHERITED tables also have the keys of the set-up in `extends`."""
     content: dict[str, Any] = parsed(path, "TOML", tomllib.loads)
     with within(str(path)):
         _read_delays(table(content, "environment"), path.parent)
@@ -199,7 +199,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
 
 
 def _read_delays(environment: dict[str, Any], folder: Path) -> None:
-    """Replace the path of each delay file, relative to the set-up's `folder`, by the rows of the file."""
+    """Replace each channel's `trace`, a path relative to the set-up's `folder`, by the rows of that file."""
     for way in WAYS:
         if isinstance(channel := environment.get(way), dict) and isinstance(trace := channel.get("trace"), str):
             with within(f"environment.{way}"):

@@ -41,7 +41,7 @@ class Training:
     batch: int = 2048
     """Number of samples for each gradient step."""
     rollout: int = 64
-    """Number of steps that each environment makes between two updates. An episode has about 30 steps."""
+    """Number of steps that each environment makes between two updates."""
     epochs: int = 3
     """Number of passes over the samples of each rollout."""
     gae_lambda: float = 1.0
@@ -54,10 +54,10 @@ class Training:
     log_std: float = -0.8
     """Logarithm of the initial standard deviation of the actions."""
     informed_critic: bool = True
-    """Let the critic observe more than the policy: the true scenario and all other random numbers of the episode."""
+    """Let the critic also observe the true scenario and the other drawn numbers of the episode."""
     teacher: str = ""
-    """Name of a tuned baseline of the set-up, or of a shipped tuned baseline. The policy imitates this baseline before
-    it learns from rewards. Empty: no imitation."""
+    """Name of a shipped baseline, or of a tuned baseline of the set-up. The policy first imitates the baseline, then
+    learns from rewards. Empty: no imitation."""
     imitation_steps: int = 1_000_000
     """Number of environment steps in which the policy imitates the teacher."""
     learning_rate: float = 7e-4
@@ -101,7 +101,7 @@ class Training:
         if self.activation not in get_args(Activation):
             raise ValueError(f"activation must be {' or '.join(get_args(Activation))}, got {self.activation!r}")
         if not isinstance(self.teacher, str):
-            raise ValueError(f"teacher must be the name of a tuned baseline, got {self.teacher!r}")
+            raise ValueError(f"teacher must be the name of a baseline, got {self.teacher!r}")
         if self.teacher and self.steps < self.imitation_steps:
             raise ValueError(f"steps must be at least imitation_steps, {self.imitation_steps} (no unit), "
                              f"got {self.steps} (no unit)")  # fmt: skip

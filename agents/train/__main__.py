@@ -25,7 +25,7 @@ class TrainOptions:
     training: Annotated[Training, tyro.conf.arg(name="")] = field(default_factory=Training)
     """Settings."""
     seed: int = 0
-    """Seed of the training scenarios, the initial network and the exploration. The evaluation uses other scenarios."""
+    """Seed of the training scenarios, the initial network and the exploration."""
     seeds: int | None = None
     """Number of policies to train, with the seeds 0, 1, 2 and so on. The command writes all policies into one file. The
     policy with the median validation score represents the set-up. If you repeat the command after an interruption, it
@@ -40,8 +40,8 @@ class TrainOptions:
     """With --seeds: number of trainings at the same time on this machine, each on one core. 0: the trainings run in
     this process."""
     cluster: str | None = None
-    """With --seeds: train on a Ray cluster, each policy on one core. Give "ray" for the cluster that runs on this
-    machine, or the address of a cluster. If the set-up is a file, the nodes of the cluster must be able to read it."""
+    """With --seeds: address of a Ray cluster for the trainings, each on one core. "ray": the address in RAY_ADDRESS or
+    else the cluster of this machine. If the set-up is a file, all nodes must be able to read it."""
     resume: Path | None = None
     """Folder of an interrupted training. The training continues from its last checkpoint, with its original settings.
     No other option is allowed."""

@@ -24,7 +24,7 @@ OnValidation = Callable[[int, dict[str, Any]], None]
 """Function that each validation calls with the number of steps so far and the result."""
 ROWS = 200  # largest number of rows of a learning curve
 NEARLY_ALL = 0.99  # fraction of the objects; a policy that misses this fraction touches objects only by accident
-COLLAPSED = 3  # validations in a row with nearly all objects missed: the training has collapsed
+COLLAPSED = 3  # number of successive validations, with nearly all objects missed, that end a training
 BEGINNING = 0.1  # in this first fraction of a training, a policy may miss all objects
 
 
@@ -56,8 +56,8 @@ class TrainingCallback(BaseCallback):
             "best": math.inf,
             "curve": [],  # [steps, score] of each validation
             "rows": [],  # of progress.csv
-            "collapsed": 0,  # last validations in a row with nearly all objects missed
-            "seconds": 0.0,  # of the training, in earlier processes
+            "collapsed": 0,  # number of successive validations, up to the last one, with nearly all objects missed
+            "seconds": 0.0,  # s, duration of the training in earlier processes; at the end, of all processes
         }
 
     def _on_step(self) -> bool:
@@ -116,7 +116,7 @@ class TrainingCallback(BaseCallback):
 
     def _refuse_collapse(self) -> None:
         """Raise CollapsedError with a remedy if the training collapsed."""
-        reason = f"at least {NEARLY_ALL:.0%} of the objects missed in {COLLAPSED} validations in a row"
+        reason = f"at least {NEARLY_ALL:.0%} of the objects missed in {COLLAPSED} successive validations"
         if not torch.nn.utils.parameters_to_vector(self.model.policy.parameters()).isfinite().all():
             reason = "the weights are no longer finite"
         elif self.kept["collapsed"] < COLLAPSED:

@@ -2,8 +2,8 @@
 
 A checkpoint is written between two rollouts, when the rollout buffer is empty. It holds networks, optimiser, counters,
 environments, the random states of torch, NumPy and Python, and the values that the log has not written yet. The file
-does not have torch's format, because `torch.load(weights_only=True)` would need private names of NumPy, and does not
-detect a damaged file.
+does not have torch's format, because `torch.load(weights_only=True)` would need private names of NumPy, and would
+not detect a damaged file.
 """
 
 import json
@@ -66,7 +66,7 @@ def restore(path: Path, model: Any, training: Training) -> dict[str, Any]:
         changed = [name for name in now if name in before and before[name] != now[name]]
         differs = ", ".join(f"{name} is {before[name]!r} in the checkpoint, got {now[name]!r}" for name in changed)
         reason = differs or " ".join(str(error).split())  # torch's messages have several lines
-        raise ValueError(f"{path} is a checkpoint of another training: {reason}") from error
+        raise ValueError(f"{path} does not fit this training: {reason}") from error
     for name, kept in zip(UNWRITTEN, state["log"], strict=True):
         getattr(model.logger, name).clear()
         getattr(model.logger, name).update(kept)
@@ -81,7 +81,7 @@ def _pack(arrays: dict[str, NDArray[Any]], value: Any) -> dict[str, str]:
 
 
 def _unpack(arrays: Mapping[str, NDArray[Any]], table: dict[str, Any]) -> Any:
-    """Return the value of a JSON table. Numbers among the keys were written as text."""
+    """Return the value of a JSON table; a key of digits becomes a number again."""
     match table:
         case {"tensor": name}:
             return torch.from_numpy(arrays[name])

@@ -1,7 +1,7 @@
 """PPO that first imitates a baseline, in states that the policy itself visits.
 
 S. Ross, G. Gordon, D. Bagnell, A Reduction of Imitation Learning and Structured Prediction to No-Regret Online
-Learning, AISTATS 2011. PPO alone does not find an approach in pulses.
+Learning, AISTATS 2011.
 """
 
 from typing import Any
@@ -37,8 +37,8 @@ class Teacher:
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
         """Return the actions (steps, envs, k) at privileged `observations` (steps, envs, n_obs), step by step.
 
-        If noisy readings raise the alarm, the teacher gets the true touch as alarm. The teacher's memory is empty at
-        the first step.
+        With `alarm="reading"`, the teacher gets a switch's alarm instead, without errors. The teacher's memory is empty
+        at the first step.
         """
         spec, time_weight = self.spec, self.spec.decode(observations, "time_weight")
         if "time_since_touch" in spec.ids:

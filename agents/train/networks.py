@@ -1,7 +1,7 @@
 """Networks of a training: an actor, and a critic that may also observe the true scenario.
 
-A critic that does not depend on the action does not bias the policy gradient. A critic that observes mass and distance
-of the object reduces the variance of the gradient (Pinto et al. 2018, asymmetric actor critic).
+A critic that observes mass and distance of the object reduces the variance of the policy gradient (Pinto et al. 2018,
+asymmetric actor critic).
 """
 
 import re
@@ -26,7 +26,7 @@ CENTRE_AND_SPREAD = {
     "force": (0.05, 0.1),
     "force_peak": (0.15, 0.25),
     "time_weight": (0.0, 0.3),
-    "distance_estimate": (0.05, 0.1),  # narrow, so that the estimate's error of 10 mm matters
+    "distance_estimate": (0.05, 0.1),  # a small spread, so that an error of 10 mm matters
     "range_noise": (0.3, 0.2),
     "deflection": (0.0, 0.2),
     "object_mass": (0.15, 0.3),
@@ -35,7 +35,7 @@ CENTRE_AND_SPREAD = {
     "distance": (0.1, 0.3),
 }
 """Approximate centre and spread of the observed numbers during a training. Without standardisation, the networks would
-learn late from numbers that vary little. In a saved policy the standardisation is part of the weights."""
+learn late from numbers that vary little."""
 
 
 def standardisation(tasks: Sequence[Task]) -> NDArray[np.float64]:

@@ -111,7 +111,7 @@ class ScaledRewards(VecEnvWrapper):
         return self._seen(self.venv.reset())
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Play a step; the time weight of the episode of the step scales the reward."""
+        """Play a step; the time weight of the episode scales the reward."""
         scale, (observations, rewards, ended, infos) = self._scale, self.venv.step_wait()
         return self._seen(observations), rewards * scale, ended, infos
 
@@ -192,7 +192,7 @@ def train(run: Run, out: Path | None = None, on_validation: OnValidation | None 
 
 
 def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
-    """Resume the run in `folder` from its last checkpoint, or else from the beginning, and return the folder."""
+    """Resume the run in `folder`, unless finished, from its last checkpoint or else the beginning; return `folder`."""
     try:
         record = json.loads((folder / "config.json").read_text())
         run = Run.of_record(record["settings"])

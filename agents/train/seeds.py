@@ -1,7 +1,7 @@
 """Trainings of a set-up with several seeds; the policy with the median validation score represents the set-up.
 
 `agents.jobs` stores finished trainings, and a killed training resumes from the checkpoint. On a cluster, resuming needs
-run folders under the same path on all nodes. Otherwise, the training of a lost node starts again.
+run folders under the same path on all nodes.
 """
 
 import json
@@ -35,7 +35,6 @@ def train_seeds(
         _refuse_another(**arguments[-1])
 
     def fill(seed: int, files: Mapping[str, bytes]) -> None:
-        """Write the files of a run if they are not on this machine; print the score."""
         if not (folders[seed] / KEPT[-1]).is_file():
             for name, content in files.items():
                 write_file(folders[seed] / name, content)

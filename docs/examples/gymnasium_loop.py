@@ -5,9 +5,9 @@ import numpy as np
 
 import impact_gym  # noqa: F401  # registers the environments
 
-GO = np.array([0.5, -5 / 19], np.float32)  # to 1 m/s at 8 m/s^2
-STOP = np.array([-0.5, -5 / 19], np.float32)  # to 0 m/s at 8 m/s^2
-ALARM = 3  # its place in the observation
+GO = np.array([0.5, -5 / 19], np.float32)  # action: 1 m/s at 8 m/s^2
+STOP = np.array([-0.5, -5 / 19], np.float32)  # action: 0 m/s at 8 m/s^2
+ALARM = 3  # index of the alarm in the observation
 
 env = gym.make("ImpactApproach-v0")
 for seed in range(5):

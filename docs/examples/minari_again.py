@@ -1,4 +1,4 @@
-"""An episode of a Minari dataset begins again, with its seed and options."""
+"""Begin the first episode of a Minari dataset again, with the recorded seed and options."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""CAPQL of morl-baselines as a client of mo-impact-approach-v0: its front beside that of our policy.
+"""Train CAPQL of morl-baselines on mo-impact-approach-v0, and compare it with our policy.
 
 pip install morl-baselines moocore, then: python docs/examples/morl_capql.py [STEPS]. Written for morl-baselines 1.3.
 """
@@ -15,11 +15,11 @@ from morl_baselines.multi_policy.capql.capql import CAPQL
 
 WEIGHTS = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)  # m/s per s
 Act = Callable[[np.ndarray, float], np.ndarray]
-REFERENCE, SCENARIOS = (1.2, 2.0), 500  # s and m/s, the cost of a miss; test scenarios
+REFERENCE, SCENARIOS = (1.2, 2.0), 500  # reference point (s, m/s); number of test scenarios
 
 
 def front(act: Act) -> np.ndarray:
-    """Return mean time (s) and mean V_p (m/s, with the cost of misses) of a controller at each weight."""
+    """Return a controller's mean time (s), and mean V_p plus cost of misses (m/s), at each weight."""
     points = []
     for weight in WEIGHTS:
         envs = gym.make_vec("mo-impact-approach-v0", num_envs=SCENARIOS, time_weight=weight)
@@ -34,7 +34,7 @@ def front(act: Act) -> np.ndarray:
 
 
 def main(steps: int) -> None:
-    """Train, and print the hypervolume of each front."""
+    """Train CAPQL, and print means and hypervolume of each controller."""
     train, watched = (gym.make("mo-impact-approach-v0", disable_env_checker=True) for _ in range(2))
     agent = CAPQL(train, gamma=0.999, alpha=0.002, batch_size=256, log=False, seed=0, device="cpu")
     began = time.time()

@@ -1,4 +1,4 @@
-"""Restitution and Hertz stiffness as `solref` of MuJoCo, and the error that this leaves; needs the extra `robot`."""
+"""Approximate restitution and Hertz stiffness by MuJoCo's `solref`, and print the errors; needs the extra `robot`."""
 
 from math import acos, acosh, log, pi, sqrt
 from typing import Any
@@ -22,15 +22,15 @@ MODEL = """<mujoco>
 
 def alone(contact: ig.Contact, speed: float) -> tuple[float, float]:
     """Duration (s) and peak force (N) of the contact of the two free bodies that meet at a speed (m/s)."""
-    scene = ig.Scene(ig.Tool(1.0), ig.Object(REDUCED, 0.3), contact)  # rigidly coupled: as if infinitely heavy
+    scene = ig.Scene(ig.Tool(1.0), ig.Object(REDUCED, 0.3), contact)  # a rigidly coupled tool acts as an infinite mass
     struck = ig.simulate(scene, ig.Trapezoid(speed, 100.0)).contacts[0]
     assert struck.end is not None
     return struck.end - struck.start, struck.peak_force
 
 
 def solref(contact: ig.Contact, speed: float) -> tuple[float, float]:
-    """Stiffness (1/s^2) and damping (1/s) that deliver the restitution, and the duration at that speed (m/s)."""
-    zeta = damping_factor("exact", contact.restitution, 1.0, 0.0) / 2  # of a spring and damper that never pulls
+    """Stiffness (1/s^2) and damping (1/s) that give the restitution and duration of `contact` at a speed (m/s)."""
+    zeta = damping_factor("exact", contact.restitution, 1.0, 0.0) / 2  # damping ratio; the damper never pulls
     angle = acos(zeta) / sqrt(1 - zeta**2) if zeta < 1 else acosh(zeta) / sqrt(zeta**2 - 1)
     omega = 2 * angle / alone(contact, speed)[0]
     return omega**2, 2 * zeta * omega

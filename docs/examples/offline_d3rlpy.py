@@ -33,7 +33,7 @@ def score(act: Callable[[Any], Any], count: int = 2000) -> float:
 
 
 def main(steps: int, names: list[str]) -> None:
-    """Train on datasets, and print what comes of it beside those who played them."""
+    """Train on datasets; print the mean returns of learner, paper's rule, profile and policy."""
     data = [episode for name in names for episode in episodes(name)]
     buffer = d3rlpy.dataset.create_infinite_replay_buffer(data)
     learner = d3rlpy.algos.IQLConfig(gamma=1.0, expectile=0.9, weight_temp=10.0).create(device="cpu")

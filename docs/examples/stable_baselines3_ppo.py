@@ -1,4 +1,4 @@
-"""PPO of stable-baselines3 on the native batch, for some number of steps."""
+"""Train PPO of stable-baselines3 in a native batch of environments."""
 
 import sys
 

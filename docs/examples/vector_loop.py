@@ -6,15 +6,15 @@ import numpy as np
 import impact_gym  # noqa: F401  # registers the environments
 
 GO, STOP = np.float32([[0.5, -5 / 19], [-0.5, -5 / 19]])  # 1 and 0 m/s, at 8 m/s^2
-ALARM = 3  # its place in the observation
+ALARM = 3  # index of the alarm in the observation
 
 envs = gym.make_vec("ImpactApproach-v0", num_envs=1000)
-observations, infos = envs.reset(seed=0)  # as single ones with seeds 0, 1, ...
+observations, infos = envs.reset(seed=0)  # environment k has the seed k
 time, velocity = np.full((2, envs.num_envs), np.nan)
 while np.isnan(time).any():
     actions = np.where(observations[:, [ALARM]] > 0, STOP, GO)
     observations, rewards, terminated, truncated, infos = envs.step(actions)
-    first = terminated & np.isnan(time)  # the next episode begins by itself
+    first = terminated & np.isnan(time)  # the first episode has ended
     if first.any():
         time[first] = infos["approach_time"][first]
         velocity[first] = infos["object_velocity"][first]

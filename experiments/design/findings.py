@@ -48,7 +48,7 @@ def summary(frame: pl.DataFrame) -> list[dict[str, Any]]:
 
 
 def in_words(design: str) -> str:
-    """Return a design (JSON) as text: names, values and units of its numbers."""
+    """Return a design (JSON) as text: names, values and units."""
     units = {name: QUANTITIES[name].unit.removeprefix("-") for name in json.loads(design)}
     return ", ".join(f"{name} {value:.4g} {units[name]}".strip() for name, value in json.loads(design).items())
 
@@ -94,20 +94,20 @@ def analyse(options: DesignOptions, frames: Frames, _: bool) -> Findings:
     missed = f" It misses {chosen['missed'].sum()} of {chosen.height} objects." if chosen["missed"].any() else ""
     pad = f" with a pad of {options.pad}" if options.pad else ""
     answer = (
-        f"Chosen design: {in_words(chosen['design'][0])}{pad}. At the mean approach time of the paper's rule, its mean "
-        f"V_p is {percent(gains[CHOSEN])} lower than with the paper's rule and spring; in each fifth of the distances, "
+        f"Chosen design: {in_words(chosen['design'][0])}{pad}. At the mean approach time of the paper's rule, mean V_p "
+        f"is {percent(gains[CHOSEN])} lower than with the paper's rule and spring. In each fifth of the distances, "
         f"V_p is at least {100 * least:.1f} % lower. Before the first touch, the tool moves at most "
         f"{1e3 * moved:.1f} mm against the flange. Set-up: {options.file.name}.{missed}"
     )
     gained = [(LABELS.get(name, name), percent(gain)) for name, gain in gains.items()]
     scaled = [{**row, **{name: 1e3 * row[name] for name in ("deflection", "stroke")}} for row in rows]
     caption = (
-        "No search used these test scenarios. Points below and to the left are better. The numbers at the designs are "
+        "No search used these test scenarios. Points below and to the left are better. The numbers at points are "
         "the largest deflections before the first touch. A line is one coupling, with a controller for each approach "
         "time."
     )
     alt = "Mean approach time against mean V_p: designs, the chosen design, others and the paper's rule."
-    read = "V_p is interpolated, or that of the nearest end of the line. Intervals: resampled scenarios."
+    read = "V_p is interpolated on the line; outside the line, the nearest end counts. Intervals: resampled scenarios."
     return Findings(answer, [
         Section("Approach time against V_p", [
             Picture("front", chart(rows), alt, caption),

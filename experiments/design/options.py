@@ -27,8 +27,8 @@ LIMITED = (FRONT, CHOSEN)
 class DesignOptions:
     """Search for the coupling and the controller with the lowest V_p (the object's final velocity).
 
-    The search adds a penalty to the cost of a design that exceeds --deflection or --stroke in any scenario, or
-    --peak-force in more than 5 % of the scenarios.
+    The search penalizes a design that exceeds --deflection or --stroke in any scenario, exceeds --peak-force in more
+    than 5 % of the scenarios, or breaks --touched-once.
     """
 
     setup: tyro.conf.Positional[str]
@@ -83,7 +83,7 @@ class DesignOptions:
 
     @cached_property
     def searched(self) -> dict[str, Any]:
-        """The set-up's environment, in which each searched number has its range LOW to HIGH."""
+        """The set-up's environment, with the range LOW to HIGH of each searched number."""
         return searched_environment(self.arm, self.variables, self.limits.deflection)
 
     @cached_property

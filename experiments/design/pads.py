@@ -24,7 +24,7 @@ PADS = {"norbornene": 0.01, "neoprene": 0.01, "memory-foam": 0.04}  # m, radius 
 
 
 class Pad(NamedTuple):
-    """A dome of one material on the tool; the tool's mass includes that of the dome."""
+    """A dome of one material on the tool; the tool's mass includes the dome."""
 
     stiffness: float  # N/m^1.5, in contact with a rigid body
     restitution: float  # -, in contact with a body that loses no energy

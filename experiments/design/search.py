@@ -24,7 +24,7 @@ RTOL = 1e-5  # rtol of the simulation in a search
 PENALTY = 2.0  # m/s, cost of exceeding a limit or the approach time by 100 %
 MARGIN = 1.2  # factor on the tolerance in a search, because of rare scenarios that a search does not contain
 CONTACT = ("contact_stiffness", "restitution")
-WITHIN = 0.95  # share of the episodes in which the peak force must be within its limit
+WITHIN = 0.95  # share of the episodes in which the peak force must be within the limit
 UNITS = {"deflection": "m", "stroke": "m", "peak_force": "N", "touched_once": "-"}
 
 
@@ -37,9 +37,9 @@ class Limits:
     stroke: float | None = None
     """Largest deflection of the tool from the flange in the whole episode, m."""
     peak_force: float | None = None
-    """Largest contact force, N."""
+    """Largest contact force in 95 % of the scenarios, N."""
     touched_once: float | None = None
-    """Smallest share of scenarios in which the tool touches the object only once, such as 0.95."""
+    """Smallest share of scenarios in which the tool touches the object at most once, such as 0.95."""
 
     def __post_init__(self) -> None:
         for name, unit in UNITS.items():
@@ -47,10 +47,10 @@ class Limits:
                 number(name, getattr(self, name), unit, above=0, at_most=1.0 if name == "touched_once" else math.inf)
 
     def excess(self, played: Episodes, travel: Travel, count: int = 1, pad: Pad | None = None) -> Floats:
-        """Return the sum of (value / limit - 1) over the limits that a candidate exceeds, for each candidate (count,).
+        """Return for each candidate (count,) the sum of (value / limit - 1) over all exceeded limits.
 
-        `played` and `travel` have the episodes of all candidates in order, the same number for each candidate. A `pad`
-        has a limit, too: a penetration of half its radius, because Hertz's law holds for small penetrations.
+        `played` and `travel` have equally many episodes of each candidate, in order. `touched_once` limits the share of
+        scenarios with several contacts. A `pad` limits the penetration to half the radius (validity of Hertz's law).
         """
         peak = np.quantile(played.peak_force.reshape(count, -1), WITHIN, axis=1)
         repeated = None if self.touched_once is None else max(1.0 - self.touched_once, 1e-3)
@@ -92,7 +92,7 @@ class Candidate:
         """Return contact stiffness (N/m^1.5) and restitution of each scenario through the pad; empty without a pad."""
         if not self.pad:
             return {}
-        scenario = stage.play(self.controller()).scenario  # the scenarios are drawn when they are played
+        scenario = stage.play(self.controller()).scenario  # `play` draws the scenarios
         return dict(zip(CONTACT, on_pad(self.pad, *(scenario[name] for name in CONTACT)), strict=True))
 
 
@@ -171,7 +171,7 @@ def search(
 
 
 def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any]) -> pl.DataFrame:
-    """Play a candidate on the frozen set `name`; return a row for each scenario: numbers and results.
+    """Play a candidate on the frozen set `name`; return a row for each scenario.
 
     `candidate` and `limits` have the fields of `Candidate` and `Limits`. In each scenario, each number of the design
     has a relative error of at most `tolerance`. Each row has the `Limits.excess` of all scenarios.

@@ -1,8 +1,8 @@
 """The study of `impact-gym design`: searches, choice on the validation set, results on the test set.
 
-The front has, for each approach time, the seeds' design with the lowest cost on the validation set. The chosen design
-is the front's design at the approach time nearest to that of the paper's rule. For each other approach time, the study
-searches a new controller of the chosen design. No choice uses the test set.
+For each approach time, the front has the design (of any seed) with the lowest cost on the validation set. The chosen
+design is the front's design at the approach time nearest to that of the paper's rule. For each other approach time, the
+study searches a new controller of the chosen design. No choice uses the test set.
 """
 
 import json

@@ -48,7 +48,7 @@ class SearchVariable(NamedTuple):
 
 
 def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]:
-    """Return a variable for each text `NAME=LOW:HIGH`; its `start` is the set-up's value.
+    """Return a variable for each text `NAME=LOW:HIGH`, with the set-up's value as `start`.
 
     ValueError: there is no text, a text has another form, a NAME is unknown or repeated, or LOW is not below HIGH.
     """

@@ -1,4 +1,4 @@
-"""Cells, in which a contestant plays scenarios, and functions that evaluate the rows of cells."""
+"""Cells that play a controller in scenarios, and functions that evaluate the rows of cells."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -39,7 +39,7 @@ def play(
     columns: dict[str, Any] = {"weight": np.array(weights)[:, None], "episode": np.arange(shape[1])}
     columns |= {name: results[name] for name in FIELDS} | measured
     columns["cost"] = measured["object_velocity"] + columns["weight"] * measured["approach_time"]
-    columns["cost"] += missed_cost(environment) * measured["missed"]  # order as in `Episodes.loss`: equal rounding
+    columns["cost"] += missed_cost(environment) * measured["missed"]  # summed in the order of `Episodes.loss`
     return pl.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in columns.items()})
 
 

@@ -30,7 +30,7 @@ class Table:
 
     @property
     def classes(self) -> list[str]:
-        """CSS class of each column: "" if half are numbers, "left words" if a cell exceeds LONG, else "left"."""
+        """CSS class of each column: "" if half or more are numbers, else "left words" (a cell over LONG) or "left"."""
         found = []
         for column in zip(*self.rows, strict=False):
             numbers = sum(bool(re.match(r"([-+\d]|at (least|most) \d).{,40}$", cell)) for cell in column)
@@ -53,7 +53,7 @@ class HeatMap:
 
     caption: str
     head: Sequence[str]
-    rows: Sequence[tuple[str, str, Sequence[Heat]]]  # changed argument, its values, cell of each contestant
+    rows: Sequence[tuple[str, str, Sequence[Heat]]]  # changed argument, tried values, cell of each contestant
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ OBJECT_MASS = 0.25  # kg
 HEAVY_MASS = 2.5  # kg, the object of Fig. 14
 REDUCED_MASS = TOOL_MASS * OBJECT_MASS / (TOOL_MASS + OBJECT_MASS)  # kg
 DISTANCE = 0.2505  # m, identified from the first contact at 0.313 s
-THRESHOLD = 1.0  # N, printed in section 3.2: the robot brakes after a contact force above it
+THRESHOLD = 1.0  # N, contact force above which the robot brakes; printed in section 3.2
 BRAKE = ig.Brake(threshold=THRESHOLD, delay=0.016, deceleration=8.0)
 MOTION = ig.Trapezoid(speed=1.0, acceleration=8.0, brake=BRAKE)
 STEADY = ig.Trapezoid(MOTION.speed, MOTION.acceleration)  # without brake

@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 Front = tuple[Floats, Floats]
 """Means of approach time (s) and of V_p (m/s), (1 + n, weights). Row 0: sample; other rows: n resamples."""
 RESAMPLES = 2_000
-CONFIDENCE = 0.95  # of intervals and tolerance bounds
+CONFIDENCE = 0.95  # probability of intervals and tolerance bounds
 CONTENT = 0.95  # share of all trainings that a tolerance bound covers
 
 
@@ -71,7 +71,7 @@ def estimate(resampled: Floats) -> Estimate:
 
 
 def tolerated(scores: Floats) -> float:
-    """Return the one-sided tolerance bound of normally distributed `scores` (n,); nan for a single score.
+    """Return the one-sided tolerance bound of normally distributed `scores` (n,); nan for fewer than two.
 
     At least the share CONTENT of all trainings has a score above the bound, with the probability CONFIDENCE (G. J.
     Hahn, W. Q. Meeker, Statistical Intervals, section 4.4).
@@ -105,7 +105,7 @@ class Comparison:
 
     @classmethod
     def of_fronts(cls, ours: Front, theirs: Front) -> Self:
-        """Compare V_p (m/s) of the front `ours` and of the single point of the front `theirs`, at its time."""
+        """Compare V_p (m/s) of both fronts at the time of `theirs`, which has a single point."""
         (time,), (velocity,) = theirs[0].T, theirs[1].T
         return cls(along(*ours, time), velocity)
 

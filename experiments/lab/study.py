@@ -88,7 +88,7 @@ class StudyOptions:
     """Folder for the tables, the figures and the page. The default is reports/NAME, or reports/NAME-quick with
     --quick."""
     quick: bool = False
-    """Measure only a few cells, with short searches. This takes minutes."""
+    """Shorten the study to minutes: fewer cells, shorter searches."""
     force: bool = False
     """Measure all cells again, even if their results are up to date."""
     only: tuple[str, ...] = ()
@@ -151,7 +151,7 @@ class Run(dict[str, pl.DataFrame]):
         """Measure missing cells, write tables, figures and the page, and return the path of the page.
 
         The page and results.json have a record of each run since the last --force: command, versions, machine, load
-        before the run, and duration in seconds (None: the run was stopped).
+        before the run, and duration in seconds (None: the run did not finish).
         """
         kept, log = self.folder / KEPT, self.folder / "results.json"
         if self.options.force:

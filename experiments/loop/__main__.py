@@ -73,7 +73,7 @@ def start(subject: Subject, weight: float, seconds: float, out: Path) -> tuple[A
 
 
 def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -> dict[str, float]:
-    """Return statistics of the ages in `played` (s), mean V_p (m/s), and mean V_p in the same scenarios without UDP."""
+    """Return statistics of the commands' ages (s), mean V_p (m/s), and mean V_p in the same scenarios without UDP."""
     ages, velocity = (np.hstack([each[name] for each in played]) for name in ("ages", "object_velocity"))
     batch = ScenarioBatch(SEED, len(played), subject.task.changed({"time_weight": weight}))
     there = batch.play(subject.at(weight)).object_velocity.mean()

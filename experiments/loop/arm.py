@@ -1,4 +1,4 @@
-"""The simulated arm, in real time, steps of 1 ms. A watchdog stops the arm after SILENCE (s) without valid packets."""
+"""A simulated arm that runs in real time. A watchdog stops the arm after SILENCE (s) without valid packets."""
 
 import json
 import math
@@ -58,7 +58,7 @@ class Line:
             found = (command[0], command[1], command[2]) if self.last > 0.0 else found  # sequence 0 is a greeting
 
     def refusal(self, packet: bytes, peer: Any, now: float) -> str:
-        """Return the reason to refuse a packet received at `now` (s); "": it is valid."""
+        """Return the reason to refuse a packet received at `now` (s); "": none."""
         if self.peer not in (None, peer):
             return "from another address"
         if len(packet) != COMMAND.size or packet[:8] != MAGIC:

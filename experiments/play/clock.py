@@ -41,7 +41,7 @@ class Stick:
         self.inputs.append((came, velocity))
 
     def stop(self, why: str = "") -> None:
-        """Set the command to 0 for the rest of the try; if there is a reason `why`, mark the try as interrupted."""
+        """Set the command to 0 for the rest of the try. In the first call, a reason `why` marks an interruption."""
         if why and not self.let_go:
             self.marks.append(f"interrupted: {why}")
         self.let_go = True
@@ -121,7 +121,7 @@ class Clock:
             self._send_frame(live, seen, rng)
 
     def _send_frame(self, live: Live, seen: bool, rng: random.Random) -> None:
-        """Send positions (m) now and one step later, and the delay of the downlink (s), multiplied by `slow`."""
+        """Send the positions (m) now and one step later; `wait` and `dt` are in real time (s)."""
         now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
         then = now if live.ended else live.ahead()
         late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)

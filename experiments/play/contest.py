@@ -15,7 +15,7 @@ from impact_gym.render.film import History
 
 SECONDS = 7.0  # length of a film
 COARSE = 5.0  # factor on the allowed errors of the film, so that the film is computed fast
-BEFORE = 0.4  # s before the first touch, when slow motion begins
+BEFORE = 0.4  # s, from the begin of the slow motion to the first touch
 SENTENCES = {
     "brake": "The brake at the arm senses the touch at once; it does not wait for you.",
     "none": "Nobody corrects you: the arm moves on until your command to stop arrives.",
@@ -46,7 +46,6 @@ def again(this: Try) -> dict[str, Variant]:
 
 
 def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Try:
-    """Return the try, played again with another set-up or assistance, or with the record or operator in `changes`."""
     setup, record = setup or this.setup, changes.get("record", this.record)
     known = Live(Try(setup, "none", this.seed, {})).kept.record
     record = {name: value for name, value in record.items() if name in known}
@@ -58,7 +57,7 @@ def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Tr
 
 
 def _without_delay(this: Try) -> Try:
-    """Return the try without delays, and without commands sent before the touch was seen that came after the touch."""
+    """Return the try without delays and late commands (sent before the touch is seen, received after the touch)."""
     record, touch, velocity = this.record, this.result["touch_time"], this.operator["velocity"]
     silent = {f"{way}.{name}": 0.0 for way in ("uplink", "downlink") for name in ("delay", "jitter")}
     sent = math.floor((touch - record["uplink.delay"]) / PERIOD)

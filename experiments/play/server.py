@@ -1,4 +1,4 @@
-"""The server of the page. It serves only this machine, and only requests with a secret token in the address."""
+"""The page's server answers only requests from this machine that have a secret token in the address."""
 
 import asyncio
 import json
@@ -28,7 +28,7 @@ HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
 SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "settings.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
 MAX_CLIENTS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # limits: pages; bytes in a message; messages per second from a page
-TIME_LIMIT, FILM_LIMIT = 5.0, 60.0  # s, in which a page must read a message; in which a film must be made
+TIME_LIMIT, FILM_LIMIT = 5.0, 60.0  # s, time limits: a page reads a message; a film is made
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",

@@ -110,7 +110,7 @@ class Session:
             self.pipe.send((word, value))
 
     def listen(self) -> None:
-        """Forward each message of the clock after its delay, and the result of a try after the last frame."""
+        """Forward each frame of the clock after the frame's delay, and the result of a try after the last frame."""
         loop = asyncio.get_running_loop()
         try:
             while self.pipe.poll():

@@ -18,7 +18,7 @@ from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 from impact_gym.task.episodes import EpisodeState
 
-LATE, MOST_LATE = 4e-3, 0.02  # s, limit of `Try.late`; share of steps beyond it, above which a try is invalid
+LATE, MOST_LATE = 4e-3, 0.02  # s, limit of `Try.late`; largest share of steps beyond this limit in a valid try
 TRACE_POINTS = 1 << 18
 BEND = 1e-13  # m/s, largest velocity error of `corners`
 ROUNDING = 1e-6  # rounding of times, as a fraction of a control period
@@ -26,7 +26,7 @@ ROUNDING = 1e-6  # rounding of times, as a fraction of a control period
 
 @dataclass(frozen=True)
 class Try:
-    """A steered episode: six fields that are needed to play the episode, then fields that record it."""
+    """A steered episode. The first six fields define the episode, the others are recorded."""
 
     setup: str
     assist: str
@@ -49,7 +49,7 @@ def advance(batch: Batch, action: ArrayLike) -> None:
 
 
 def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
-    """Play a try again; return trace, info, task, episode state; RuntimeError: the actions end first."""
+    """Play a try again; return trace, info, task, episode state; RuntimeError: the actions end before the episode."""
     batch = Batch(1, Task(**this.environment, operator=this.operator), threads=1, trace_points=TRACE_POINTS)
     batch.begin_seeded(this.seed, this.record)
     for action in this.actions:
@@ -132,7 +132,7 @@ class Live:
         return (math.floor(self.time / PERIOD + ROUNDING) + 1) * PERIOD
 
     def step(self, velocity: float = 0.0, late: float = 0.0) -> None:
-        """Play a control step. `late` (s): as in `Try`; `velocity` (m/s): a person's command at a tick in the step."""
+        """Play a control step. `late` (s): as in `Try`; `velocity` (m/s): a person's command at `next_tick`."""
         tick = self.next_tick
         if self.person:
             self.batch.set_operator_velocity(velocity)

@@ -1,4 +1,4 @@
-"""The independent solver, slow and simple. Tests and studies compare the solver of `impact_gym` with it.
+"""The slow and simple independent solver, with which tests and studies compare the solver of `impact_gym`.
 
 Except `task`, the modules import nothing of `impact_gym`; they read the attributes of scene and motion. Events divide
 a motion into phases with smooth equations, see `chain.System.switches`. Flight has SI units, a contact the units
@@ -42,8 +42,8 @@ class Reference:
 def simulate(scene: Any, motion: Any, duration: float, rtol: float = 1e-11, method: str = "DOP853") -> Reference:
     """Simulate `scene` under `motion` for `duration` seconds.
 
-    `method`, a name that SciPy's `solve_ivp` accepts, and `rtol` are used only in contacts. Flight is computed in
-    closed form or, for other chains, integrated at rtol 1e-12. ValueError: method or law of dissipation is unknown.
+    `method`, a name for SciPy's `solve_ivp`, and `rtol` are used only in contacts. Flight of a linear chain has a
+    closed form; other flight is integrated at rtol 1e-12. ValueError: method or law of dissipation is unknown.
     NotImplementedError: the coupling is unknown. RuntimeError: SciPy fails, or a `Switch` changes again and again.
     """
     if method not in SOLVERS:

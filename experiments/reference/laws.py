@@ -94,7 +94,7 @@ def _isolated_restitution(d: float, m: float, n: float) -> float:
 
 
 def robot_law(robot: Any) -> RobotLaw:
-    """Return the law of a robot: constant, or the spline of a table that is constant beyond its ends (eq. 16)."""
+    """Return the law of a robot: constant, or the spline of a table, constant beyond the table's ends (eq. 16)."""
     if not hasattr(robot, "position"):
         constant = (float(robot.mass), float(robot.stiffness), float(robot.damping))
         return lambda _: constant
@@ -112,7 +112,7 @@ def robot_law(robot: Any) -> RobotLaw:
 class BistableForce:
     """The bistable mechanism (paper, eq. 23-24), and its stops: linear springs and dampers that only push.
 
-    The force on the tool (N) depends on the deflection u (m), which is 0 at rest at the front stop, and on its rate.
+    The force on the tool (N) depends on the deflection u (m) and on u'. At rest at the front stop, u is 0.
     """
 
     def __init__(self, coupling: Any, tool_mass: float) -> None:

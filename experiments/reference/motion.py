@@ -10,13 +10,13 @@ from experiments.reference.chain import UNITS, Chain, Scales, StiffError, System
 from experiments.reference.integration import Switch, Vector, advance, fly
 
 FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # tolerances (-, m) of flights without a closed form
-STIFF_RTOL = 1e-8  # least rtol of Radau; with a smaller rtol, Radau would need too many steps
+STIFF_RTOL = 1e-8  # least rtol if Radau replaces `method`; with a smaller rtol, Radau would need too many steps
 MOST_STALLED = 16  # largest number of successive phases without duration
 
 
 @dataclass(frozen=True)
 class ContactRecord:
-    """One contact (times in s, velocities in m/s). If it is unfinished, `end` and `separation_velocity` are None."""
+    """One contact (times in s, velocities in m/s). Unfinished: `end` and `separation_velocity` are None."""
 
     start: float
     end: float | None
@@ -84,7 +84,7 @@ class Motion:
         return float((self.past_impulse + scales.force * scales.time * self._y[6]) / self.chain.m_p)
 
     def over(self) -> bool:
-        """Return whether the command is at rest, no contact is under way, and none can follow."""
+        """Return True only if the command is at rest, no contact is under way, and none can follow."""
         x_r, v_r, a, cut = self.command.at(self.t)
         if self.touching or v_r or a or cut < inf:  # a contact, or the command moves now or later
             return False

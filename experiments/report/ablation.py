@@ -39,12 +39,12 @@ class Gain:
 
     value: Estimate  # m/s
     less: Estimate | None  # m/s, the gain; None for the first contestant, or if no gain can be claimed
-    share: Estimate | None  # gain / difference between paper's rule and policy; None if this difference may be 0
+    share: Estimate | None  # gain / (the policy's gain over the rule); None if `less` is, or if that gain may be 0
 
 
 @dataclass(frozen=True)
 class Step:
-    """A link with its measures and gains."""
+    """A link with measures and gains."""
 
     added: str
     contestant: str
@@ -76,7 +76,7 @@ def links(played: Played) -> list[Link]:
 
 
 def steps_of(played: Played) -> list[Step]:
-    """Return the steps; the last is the clairvoyant search, if it has the typical weight, in the searched scenarios."""
+    """Return the steps; a clairvoyant search with the typical weight is the last, in the searched scenarios."""
     sequence, weight = links(played), played.matchup.typical
     steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
     if played.bound is None or weight not in played.bound.weights:
@@ -89,7 +89,7 @@ def steps_of(played: Played) -> list[Step]:
 def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy: int) -> list[Step]:
     """Return the steps on the first `resamples.scenarios` scenarios; `policy` is the policy's index in `sequence`."""
     fronts: list[Front] = [front(resamples, link.runs) for link in sequence]
-    time = fronts[0][0][0, 0]  # of the paper's rule
+    time = fronts[0][0][0, 0]  # mean approach time of the paper's rule, s
     later = [float(np.clip(time, times[0].min(), times[0].max()) - time) for times, _ in fronts]
     missed = max(np.mean([run["missed"] for run in link.runs]) for link in sequence)
     claimed = max(later) == later[policy] == 0.0 and missed <= MISSED_TOO_OFTEN

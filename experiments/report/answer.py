@@ -70,7 +70,7 @@ def answer(played: Played) -> Answer:
 
 
 def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
-    """Extrapolate times (k,) linearly in the log of the weight; return the weight at `time`, nan beyond 0.01 to 100."""
+    """Extrapolate times (k,) linearly in the log weight; return the weight at `time`; nan: none in 0.01 to 100."""
     order = np.argsort(weights)[-2:] if times.min() > time else np.argsort(weights)[:2]
     (first, last), ends = np.log(np.asarray(weights)[order]), times[order]
     slope = (ends[1] - ends[0]) / (last - first)
@@ -94,7 +94,7 @@ def reductions(played: Played) -> Floats:
 
 
 def at_least(answer: Answer) -> str:
-    """Return in words the reduction of V_p that 95 % of all trainings exceed; "-" if it is unknown."""
+    """Return the tolerance bound of `Answer.each` in words; "-": there are fewer than two values."""
     return f"{100 * tolerated(np.array(answer.each)):.1f} %" if len(answer.each) > 1 else "-"
 
 

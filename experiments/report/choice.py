@@ -1,7 +1,7 @@
-"""The recommended controller at one time weight; chosen on other scenarios, if the report's scenarios are no table.
+"""The recommended controller: the simplest one whose mean cost is not clearly above the lowest, at one time weight.
 
-It is the simplest controller whose mean cost is not clearly above the lowest: the 95 % interval of the difference
-has 0. The order: untuned baselines, tuned baselines by number of parameters, the user's objects, the policy.
+Not clearly above: the 95 % interval of the difference has 0. The order: untuned baselines, tuned baselines by number of
+parameters, the user's objects, the policy.
 """
 
 from collections.abc import Mapping

@@ -28,9 +28,9 @@ Row = dict[str, Any]
 class Failing(NamedTuple):
     """Changes under which a controller fails."""
 
-    controller: str  # plain name with its article
+    controller: str  # plain name with article
     worst: str  # the worst change, in one line
-    details: str  # all changes under which it fails
+    details: str  # all changes under which the controller fails
 
 
 def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
@@ -151,7 +151,7 @@ def heat_map(played: Played) -> HeatMap:
         rows.append((place, f"{len(tried)} tried: {tried[0]} to {tried[-1]}" if len(tried) > 1 else tried[0], heats))
     caption = (
         f"Mean V_p + {weight:g} T (m/s) with one thing changed; lower is better. A cell has the highest cost of all "
-        f"values, and its value. Blue is below, orange above the paper's rule without changes, {measure:.2f} m/s."
+        f"values, and this value. Blue is below, orange above the paper's rule without changes, {measure:.2f} m/s."
     )
     return HeatMap(caption, ("what is changed", *contestants.values()), rows)
 

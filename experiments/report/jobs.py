@@ -23,7 +23,7 @@ JSON = Mapping[str, Any]
 PLAYING = (*grid.PLAYED, __name__, grid.__name__)  # modules on which results depend
 FEWER = 500  # number of scenarios for each change of the environment, and for deflections
 HALVINGS = 9  # number of bisections of the range of weights, on a logarithmic scale: enough for an error of 1 %
-CALIBRATION_SCENARIOS = 500  # largest number of scenarios on which a weight is found
+CALIBRATION_SCENARIOS = 500  # most scenarios on which a weight is found; a table is used whole
 
 
 def play_matchups(
@@ -85,7 +85,7 @@ def measured(where: str, arguments: JSON) -> Any:
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return the `weight` whose mean approach time is nearest to the rule's, and results (1, scenarios)."""
+    """Return a `weight` with about the rule's mean approach time, or the nearest end, and results (1, scenarios)."""
     choosing, task = calibration_scenarios(scenarios), Task(**environment)
 
     def mean_time(weight: float, player: Controller) -> float:
@@ -121,6 +121,6 @@ def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Seq
     return {"before": travel.deflection[None], "in_all": travel.stroke[None]}
 
 
-MEASURES: Mapping[str, Callable[..., Any]] = {  # by field of `Played`; other fields: `play`
+MEASURES: Mapping[str, Callable[..., Any]] = {  # function by field of `Played`; other fields: `play`
     "as_late": play_as_late, "varied": grid.play, "travelled": travelled,
 }  # fmt: skip

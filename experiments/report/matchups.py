@@ -79,7 +79,7 @@ class Matchup:
 
     @property
     def operated(self) -> bool:
-        """Whether there is an operator; T is then the time until the object rests again."""
+        """Whether there is an operator; T is then `done_time`."""
         return Task(**self.environment).operator is not None
 
     @property
@@ -162,7 +162,7 @@ def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
-    """Return the clairvoyant search of a set-up; None: there is none, or it searched other scenarios."""
+    """Return the clairvoyant search of a set-up; None: there is none, or it searched other or more scenarios."""
     its_own = setup.bound == setup.name
     parameters_at = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
     searched = min(map(len, parameters_at.values()), default=0)
@@ -192,7 +192,7 @@ def of_policies(
     paths: Sequence[str], names: Sequence[str], scenarios: Mapping[str, Any], changes: Mapping[str, Any],
     time_weight: float | None = None,
 ) -> list[Matchup]:  # fmt: skip
-    """Return a matchup for each policy in `paths` (names or files), with the paper's rule and the baselines `names`.
+    """Return a matchup for each policy in `paths` (names or paths), with the paper's rule and the baselines `names`.
 
     If `names` is empty, a policy of a shipped set-up is compared with the baselines of the set-up. `changes` replace
     arguments of the environment. ValueError: a policy does not fit the environment, or two policies have one name.

@@ -59,7 +59,7 @@ class Played:
 
     matchup: Matchup
     seeds: dict[str, Run] = field(default_factory=dict)
-    as_late: dict[str, Run] = field(default_factory=dict)  # of each seed, at the rule's mean approach time
+    as_late: dict[str, Run] = field(default_factory=dict)  # results of seeds at about the rule's mean approach time
     baselines: dict[str, Run] = field(default_factory=dict)
     choosing: dict[str, Run] = field(default_factory=dict)  # results in `experiments.report.choice.scenarios`
     bound: Run | None = None  # the clairvoyant search
@@ -93,7 +93,7 @@ class Played:
 
 
 def episodes(all_played: Sequence[Played]) -> pl.DataFrame:
-    """Return a row for each episode of the seeds, the baselines and the bound."""
+    """Return a row for each episode of `seeds`, `as_late`, `baselines` and `bound`."""
     frames = []
     for played in all_played:
         runs = {**played.seeds, **played.baselines, **({BOUND: played.bound} if played.bound else {})}

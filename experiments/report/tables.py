@@ -18,7 +18,7 @@ def answered(answer: Answer, played: Played) -> Table:
     """Return the table of the answer, with intervals."""
     rival = "-" if answer.rival_reduction is None else percent(answer.rival_reduction)
     sooner = {"": "", "slower": "at least ", "faster": "(not reached) "}[answer.beyond] + percent(answer.sooner)
-    reduction = percent(answer.reduction) + ("" if answer.reached else " (at the nearest time it reaches)")
+    reduction = percent(answer.reduction) + ("" if answer.reached else " (at the nearest time of the policy)")
     body = [
         ("V_p lower at the paper's approach time", reduction),
         ("95 % of trainings: at least", at_least(answer)),
@@ -29,7 +29,7 @@ def answered(answer: Answer, played: Played) -> Table:
         ("objects missed, at all weights", f"{answer.missed} of {answer.episodes:,}"),
     ]
     policies = f"{len(played.seeds)} trainings" if len(played.seeds) > 1 else "One policy"
-    caption = f"{policies} against the paper's rule in {played.count:,} scenarios, 95 % intervals; misses: not lower"
+    caption = f"{policies} against the paper's rule in {played.count:,} scenarios, 95 % intervals; misses are not lower"
     return Table(caption, ("what", POLICY), body)
 
 
@@ -113,7 +113,7 @@ def measures(played: Played) -> Table:
 
 
 def trade_off(played: Played, first_screen: bool = False) -> Picture:
-    """Return the chart of V_p against time: for the first screen only rule, median seed and rival, else all runs."""
+    """Return the chart of V_p against time, of all runs or (`first_screen`) of rule, median seed and rival."""
     matchup = played.matchup
     until = "all is done" if matchup.operated else "the touch"
     names = (PAPER, matchup.rival.name) if first_screen else played.baselines

@@ -74,7 +74,7 @@ def stepped(quick: bool) -> pl.DataFrame:
 
 
 def three_rates(name: str, quick: bool) -> list[Row]:
-    """Return the three rates of a set-up, with the number of environments of the training."""
+    """Return a set-up's rates of the environment, of the environment with inference, and of the training."""
     setup, policy, seconds = load_setup(name), load_policy(name), 0.1 if quick else 3.0
     count = setup.training.envs
     envs: list[Any] = [setup.make_vec(count) for _ in range(2)]

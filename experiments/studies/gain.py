@@ -25,7 +25,7 @@ from impact_gym.task.task import VELOCITY_RANGE
 
 
 class Steady(ReactingRule):
-    """Rule with the same speed at every position until the alarm; after it, the rule reacts like a profile."""
+    """Rule with the same speed at every position; during an alarm, the rule reacts like a profile."""
 
     PARAMETERS = (Parameter("speed", "m/s", 0.01, VELOCITY_RANGE[1], 0.6), ACCELERATION, *REACTION)
 
@@ -139,7 +139,7 @@ def priors_section(lines: Sequence[Mapping[str, Any]]) -> Section:
             "from the limits", "from knowing where", "profile below constant speed")  # fmt: skip
     caption = "At the mean approach time of the paper's rule; from limits, from knowing where: shares of the rule's V_p"
     text = (
-        "Constant speed and profile have the same arm, 1.5 m/s and 20 m/s^2, and the same choice of reactions; only "
+        "Constant speed and profile have the same limits, 1.5 m/s and 20 m/s^2, and the same choice of reactions; only "
         "the profile may be faster where no object can stand. 95 % intervals over scenarios that no search has used."
     )
     return Section("Knowing where", [Table(caption, head, rows), text], key="priors")

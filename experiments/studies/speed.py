@@ -44,7 +44,7 @@ def cells_of_times(quick: bool, frames: Frames) -> Iterator[Cell]:
 
 
 def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row | None:
-    """Return the fastest row with errors of at most `error` (m/s) at its setting and at all finer settings."""
+    """Return the fastest row whose error, like the errors at all finer settings, is at most `error` (m/s)."""
     keeps = (pl.col("velocity_error") <= error).fill_null(value=False).cast(pl.Int8).cum_min().over("contender") == 1
     kept = rows.filter(pl.col("contender").is_in(names)).sort("setting").filter(keeps).sort("microseconds")
     return kept.row(0, named=True) if kept.height else None
@@ -102,8 +102,8 @@ def analyse(frames: Frames, quick: bool) -> Findings:
     return Findings(answer(found), [
         Section("Who is cheapest at an error", [
             table_of(found),
-            "Each time is of the fastest setting that keeps the error there and at every finer setting. So an error "
-            "that is small by chance does not count. In one process each rival is timed in turn with impact_gym.",
+            "Each time is of the fastest setting that keeps the error, if every finer setting keeps the error, too. "
+            "In one process each rival is timed in turn with impact_gym.",
         ]),
         Section("Error of the object's velocity against time", [drawn(times, truths)]),
         Section("What is compared, and how fair it is", [
@@ -112,11 +112,10 @@ def analyse(frames: Frames, quick: bool) -> Findings:
             f"m/s in V_p; the number of contacts or passes differs in {truths.filter(differ).height} approaches.",
             "impact_gym: the whole call of simulate, flights and records included, on one core.",
             "heyoka: the same equations, in the root of the penetration, where they are smooth. Only the calls of the "
-            "library count, its flights included, on one thread; compiling does not count.",
+            "library count, flights included, on one thread; compiling does not count.",
             "SciPy: RK45, DOP853, LSODA, Radau with events through the same slow solver. Only the time inside contacts "
             "counts, because these methods compute no flights. Equations are Python functions, as SciPy requires.",
-            "Time: processor time, so that other work on the machine counts little; the best of several rounds. Calls "
-            "over 0.2 s are made once.",
+            "Time: processor time, the best of several rounds. Calls over 0.2 s are made once.",
         ]),
     ], {"ratios": found})  # fmt: skip
 
@@ -143,7 +142,7 @@ def drawn(times: pl.DataFrame, truths: pl.DataFrame) -> Picture:
         axes.set_title("\n".join(wrap(f"{truth['scene']}: {truth['description']}", 44)), fontsize=9)
     what = "Error of V_p against time per approach, a panel for each approach, a curve for each contender."
     caption = (
-        "Down and left is better. Open marks: the number of contacts or of snap-throughs is wrong, the alarm is missed "
+        "Down and left is better. Open marks: the number of contacts or of snap-throughs is wrong, an alarm is wrong "
         f"or V_p is wrong by over {contenders.TOO_WRONG:g} m/s. Grey: the difference between two methods of the slow "
         "solver. Errors outside the axes are drawn at their edge."
     )

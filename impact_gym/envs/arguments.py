@@ -31,10 +31,10 @@ def documented(kind: Kind) -> Kind:
 
 
 def law_of(row: Quantity) -> str:
-    """Return the name of a number's distribution."""
+    """Return in words how a number of the scenario or set-up is distributed."""
     if row.draw is None or not row.draw.by_ratio:
         return "uniform"
-    return "log-uniform, uniform from 0" if row.limits.at_least == 0.0 else "log-uniform"
+    return "log-uniform; uniform if low is 0" if row.limits.at_least == 0.0 else "log-uniform"
 
 
 def observation_table() -> Rows:

@@ -33,7 +33,7 @@ _STATE = (
 )  # fmt: skip
 TRACE_INTERVAL = 1e-3  # s, between two points of a trace while tool and object do not touch
 INTERVENTION = 1e-3  # m/s; if the assistance changes a command by more than this, `is_intervention` is set
-_SPARE = 4  # readings stored in addition to those in transit: a step takes new readings before it delivers old ones
+_SPARE = 4  # readings stored besides those in transit, because a step measures before it delivers older readings
 
 
 class Bodies(NamedTuple):
@@ -140,7 +140,7 @@ class Batch:
             rows: indices of the rows.
             draws: uniform numbers in [0, 1) for each of `rows` (k, UNIFORMS); or the random generators of all rows of
                 the batch.
-            fixed: records (k,) of fixed numbers, see `task.episodes`; nan or None: the number is drawn.
+            fixed: records (k,) of fixed numbers, see `task.episodes`; numbers that are nan are drawn; None: all.
         """
         if isinstance(draws, list):
             generators, draws = draws, np.empty((len(rows), kernels.UNIFORMS))
@@ -162,7 +162,7 @@ class Batch:
         Args:
             actions: floats or integers, clipped to [-1, 1]; for their meaning see `action_spec`.
             skip: flags (size,), True for a row that is not stepped.
-            shape: required shape of `actions`; None: (size, n).
+            shape: required shape of `actions`; None: (size, `len(action_spec)`).
 
         Raises:
             TypeError, ValueError: `actions` are not numbers, not finite or of another shape; no row was stepped.
@@ -184,7 +184,7 @@ class Batch:
         self.links["person_command"] = velocities
 
     def get_state(self, **more: Any) -> dict[str, Any]:
-        """Return a copy of the whole state of the batch, and `more`, for `set_state`."""
+        """Return a copy of the state, and `more`, for `set_state`."""
         state = {name: getattr(self, name).copy() for name in _STATE} | more
         return state | {"sha256": self._digest(state)}
 
@@ -214,7 +214,7 @@ class Batch:
         """Return the entries of the final info with their present values.
 
         For a single row, given as an int, the values are Python values. For several rows (None: all) the values are
-        arrays (size,), with 0 or None in the rows that are not asked for.
+        arrays (size,), with 0, False or None in other rows.
         """
         if isinstance(rows, int):
             return self.infos(np.array([rows]))[0]
@@ -248,7 +248,7 @@ class Batch:
         return {name: now[:, place(name)].copy() for name in self.spec.sensors}
 
     def trace(self, row: int) -> Trace:
-        """Return the time histories of the episode of `row` so far."""
+        """Return the time histories of the episode of `row` so far, at most `trace_points` points."""
         return Trace.of(self.traces[row, : int(self.chains["traced"][row])])
 
     @property
@@ -257,7 +257,7 @@ class Batch:
         return np.asarray((self.episodes["terminated"] == 1) | (self.episodes["truncated"] == 1))
 
     def episode_state(self, row: int) -> EpisodeState:
-        """Return when the alarm of the episode in `row` was raised and when the episode ended."""
+        """Return the times of the alarm and of the end of the episode in `row`."""
         task, episode = self.tasks[row % len(self.tasks)], self.episodes[row]
         detection, alarm, over = float(self.chains["detection"][row]), float(episode["last_alarm"]), np.inf
         if task.alarm == "force":
@@ -267,7 +267,7 @@ class Batch:
         return EpisodeState(detection, alarm, over, float(episode["done_time"]) if self.ended[row] else np.inf)
 
     def bodies(self) -> Bodies:
-        """Return the present positions; with a compliant robot and a rigid coupling the flange moves with the tool."""
+        """Return the present `Bodies`; with a compliant robot and a rigid coupling the flange moves with the tool."""
         chains, with_tool = self.chains, np.resize(self.laws["with_tool"], self.size)
         tool = chains["flange_position"] + chains["deflection"]
         flange = np.where(with_tool, tool, chains["flange_position"] + chains["flange_offset"])

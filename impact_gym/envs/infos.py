@@ -49,7 +49,7 @@ def numbers_of(tasks: Sequence[Task]) -> dict[str, str]:
 
 
 class Infos:
-    """The layouts of a batch's infos, and methods that fill the layouts with values."""
+    """Layouts of infos (names with indices of values), and methods that fill the layouts with values."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
         """Find where EPISODE holds the numbers; `tasks` has one task for all rows, or one for each row."""
@@ -60,14 +60,14 @@ class Infos:
         self._layouts = [grouped({name: entries[name] for name in (*numbers_of([task]), *OTHERS)}) for task in tasks]
 
     def infos(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
-        """Return the info of each of `rows`; its record has the numbers that the row's task draws."""
+        """Return the info of each of `rows`; the info's record has the numbers that the row's task draws."""
         numbers, others = self._values(episodes, chains, rows)
         values = zip(*numbers.tolist(), *(column.tolist() for column in others), strict=True)
         layouts = [self._layouts[row % len(self._layouts)] for row in rows.tolist()]
         return [filled(layout, of_row) for layout, of_row in zip(layouts, values, strict=True)]
 
     def columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> dict[str, Any]:
-        """Return the infos of `rows` as arrays (size,), with all numbers that any task draws; 0 or None elsewhere."""
+        """Return infos of `rows`, arrays (size,) with all numbers that any task draws; elsewhere 0, False or None."""
         size, (numbers, others) = len(episodes), self._values(episodes, chains, rows)
         columns = np.zeros((len(numbers), size))
         columns[:, rows] = numbers

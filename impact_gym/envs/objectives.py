@@ -22,9 +22,8 @@ Rewards = NDArray[np.float64]
 def vector_rewards(batch: Batch) -> Rewards:
     """Return the rewards of the last control step (rows, n): -time (s), -V_p (m/s) and -force (N).
 
-    The time is the part of the step that the task charges. V_p (or the cost of a miss) and the largest contact force
-    are charged in the last step of an episode. The force is an objective if any task has a `force_weight` above 0; it
-    is 0 in rows with a `force_weight` of 0. The scalar reward is -time_weight * time - V_p - force_weight * force.
+    See `MOImpactApproachEnv`. The force is an objective if any task has a `force_weight` above 0, and is 0 in rows with
+    a `force_weight` of 0. The scalar reward is -time_weight * time - V_p - force_weight * force.
     """
     forced = np.resize([task.force_weight > 0.0 for task in batch.tasks], batch.size)
     totals = []
@@ -35,10 +34,7 @@ def vector_rewards(batch: Batch) -> Rewards:
 
 
 def described(tasks: Sequence[Task]) -> tuple[Box, int, Rewards]:
-    """Return reward space, reward dimension and reference point for a batch of `tasks`.
-
-    If V_p is below `missed_cost`, an episode's sums are at least the reference point (-inf for the force).
-    """
+    """Return reward space, reward dimension and reference point for a batch of `tasks`."""
     worst = [max(task.horizon for task in tasks), max(task.missed_cost for task in tasks)]
     worst += [np.inf] if any(task.force_weight > 0.0 for task in tasks) else []
     return Box(-np.inf, 0.0, (len(worst),), np.float64), len(worst), -np.array(worst)
@@ -49,8 +45,8 @@ class MOImpactApproachEnv(ImpactApproachEnv):
 
     ## Rewards
     `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`. In each step the first number is minus the charged time
-    (s). In the last step of an episode the second number is -V_p or -`missed_cost` (m/s), and with a `force_weight` the
-    third is -(largest contact force) (N). With an operator, time is charged until the task is done.
+    (s). In the step that terminates an episode the second number is -V_p or -`missed_cost` (m/s), and with a
+    `force_weight` the third is -(largest contact force) (N). With an operator, time is charged until the task is done.
     If V_p is below `missed_cost`, an episode's sums are at least `reference_point`: -horizon, -`missed_cost` and -inf.
 
     ## Version History

@@ -31,7 +31,7 @@ def observation_space(spec: ObservationSpec) -> Space[Any]:
 
 
 def steps_per_second(task: Task) -> int:
-    """Return the control steps per second of a film, 1 to 30; within these limits the longest film lasts about 18 s."""
+    """Return the control steps per second of a film: 1 to 30, if possible so that the longest film lasts about 18 s."""
     return min(max(round(task.horizon / task.control_period / 18.0), 1), 30)
 
 
@@ -93,9 +93,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Rewards
     Without an `operator`, each step gives `-time_weight * dt` until the first contact begins. Here dt is the duration
-    of the step, or of the part of the step before the contact. If the object was touched, the final step adds `-V_p -
-    force_weight * peak force`. V_p is the object's final velocity. With `friction` the object stops, so V_p is the
-    object's largest velocity. If the object was not touched, the final step adds `-missed_cost` (-2). If V_p is at most
+    of the step, or of the part of the step before the contact. If the object was touched, the step that terminates the
+    episode adds `-V_p - force_weight * peak force`. V_p is the object's final velocity or, with `friction`, the
+    object's largest velocity. If the object was not touched, this step adds `-missed_cost` (-2). If V_p is at most
     `missed_cost` and `force_weight` is 0, the return lies in [-time_weight * horizon - missed_cost, 0].
 
     ## Starting State
@@ -113,8 +113,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     SET_UP_TABLE
 
-    Among the other random numbers, each number of this second table has a fixed place. So drawing one number does not
-    change the other drawn numbers.
+    Drawing one number of this second table does not change the other drawn numbers.
 
     `reset(options=...)` applies to one episode:
 
@@ -140,9 +139,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     and missed; their sum is the return. `record` has all drawn numbers. With `friction` the final `info` also has
     `slide` and `rest_time`. `slide` (m) is the distance from the object's first position to its last position.
     `rest_time` (s) is the time from which the object rests and the tool is slower than 1 mm/s; inf: this time was not
-    reached. After the last control step and the flange's brake, the simulation checks the tool once per ms. If the tool
-    rests before the first check, `rest_time` is at least the time of this check. During an episode and after a
-    truncation, `env.unwrapped.episode_info()` returns the present values.
+    reached. The simulation checks the tool once per ms, and only after the flange's brake. So `rest_time` is at least
+    the time of the first check. During an episode and after a truncation, `env.unwrapped.episode_info()` returns the
+    present values.
 
     ## Arguments
     To draw a number of a coupling or robot from a range, give a dict:
@@ -159,7 +158,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     the end of the episode the result.
 
     - "human" and "rgb_array_list" show the episode in slow motion, with many pictures per step. Each picture states the
-      factor of the slow motion. `impact_gym.render.film.SlowMotionVideo` writes all pictures as a film of 6 to 10 s.
+      factor of the slow motion. `impact_gym.render.film.SlowMotionVideo` writes a film of 6 to 10 s.
     - "rgb_array" gives one picture at the end of each step. From these pictures Gymnasium's `RecordVideo` makes a film
       in slow motion with a constant factor (`render_fps` in the metadata). In a batch of at most 16 environments,
       `render` returns a picture of each environment. Gymnasium's `RecordVideo` for vector environments shows these
@@ -205,7 +204,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._batch.info(0)
 
     def episode_state(self) -> EpisodeState:
-        """Return the times (s) of detection, alarm, end of the alarm and end of the episode; inf: not known yet."""
+        """Return the times (s) of detection, alarm, end of the alarm and end of the episode, see `EpisodeState`."""
         return self._batch.episode_state(0)
 
     def command(self, velocity: float) -> None:
@@ -217,16 +216,16 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
         They are `time` (s), `position` (m) and `velocity` (m/s) of the commanded motion, `alarm` (0 or 1),
         `time_since_alarm` (s), `force` (N, the newest reading at the controller) and `force_peak` (N, the largest
-        sensed force so far); depending on the arguments, also `distance_estimate` (m, from the present position of the
-        flange), `deflection` (m) and others.
+        sensed force so far). Some arguments add `distance_estimate` (m, from the flange's position), `deflection` (m)
+        and others.
         """
         return {name: float(column[0]) for name, column in self._batch.sensors().items()}
 
     def trace(self) -> Trace:
-        """Return the time histories of the episode so far, at its end with the simulation that follows.
+        """Return the time histories of the episode so far, and of the simulation that follows its last step.
 
         Raises:
-            RuntimeError: the environment was made without `record_trace`, or the episode has too many points.
+            RuntimeError: `record_trace` and `render_mode` were not given, or the episode has too many points.
         """
         points, kept = int(self._batch.chains["traced"][0]), self._batch.traces.shape[1]
         if kept == 0:
@@ -265,7 +264,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def render(self) -> Any:
         """Return a picture (540, 960, 3), or a list of the pictures since the last call; see Rendering.
 
-        In mode "human", `render`, `reset` and `step` show the pictures in a window, and `render` returns None.
+        In mode "human", `render`, `reset` and `step` show the pictures in a window. Then, and without a `render_mode`,
+        `render` returns None.
 
         Raises:
             DependencyNotInstalled: pygame is missing.

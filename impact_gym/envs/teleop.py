@@ -50,8 +50,8 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     A step lasts 16 ms, or less if the contact alarm reaches the controller earlier.
 
     ## Reward
-    Each step gives `-time_weight` times its duration. If the object was touched, the last step of the episode adds
-    `-V_p - force_weight * peak force`. V_p is the object's largest velocity. If the object was not touched, the last
+    Each step gives `-time_weight` times its duration. If the object was touched, the step that terminates the episode
+    adds `-V_p - force_weight * peak force`. V_p is the object's largest velocity. If the object was not touched, this
     step adds -2 (`missed_cost`).
 
     ## Starting State

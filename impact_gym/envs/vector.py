@@ -107,7 +107,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return self.batch.observations.copy()
 
     def play(self, actions: NDArray[Any]) -> tuple[Flags, Flags]:
-        """Play one control step in every slot; return whether each episode terminated, and whether it was truncated."""
+        """Step every slot; return whether each slot's episode terminated, and whether it was truncated."""
         if not self._begun.all():
             raise ResetNeeded("some slots have no episode under way: call reset before step")
         batch = self.batch
@@ -124,7 +124,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return terminated, truncated
 
     def step(self, actions: NDArray[Any]) -> tuple[Floats, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Play one control step in every slot."""
+        """Step every slot: play one control step, or begin the next episode, see `autoreset_mode`."""
         terminated, truncated = self.play(actions)
         batch, ended = self.batch, self._ended
         same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
@@ -150,7 +150,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return self.batch.rewards.copy(), {}
 
     def render(self) -> tuple[Any, ...] | None:
-        """Return a picture (540, 960, 3) of the present in each slot; see Rendering of `ImpactApproachEnv`."""
+        """Return a picture (540, 960, 3) of each slot, or None without a `render_mode`."""
         if self.render_mode is None:
             logger.warn("render() draws nothing without gym.make_vec(..., render_mode='rgb_array')")
             return None
@@ -162,7 +162,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return tuple(renderer.render(self.batch.history(slot)) for slot in range(self.num_envs))
 
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of the whole state, including the random generators, for `set_state`."""
+        """Return a copy of the state, with the random generators, for `set_state`."""
         return self.batch.get_state(generators=[generator.bit_generator.state for generator in self._generators])
 
     def set_state(self, state: Mapping[str, Any]) -> None:
@@ -175,7 +175,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self._begun = self.batch.episodes["drawn"]["object_mass"] != 0.0
 
     def _seed(self, seed: Any, mask: Flags) -> None:
-        """Seed slot i of `mask` with `seed` + i, or with entry i of a list; None keeps its generator."""
+        """Seed slot i of `mask` with `seed` + i, or with entry i of a list; None keeps the slot's generator."""
         if seed is None and self._generators:
             return
         seeds: Sequence[Any] = [None] * self.num_envs

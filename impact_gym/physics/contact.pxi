@@ -1,4 +1,4 @@
-"""The contact force (paper, eq. 5), in natural units of the contact and in a variable in which it is smooth.
+"""The contact force (paper, eq. 5), in natural units and in a variable that makes the motion smooth.
 
 With the reduced mass M, the approach velocity v, the stiffness k_c and its exponent m, a contact has the natural units
 
@@ -6,20 +6,20 @@ With the reduced mass M, the approach velocity v, the stiffness k_c and its expo
 
 In these units the penetration is u = delta / delta0, its rate w = delta_dot / v, and the force f = u^m + d u^n w, with
 the damping factor d and the exponent n of the damping. Where f would be negative, a pull, the force is 0. With m = n
-= 3/2 the half-integer power makes u(t) non-smooth at the beginning and at the end of the contact. With the unknown z
-= sqrt(u) and the variable s instead of time, where dt = z ds, the same motion is
+= 3/2 the power u^1.5 makes u(t) non-smooth at the beginning and at the end of the contact. The motion is smooth with
+the unknown z = sqrt(u), and with the variable s instead of time, where dt = z ds:
 
     dz/ds = w / 2      dw/ds = z (push - f)      f = z^3 (1 + d w)
 
-Here `push` is the relative acceleration without contact force. The right sides are polynomials in z and w. So an
-integrator keeps its full order over the whole contact, and onset and separation are simple zeros of z. For other
-exponents the right sides are polynomials if 2 m and 2 n are whole numbers.
+Here `push` is the tool's acceleration relative to the object, without contact force. The right sides are polynomials,
+as for all whole 2 m and 2 n. So an integrator keeps its full order over the whole contact, and onset and separation
+are simple zeros of z.
 """
 
 cdef enum:
-    ROOT, RATE, TIME, IMPULSE  # components that the scaled state of every chain has: z, w, t, impulse on the object
+    ROOT, RATE, TIME, IMPULSE  # first components of the scaled state: z, w, t, impulse on the object
 
-cdef double APPROACH_VELOCITY_FLOOR = 1e-6  # m/s; slower contacts use the chi of this approach velocity, because chi grows as 1 / velocity (paper, eq. 7)
+cdef double APPROACH_VELOCITY_FLOOR = 1e-6  # m/s, used for slower contacts too: hysteresis damping chi ~ 1 / velocity
 
 
 cdef struct Contact:
@@ -30,7 +30,7 @@ cdef struct Contact:
     int64_t twice_m, twice_n  # 2 m and 2 n if they are whole numbers, else -1
     double nominal  # -, damping factor at the reference velocity
     double reference  # m/s, reference velocity if chi is constant; 0: the damping factor is constant
-    double held  # 0 while there is no force, because the surfaces part faster than they recover; else 1
+    double held  # 0 while the force is kept at 0, because f would be negative; else 1
 
 
 cdef struct Units:
@@ -54,7 +54,7 @@ cdef inline bint is_hertz(const Contact *law) noexcept nogil:
 
 
 cdef inline double root_power(double z, double exponent, int64_t twice) noexcept nogil:
-    """Return u^exponent for u = z^2; `twice` is 2 * exponent if that is a whole number, else -1."""
+    """Return z^`twice`; if `twice` is -1, because 2 `exponent` is no whole number, return |z|^(2 `exponent`)."""
     cdef double power = 1.0
     if twice < 0:
         return pow(z * z, exponent)
@@ -76,25 +76,25 @@ cdef Units natural_units(const Contact *law, double reduced_mass, double approac
 
 
 cdef inline double damping_at(const Contact *law, double approach_velocity) noexcept nogil:
-    """Return the damping factor d; for a constant chi, d is proportional to v_in delta0^(n - m), and delta0 to v_in^(2 / (m + 1))."""
+    """Return the damping factor d; for constant chi, d ~ v delta0^(n - m) and delta0 ~ v^(2 / (m + 1))."""
     if law.reference == 0.0:
         return law.nominal
     return law.nominal * pow(approach_velocity / law.reference, 1.0 - 2.0 * (law.m - law.n) / (law.m + 1.0))
 
 
 cdef inline double contact_force(const Contact *law, double z, double w) noexcept nogil:
-    """Return contact force / F0 (paper, eq. 5); negative, a pull, if the surfaces part faster than they recover."""
+    """Return f, the contact force / F0 (paper, eq. 5); negative where the contact would pull."""
     if is_hertz(law):
         return z * z * z * (law.held + law.damping * w)
     return law.held * root_power(z, law.m, law.twice_m) + law.damping * root_power(z, law.n, law.twice_n) * w
 
 
 cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept nogil:
-    """Return z f, the derivative of the impulse by s; only few operations use w, which is known last."""
+    """Return z f, the derivative of the impulse by s."""
     cdef double fourth
     if is_hertz(law):
         fourth = (z * z) * (z * z)
-        return fourth * law.held + (fourth * law.damping) * w
+        return fourth * law.held + (fourth * law.damping) * w  # few operations wait for w, which is computed last
     return z * contact_force(law, z, w)
 
 

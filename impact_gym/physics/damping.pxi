@@ -1,9 +1,9 @@
 """The damping factor d of a contact, and the restitution e that it actually produces.
 
-The restitution of an isolated contact with m = n depends on d alone, not on exponent, masses, stiffness and velocity.
-Multiply u'' = -u^n (1 + d u') by u' / (1 + d u') and integrate from onset to separation:
+If stiffness and damping have equal exponents (m = n in `contact.pxi`), the restitution of an isolated contact depends
+on d alone. Multiply u'' = -u^n (1 + d u') by u' / (1 + d u') and integrate from onset to separation:
 
-    d - ln(1 + d) = -z - ln(1 - z),      z = d e                                       (closed form: Lambert's W)
+    d - ln(1 + d) = -z - ln(1 - z),      z = d e                                       (solution: Lambert's W)
 """
 
 cdef double SERIES_BELOW = 0.3
@@ -17,7 +17,7 @@ cpdef double hu_guo(double restitution) noexcept nogil:
 
 
 cdef double shortfall(double x) noexcept nogil:
-    """Return (1 - phi(x)) / x with phi(x) = 2 (x - ln(1 + x)) / x^2, which is 2/3 - x/2 + 2 x^2/5 - ..."""
+    """Return (1 - phi) / x = 2/3 - x/2 + 2 x^2/5 - ..., with phi = 2 (x - ln(1 + x)) / x^2."""
     cdef double total = 0.0
     cdef int k
     if fabs(x) > SERIES_BELOW:
@@ -28,10 +28,10 @@ cdef double shortfall(double x) noexcept nogil:
 
 
 cpdef double exact_damping(double restitution) noexcept nogil:
-    """Return the damping factor d with which a contact has exactly this restitution e.
+    """Return the damping factor d with which an isolated contact with m = n has exactly this restitution e.
 
     d solves ln((1 + d) / (1 - d e)) = d (1 + e). With S = `shortfall` this is (1 - e)(1 + e) = d (S(d) + e^3 S(-d e)).
-    This form has no cancellation as e -> 1. For e <= 0.6 the code solves 1 - d e = exp(ln(1 + d) - d (1 + e)).
+    This form has no cancellation as e -> 1. For e <= 0.6, 1 - d e = exp(ln(1 + d) - d (1 + e)) is solved instead.
     """
     cdef double rest, following, e = restitution, d = 1.5 * (1.0 - e) if e > 0.6 else 1.0 / e
     for _ in range(200):
@@ -47,10 +47,10 @@ cpdef double exact_damping(double restitution) noexcept nogil:
 
 
 cpdef double delivered(double damping) noexcept nogil:
-    """Return the restitution e of an isolated contact with m = n and this damping factor d; relative error a few 1e-15.
+    """Return the restitution e of an isolated contact with m = n and this damping factor d; relative error below 2e-15.
 
-    Newton's method: for small d it solves e^2 (1 + d e S(-d e)) = 1 - d S(d) for e, with S = `shortfall`; for other d
-    q - z = d - ln(1 + d) for q = -ln(1 - z), with z = d e. Unlike z, q is accurate if z is close to 1.
+    For d < 0.3, Newton's method solves e^2 (1 + d e S(-d e)) = 1 - d S(d), with S = `shortfall`. For larger d it solves
+    q - z = d - ln(1 + d), with z = d e, for q = -ln(1 - z), which is accurate even if z is close to 1.
     """
     cdef double d = damping, e, excess, gain, residual, step, rest, q
     if d < SERIES_BELOW:
@@ -75,7 +75,7 @@ cpdef double delivered(double damping) noexcept nogil:
 
 
 cpdef double delivered_linear(double damping) noexcept nogil:
-    """Return the restitution e of a linear contact (m = 1, n = 0, damping ratio zeta = d / 2) that ends before it pulls.
+    """Return the restitution e of a linear contact (m = 1, n = 0, damping ratio zeta = d / 2) that never pulls.
 
     e = exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)), which is exp(-2) at zeta = 1. For zeta > 1 the exponent is
     -2 zeta arcosh(zeta) / sqrt(zeta^2 - 1).

@@ -1,9 +1,9 @@
 """Damping factors of contacts for a nominal restitution, and the restitution that a contact really has.
 
-With equal exponents m = n the damping factor is d = (chi / k_c) v_in, with hysteresis damping chi, stiffness k_c and
-approach velocity v_in. An isolated contact of restitution e satisfies d - ln(1 + d) = -z - ln(1 - z), with z = d e, as
-derived in `damping.pxi`. Published laws are approximate solutions of this equation for d. Skrinjar, Slavic, Boltezar,
-Int. J. Mech. Sci. 145 (2018) 171-187 (the paper's reference 11) collect the laws below and more.
+If stiffness and damping have equal exponents, m = n, the damping factor is d = (chi / k_c) v_in, with the hysteresis
+damping chi, stiffness k_c and approach velocity v_in. An isolated contact of restitution e then satisfies
+d - ln(1 + d) = -z - ln(1 - z), with z = d e (see `damping.pxi`). Published laws are approximate solutions for d.
+Skrinjar, Slavic, Boltezar, Int. J. Mech. Sci. 145 (2018) 171-187 (the paper's reference 11) collect these and more.
 """
 
 import math
@@ -46,7 +46,7 @@ PUBLISHED = {
         r"\tfrac85 (1 - e) / e", "with Machado, Silva, Martins, Multibody Syst. Dyn. 25 (2011) 357-375",
     ),
 }  # fmt: skip
-"""Published laws by name. The laws of Hunt and Crossley and of Lankarani and Nikravesh are meant for e near 1."""
+"""Published laws by name. "hunt-crossley" and "lankarani-nikravesh" are meant for e near 1."""
 
 
 @lru_cache(maxsize=4096)
@@ -55,8 +55,8 @@ def damping_factor(
 ) -> float:
     """Return the damping factor d that `law` gives for a nominal `restitution`.
 
-    The published laws do not depend on the exponents. With "exact" an isolated contact has the nominal restitution for
-    all exponents; with "fixed" only if the contact begins at its reference velocity.
+    Published laws do not depend on the exponents. The d of "exact" gives an isolated contact the nominal restitution
+    for all exponents. "fixed" gives the same d, for contacts that begin at the reference velocity.
     """
     m, n = stiffness_exponent, damping_exponent
     if law not in ("exact", "fixed"):
@@ -83,7 +83,7 @@ def effective_restitution(law: str, restitution: ArrayLike) -> NDArray[np.float6
     """Return the restitution that an isolated contact with m = n has under `law`, for each nominal `restitution`.
 
     Raises:
-        ValueError: `law` is unknown, or a restitution is outside (0, 1].
+        ValueError: `law` is neither "exact" nor published, or a restitution is outside (0, 1].
     """
     choice("law", law, ("exact", *PUBLISHED))
     nominal = np.asarray(restitution, np.float64)

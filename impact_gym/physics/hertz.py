@@ -1,9 +1,8 @@
-"""Contact stiffness of two bodies from their materials, and a small table of materials of pads and surfaces.
+"""Contact stiffness of two bodies from their materials, and a small table of materials.
 
-Published values scatter, so the table has ranges. Each source states whether we read it ourselves. Restitution depends
-on the materials, shapes and velocities of both bodies. The table has restitutions of two bodies of the same material,
-or of one body and a far stiffer body. For other pairs, identify the restitution from a measured impact
-(`impact_gym.identify`).
+Published values scatter, so the table has ranges. Each source states whether we read it. Restitution depends on the
+materials, shapes and velocities of both bodies. A restitution in the table is for two bodies of the material, or for
+one and a far stiffer body. For other pairs, identify the restitution from measured impacts (`impact_gym.identify`).
 """
 
 import math
@@ -51,8 +50,8 @@ class Material:
 
 
 GENT = (
-    "modulus: A. N. Gent, Rubber Chem. Technol. 31 (1958) 896-906, the paper not checked here, its relation read in "
-    "public code that cites it; Poisson's ratio: Altair Radioss manual, poissons_ratio_definitions_r.htm, read"
+    "modulus: A. N. Gent, Rubber Chem. Technol. 31 (1958) 896-906, not checked here; the relation was read in "
+    "public code that cites Gent; Poisson's ratio: Altair Radioss manual, poissons_ratio_definitions_r.htm, read"
 )
 BALLS = ("hardness (JIS A, used as Shore A) and returned energy: the maker's sheet of two balls at "
          "commons.bcit.ca/physics-resources/physics-demonstration-manual/mechanics/dld20-coefficient-of-restitution, "
@@ -62,26 +61,26 @@ GERE = (
     "and issuhub.com/view/index?id=5272&pageIndex=575"
 )
 DOWLING = "N. E. Dowling, Mechanical Behavior of Materials, table 5.2, read at digilib.universitaspertamina.ac.id"
-WOOD = ("USDA Forest Products Laboratory, Wood Handbook, Douglas-fir of 12 % moisture, radial and tangential: "
-        "Interior South, the smallest, read at engdatabase.com/data/wood-properties/douglas-fir-interior-south; Coast, "
-        "the largest, and the factor of 1.1 from the modulus in bending not checked here")  # fmt: skip
+WOOD = ("USDA Forest Products Laboratory, Wood Handbook, Douglas-fir of 12 % moisture, radial and tangential. "
+        "Smallest values: Interior South, read at engdatabase.com/data/wood-properties/douglas-fir-interior-south. "
+        "Largest values: Coast, and a factor of 1.1 on the modulus in bending, not checked here")  # fmt: skip
 FOERSTER = ("restitution of 3 mm spheres: S. F. Foerster, M. Y. Louge, H. Chang, K. Allia, Phys. Fluids 6 (1994) "
             "1108-1115, not checked here")  # fmt: skip
 FOAM = (
     "modulus, of slow tests: G. Silber, C. Then, Preventive Biomechanics, 2013, table 4.3, 2 (mu_1 + mu_2) = 12.6 kPa "
     "with Poisson's ratios below 0.003, read at "
-    "what-when-how.com/Tutorial/topic-5h17j2/Preventive-Biomechanics-173.html; returned energy: ball rebound below "
-    "20 %, the source says that some foams absorb 90 % of an impact: Polyurethane Foam Association, "
+    "what-when-how.com/Tutorial/topic-5h17j2/Preventive-Biomechanics-173.html; returned energy "
+    "(ball rebound below 20 %; some foams absorb 90 % of an impact): Polyurethane Foam Association, "
     "In Touch 11 (1), 2016, read at "
     "fdocuments.in/document/viscoelastic-memory-foam-was-first-commercialized-during-the-mid-60s.html"
 )
 
 
 def rubber(shore: float, source: str = GENT, restitution: Range | None = None) -> Material:
-    """Return rubber of hardness `shore` (Shore A); Young's modulus is from Gent's value / 1.2 to that value * 1.2.
+    """Return rubber of hardness `shore` (Shore A); Young's modulus is 1 / 1.2 to 1.2 times Gent's value.
 
-    Gent's relation treats the blunt cone of the durometer as a flat punch: E = (1 - nu^2) F / (2 R delta), with
-    Poisson's ratio nu, the durometer's spring force F, the indentation delta, and the mean radius R of the cone.
+    Gent treats the durometer's blunt cone as a flat punch: E = (1 - nu^2) F / (2 R delta), with Poisson's ratio nu,
+    the spring force F of the durometer, the indentation delta, and the mean radius R of the cone.
     """
     shore = number("shore", shore, "(Shore A)", at_least=20, at_most=80)
     young = 1e6 * 0.0981 * (56.0 + 7.62336 * shore) / (0.137505 * (254.0 - 2.54 * shore))
@@ -99,16 +98,16 @@ MATERIALS = {
     "nylon": Material((2.1e9, 3.4e9), (0.4, 0.41), f"{GERE}; {DOWLING}"),
     "wood, across the grain": Material((0.57e9, 1.0e9), (0.029, 0.39), WOOD),
     "concrete": Material((17e9, 31e9), (0.1, 0.2), GERE),
-    "granite": Material((40e9, 100e9), (0.2, 0.3), f"{GERE}; Poisson's ratio likewise, not checked here"),
+    "granite": Material((40e9, 100e9), (0.2, 0.3), f"{GERE}; Poisson's ratio: same book, not checked here"),
     "glass": Material((48e9, 83e9), (0.18, 0.22), f"{GERE}; Poisson's ratio: {DOWLING}; {FOERSTER}", (0.96, 0.98)),
     "aluminium": Material((70e9, 79e9), (0.33, 0.345), f"{GERE}; {DOWLING}"),
     "steel": Material((190e9, 210e9), (0.27, 0.30), GERE),
 }
-"""Materials by name, from publications. Moduli of rubber and foam are for slow loading; in impacts they are larger."""
+"""Materials by name. Moduli of rubber and foam are for slow loading; in impacts they are larger."""
 
 
 def material_ranges(radius: Range, tool: str | Material, target: str | Material) -> dict[str, list[float]]:
-    """Return ranges for the table `[environment.scenario]` of a set-up: contact_stiffness, and restitution if known.
+    """Return a set-up's `[environment.scenario]` ranges: contact_stiffness; restitution if known for equal materials.
 
     Args:
         radius: smallest and largest radius of the curved body, m.
@@ -116,7 +115,7 @@ def material_ranges(radius: Range, tool: str | Material, target: str | Material)
         target: the same for the object's surface.
 
     Raises:
-        ValueError: a material is unknown, or a radius is not above 0.
+        ValueError: a material is unknown, or a number is out of range.
     """
     for field, given in (("tool", tool), ("target", target)):
         if not isinstance(given, Material) and given not in MATERIALS:

@@ -1,6 +1,6 @@
 """Closed formulas for an instantaneous impact, the limit of a stiff contact (paper, eq. 1-4, 22), and for sliding.
 
-The arguments of each function are broadcast against each other as NumPy arrays. A restitution of 0 is allowed.
+The arguments of each function are broadcast against each other as NumPy arrays.
 """
 
 import numpy as np

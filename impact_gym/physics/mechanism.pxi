@@ -1,8 +1,8 @@
 """Forces and energies of a coupling with stops: a bistable mechanism (paper, Fig. 21), or a linear spring and damper.
 
-The spring of a mechanism hangs on a pivot at height H above the path of the slider. The slider's position x is measured
-from the alignment, where the spring is vertical, shortest, and pushes neither way. The stretch of the coupling is
-x - `rest`, with the position `rest` of the slider at rest. A stop is a linear spring and damper that never pulls.
+The tool is fixed to a slider. The spring of a mechanism hangs on a pivot at height H above the slider's path. The
+slider's position x is measured from the alignment, where this spring is vertical and does not push along the path. The
+coupling's stretch is x - `rest`. A stop is a linear spring and damper that never pulls.
 """
 
 cdef enum:
@@ -42,7 +42,7 @@ cpdef inline double bistable_energy(double stiffness, double free_length, double
 
 
 cdef inline double mechanism_pull(const Mechanism *law, int pressed, double stretch, double stretch_rate) noexcept nogil:
-    """Return the force on the tool, N, by the spring (paper, eq. 23) and by the stop `pressed`, FRONT, REAR or FREE."""
+    """Return the force on the tool, N (paper, eq. 23): of spring, damper and, unless `pressed` is FREE, a stop."""
     cdef double pull, x = law.rest + stretch
     if law.linear:
         pull = -law.stiffness * x - law.damping * stretch_rate
@@ -60,7 +60,7 @@ cdef inline double stop_place(const Mechanism *law, int stop) noexcept nogil:
 cdef inline (double, double, double) stop_switch(
     const Mechanism *law, int stop, int pressed, double stretch, double rate, double acceleration
 ) noexcept nogil:
-    """Return the event's value (N), its smooth form and that form's rate; event: `stop` begins to push, or would pull."""
+    """Return value (N), smooth form (N) and its rate (N/s) of the event that `stop` begins to push, or would pull."""
     cdef double k = law.stop_stiffness, c = law.stop_damping
     cdef double push = stop * k * (law.rest + stretch - stop_place(law, stop)), moving = stop * rate
     if pressed == stop:  # the event: the stop would pull, perhaps before the slider has left it
@@ -71,7 +71,7 @@ cdef inline (double, double, double) stop_switch(
 
 
 cdef inline double stiffness_bound(const Mechanism *law) noexcept nogil:
-    """Return the largest absolute `spring_slope`, N/m; in a mechanism at the alignment or far from it."""
+    """Return the smallest upper bound on the absolute `spring_slope`, N/m."""
     if law.linear:
         return law.stiffness
     return law.stiffness * max(law.free_length / law.height - 1.0, 1.0)
@@ -90,7 +90,7 @@ cdef inline double mechanism_energy(const Mechanism *law, double stretch) noexce
 
 
 cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noexcept nogil:
-    """Return a lower bound on the energy on one side of the alignment, and the energy barrier between the sides, J."""
+    """Return a lower bound on the coupling's energy on this `side` of the alignment, and the energy barrier, J."""
     cdef double barrier = spring_energy(law, 0.0), F = law.stiffness * (law.free_length - law.height)
     if law.linear:
         return 0.0, INFINITY
@@ -101,7 +101,7 @@ cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noe
 
 
 cdef inline double mechanism_reach(const Mechanism *law, double stretch, double kinetic) noexcept nogil:
-    """Return a bound on the stretch (m) that the slider can reach with its present energy and `kinetic` (J)."""
+    """Return an upper bound on the future stretch (m), from the present `stretch` and kinetic energy (J)."""
     cdef double energy = kinetic + mechanism_energy(law, stretch), free = energy - mechanism_energy(law, 0.0)
     cdef double reach = law.front_stop - law.rest + sqrt(2.0 * energy / law.stop_stiffness)  # all energy in the front stop
     cdef double stiffness = law.stop_stiffness - stiffness_bound(law)  # in front of `rest` the energy grows at least with this stiffness

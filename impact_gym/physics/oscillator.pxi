@@ -10,11 +10,11 @@ so z = y + a / omega^2 is a free damped oscillation.
 
 
 cpdef (double, double) decay_basis(double frequency, double damping_ratio, double time) noexcept nogil:
-    """Return exp(-zeta omega t) times cos(omega_d t) and times sin(omega_d t) / omega_d, with omega_d = omega sqrt(1 - zeta^2)."""
+    """Return E cos(W t) and E sin(W t) / W, with E = exp(-zeta omega t) and W = omega_d = omega sqrt(1 - zeta^2)."""
     cdef double alpha = damping_ratio * frequency
     cdef double square = (damping_ratio - 1.0) * (damping_ratio + 1.0) * frequency * frequency  # -omega_d^2
     cdef double q = square * time * time, envelope, damped, split, slow, lost
-    if fabs(q) < 1e-3:  # near critical damping: series in omega_d t, without cancellation
+    if fabs(q) < 1e-3:  # small omega_d t: series, without cancellation
         envelope = exp(-alpha * time)
         return (
             envelope * (1.0 + q / 2.0 * (1.0 + q / 12.0 * (1.0 + q / 30.0))),

@@ -1,7 +1,7 @@
 """Mass, stiffness and damping of a compliant robot (paper, eq. 8 and 16), from a table over the imposed position.
 
-Between two breaks of the table, the three parameters are cubic polynomials of the imposed position. Before the first
-and after the last break they are constant. The table of a robot with constant parameters has one very long interval.
+The imposed position is where the flange of a rigid robot would be. Between two breaks of the table, the parameters
+are cubic polynomials; outside the table they are constant. A robot with constant parameters has one very long interval.
 """
 
 
@@ -22,10 +22,10 @@ cdef struct RobotSlopes:  # more derivatives by the imposed position
 
 
 cdef inline int robot_place(const RobotTable *table, double position, double direction) noexcept nogil:
-    """Return the index of the interval at `position` (m); -1 before the first break, n after the last one."""
+    """Return the index of the interval at `position` (m); -1 before the first break, n after the last."""
     cdef int place = -1
     cdef double near = 1e-9 * (table.breaks[table.intervals] - table.breaks[0])
-    position += copysign(near, direction)  # a break that equals `position` up to rounding counts as passed
+    position += copysign(near, direction)  # a break at `position`, up to rounding, counts as passed in this direction
     while place < table.intervals and table.breaks[place + 1] < position:
         place += 1
     return place
@@ -39,7 +39,7 @@ cdef inline (double, double) robot_bounds(const RobotTable *table, int place) no
 
 
 cdef inline double table_offset(const RobotTable *table, int place, double position, int *interval) noexcept nogil:
-    """Return x - breaks[i], m, the polynomials' argument, with x the nearest position in the table; write i to `interval`."""
+    """Return the polynomials' argument x - breaks[i], m, x = `position` limited to the table; set `interval` to i."""
     cdef int i = min(max(place, 0), <int> table.intervals - 1)
     interval[0] = i
     if place == i:

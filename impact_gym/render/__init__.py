@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pygame
 
 HOLD = 2.0  # s, during which the last picture of an episode is shown
-LAMP = (WIDTH - 22.0, 30.0)  # place of a lamp: amber once the force is detected, red during an alarm, otherwise grey
+LAMP = (WIDTH - 22.0, 30.0)  # place of the lamp; `alarm` returns its colour
 
 Frame = NDArray[np.uint8]
 
@@ -58,11 +58,11 @@ class Renderer:
         self._window = self._clock = self._canvas = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out canvas and window, which cannot be copied; the next picture makes them again."""
+        """Leave out canvas, window and clock, which cannot be copied."""
         return self.__dict__ | {"_canvas": None, "_window": None, "_clock": None}
 
     def instants(self, history: History) -> Iterator[tuple[float, float]]:
-        """Yield the instants (s) that were not shown yet, each with its slow-motion factor."""
+        """Yield the instants (s) of pictures not shown yet, each with its slow-motion factor."""
         if self._shown is None:
             self._shown = 0.0
             yield 0.0, history.factor(0.0)
@@ -92,7 +92,7 @@ class Renderer:
         self._clock.tick(FRAME_RATE)
 
     def draw(self, history: History, time: float, factor: float) -> Canvas:
-        """Draw the picture of the instant `time` (s), shown `factor` times slower than real time."""
+        """Draw the picture of the instant `time` (s), with the slow-motion `factor` in words."""
         if self._canvas is None:
             self._canvas = Canvas()
         canvas, state = self._canvas, history.at(time)
@@ -104,7 +104,7 @@ class Renderer:
 
 
 def _head(canvas: Canvas, history: History, state: State, factor: float) -> None:
-    """Write the object's velocity (at the end: the result), the time, the slow motion and the alarm."""
+    """Write the upper lines."""
     over = history.ended and state.time >= history.now
     canvas.text(verdict(history) if over else f"object {state.object_velocity:.2f} m/s", (14.0, 34.0), 58)
     pace = f"{round(factor, 1):g} x slower" if factor > 1.0 else f"{1.0 / factor:.2g} x faster"
@@ -120,7 +120,7 @@ def _head(canvas: Canvas, history: History, state: State, factor: float) -> None
 
 
 def verdict(history: History) -> str:
-    """Return the result of an ended episode, in a few words."""
+    """Return the result of an ended episode in words."""
     info = history.info
     if info["missed"]:
         return "missed: the object was never touched"
@@ -143,7 +143,7 @@ def alarm(history: History, time: float) -> tuple[str, str]:
 
 
 def _foot(canvas: Canvas, history: History, state: State) -> None:
-    """Write the lower line: the scenario or, at the end, the results."""
+    """Write the lower line."""
     info, scenario, task = history.info, history.info["scenario"], history.task
     if history.ended and state.time >= history.now:
         words = f"return {sum(info['reward_terms'].values()):.2f}"

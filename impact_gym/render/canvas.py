@@ -20,7 +20,7 @@ Point = tuple[float, float]
 Box = tuple[float, float, float, float]  # left, top, width, height
 
 WIDTH, HEIGHT = 960, 540
-OVERSAMPLING = 2  # shapes are drawn larger by this factor, then scaled down, which smooths their edges
+OVERSAMPLING = 2  # shapes are drawn larger by this factor, then scaled down, to smooth their edges
 FARTHEST = 1 << 14  # pixels, largest coordinate; far larger coordinates overflow in pygame
 
 
@@ -28,7 +28,7 @@ class Canvas:
     """A picture that is drawn anew for each frame."""
 
     def __init__(self) -> None:
-        """Make an empty picture; needs no display."""
+        """Make an empty picture, without a display."""
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         try:
             with warnings.catch_warnings():

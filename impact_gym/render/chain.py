@@ -1,7 +1,7 @@
 """Draw the chain, seen by a fixed camera: flange, coupling, tool, gap and object.
 
-Positions and displacements are to scale. The simulated bodies have no size, so sizes are chosen here: the object is a
-ball with the density DENSITY, up to LARGEST_RADIUS. A bistable mechanism is drawn with its own dimensions.
+Positions and displacements are to scale. Simulated bodies have no size, so sizes are chosen here: the object is a ball
+of the density DENSITY and at most LARGEST_RADIUS. A bistable mechanism has its own dimensions.
 """
 
 import math
@@ -19,14 +19,14 @@ FLANGE_LENGTH, FLANGE_HEIGHT = 0.016, 0.052  # m
 BAR = 0.006  # m, thickness of a rigid coupling
 CLEARANCE = 0.004  # m, half the length of a bistable slider, and the thickness of its stops
 SHORTEST_SPRING = 0.002  # m, length of the drawn spring if the tool has passed the flange
-BASE_LENGTH, ROBOT_LENGTH = 0.008, 0.03  # m, lengths of the block with the imposed motion and of the robot's spring
+BASE_LENGTH, ROBOT_LENGTH = 0.008, 0.03  # m, lengths of the block with the imposed motion, and of the robot's spring
 ROOM = 0.2  # m, space shown behind the object
 MARGIN = 0.02  # m
 DENSITY, LARGEST_RADIUS = 1500.0, 0.5  # kg/m^3, m
-TOP, BOTTOM = 190.0, 416.0  # pixels from the upper edge of the picture to the edges of the area with the chain
+TOP, BOTTOM = 190.0, 416.0  # pixels, upper and lower edge of the area with the chain
 TEXT, SMALL = 30, 24  # pixels, sizes of text; legible in a picture of half the size
 LARGEST_SPAN = 3.0  # m, largest length of the line of motion in the picture
-RULER, DISTANCE = 34.0, 56.0  # pixels, heights of the ruler below the ground and of the text above the bodies
+RULER, DISTANCE = 34.0, 56.0  # pixels, heights for the ruler below the ground, and for the text above the bodies
 SHOWN_PUSH = 5e-4  # m; the length of a shorter push is shown only during a contact
 
 
@@ -64,7 +64,7 @@ def object_radius(mass: float) -> float:
 
 
 def camera(history: History) -> Camera:
-    """Return the fixed camera of an episode, for the approach and some room behind the object, up to LARGEST_SPAN."""
+    """Return the camera of an episode, which shows the approach and, within LARGEST_SPAN, ROOM behind the object."""
     task, scenario = history.task, history.info["scenario"]
     behind = TOOL_LENGTH + rest_length(task) + FLANGE_LENGTH + MARGIN
     behind += 0.0 if task.robot is None else ROBOT_LENGTH + BASE_LENGTH
@@ -143,7 +143,7 @@ def _ruler(canvas: Canvas, view: Camera) -> None:
 
 
 def _force(canvas: Canvas, view: Camera, state: State, radius: float) -> None:
-    """Draw the flattened part of the ball, and an arrow for the force on it, with a logarithmic length."""
+    """Draw the flattened part of the ball, and the force on the ball as an arrow of logarithmic length."""
     face, depth = view.x(state.tool_position), max(state.penetration, 0.0)
     chord = math.sqrt(max(depth * (2.0 * radius - depth), 0.0))
     half = max(min(chord, 0.5 * TOOL_HEIGHT) * view.scale, 2.0)
@@ -180,7 +180,7 @@ def _spring_damper(canvas: Canvas, view: Camera, front: float, back: float, rest
 
 
 def _bistable(canvas: Canvas, view: Camera, front: float, back: float, mechanism: Bistable) -> None:
-    """Draw to scale the slider between its stops, and the spring with its pivot on the flange's arm."""
+    """Draw to scale the slider, its front stop, and the spring from the slider to a pivot on the flange."""
     alignment = front + CLEARANCE - mechanism.rear_stop
     rod = mechanism.front_stop - mechanism.rear_stop + 2.0 * CLEARANCE  # so long that the tool stays off the front stop
     slider = (view.x(back - rod), view.axis)

@@ -14,13 +14,13 @@ from impact_gym.task.episodes import EpisodeState
 from impact_gym.task.task import Task
 
 FRAME_RATE = 30  # 1/s
-FLIGHT_FACTOR = 8  # factor by which a film is slower than real time far from contacts; smaller for a longer horizon
+FLIGHT_FACTOR = 8  # slow-motion factor far from contacts; smaller if the horizon is longer than HORIZON
 SHORTEST, LONGEST = 6.0, 10.0  # s, shortest and longest film
 CONTACT_FACTOR = 32  # smallest factor while tool and object touch, before the episode ends
-LARGEST_FACTOR = 1024  # largest factor
-SMALLEST_FACTOR = 0.25  # smallest factor, for a long simulation after the episode's end
+LARGEST_FACTOR = 1024
+SMALLEST_FACTOR = 0.25  # for a long simulation after the episode's end
 FRAMES_PER_IMPACT = 16  # number of frames of an elastic Hertz impact of the bodies
-FRAMES_PER_FOLD = 6  # number of frames in which the time to or since the touch changes by a factor of 2.718
+FRAMES_PER_FOLD = 6  # number of frames in which the time to the touch, or since it, changes by a factor of 2.718
 SETTLING_FRAMES = 45  # largest number of frames after the episode's end, without impacts
 SLOWEST_IMPACT = 1e-3  # m/s; slower impacts have the factor of this speed
 
@@ -54,9 +54,9 @@ class History:
     """An episode up to now, from the simulator's trace."""
 
     def __init__(self, trace: Trace, info: dict[str, Any], task: Task, events: EpisodeState, ended: bool) -> None:
-        """Read the trace; if `ended`, it includes the simulation after the episode's end."""
+        """Read the trace; if `ended`, the trace includes the simulation after the episode's end."""
         self.info, self.events, self.ended = info, events, ended
-        if ended and events.alarm > events.end:  # too late for the controller
+        if ended and events.alarm > events.end:  # the controller does not get this alarm
             self.events = events._replace(alarm=math.inf)
         self.task = task = task.at(info["record"])
         at_rest = {name: 0.0 for name in State._fields} | {"object_position": info["scenario"]["distance"]}
@@ -86,8 +86,8 @@ class History:
     def factor(self, time: float) -> float:
         """Return the factor, a power of two, by which the film is slower than real time at `time` (s).
 
-        The factor rises before the touch, so that the impact itself has FRAMES_PER_IMPACT frames. The factor falls
-        after the touch, so that a contact that the coupling prolongs does not make the film long.
+        The factor rises before a touch, so that an impact has FRAMES_PER_IMPACT frames. The factor falls after the
+        touch, because a coupling can prolong the contact.
         """
         state = self.at(time)
         begun = int(np.searchsorted(self.touches, time, side="right"))

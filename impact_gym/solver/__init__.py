@@ -1,5 +1,5 @@
-"""The solver moves a chain and the object in time.
+"""The solver computes the motion of a chain and the object.
 
-A chain is imposed motion, robot, coupling and tool. A flight is the motion while tool and object do not touch. Flights
-with a formula are computed by it; other flights and all contacts are integrated from event to event.
+A chain is imposed motion, robot, coupling and tool. A flight is the motion while tool and object do not touch. Some
+flights have a formula. Other flights and all contacts are integrated from event to event.
 """

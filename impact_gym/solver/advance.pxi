@@ -1,8 +1,8 @@
-"""The outer loop: a command ramps and holds the flange's velocity, while flights and contacts alternate."""
+"""The outer loop: impose a velocity on the flange, while flights and contacts alternate."""
 
-cdef double GRAZE = 1e-12  # m/s, smallest approach velocity; with 0 the scaled equations would stay at their initial state
-cdef double LOST = 1e11  # largest ratio steady deflection / position of the object; above it rounding exceeds 1e-5 of the position
-cdef double SHORT = 1e-6  # m, added to the position in the ratio that LOST limits
+cdef double GRAZE = 1e-12  # m/s, smallest approach velocity; with 0 the scaled state would not change
+cdef double LOST = 1e11  # largest steady deflection / object position; above it, rounding exceeds 1e-5 of the position
+cdef double SHORT = 1e-6  # m, added to this position
 
 
 cdef void reset_memory(Memory *memory, double step) noexcept nogil:
@@ -10,8 +10,8 @@ cdef void reset_memory(Memory *memory, double step) noexcept nogil:
     memory.step, memory.method, memory.patience = step, EXPLICIT, UNCHECKED
 
 
-cdef double REST_SPEED = 1e-3  # m/s, a slower tool counts as at rest
-cdef double REST_STEP = 1e-3  # s, time between two checks whether the tool is at rest
+cdef double REST_SPEED = 1e-3  # m/s, a tool that can no longer exceed this speed counts as at rest
+cdef double REST_STEP = 1e-3  # s, between two checks whether the tool is at rest
 
 
 cdef void reset_chain(Chain *chain, const Law *law, double distance, double friction) noexcept nogil:
@@ -30,7 +30,7 @@ cdef void begin_contact(const Run *run, Chain *chain) noexcept nogil:
     chain.touching = chain.holding = 1
     chain.penetration = 0.0
     chain.penetration_rate = max(chain.penetration_rate, GRAZE)
-    if run.law.kind != RIGID:  # with RIGID the object alone is accelerated by the contact force
+    if run.law.kind != RIGID:  # the contact force of a RIGID chain accelerates only the object
         mass = parallel(moving_mass(run, chain.flange_position), mass)
     chain.units = natural_units(&run.contact, mass, chain.penetration_rate)
     chain.start = chain.time
@@ -65,7 +65,7 @@ cdef double take_peak(const Run *run, Chain *chain) noexcept nogil:
 
 
 cdef int command(Run *run, Chain *chain, double target, double acceleration, double until) noexcept nogil:
-    """Ramp the flange to `target` (m/s), hold it until `until` (s), return ARRIVED; or return earlier with another status."""
+    """Impose a ramp to `target` (m/s), then this velocity, up to time `until` (s) or an event; return the status."""
     cdef double change, ramp, end
     cdef bint ramp_ends
     cdef int status
@@ -143,7 +143,7 @@ cdef int fly_on(Run *run, Chain *chain, double acceleration, double until) noexc
 
 
 cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
-    """Return a bound on the future displacement of the tool, m, if the tool counts as at rest, else inf."""
+    """Return an estimate of the tool's largest future displacement, m, if the tool counts as at rest, else inf."""
     cdef const Law *law = run.law
     cdef RobotTable table
     cdef RobotNow robot
@@ -177,13 +177,13 @@ cdef inline double slow_swing(double velocity, double acceleration, double frequ
 
 
 cdef void note_tool_rest(const Run *run, Chain *chain) noexcept nogil:
-    """With friction, store the time since which the tool has counted as at rest."""
+    """With friction, store since when the tool has counted as at rest; inf if it does not."""
     if run.ground > 0.0:
         chain.tool_rest_time = min(chain.tool_rest_time, chain.time) if reach_at_rest(run, chain) < INFINITY else INFINITY
 
 
 cdef void record_rest(const Run *run, Chain *chain, double distance) noexcept nogil:
-    """With friction, store the slide from `distance` (m), and when tool and object are at rest, if no contact follows."""
+    """With friction, store the object's slide from `distance` (m), and `rest_time`, as if no contact followed."""
     cdef double speed = max(object_velocity(chain), 0.0)
     if run.ground == 0.0:
         return
@@ -193,7 +193,7 @@ cdef void record_rest(const Run *run, Chain *chain, double distance) noexcept no
     chain.rest_time = max(chain.tool_rest_time, chain.object_rest_time if chain.object_state == STUCK else chain.time + speed / run.ground)
 
 
-cdef struct Approach:  # scene and motion of one run
+cdef struct Approach:  # scene and motion
     Mount mount
     Contact contact
     double object_mass  # kg
@@ -202,15 +202,15 @@ cdef struct Approach:  # scene and motion of one run
     double speed  # m/s
     double acceleration  # m/s^2
     double threshold  # N, inf without a brake
-    double delay  # s
-    double deceleration  # m/s^2
-    int64_t motion, points  # of a `Motion`: index in the tables of its times, then its velocities; number of its times
+    double delay  # s, from the detection to the brake
+    double deceleration  # m/s^2, of the brake
+    int64_t motion, points  # of a `Motion`: index of its times in the tables, before its velocities; number of times
     double duration  # s
     double frame  # m/s, common velocity of flange, tool and object at t = 0
 
 
 cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
-    """Run an approach: a `Motion`, or a trapezoid, which a brake may end; also record an unfinished contact."""
+    """Run an approach: a `Motion`, or a ramp to a speed, which a brake may end; also record an unfinished contact."""
     cdef const double *times = run.tables + plan.motion
     cdef const double *velocities = times + plan.points
     cdef double speed = plan.speed, acceleration = plan.acceleration, brake_at = INFINITY
@@ -248,7 +248,7 @@ cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
 
 
 cpdef double separation_velocity(double damping, double stiffness_exponent, double damping_exponent) noexcept:
-    """Integrate an isolated contact u'' = -u^m - d u^n u'; return separation velocity / approach velocity."""
+    """Integrate an isolated contact u'' = -max(u^m + d u^n u', 0); return separation velocity / approach velocity."""
     cdef Law law
     cdef Work work
     cdef Run run

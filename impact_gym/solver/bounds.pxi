@@ -1,4 +1,4 @@
-"""Bounds on the motion of an INTEGRATED chain."""
+"""Bounds on the motion of an INTEGRATED chain (see `integrated.pxi`)."""
 
 
 cdef inline double coupling_energy(const Law *law, double stretch) noexcept nogil:
@@ -15,7 +15,7 @@ cdef inline double coupling_reach(const Law *law, double stretch, double kinetic
 
 
 cdef inline double moving_mass(const Run *run, double position) noexcept nogil:
-    """Return the mass that strikes the object, kg: the tool's, plus the robot's if the coupling is rigid."""
+    """Return the mass that strikes the object, kg: the tool's, plus that of a compliant robot with a rigid coupling."""
     cdef RobotTable table
     if run.law.kind != INTEGRATED or run.law.coupled:
         return run.law.tool_mass
@@ -24,7 +24,7 @@ cdef inline double moving_mass(const Run *run, double position) noexcept nogil:
 
 
 cdef double highest_frequency(const Run *run, double position) noexcept nogil:
-    """Return an estimate of the highest angular frequency of the chain without its stops, rad/s."""
+    """Estimate the highest angular frequency of the chain without its stops, rad/s."""
     cdef const Law *law = run.law
     cdef RobotTable table = robot_table(run)
     cdef double square = law.stiffest if law.intervals else 0.0, k = law.stiffness
@@ -53,7 +53,7 @@ cdef enum:
 
 
 cdef double longest_blind_step(const Piece *now, const double *x, double longest, double shortest) noexcept nogil:
-    """Return a step (scaled) of a flight, at most `longest`, in which tool and object cannot touch; else `shortest`."""
+    """Return a step (scaled) of a flight, at most `longest`, without a possible touch; `shortest` if none is found."""
     cdef const Law *law = now.law
     cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
     cdef double touching = law.tool_mass, mass = law.tool_mass, energy, floor = 0.0, barrier = INFINITY
@@ -70,7 +70,7 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
     else:
         touching = mass
         energy = 0.5 * (mass * at.y_dot * at.y_dot + at.robot.stiffness * at.y * at.y)
-    # the energy E relative to the imposed motion grows by at most |a| sqrt(2 E mass) per s, so sqrt(E) by |a| sqrt(mass / 2) per s
+    # E: energy relative to the imposed motion, of acceleration a; sqrt(E) grows by at most |a| sqrt(mass / 2) per s
     while h > shortest:
         span = h * now.units.time
         gained = fabs(now.acceleration) * sqrt(0.5 * mass) * span

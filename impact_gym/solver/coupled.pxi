@@ -12,7 +12,7 @@ cdef void begin_piece(
     if not chain.holding:
         now.contact.held = now.contact.damping = 0.0
     now.tolerance = run.tolerance
-    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # only contacts: flights of these chains have formulas
+    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # RIGID and SPRING flights have formulas
     now.threshold = run.threshold / now.units.force
     now.horizon = (until - chain.time) / now.units.time
     now.push = acceleration * now.units.time / now.units.velocity
@@ -116,7 +116,7 @@ cdef inline double explicit_step(const Piece *now, Work *work, double h) noexcep
 
 
 cdef void dense_output(const Piece *now, Work *work, double h) noexcept nogil:
-    """Compute the upper four coefficients of the polynomial through the last step tried by the explicit pair."""
+    """Compute the upper four coefficients of the polynomial through the last step of the explicit pair."""
     if now.law.kind == SPRING:
         spring_dense(now, work, h)
     elif now.law.kind == RIGID:
@@ -126,7 +126,7 @@ cdef void dense_output(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nogil:
-    """Return the estimated largest eigenvalue: of an explicit step from its last two stages, of a series by `fastest`."""
+    """Estimate the largest eigenvalue: for a series by `fastest`, for an explicit step from the last two stages."""
     if work.method == SERIES:
         return fastest(now, work.trial, work.trial_rate)
     if now.law.kind == SPRING:
@@ -149,7 +149,7 @@ cdef inline void drift(const Run *run, Chain *chain, double acceleration, double
 
 
 cdef inline double touch_time(const Run *run, const Chain *chain, double acceleration, double horizon) noexcept nogil:
-    """Return the time (s) until a RIGID or SPRING chain touches the object; inf if not within `horizon` (s)."""
+    """Return the time (s) until a RIGID or SPRING chain touches the object; inf: later than `horizon`; nan: unknown."""
     cdef double time, ground = ground_now(run, chain)
     if run.law.kind == SPRING:
         return spring_touch(run.law, chain, acceleration, ground, horizon)
@@ -187,7 +187,7 @@ cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef void round_off(const Law *law, Chain *chain, double target) noexcept nogil:
-    """Set the imposed velocity to exactly `target` (m/s) at the end of a ramp; tool and object keep their velocities."""
+    """Set the imposed velocity to exactly `target` (m/s) after a ramp; a tool on a spring keeps its velocity."""
     cdef double shift = target - chain.flange_velocity
     if law.kind == RIGID:
         chain.penetration_rate += shift
@@ -231,6 +231,6 @@ cdef Accelerations motion_now(const Run *run, const Chain *chain, double acceler
 
 
 cdef double tool_momentum(const Run *run, const Chain *chain) noexcept nogil:
-    """Return the momentum (N s) that the moving mass gained in the contact, without that of robot mass that joined."""
+    """Return the momentum (N s) that the moving mass gained in the contact, without `chain.joined`."""
     cdef double before = moving_mass(run, chain.start_flange_position) * chain.start_tool_velocity
     return moving_mass(run, chain.flange_position) * tool_velocity(chain) - before - chain.joined

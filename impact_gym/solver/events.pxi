@@ -1,11 +1,11 @@
-"""Find events within a smooth piece. An event has a row: a value, which is negative until the event occurs, and its slope.
+"""Find events within a smooth piece of motion. An event has a row in `Events`, whose value is negative before it.
 
-The rows at both ends of a step show which events have occurred at its end, and which may have begun and ended within it. The first
-event is located by the integrator's polynomial or by shorter steps. Then a step is taken that ends on the event.
+The rows at both ends of a step show which events have occurred, and which may have begun and ended within the step. The
+first event is located by a polynomial or by shorter steps. Then a step is taken that ends on this event.
 """
 
 cdef enum:
-    CLOCK  # the end of the piece is reached
+    CLOCK  # end of the piece
     SEPARATION  # z passes zero; with z < 0 time runs backwards, because dt = z ds
     CLAMP  # the contact force would become a pull, or becomes a push again
     FORCE  # the force exceeds the threshold; the row also gives the largest force
@@ -14,12 +14,12 @@ cdef enum:
     TOP  # a sliding object has its largest speed; this does not end the step
     FRONT_STOP, REAR_STOP  # the front or the rear stop begins or ceases to push
     ALIGNMENT  # the slider of a mechanism passes its alignment
-    TOUCH  # tool and object touch: a flight ends
+    TOUCH  # a flight ends
     ROWS
     NOTHING = -1
-    SHORTER = -2  # no event can be located in this step: try a shorter step
+    SHORTER = -2  # no event: try a shorter step
 
-cdef double SHORTEST_STEP = 1e-10  # least length to which a step that starts on an event is shortened
+cdef double SHORTEST_STEP = 1e-10  # a step that starts on an event is shortened only if it is longer than this
 
 
 cdef struct Events:
@@ -51,7 +51,7 @@ cdef void evaluate_events(const Piece *now, const double *x, const double *rate,
 
 
 cdef void evaluate_object_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
-    """Compute the rows of an object with friction, after those of the force."""
+    """Compute the rows of an object with friction, from the row FORCE."""
     cdef double speed = -x[RATE], gain = now.push * rate[TIME] - rate[RATE]
     events.value[SLIP] = events.height[SLIP] = events.height[FORCE] - now.friction
     events.slope[SLIP] = events.slope[FORCE]
@@ -61,7 +61,7 @@ cdef void evaluate_object_events(const Piece *now, const double *x, const double
     events.value[REST] = events.height[REST] = -speed - now.standstill
     events.slope[REST] = -gain
     events.value[TOP], events.height[TOP], events.slope[TOP] = -1.0, speed, gain
-    if x[ROOT] <= 0.0:  # at or beyond a separation; beyond, time runs backwards
+    if x[ROOT] <= 0.0:  # z = 0: at both ends of a contact the slope is 0; z < 0: time runs backwards
         events.slope[TOP] = copysign(1e-300, events.value[SLIP])
 
 
@@ -98,14 +98,14 @@ cdef struct Finding:
     int event  # the first event in the step, NOTHING, or SHORTER
     double share  # place of the event in the step, 0 to 1; for SHORTER the factor by which to shorten the step
     double within  # a place in the step, 0 to 1, by which the event has occurred
-    double peak, top  # scaled largest force, and scaled largest speed of an object with friction, inside the step
+    double peak, top  # maximum inside the step, scaled, of the force, and of an object's speed with friction; 0: none
     double peak_at, top_at  # distances from the start of the step to the peak and to the top
 
 
 cdef Finding search(
     const Piece *now, Work *work, double h, const Events *start, const Events *end, bint undetected
 ) noexcept nogil:
-    """Return the first event in the last tried step, of length `h`, with the rows `start` and `end` at its ends."""
+    """Return the first event in the last tried step, of length `h`; `start` and `end` have the rows at both ends."""
     cdef Finding found = Finding(NOTHING, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
     cdef int row
     cdef double high, share, reached
@@ -143,7 +143,7 @@ cdef Finding search(
 
 
 cdef bint rises_at_onset(const Piece *now, Work *work, double h) noexcept nogil:
-    """Return whether the force grows at the onset of a contact with n = 0, where dt/ds = 0, so df/ds = 0."""
+    """Return whether the force grows at the onset of a contact with n = 0, where df/ds = 0 because dt/ds = 0."""
     cdef Events soon
     probe_exactly(now, work, h, 1e-3)  # 1e-3 of the step in s is 1e-6 of its duration
     evaluate_events(now, work.probe, work.probe_rate, &soon)
@@ -151,7 +151,7 @@ cdef bint rises_at_onset(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef bint starts_on(int row, double h, const Events *start, double reached) noexcept nogil:
-    """Return whether a step of `h` starts on a zero of the row and contains a second zero: try a shorter step."""
+    """Return whether to shorten a step of `h`, because it starts on a zero of the row and contains a second zero."""
     if row < CLAMP or h <= SHORTEST_STEP or start.value[row] <= -1e-9 * reached:
         return False
     return FRONT_STOP <= row <= ALIGNMENT or start.slope[row] <= 0.0
@@ -185,7 +185,7 @@ cdef double on_cubic(double t, double start, double start_slope, double end, dou
 
 
 cdef bint comes_back(int row, double h, const Events *start, const Events *end) noexcept nogil:
-    """Return whether the value of a row first rises and then falls within a step, and may exceed zero in between."""
+    """Return whether a row has a maximum in a step; if it is not FORCE, SLIP or TOP, one that may exceed zero."""
     cdef double v0 = start.height[row], v1 = end.height[row], s0 = h * start.slope[row], s1 = h * end.slope[row], top
     if row == TOP and s1 < 0.0 < start.slope[SLIP]:  # at a slip the sign of the slope is a rounding error
         return True
@@ -200,11 +200,11 @@ cdef bint comes_back(int row, double h, const Events *start, const Events *end) 
 cdef double climb(
     const Piece *now, Work *work, double h, int row, const Events *start, const Events *end, Events *summit
 ) noexcept nogil:
-    """Find the fraction of the step at which a row that rises and falls is largest; write all rows there into `summit`."""
+    """Find the fraction of the step at which a row has its maximum; write all rows at this point into `summit`."""
     cdef double low = 0.0, high = 1.0, low_slope = start.slope[row], high_slope = end.slope[row], before, gain
     cdef double share = extremum(start.height[row], h * low_slope, end.height[row], h * high_slope)
     cdef int side = 0
-    cdef bint exactly = work.method != EXPLICIT  # else first on the polynomial, to 1e-6 of the step, then by exact steps
+    cdef bint exactly = work.method != EXPLICIT  # False: first on the polynomial, to 1e-6 of the step
     for _ in range(60):  # secant method inside a bracket (Illinois), for the slope's zero
         if exactly:
             probe_exactly(now, work, h, share)
@@ -248,7 +248,7 @@ cdef double cubic_zero(double start, double start_slope, double end, double end_
 cdef double crossing_share(
     const Piece *now, Work *work, double h, int row, const Events *start, const Events *end, double high
 ) noexcept nogil:
-    """Find the zero, to 1e-9 of the step, of a row that is negative at 0 and positive at `high` (Newton or bisection)."""
+    """Find the zero, to 1e-9 of the step, of a row that is negative at 0 and positive at `high`."""
     cdef double low = 0.0, share = 0.5 * high, value, move
     cdef Events events
     if start.value[row] >= 0.0:  # by rounding
@@ -279,7 +279,7 @@ cdef double clock_share(const Piece *now, const Work *work, double h) noexcept n
     cdef double v0 = h * work.x[ROOT], a0 = 0.25 * h * h * work.x[RATE], j0 = h * h * h / 12.0 * work.rate[RATE]
     cdef double v1 = h * work.trial[ROOT], a1 = 0.25 * h * h * work.trial[RATE], j1 = h * h * h / 12.0 * work.trial_rate[RATE]
     cdef double way = work.trial[TIME] - work.x[TIME], left = now.horizon - work.x[TIME]
-    # polynomial of order 7: errors, at the step's end, of value and three derivatives of the cubic Taylor polynomial at its start
+    # polynomial of order 7; p, q, r, t: errors, at the step's end, of the cubic Taylor polynomial and its derivatives
     cdef double p = way - v0 - a0 - j0, q = v1 - v0 - 2.0 * a0 - 3.0 * j0
     cdef double r = a1 - a0 - 3.0 * j0, t = j1 - j0
     cdef double c4 = 35.0 * p - 15.0 * q + 5.0 * r - t, c5 = -84.0 * p + 39.0 * q - 14.0 * r + 3.0 * t
@@ -298,7 +298,7 @@ cdef double clock_share(const Piece *now, const Work *work, double h) noexcept n
 
 
 cdef double bend_share(const Work *work, double h) noexcept nogil:
-    """Return the fraction of a step of flight at which the gap may close although it opens at both ends; 1: nowhere."""
+    """Return the fraction of a flight's step at which the gap may be closing, though it opens at both ends; 1: none."""
     cdef double w0 = work.x[RATE], w1 = work.trial[RATE], bend0 = h * work.rate[RATE], bend1 = h * work.trial_rate[RATE]
     cdef double share
     if w0 > 0.0 or w1 > 0.0 or not bend0 > 0.0 > bend1 or w0 + bend0 <= 0.0:
@@ -308,7 +308,7 @@ cdef double bend_share(const Work *work, double h) noexcept nogil:
 
 
 cdef double land(const Piece *now, Work *work, const Finding *found, double tried, double *error) noexcept nogil:
-    """Take a step that ends on an event found in a step of length `tried`; return its length, and write its `error`."""
+    """Take a step that ends on the event found in a step of length `tried`; return its length; write its `error`."""
     cdef double h = found.share * tried, low = 0.0, high = found.within * tried, off
     cdef int row = found.event
     cdef Events events

@@ -1,9 +1,9 @@
 """Integrate a contact, or a flight that has no formula, to the next event."""
 
-cdef double FIRST_STEP = 0.3  # first trial step of a contact, in its variable s
-cdef double FIRST_FLIGHT = 0.1  # first trial step of a flight, times the chain's highest angular frequency
-cdef double LARGEST_STEP = 1.0  # largest step of a flight, times the same frequency, unless a touch is impossible (`longest_blind_step`)
-cdef double OVERSHOOT = 1e3  # largest step of a contact with friction / time left; in a longer step the piece's end could not be located
+cdef double FIRST_STEP = 0.3  # first trial step of a contact, in the variable s
+cdef double FIRST_FLIGHT = 0.1  # first trial step of a flight; unit: 1 / highest angular frequency of the chain
+cdef double LARGEST_STEP = 1.0  # largest step of a flight, in this unit, while a touch is possible
+cdef double OVERSHOOT = 1e3  # largest z ds of a step with friction / time left, so that the piece's end can be located
 
 cdef enum:
     TRACE_POINTS = 8  # trace points in a step of a contact; more in a series step
@@ -25,15 +25,15 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     load(&now, chain, work.x)
     rates(&now, work.x, work.rate)
     evaluate_events(&now, work.x, work.rate, start)
-    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:  # to about the time when the gap stops opening
-        h = min(h, -work.x[RATE] / work.rate[RATE])
+    if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:
+        h = min(h, -work.x[RATE] / work.rate[RATE])  # the first step ends about when the gap stops opening, or earlier
     if not flying:
-        peak = start.height[FORCE]  # the force of a linear contact begins above 0
-        if undetected and start.value[FORCE] >= 0.0:  # the force at the start may have reached the threshold
+        peak = start.height[FORCE]  # above 0 in a contact with n = 0
+        if undetected and start.value[FORCE] >= 0.0:
             chain.detection = chain.time
             return DETECTED
         if now.rough and now.object_state == STUCK and work.x[ROOT] == 0.0 and start.value[SLIP] > 0.0:
-            return conclude(run, chain, SLIP, until)  # the force at the touch exceeds the friction
+            return conclude(run, chain, SLIP, until)
     work.memory, work.expanded = chain.memory, False
     while True:
         chain.steps += 1
@@ -72,7 +72,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
 
 
 cdef void add_ground_impulse(const Piece *now, const Run *run, Chain *chain, const double *x) noexcept nogil:
-    """Add the impulse of the ground in a piece: the contact force's if the object sticks, else mu m_p g times time."""
+    """Add the ground's impulse: if the object sticks, that of the contact force, else mu m_p g times the duration."""
     if now.object_state == STUCK:
         chain.ground_impulse += x[IMPULSE] * now.units.force * now.units.time
     else:
@@ -87,7 +87,7 @@ cdef void come_to_rest(Chain *chain) noexcept nogil:
 cdef bint good_step(
     const Piece *now, Work *work, const Events *start, Events *end, bint undetected, double *h, double *taken, Finding *found
 ) noexcept nogil:
-    """Try a step of `h`, or to the first event in it; return whether to accept it, and set `h` to the next trial step."""
+    """Try a step of `h`, or to the first event in it; return whether to accept the step; set `h` for the next one."""
     cdef double error, factor, tried, left = INFINITY, most = INFINITY
     if now.flying:
         left = now.horizon - work.x[TIME]
@@ -124,7 +124,7 @@ cdef bint good_step(
 cdef double land_on_first(
     const Piece *now, Work *work, double tried, const Events *start, Events *end, bint undetected, Finding *found, double *error
 ) noexcept nogil:
-    """Take a step that ends on the first event; return its length; set `found.event` to SHORTER if a shorter one is needed."""
+    """Take a step that ends on the first event; return its length; set `found.event` to SHORTER if it is too long."""
     cdef int other
     cdef double taken = tried
     for _ in range(EVENTS_IN_TURN):
@@ -171,11 +171,11 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
 
 
 cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noexcept nogil:
-    """Record trace points along the accepted step, each by its own step, which is more exact than the polynomial."""
+    """Record trace points in the accepted step, each computed by a step that ends there."""
     cdef Chain ghost = chain[0]
     cdef Events events
     cdef int64_t point, points = TRACE_POINTS
-    if run.work.method == SERIES:  # a longer step
+    if run.work.method == SERIES:  # its steps are longer
         points = 3 * TRACE_POINTS // 2
     if now.flying:
         points = <int64_t> ceil(taken * now.units.time / run.recorder.interval)

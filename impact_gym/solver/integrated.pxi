@@ -1,9 +1,9 @@
 """Equations of motion of an INTEGRATED chain, whose flights have no formula.
 
 Such a chain has a coupling with stops, a compliant robot with an elastic coupling, or a robot table with a rigid coupling.
-Forces are computed in SI units, then scaled. The state has z, w, t, the impulse on the object, deflection and its rate; then
-the impulse of the coupling on the tool; the momentum of robot mass that has joined the moving part; the offset of the flange
-from the imposed motion, and its rate.
+Forces are computed in SI units, then scaled. The state has z, w, t, the impulse p on the object, the deflection y and
+its rate v, the coupling's impulse s on the tool, the momentum j of robot mass that has joined the moving part, and the
+offset q of the flange from the imposed motion, with its rate r.
 """
 
 
@@ -11,7 +11,7 @@ cdef struct IntegratedRates:
     double z, w, t, p, y, v, s, j, q, r
 
 
-cdef struct Swing:  # the chain relative to the imposed motion, SI units
+cdef struct Swing:  # motion of the chain, SI units
     double x_r, v_r  # m, m/s, position and velocity of the imposed motion
     double y, y_dot, q, q_dot  # m, m/s, deflection and flange offset with their rates
     RobotNow robot
@@ -46,7 +46,7 @@ cdef inline double coupling_pull(const Piece *now, double stretch, double stretc
 
 
 cdef inline Accelerations motion(const Piece *now, const Swing *at, double push) noexcept nogil:
-    """Return accelerations and forces (paper, eq. 8, 16, 17) under the contact force `push`, N (`now.push`: acceleration)."""
+    """Return accelerations and forces (paper, eq. 8, 16, 17) under the contact force `push`, N."""
     cdef Accelerations move
     cdef const RobotNow *robot = &at.robot
     cdef double flange_rate
@@ -113,7 +113,7 @@ cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept n
 
 
 cdef inline Gradient flange_gradient(const Piece *now, const Swing *at, const Gradient *pull, double T) noexcept nogil:
-    """Return derivatives of force / mass of a separate flange, from the coupling's force T (N) and derivatives `pull`."""
+    """Return derivatives of the acceleration of a flange under the coupling's force T (N); `pull`: those of T."""
     cdef const RobotNow *robot = &at.robot
     cdef RobotSlopes slopes = robot_slopes(&now.robot, now.place, at.x_r)
     cdef double m = robot.mass, force = -robot.stiffness * at.q - robot.damping * at.q_dot - T

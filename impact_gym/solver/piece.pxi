@@ -12,16 +12,16 @@ cdef struct Piece:
     const Law *law
     int width  # number of components of the scaled state
     Units units
-    bint analytic  # the equations are polynomials (see `contact.pxi`); steps use the Taylor series of their solution
+    bint analytic  # the equations are polynomials (see `contact.pxi`); steps can use Taylor series
     bint flying  # in flight: the first component is penetration / unit of length instead of z, and s is time
     const Contact *grip  # the contact law
-    Contact contact  # the contact law, without force while the surfaces part faster than they recover
+    Contact contact  # the contact law; its force is kept at 0 while it would be a pull
     bint rough  # whether there is friction under the object
     int object_state
     double friction  # mu m_p g / F0
     double ground  # scaled deceleration by friction of an object that slides
     double standstill  # scaled backward speed at which an object that slides has come to rest
-    double share  # relative acceleration by the contact force / its value for an object that slides
+    double share  # relative acceleration by the contact force / that of an object that slides
     double tolerance  # -, local error allowed in a step
     double threshold  # alarm threshold / F0
     double horizon  # scaled time until the end of the piece
@@ -72,12 +72,12 @@ cdef inline double tool_position(const Chain *chain) noexcept nogil:
 
 
 cdef inline double flange_velocity(const Law *law, const Chain *chain) noexcept nogil:
-    """Return the velocity of the flange itself, m/s; `chain.flange_velocity` is the imposed velocity."""
+    """Return the velocity of the flange itself, m/s; `chain.flange_velocity` is imposed."""
     return tool_velocity(chain) if law.with_tool else chain.flange_velocity + chain.flange_offset_rate
 
 
 cdef inline double flange_position(const Law *law, const Chain *chain) noexcept nogil:
-    """Return the position of the flange itself, m; `chain.flange_position` is the imposed position."""
+    """Return the position of the flange itself, m; `chain.flange_position` is imposed."""
     return tool_position(chain) if law.with_tool else chain.flange_position + chain.flange_offset
 
 

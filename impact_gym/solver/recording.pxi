@@ -1,4 +1,4 @@
-"""Record finished contacts and trace points. Rows that do not fit into the arrays are counted, but not stored."""
+"""Record contacts and trace points. Rows that do not fit into an array are counted, except in an empty trace."""
 
 
 cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil:

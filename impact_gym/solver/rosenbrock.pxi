@@ -1,4 +1,4 @@
-"""The L-stable 5(4) pair Rodas5P, for stiff pieces: a slow contact under a push, an overdamped spring, or a hard stop.
+"""The L-stable 5(4) pair Rodas5P, for stiff pieces, such as a slow contact under a push or an overdamped spring.
 
 A step of a Rosenbrock method needs no iteration, but inverts one matrix, I / (gamma h) - J with the exact Jacobian J.
 Coefficients: Steinebach, BIT Numerical Mathematics 63:27 (2023), in the form of Hairer, Wanner, Solving Ordinary

@@ -1,10 +1,10 @@
 """Steps by Taylor series, for analytic pieces: `taylor.h` computes the series; this file chooses and takes the step."""
 
 cdef enum:
-    LAST_ORDERS = 3  # number of highest orders for the radius of convergence; without damping, from z = 0, two of five orders are 0
+    LAST_ORDERS = 3  # number of highest orders that give the radius of convergence; some orders can be 0
 
-cdef double LEFT_OUT = 0.05  # truncation error / local error allowed; small, because the errors of a contact's steps add up
-cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error; small, because the errors of several contacts add up
+cdef double LEFT_OUT = 0.05  # allowed truncation error / allowed local error; small, because a contact's errors add up
+cdef double MOST_LEFT_OUT = 2e-8  # largest allowed truncation error: the errors of several contacts add up
 cdef double TOO_STEEP = 1e30  # mean square of coefficients above which the explicit pair takes over
 
 
@@ -23,7 +23,7 @@ cdef void expand(const Piece *now, Work *work) noexcept nogil:
 
 
 cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil:
-    """Return the step with the allowed truncation error, if coefficients of order k are proportional to radius^-k."""
+    """Return the step with the allowed truncation error, if coefficients decay as radius^-order; 0: too steep."""
     cdef float inverse_radius = -7.0  # its logarithm, at least -7: the last orders can be 0 or underflow
     cdef double[PLACES] weight
     cdef double squares, left_out = min(LEFT_OUT * now.tolerance, MOST_LEFT_OUT)
@@ -58,7 +58,7 @@ cdef void evaluate(const Piece *now, const Work *work, double h, double *x, doub
 
 
 cdef double fastest(const Piece *now, const double *x, const double *rate) noexcept nogil:
-    """Return the larger eigenvalue, of the contact alone or of the spring alone, in an analytic piece at `x`."""
+    """Return the larger absolute eigenvalue, of the contact alone or of the spring alone, in an analytic piece."""
     cdef double z = x[ROOT], force, spring = 0.0
     if now.law.kind == SPRING:
         spring = z * largest_root(-now.pull_y_dot, -now.pull_y)

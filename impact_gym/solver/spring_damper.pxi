@@ -121,7 +121,7 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
 
 
 cdef double within_reach(const Glide *glide, double now) noexcept nogil:
-    """Return a time before which no touch is possible (inf: never), as |z| stays within the present hypot(z, z' / omega)."""
+    """Return a time (s) before which no touch is possible (inf: never), by |z| <= hypot(z, z' / omega) at `now`."""
     cdef double gap, swing, closed, z = glide.position, z_dot = glide.velocity
     if now > 0.0:
         z, z_dot = free_decay(glide.frequency, glide.damping_ratio, z, z_dot, now)

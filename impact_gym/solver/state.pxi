@@ -39,7 +39,7 @@ cdef struct Interval:  # a robot table of one interval
 
 cdef struct Law:  # the simplest chain equivalent to the mount
     int64_t kind  # RIGID, SPRING or INTEGRATED
-    double tool_mass  # kg; in a RIGID or SPRING chain it includes the robot mass that moves with the tool
+    double tool_mass  # kg; in a SPRING chain it includes the robot mass that moves with the tool
     double frequency  # rad/s, omega of a SPRING chain
     double damping_ratio  # -, zeta of a SPRING chain
     int64_t coupled  # of an INTEGRATED chain: 1 if a spring couples tool and flange, 0 if they are one mass
@@ -58,13 +58,13 @@ cdef struct Law:  # the simplest chain equivalent to the mount
 cdef struct Memory:  # step control of a contact or a flight, kept between steps
     double step  # next trial step
     int64_t method  # of the next step: EXPLICIT or STIFF
-    int64_t seen  # attempts by this method; if it is explicit, after `patience` only attempts near the limit of stability
+    int64_t seen  # attempts by this method; after `patience` explicit attempts, only those near the limit of stability
     int64_t patience  # attempts before stiffness is checked
     int64_t rejected  # 1 if the last attempt was rejected
-    double log_before  # log of the error of the last accepted attempt
+    double log_before  # log of the last accepted error of the explicit pair, at least -9
 
 
-cdef struct Chain:  # of a row: state of motion, and results so far
+cdef struct Chain:  # state of motion, and results so far
     double time  # s
     double flange_position  # m, of the imposed motion; with a rigid robot also of the flange
     double flange_velocity  # m/s, of the imposed motion
@@ -80,7 +80,7 @@ cdef struct Chain:  # of a row: state of motion, and results so far
 
     # the present contact
     int64_t touching  # 0 or 1
-    int64_t holding  # 0 while there is no force, because the surfaces part faster than they recover; else 1
+    int64_t holding  # 0 while the contact force is kept at 0, because it would be a pull; else 1
     Units units
     double start  # s, start of the contact; fields named start_... are values at this time
     double approach_velocity  # m/s
@@ -100,16 +100,16 @@ cdef struct Chain:  # of a row: state of motion, and results so far
     # results so far
     int64_t contacts
     double first_contact  # s, inf if none yet
-    double detection  # s, inf if none yet
+    double detection  # s, when the contact force first exceeded the threshold; inf if not yet
     double peak_force  # N
     double peak_object_velocity  # m/s, with friction
     double object_rest_time  # s, when the object last came to rest
-    double tool_rest_time  # s, since when the tool counts as at rest, see `reach_at_rest`; inf: not at rest, or no friction
+    double tool_rest_time  # s, since when the tool counts as at rest; inf: not at rest, or no friction
     double slide  # m, with friction: distance from the object's first to its last position
-    double rest_time  # s, with friction: from when on object and tool are at rest; inf if the tool is not
+    double rest_time  # s, with friction: when object and tool are both at rest; inf if the tool is not
     double unread_force  # N, largest contact force since the last call of `take_peak`
-    double coupling_impulse  # N s, sum over the finished contacts (paper, eq. 21)
-    double momentum_error  # -, largest momentum error of the finished contacts (paper, eq. 20)
+    double coupling_impulse  # N s, sum over the recorded contacts (paper, eq. 21)
+    double momentum_error  # -, largest of the recorded contacts (paper, eq. 20)
     int64_t steps  # integration steps, rejected ones included
     int64_t logged  # rows of the contact log, including those that did not fit
     int64_t traced  # rows of the trace, including those that did not fit
@@ -142,7 +142,7 @@ cdef struct Recorder:  # arrays for contacts and trace; empty ones record nothin
     TraceRow *trace
     double *snaps  # s, times at which a slider passes its alignment
     int64_t contact_rows, trace_rows, snap_rows
-    double interval  # s, between two points of a trace in flight
+    double interval  # s, largest time between two points of a trace in flight
 
 
 cdef extern from "solver/taylor.h" nogil:
@@ -182,7 +182,7 @@ cdef struct Run:  # what the functions of the solver need in a run
     Contact contact
     double object_mass  # kg
     double ground  # m/s^2, mu g, deceleration of an object that slides; 0 without friction
-    double threshold  # N, threshold of the contact alarm; inf if there is no alarm
+    double threshold  # N, of the contact alarm or the brake; inf: none
     bint tell_touch  # whether `command` returns at the first touch
     double tolerance  # -, local error allowed in a step, in the piece's units
     int64_t max_steps

@@ -1,21 +1,21 @@
 """One step of the integrator: by a Taylor series, by the explicit pair DOP853, or by the L-stable pair Rodas5P.
 
 In an analytic piece (see `Piece`) a step uses a Taylor series (`series.pxi`), otherwise the explicit pair. Stiffness is
-detected from h lambda, with the step h and the largest eigenvalue lambda. For the explicit pair this is as in Hairer's code:
-the last two stages are at the same time, and their rates differ by about lambda times the difference of their states. Near the
+detected from h lambda, with the step h and the largest eigenvalue lambda. The explicit pair has, as in Hairer's code,
+two last stages at the same time; their rates differ by about lambda times the difference of their states. Near the
 limit of stability, h lambda about 6, the error estimate keeps h short. After repeated attempts near this limit the L-stable
 pair is used. Every TRY stiff steps the series or the explicit pair is tried again, and kept if it succeeds.
 """
 
 cdef enum:
     EXPLICIT, STIFF, SERIES
-    UNCHECKED = 25  # attempts before stiffness is checked; most pieces need fewer
+    UNCHECKED = 25  # attempts before stiffness is checked
     REPEATED = 10  # attempts near the limit of stability before the change to the L-stable pair
     TRY = 10  # stiff steps between two trials of the explicit pair
     IN_VAIN = 2  # if the explicit pair succeeds within so many trials, the L-stable pair was not needed
     MOST = 16 * UNCHECKED  # largest number of attempts before stiffness is checked
 
-cdef double NEAR = 3.5  # h lambda above this is near the limit of 6, where it alternates between about 4 and 7
+cdef double NEAR = 3.5  # h lambda near the limit of 6 alternates between about 4 and 7
 
 
 cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
@@ -33,7 +33,7 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
     """Return the factor by which to change `h`, and choose the next step's method; an `error[0]` above 1 rejects the step."""
     cdef Memory *memory = &work.memory
     memory.seen += 1
-    if work.method != STIFF and memory.method == STIFF:  # a trial of the explicit pair; unstable steps can have small errors
+    if work.method != STIFF and memory.method == STIFF:  # a trial; unstable steps can have small errors
         if error[0] > 1.0 or h * apparent_eigenvalue(now, work) > NEAR:
             memory.seen, error[0] = 0, 2.0
             return 1.0
@@ -48,7 +48,7 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
 
 
 cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
-    """Choose the method of the step; in a stiff piece every TRY-th is explicit. A new series sets `h`."""
+    """Choose the method of the step: every TRY-th stiff step is a trial. Unless stiff, a series sets or limits `h`."""
     cdef const Memory *memory = &work.memory
     cdef bint stiff = memory.method == STIFF, known = work.expanded
     work.method = STIFF if stiff and (memory.seen == 0 or memory.seen % TRY != 0) else EXPLICIT
@@ -63,7 +63,7 @@ cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
 
 
 cdef double step_factor(Work *work, double error) noexcept nogil:
-    """Return the factor by which to change the step; for the explicit pair with Hairer's stabilisation by the previous error."""
+    """Return the factor by which to change the step; an accepted explicit step also uses the error before (Hairer)."""
     cdef float factor, log_error  # single precision is enough for the length of a step
     cdef Memory *memory = &work.memory
     if work.method == SERIES:
@@ -96,7 +96,7 @@ cdef void probe(const Piece *now, Work *work, double h, double share) noexcept n
 
 
 cdef void probe_exactly(const Piece *now, Work *work, double h, double share) noexcept nogil:
-    """As `probe`, but by a step that ends there."""
+    """As `probe`, but by a step that ends at this fraction."""
     cdef Work other
     if work.method == SERIES:
         evaluate(now, work, share * h, work.probe, work.probe_rate)

@@ -1,13 +1,13 @@
 /* The Taylor series of a contact with m = n = 3/2 and a tool that is fixed or on one spring and damper.
 
 Its scaled equations (`physics/contact.pxi`) are sums of products of z, w, y and v. So the coefficients of order k + 1
-follow from those up to order k by Cauchy products, of which there are five: z y, z v, z^2, z^4 and z^4 w. See Jorba and
+follow from those up to order k by five Cauchy products: z y, z v, z^2, z^4 and z^4 w. See Jorba and
 Zou, A software package for the numerical integration of ODEs by means of high-order Taylor methods (Experimental
 Mathematics 14, 2005).
 
-This file is C because Cython has neither pairs of numbers in one register, here products with a common factor, nor
-unrolled loops, which take a quarter of the time. In each sum the term of the highest order is added last, so that the
-other terms are summed before this order is known. */
+This file is C because Cython has neither pairs of numbers in one register (here products with a common factor) nor
+unrolled loops. In each sum the term of the highest order is added last, so that the other terms are summed before this
+order is known. */
 
 typedef double Pair __attribute__((vector_size(16)));
 typedef double Stored __attribute__((vector_size(16), aligned(8), may_alias));
@@ -18,9 +18,9 @@ enum {
 };
 
 typedef struct {
-    double held, damping; /* the impulse grows by z^4 (held + damping w) */
-    double share, ground; /* w' = pull + ground z - share times that */
-    double tool_share, push; /* v' = pull - push z - tool_share times that */
+    double held, damping; /* impulse' = z^4 (held + damping w) */
+    double share, ground; /* w' = pull + ground z - share impulse' */
+    double tool_share, push; /* v' = pull - push z - tool_share impulse' */
     double pull_y, pull_y_dot; /* pull = z (pull_y y + pull_y_dot v) */
 } Polynomial;
 
@@ -39,7 +39,7 @@ static void expand_polynomial(const Polynomial *law, const double *x, double (*s
 #pragma GCC unroll 16
     for (int k = 0; k < ORDER; k++) {
         const double part = 1.0 / (k + 1), z = zw[k][0], w = zw[k][1];
-        Pair of_z = {0.0, 0.0}, of_b = {0.0, 0.0}; /* z y and z v; z^2 and b w, but for the first and last terms */
+        Pair of_z = {0.0, 0.0}, of_b = {0.0, 0.0}; /* z y and z v; z^2 and b w; without the first and last terms */
         double of_a = 0.0, b, impulse, pull;
         if (k % 2 == 0 && k > 0) {
             of_z = zz[k / 2] * yv[k / 2];

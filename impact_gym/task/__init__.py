@@ -1,4 +1,4 @@
-"""The task: the environment's arguments, and action, observation, reward and random draws of an episode."""
+"""The environment's arguments; action, observation, reward and random draws of an episode."""
 
 from impact_gym.quantities import QUANTITIES, Quantity
 from impact_gym.task.action import ActionSpec

@@ -1,4 +1,4 @@
-"""The numbers of an action, and their conversion from [-1, 1] to SI units and back."""
+"""The numbers of an action: conversion from [-1, 1] to SI units and back."""
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -10,7 +10,7 @@ from impact_gym.kernels import ACTION, FASTEST_WITHDRAWAL
 if TYPE_CHECKING:
     from impact_gym.task.task import Task
 
-RESOLUTION = 1e-6  # m/s or m/s^2; values are rounded to its multiples: a float32 action can give exactly 8 m/s^2
+RESOLUTION = 1e-6  # m/s or m/s^2; values are rounded to its multiples, so a float32 action can give exactly 8 m/s^2
 
 
 class Action(NamedTuple):
@@ -25,7 +25,7 @@ class Action(NamedTuple):
 
 
 class ActionSpec:
-    """The numbers of an action: velocity and acceleration; with an operator, gain, acceleration and withdrawal."""
+    """The numbers of an action, and their conversion."""
 
     def __init__(self, task: "Task") -> None:
         velocity = Action("velocity", "m/s", *task.velocity_range, "velocity to go to")
@@ -53,7 +53,7 @@ class ActionSpec:
         return (2.0 * (stacked - self._low) / (self._high - self._low) - 1.0).astype(np.float32)
 
     def to_kernel(self) -> NDArray[Any]:
-        """Return the entries for the compiled program (3,), ACTION; unused rows are zeros."""
+        """Return the entries as an array (3,) of ACTION, for the compiled program; unused rows are zeros."""
         rows = np.zeros(3, ACTION)
         rows[: len(self)] = [(entry.low, entry.high, entry.resolution) for entry in self.entries]
         return rows

@@ -1,15 +1,15 @@
-"""The contact alarm: when it reaches the controller, how long it lasts, and when it ends an episode.
+"""The contact alarm, and the end of an episode after a contact.
 
-A switch at the tool raises the alarm once, a reaction delay after the contact force first exceeds the threshold. With
-`alarm="reading"` a force reading above the threshold raises the alarm on arrival. This alarm ends after the time
-`after_alarm`, and can be raised again.
+With `alarm="force"` a switch at the tool raises the alarm once, a reaction delay after the contact force first exceeds
+the threshold. With `alarm="reading"` a force reading above the threshold raises the alarm on arrival. This alarm ends
+after the time `after_alarm`, and can be raised again.
 """
 
 cdef double ROUNDING = 1e-9  # s; smaller differences between times are rounding errors
 
 
 cdef inline double alarm_time(const Row *row) noexcept nogil:
-    """Return the time at which the switch's alarm reaches the controller, s; inf before the force exceeds the threshold."""
+    """Return when the switch's alarm reaches the controller, s; inf before the force has exceeded the threshold."""
     return row.chain.detection + row.episode.drawn.reaction_delay
 
 
@@ -18,7 +18,7 @@ cdef inline void raise_alarm(Episode *episode, double time) noexcept nogil:
 
 
 cdef void update_alarm(Row *row) noexcept nogil:
-    """At the end of a control step, raise the switch's alarm if due, or end a reading's alarm `after_alarm` after its start."""
+    """At the end of a control step, raise a switch's alarm, or end a reading's alarm, if due."""
     cdef Episode *episode = row.episode
     if not row.task.alarm_by_reading:
         if row.chain.time >= alarm_time(row):
@@ -28,7 +28,7 @@ cdef void update_alarm(Row *row) noexcept nogil:
 
 
 cdef inline double end_time(const Row *row, double detection) noexcept nogil:
-    """Return the latest end of an episode, s, if the contact force first exceeds the threshold at `detection`, s (inf: never)."""
+    """Return the latest end of an episode, s; the force first exceeds the threshold at `detection`, s (inf: never)."""
     if isinf(detection) or row.task.operator_kind:
         return row.task.horizon
     return detection + row.episode.drawn.reaction_delay + row.task.after_alarm

@@ -24,7 +24,7 @@ cdef double normal(const double *uniform) noexcept nogil:
 
 
 cpdef double hashed(double seed, int64_t count) noexcept nogil:
-    """Return the `count`-th uniform number in [0, 1) of the stream with this `seed` (splitmix64, Steele et al. 2014)."""
+    """Return the uniform number `count`, in [0, 1), of the stream with this `seed` (splitmix64, Steele et al. 2014)."""
     cdef uint64_t z = <uint64_t> seed + <uint64_t> (count + 1) * <uint64_t> 0x9E3779B97F4A7C15
     z = (z ^ (z >> 30)) * <uint64_t> 0xBF58476D1CE4E5B9
     z = (z ^ (z >> 27)) * <uint64_t> 0x94D049BB133111EB
@@ -39,7 +39,7 @@ cdef inline double drawn_or(double fixed, double drawn) noexcept nogil:
 cdef Record draw_record(
     const Task *task, const Draw *draws, const double *uniforms, const Record *fixed
 ) noexcept nogil:
-    """Draw the numbers of an episode that are nan in `fixed`; see `Draw` for their uniform numbers."""
+    """Return the task's numbers. A number that the task draws is the one in `fixed` or, if this is nan, a new one."""
     cdef Record record = task.numbers
     cdef double *number = <double *> &record
     cdef const double *given = <const double *> fixed

@@ -46,15 +46,15 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
         chain.time, force, chain.peak_force, chain.deflection - chain.flange_offset
     )
     episode.pushed += 1
-    # The next reading is one `reaction_delay` before the next observation. The switch's alarm, which shifts the control steps,
-    # also arrives one `reaction_delay` after its cause, so the time of that observation is known early enough.
+    # Each reading is taken one `reaction_delay` before an observation. The switch's alarm shifts the control steps; the
+    # reading for the observation at the alarm is taken at the detection.
     if isinf(chain.detection) or row.task.operator_kind:
         last = row.task.horizon - delay
     else:
         last = chain.detection + row.task.after_alarm
     if not shifted:
         following = (floor((chain.time + delay + ROUNDING) / period) + 1.0) * period - delay
-        if chain.time < last - ROUNDING and last < following - ROUNDING:  # the episode ends with an observation
+        if chain.time < last - ROUNDING and last < following - ROUNDING:  # the next reading is for the last observation
             following = last
         episode.next_sample = following
     else:
@@ -63,7 +63,7 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
 
 
 cdef void receive(Row *row) noexcept nogil:
-    """Deliver the oldest reading in transit, with the sensor's errors; with `alarm="reading"` it can raise the alarm."""
+    """Deliver the oldest reading in transit, with errors of the force; with `alarm="reading"` it can raise the alarm."""
     cdef Episode *episode = row.episode
     cdef Sensors *sensors = &episode.sensors
     cdef const Reading *reading = &row.readings[episode.popped % row.slots]
@@ -88,7 +88,7 @@ cdef void receive(Row *row) noexcept nogil:
 
 
 cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
-    """Play a control step, and after the last one the end of the episode; return the reward, m/s."""
+    """Play a control step and, if the episode terminates, its end; return the reward, m/s."""
     cdef const Task *task = row.task
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
@@ -127,7 +127,7 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
 
 
 cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
-    """Move the flange to the end of the control step, and read the sensors; with an operator the link commands."""
+    """Simulate a control step, and read the sensors; with an operator, `flange_command` replaces `asked`."""
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
     cdef bint linked = row.task.operator_kind != NO_OPERATOR
@@ -144,14 +144,14 @@ cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
         if linked:
             process_events(row)
             asked = flange_command(row)
-            until = snap(min(until, max(next_event(row), chain.time)), end)  # an event at the end is processed after the loop
+            until = snap(min(until, max(next_event(row), chain.time)), end)  # an event at `end` is processed after the loop
         begun = chain.time
         status = command(run, chain, asked.velocity, asked.acceleration, until) if until > chain.time else ARRIVED
         if linked and chain.contacts == 0 or status == TOUCHED:
             add_to_withheld_share(row, chain.time - begun)
         if status < 0:
             episode.status = status
-            if not begun <= chain.time <= until:  # nan, or outside the step
+            if not begun <= chain.time <= until:  # the time is nan or outside the step
                 chain.time = until
             break
         if status == TOUCHED:

@@ -24,7 +24,7 @@ SHIPPED = Path(__file__).with_name("sets")
 
 @dataclass(frozen=True, eq=False)
 class EvaluationSet:
-    """A set of scenarios: for each number an array with its value in every scenario."""
+    """A set of scenarios: for each field an array of its values."""
 
     seed: int  # seed of the first scenario
     scenario: dict[str, NDArray[np.float64]]  # fields and units as in `ScenarioRanges`
@@ -36,7 +36,7 @@ class EvaluationSet:
 
 
 def load(name: str | Path) -> EvaluationSet:
-    """Return a shipped set by its name, or the set in a file; ValueError if the file is missing or was altered."""
+    """Return a shipped set by its name, or the set in a file; ValueError: the file is missing, altered or no set."""
     return parsed(named_file("evaluation set", name, SHIPPED, ".csv"), "evaluation set", _frozen)
 
 

@@ -12,7 +12,7 @@ Tree = Mapping[str, Any]
 
 
 def flatten(records: Tree, prefix: str = "") -> dict[str, float]:
-    """Return the floats in nested records or mappings by dotted path, in order."""
+    """Return the floats in nested records or mappings by dotted path; other values are left out."""
     numbers: dict[str, float] = {}
     for name, value in records.items():
         if isinstance(value, float):
@@ -37,7 +37,7 @@ def get(record: Any, path: str) -> Any:
 
 
 def replaced(record: Any, numbers: Mapping[str, Any]) -> Any:
-    """Return a copy of a record or a mapping of records, with the values in `numbers` at their dotted paths."""
+    """Return a copy of a record or mapping, with the values in `numbers` at their dotted paths."""
     groups = grouped(numbers).items()
     changes = {name: replaced(get(record, name), to) if isinstance(to, dict) else to for name, to in groups}
     return {**record, **changes} if isinstance(record, Mapping) else replace(record, **changes)
@@ -56,9 +56,9 @@ def grouped(numbers: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, dict[str, Range]]:
-    """Return the record (of a class in `kinds`) that `value` describes, and its ranges by dotted path.
+    """Return the record, of a class in `kinds`, that `value` describes, and its ranges by dotted path.
 
-    The record has the median (`Quantity.middle`) of each range. Each combination of the ranges' ends must be valid.
+    The record has the median of each range. Each combination of the ranges' ends must be valid.
     """
     if not isinstance(value, Mapping):
         return record_from(name, value, kinds), {}
@@ -72,9 +72,9 @@ def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[
 
 
 def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
-    """Return `value` if it is a record of an `allowed` class, or make one from a mapping of its fields and "type".
+    """Return `value` if it is of an `allowed` class, or the record that a mapping of fields and "type" describes.
 
-    "type" is the name of the class. It may be left out if only one class is allowed, or if the mapping has exactly the
+    "type", the name of the class, may be left out if only one class is allowed, or if the mapping has exactly the
     fields of one class (`EnvSpec.to_json` leaves "type" out).
     """
     if isinstance(value, allowed):

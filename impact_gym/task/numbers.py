@@ -1,4 +1,4 @@
-"""Generate `numbers.pxi`: structures of the compiled program, with fields from rows of `impact_gym.quantities`."""
+"""Generate `numbers.pxi`: structures of the compiled program, with fields from `impact_gym.quantities`."""
 
 from collections.abc import Iterable, Iterator
 

@@ -1,4 +1,4 @@
-"""Write the observation: the present values, each scaled as `task/observation.py` states."""
+"""Write the observation: the numbers that the task observes, each scaled as `task/observation.py` states."""
 
 cpdef enum:
     LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE  # functions applied to a number before scaling
@@ -27,7 +27,7 @@ cdef void observe(Row *row) noexcept nogil:
         value = values[entry.place]
         if entry.curve == LOGARITHM:
             if row.episode.control_steps > 0:
-                continue  # numbers on this scale do not change during an episode
+                continue  # numbers on a logarithmic scale stay the same during an episode
             value = log(value)
         elif entry.curve == LOGARITHM_OF_ONE_MORE and value != 0.0:
             value = log1p(value)

@@ -1,4 +1,4 @@
-"""Order and scales of the numbers of an observation, which are rows of `impact_gym.quantities`."""
+"""The numbers of an observation (rows of `impact_gym.quantities`), their order and scales."""
 
 import math
 from collections.abc import Callable, Container, Iterable, Sequence
@@ -38,12 +38,12 @@ class ObservationSpec:
     """The numbers of an observation, their order, and their conversion to SI units and back.
 
     `ids` and the rows `entries` are in the order of the observation: first the numbers for an actor (slice `actor`),
-    then the true values that `privileged` appends. A critic gets all numbers (slice `critic`). `sensors` has the ids of
-    the sensor values: "time", then the actor's other numbers without past readings and time weight.
+    then the true values that `privileged` appends. A critic gets all numbers (slice `critic`). `sensors` has the keys
+    of the environment's `sensors()`: "time", then the actor's other numbers except past readings and time weight.
     """
 
     def __init__(self, task: Task, drawn: Iterable[str] | None = None) -> None:
-        """Make the specification of `task`; `drawn`: ids of the drawn numbers for a critic, None: those of `task`."""
+        """Make the specification of `task`; `drawn`: ids of drawn numbers for a critic, None: `task.drawn`."""
         critic = {*(task.drawn if drawn is None else drawn)}
         entries = filter(None, (_entry(row, task, critic) for row in QUANTITIES.values()))
         self.entries = tuple(sorted(entries, key=lambda entry: entry.observed == "privileged"))
@@ -57,7 +57,7 @@ class ObservationSpec:
 
     @classmethod
     def of_rows(cls, tasks: Sequence[Task]) -> "ObservationSpec":
-        """Return the specification of a batch; in every row a critic gets all numbers that any task draws."""
+        """Return the specification of a batch; with `privileged`, each row has all numbers that any task draws."""
         drawn = {name for task in tasks for name in task.drawn}
         common = cls(tasks[0], drawn)
         for row, task in enumerate(tasks):
@@ -81,7 +81,7 @@ class ObservationSpec:
         return self.entries[self.index(name)].scale
 
     def decode(self, observation: ArrayLike, name: str) -> Floats:
-        """Return a number (...) in its unit, clipped to its scale, from observations (..., n_obs)."""
+        """Return a number (...) in its unit from observations (..., n_obs), which contain it clipped to its scale."""
         scale = self.scale(name)
         curve = CURVES[scale.curve]
         scaled = np.asarray(observation, np.float64)[..., self.index(name)]
@@ -98,7 +98,7 @@ class ObservationSpec:
         return np.clip(scale.scaled_low + gain * (curved - low), scale.scaled_low, 1.0)
 
     def to_kernel(self) -> NDArray[Any]:
-        """Return the observed numbers for the compiled program (n,), ENTRY."""
+        """Return the entries as an array (n,) of ENTRY, for the compiled program."""
         rows = []
         for name, scale in ((row.id, row.scale) for row in self.entries):
             offset, gain = affine(scale)
@@ -107,7 +107,7 @@ class ObservationSpec:
 
 
 def place(name: str) -> int:
-    """Return the index, counted in numbers, of an observed number in the compiled record EPISODE."""
+    """Return the index of an observed number among all numbers of the record EPISODE; -1: none."""
     return _PLACES.get(f"sensors.{name}", _PLACES.get(f"drawn.{name}", -1))
 
 
@@ -123,7 +123,7 @@ def _entry(row: Quantity, task: Task, drawn: Container[str]) -> Quantity | None:
         case "past_readings":
             sensor, _, before = row.id.rpartition("_")
             seen = int(before) <= task.past_readings and (sensor == "force" or task.deflection_sensor)
-        case "operator" | "range_sensor" | "range_noise":  # a noise of 0 means an exact estimate
+        case "operator" | "range_sensor" | "range_noise":  # `range_noise` 0: an exact estimate
             seen = getattr(task, row.observed) is not None
         case "observe_range_noise" | "deflection_sensor":
             seen = getattr(task, row.observed)
@@ -131,7 +131,7 @@ def _entry(row: Quantity, task: Task, drawn: Container[str]) -> Quantity | None:
             seen = row.observed == "always"
     hidden = row.observed == "privileged" or row.id in drawn
     if row.id == "time_since_touch":
-        hidden = task.alarm == "reading"  # else it equals the observed time since the alarm
+        hidden = task.alarm == "reading"  # with a switch it equals the time since the alarm
     if not (seen or (hidden and task.privileged)):
         return None
     words = f"{row.words} minus flange position" if row.from_flange else row.words

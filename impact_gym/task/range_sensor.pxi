@@ -1,6 +1,6 @@
-"""The range sensor reads the gap at every control step. The controller gets the newest reading that has arrived."""
+"""The range sensor reads the gap at every observation, which contains the newest reading that has arrived."""
 
-cdef int64_t RANGE_STREAM = 1 << 40  # first index of its random numbers in the noise seed's stream; force readings begin at 0
+cdef int64_t RANGE_STREAM = 1 << 40  # first index of range readings in the noise seed's stream; force readings begin at 0
 
 
 cdef void begin_range(Row *row) noexcept nogil:

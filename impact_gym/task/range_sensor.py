@@ -9,10 +9,9 @@ from impact_gym.parameters import Parameters
 class RangeSensor(Parameters, path="range_sensor"):
     """A proximity sensor on the tool, which measures the gap to the object.
 
-    At every control step the reading is normally distributed about gap + `bias`, with a standard deviation of `noise` +
-    `share` x gap; negative readings become 0. The fraction `dropout` of the readings is lost; the others reach the
-    controller `delay` later. Before the first reading has arrived, range and age are infinite. In a dict a number may
-    be a pair (low, high), from which each episode draws.
+    At every control step a reading is drawn from a normal distribution with mean gap + `bias` and standard deviation
+    `noise` + `share` x gap; a negative reading becomes 0. The fraction `dropout` of the readings is lost; the others
+    reach the controller `delay` later. Before the first arrival, range and age are infinite.
     """
 
     noise: float = 0.0  # m

@@ -1,4 +1,4 @@
-"""The ranges from which an episode draws its scenario, and named sets of ranges."""
+"""Ranges of a scenario, and named sets of ranges."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields

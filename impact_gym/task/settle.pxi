@@ -7,7 +7,7 @@ cdef inline double v_p(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
-    """End an episode: call `settle` if the object was touched, and write the last step's reward terms except time."""
+    """Call `settle` after a touch, unless the solver failed; write results, and reward terms except time."""
     cdef Episode *episode = row.episode
     if episode.status == 0 and row.chain.contacts > 0:
         episode.status = settle(run, row)
@@ -23,7 +23,7 @@ cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
 
 
 cdef int settle(Run *run, Row *row) noexcept nogil:
-    """Brake the flange to rest, then simulate until `is_over`; return UNSETTLED if a contact is possible at the settle limit."""
+    """Return ARRIVED, UNSETTLED at the settle limit, or the status of a failed solver."""
     cdef Chain *chain = row.chain
     cdef double limit = chain.time + row.task.settle_limit, deceleration = row.task.full_deceleration, brake_end
     cdef double pause = REST_STEP if run.ground > 0.0 else 0.05
@@ -49,13 +49,13 @@ cdef inline bint has_stuck(const Chain *chain, double since) noexcept nogil:
 
 
 cdef bint is_over(const Run *run, const Chain *chain) noexcept nogil:
-    """Return whether V_p is final and, with friction, the tool is at rest; it may still touch an object that sticks."""
+    """Return whether V_p is final and, with friction, the tool is at rest."""
     if chain.flange_velocity != 0.0:
         return False
     if run.ground == 0.0:
         return not chain.touching and cannot_touch(run, chain)
     if isinf(chain.tool_rest_time):
         return False
-    if chain.touching or chain.peak_object_velocity > 2.0 * REST_SPEED:  # more than a tool at rest can cause
+    if chain.touching or chain.peak_object_velocity > 2.0 * REST_SPEED:  # a tool at rest cannot make the object so fast
         return True
     return reach_at_rest(run, chain) < -chain.penetration or cannot_touch(run, chain)

@@ -27,7 +27,7 @@ MISSED_COST = 2.0  # m/s
 SETTLE_LIMIT = 10.0  # s, longest simulation after the end of an episode
 MOST_STEPS = 2**53  # largest value of `max_episode_steps`
 PLACES = places(RECORD)
-"""For each number of an episode, by id, its index in the compiled record RECORD."""
+"""Index of each number of an episode, by id, in the compiled record RECORD."""
 MOUNT_IDS = tuple(row.id for row in SET_UP if row.id.partition(".")[0] in ("tool_mass", "coupling", "robot"))
 
 PARTS: Mapping[str, tuple[Any, ...]] = {
@@ -38,7 +38,7 @@ PARTS: Mapping[str, tuple[Any, ...]] = {
 
 
 def argument(default: Any, words: str) -> Any:
-    """Return a field of `Task`; the documentation describes it by `words`."""
+    """Return a field of `Task`; `words` describes it in the documentation."""
     return field(default=default, metadata={"words": words})
 
 
@@ -46,8 +46,8 @@ def argument(default: Any, words: str) -> Any:
 class Task:
     """The checked arguments of all environment classes.
 
-    A number of the set-up may be given as a pair (low, high), from which each episode draws. Then `drawn` has the pair,
-    and the field has the median of the draw.
+    A number of the set-up may be a pair (low, high), from which each episode draws. Then `drawn` has the pair, and the
+    field has the median. But the fields `time_weight` and `reaction_delay` keep a pair.
     """
 
     scenario: Any = argument("train", '"train", "test", "hard", a `ScenarioRanges` or a dict of ranges')
@@ -86,18 +86,18 @@ class Task:
     downlink: Any = argument(None, "`Channel` of the operator's view, or a dict; None: without delay or loss")
     max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
 
-    drawn: Mapping[str, Range] = field(init=False, hash=False)  # ranges by id, in the order of SET_UP
+    drawn: Mapping[str, Range] = field(init=False, hash=False)  # ranges of numbers of the set-up, by id
     link: Link | None = field(init=False, repr=False, compare=False, default=None)  # None without an operator
     _given: Mapping[str, Any] = field(init=False, repr=False, compare=False)
 
     def __new__(cls, **given: Any) -> Self:
-        """Keep the arguments as given; the method `arguments` returns them."""
+        """Keep the arguments as given, for the method `arguments`."""
         self = super().__new__(cls)
         self._put("_given", {name: {**value} if isinstance(value, dict) else value for name, value in given.items()})
         return self
 
     def __post_init__(self) -> None:
-        drawn: dict[str, Range] = {}  # an argument may be None only if that is its default
+        drawn: dict[str, Range] = {}  # `checked`: only an argument with the default None may be None
         checked = [name for name in ARGUMENTS if getattr(Task, name) is not None or getattr(self, name) is not None]
         self._put("scenario", ScenarioRanges.of(self.scenario))
         for name, kinds in PARTS.items():
@@ -134,7 +134,7 @@ class Task:
 
     @classmethod
     def of(cls, field: str, given: Any, *others: str) -> "Task":
-        """Return the task with the arguments `given`; messages call them `field`, and list `others` as allowed."""
+        """Return the task with the arguments `given`. For an unknown one, the message lists `others` too."""
         one_of(field, given, Mapping)
         if unknown := [name for name in given if name not in ARGUMENTS]:
             allowed = ", ".join([*others, *ARGUMENTS])
@@ -146,7 +146,7 @@ class Task:
         return dict(self._given)
 
     def by_path(self) -> dict[str, Any]:
-        """Return the arguments except the scenario, and the parts of their records, by dotted path; ranges as given."""
+        """Return the arguments except the scenario, and the fields of records, by dotted path; ranges as given."""
         values = {name: self._given.get(name, getattr(self, name)) for name in ARGUMENTS if name != "scenario"}
         parts = {name: self._parts(name) for name in PARTS if getattr(self, name) is not None}
         return values | {f"{name}.{part}": value for name, its in parts.items() for part, value in its.items()}
@@ -155,13 +155,13 @@ class Task:
         """Return a copy of the task with other arguments, or parts of arguments, at these dotted paths."""
         arguments = self.arguments()
         for name, value in grouped(by_path).items():
-            if name not in by_path:  # then paths of its parts are in `by_path`
+            if name not in by_path:  # `by_path` has paths of its parts
                 value = {"type": type(getattr(self, name)).__name__, **self._parts(name), **value}
             arguments[name] = value
         return Task(**arguments)
 
     def _parts(self, name: str) -> dict[str, Any]:
-        """Return the fields, except None, of the record in the argument `name`; fields of a mapping as given."""
+        """Return the fields of the record in the argument `name` that are not None; fields of a mapping as given."""
         given = self._given.get(name)
         parts = asdict(getattr(self, name)) | (dict(given) if isinstance(given, Mapping) else {})
         return {part: value for part, value in parts.items() if part != "type" and value is not None}
@@ -205,7 +205,7 @@ class Task:
         """Raise ValueError if `near` (m) is out of reach; return the reach in words."""
         way = f"in {self.horizon:g} s (horizon) the flange moves at most {self.reach:.3g} m"
         if near > self.reach:
-            raise ValueError(f"{field} must begin below {self.reach:.3g} m, got {near:g} m: {way}")
+            raise ValueError(f"{field} must not begin above {self.reach:.3g} m, got {near:g} m: {way}")
         return way
 
     @property
@@ -217,7 +217,7 @@ class Task:
 
     @property
     def ranges(self) -> dict[str, Range]:
-        """The ranges of scenario, reaction delay, time weight and drawn numbers, by id; low can equal high."""
+        """The ranges of scenario, reaction delay, time weight and the numbers in `drawn`, by id; low can equal high."""
         pairs = {name: getattr(self, name) for name in ("time_weight", "reaction_delay")}
         always = {name: pair if isinstance(pair, tuple) else (pair, pair) for name, pair in pairs.items()}
         return self.scenario.by_id() | always | dict(self.drawn)
@@ -241,14 +241,14 @@ class Task:
         return sorted(names | {name.partition(".")[0] for name in drawn})
 
     def at(self, record: Mapping[str, float]) -> "Task":
-        """Return the task with the numbers in `record`, an `info["record"]`, instead of ranges."""
+        """Return the task with numbers of `record`, an `info["record"]`, instead of the ranges in `drawn`."""
         return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
 
     def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
-        """Return the task as a record (1,), TASK; the fields of DRAW for each drawn number; the task's tables (n,).
+        """Return an array (1,) of TASK, the fields of DRAW for each draw, and the numbers (n,) of the task's tables.
 
-        The draws begin at index `first_draw` of all tasks' draws, and the tables at index `table_at` of all tables'
-        numbers.
+        `first_draw`: index of the first of these draws among the draws of all tasks. `table_at`: index of the first of
+        these numbers among the numbers of all tables.
         """
         held, no_table = mount_to_kernel(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)

@@ -1,11 +1,11 @@
-"""The channels between operator and arm: delay and loss of each packet, from random numbers or from a recorded trace."""
+"""Delay and loss of each packet on a channel, from random numbers or a recorded trace."""
 
 cpdef enum:
-    LONGEST_JITTER = 12  # random delays are at most this many times their mean
+    LONGEST_JITTER = 12  # largest random part of a delay / its mean
 
 
 cdef double chance(Row *row, int64_t stream, int64_t count) noexcept nogil:
-    """Return the `count`-th uniform number in [0, 1) of the episode's `stream`; stream 0 is for the force noise."""
+    """Return the `count`-th uniform number in [0, 1) of the episode's `stream`; 0: force, 1: range sensor."""
     return hashed(row.episode.drawn.noise_seed, (stream << 40) + count)
 
 
@@ -17,7 +17,7 @@ cdef double normal_chance(Row *row, int64_t stream, int64_t count) noexcept nogi
 
 cdef double delay_of(Row *row, const ChannelNumbers *channel, const Table *trace, int64_t stream, int64_t count,
                      double time) noexcept nogil:
-    """Return the delay (s) of a channel's `count`-th packet, sent at `time` (s): by the trace, or `delay` + a random time."""
+    """Return the delay (s) of packet `count`, sent at `time` (s): from the trace, else `delay` + a random time."""
     cdef double mean, begin
     if trace.points > 0:
         begin = chance(row, stream + 3, 0) * trace.length
@@ -36,7 +36,7 @@ cdef double mean_delay(const ChannelNumbers *channel, const Table *trace) noexce
 
 cdef bint is_lost(Row *row, const ChannelNumbers *channel, int64_t *was_lost, int64_t stream,
                   int64_t count) noexcept nogil:
-    """Return whether the `count`-th packet is lost: on average the fraction `loss`, `burst` in a row (Gilbert 1960)."""
+    """Return whether packet `count` is lost; bursts of losses have the mean length `burst` (Gilbert 1960)."""
     cdef double share = channel.loss
     if share == 0.0:
         return False
@@ -47,7 +47,7 @@ cdef bint is_lost(Row *row, const ChannelNumbers *channel, int64_t *was_lost, in
 
 
 cdef double look_up(const Table *table, const double *tables, double time) noexcept nogil:
-    """Return the value of a table at a time: linear between its points, constant outside them."""
+    """Return the value of a table at a time: linear between its points, constant before and after."""
     cdef const double *times = tables + table.begin
     cdef const double *values = times + table.points
     cdef int64_t low = 0, high = table.points - 1, middle

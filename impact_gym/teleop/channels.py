@@ -14,7 +14,7 @@ from impact_gym.parameters import Parameters
 from impact_gym.validation import numbers, rising, shown
 
 WAYS = ("uplink", "downlink")
-CUT = float(LONGEST_JITTER)  # random delays are at most this many times their mean
+CUT = float(LONGEST_JITTER)  # largest random part of a delay / its mean
 LOST = 1e6  # s, delay of a lost packet: longer than any episode
 USUAL_DELAY = 1.0  # s; a trace file with a median delay of at least this must state the unit
 TRACE_COLUMNS = {
@@ -29,16 +29,16 @@ class Channel(Parameters, path="uplink"):
 
     The receiver drops a packet that arrives after a newer one. The delay of a packet is `delay` plus an exponentially
     distributed random time, at most twelve times its mean. The mean is `tail` for the fraction `tail_share` of the
-    packets, and `jitter` for the others. A `trace` (rows of time and delay in s, or a CSV file of such rows) replaces
-    these delays. The trace is repeated, from a random time of the trace on. A packet is lost if the nearest row has the
-    delay `LOST`. Losses come in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
+    packets, and `jitter` for the others. A `trace` (rows of time and delay in s, or a CSV file of such rows) gives the
+    delays instead. Each episode begins at a random time of the trace, which repeats. A packet is lost if the nearest
+    row has the delay `LOST`. `loss` adds losses, in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
     """
 
     delay: float = 0.0  # s
     jitter: float = 0.0  # s
-    loss: float = 0.0  # -, fraction of all packets that is lost
+    loss: float = 0.0  # -, fraction of packets lost
     burst: float = 1.0  # -, mean number of losses in a row
-    timeout: float = 0.1  # s, of the uplink only: time without a newer command after which the arm stops
+    timeout: float = 0.1  # s, uplink only: the arm stops after this time without a newer command
     trace: Any = None
     tail: float = 0.0  # s
     tail_share: float = 0.0  # -
@@ -85,13 +85,13 @@ FIFTH_GENERATION = {
         (100, 70.0, 0.726, 0.0853, 0.0271), (299, 210.0, 0.893, 0.0162, 0.0108), (500, 406.0, 0.896, 0.0155, 0.0103),
     )
 }  # fmt: skip
-"""Channels of telesurgery over 5G (UVA-DSA/telesurgery-qos-analysis, arXiv 2603.06824), by their mean delay."""
+"""Channels of telesurgery over 5G (UVA-DSA/telesurgery-qos-analysis, arXiv 2603.06824), named by mean delay."""
 
 
 def columns_of(trace: Any) -> list[list[float]]:
-    """Return the times and delays (s) of a trace: rows of time and delay, or a CSV file.
+    """Return the times and the delays (s) of a trace, which is rows of both or a CSV file.
 
-    The times of a file are shifted to begin at 0 s. A packet whose delay is empty or infinite is `LOST`.
+    The times of a file are shifted to begin at 0 s, and an empty or infinite delay in a file becomes `LOST`.
     """
     wanted = f"Channel.trace must be rows of time and delay in s, or a CSV file of them, got {shown(trace)}"
     try:
@@ -101,8 +101,8 @@ def columns_of(trace: Any) -> list[list[float]]:
             delay = np.where(np.isnan(delay) | (delay == np.inf), LOST, delay)
             arrived = delay[delay < LOST]
             if " without a unit" in said and len(arrived) and np.median(arrived) >= USUAL_DELAY:
-                raise ValueError(f"its delays are {np.median(arrived):g} s in the median: are they in ms? If not, "
-                                 "write the unit into the header, delay (s)")  # fmt: skip
+                raise ValueError(f"its delays are {np.median(arrived):g} s in the median: are they in ms? "
+                                 "Write both units into the header, such as time (s), delay (s)")  # fmt: skip
             return [(time - time[0]).tolist(), delay.tolist()]
         rows = np.asarray(trace, np.float64).T
     except (OSError, TypeError, ValueError) as problem:

@@ -3,9 +3,9 @@
 cdef double WITHDRAWAL = 0.3  # m/s, fastest withdrawal
 cdef double FADE = 0.1  # s, time in which a withdrawal falls to 0
 FASTEST_WITHDRAWAL, WITHDRAWAL_FADE = WITHDRAWAL, FADE
-cdef double IDLE = 0.3  # s; the operator is done after commanding 0 for this time
-cdef double BESIDE = 5e-3  # m; the tool is done if gap or penetration is at most BESIDE, and the commanded speed at most STANDING
-cdef double STANDING = 0.01  # m/s
+cdef double IDLE = 0.3  # s; the operator has finished if the arriving command has been 0 again for this time
+cdef double BESIDE = 5e-3  # m, largest gap or penetration of a tool that has finished
+cdef double STANDING = 0.01  # m/s, largest commanded speed of such a tool
 
 
 cdef void begin_link(Row *row) noexcept nogil:
@@ -24,7 +24,7 @@ cdef void begin_link(Row *row) noexcept nogil:
 
 
 cdef double send_display(Row *row) noexcept nogil:
-    """Send a packet to the display; return its arrival time, s. After a touch, set when a model of an operator stops."""
+    """Send a packet to the display; return its arrival, s (inf: lost). After a touch, set `stop` of an operator's model."""
     cdef Link *link = row.link
     cdef const ChannelNumbers *channel = &row.episode.drawn.downlink
     cdef double now = row.chain.time
@@ -38,7 +38,7 @@ cdef double send_display(Row *row) noexcept nogil:
 
 
 cdef void send(Row *row, bint regular) noexcept nogil:
-    """Send a command, which may be lost; at a `regular` tick the arm also sends a packet to the display."""
+    """Send a command, which may be lost; if `regular`, the arm also sends a packet to the display."""
     cdef Link *link = row.link
     cdef Chain *chain = row.chain
     cdef const ChannelNumbers *channel = &row.episode.drawn.uplink
@@ -54,7 +54,7 @@ cdef void send(Row *row, bint regular) noexcept nogil:
 
 
 cdef void receive_commands(Row *row) noexcept nogil:
-    """Receive the commands that have arrived; use the command that was sent last, and drop the others."""
+    """Use the command that was sent last among all that have arrived, and drop the others."""
     cdef Link *link = row.link
     cdef Packet *packet
     cdef double now = row.chain.time + ROUNDING, age
@@ -106,7 +106,7 @@ cdef void process_events(Row *row) noexcept nogil:
 
 
 cdef Command flange_command(Row *row) noexcept nogil:
-    """Return the flange's command: gain * operator's command - withdrawal; a stop if the operator's is 0 or expired."""
+    """Return the flange's command: gain * `command` - withdrawal, clipped; a stop if `command` is 0 or expired."""
     cdef Link *link = row.link
     cdef const Task *task = row.task
     cdef Command sent = Command(0.0, task.full_deceleration)
@@ -119,7 +119,7 @@ cdef Command flange_command(Row *row) noexcept nogil:
 
 
 cdef void assist(Row *row, double gain, double acceleration, double withdrawal) noexcept nogil:
-    """Set the action of a control step, in SI units; `after_alarm` (s) after an alarm the withdrawal begins to fade."""
+    """Set the assistance; its withdrawal is 0 before an alarm, and begins to fade `after_alarm` after the last one."""
     cdef double since
     row.link.gain, row.link.acceleration = gain, acceleration
     row.link.withdrawal = 0.0
@@ -146,7 +146,7 @@ cdef void observe_link(Row *row) noexcept nogil:
 
 
 cdef bint task_done(Row *row) noexcept nogil:
-    """Return whether the operator stopped before a touch, or the object rests and operator or tool is done."""
+    """Return whether the object rests and the operator has finished or, after a touch, the tool has."""
     cdef Chain *chain = row.chain
     cdef bint idle = chain.time >= row.link.idle_since + IDLE - ROUNDING
     if chain.contacts == 0:

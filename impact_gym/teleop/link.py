@@ -1,4 +1,4 @@
-"""The link of a task: its operator and its two channels, and their checks."""
+"""The link of a task, and its checks."""
 
 import math
 from collections.abc import Mapping
@@ -12,8 +12,8 @@ from impact_gym.teleop.channels import LOST, WAYS, Channel
 from impact_gym.teleop.operators import KINDS, Operator
 from impact_gym.validation import Range
 
-LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # in control periods, in s; the longer time limits a trace's median spacing
-FADE: float = WITHDRAWAL_FADE  # s, time in which a withdrawal is reduced to 0
+LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # in control periods, in s; a trace's median spacing is at most the longer
+FADE: float = WITHDRAWAL_FADE  # s, time in which a withdrawal falls to 0
 
 
 class Link(NamedTuple):
@@ -22,10 +22,10 @@ class Link(NamedTuple):
     operator: Operator
     uplink: Channel
     downlink: Channel
-    drawn: Mapping[str, Range]  # numbers that episodes draw, by dotted path
+    drawn: Mapping[str, Range]  # ranges from which episodes draw, by dotted path
 
     def ends(self, part: str, name: str) -> Range:
-        """Return least and largest value of the number `name` of a `part` (operator or channel); 0 if it has none."""
+        """Return least and largest value of `name` in `part`, the operator or a channel; 0, 0: no such number."""
         value = getattr(getattr(self, part), name, 0.0)
         return self.drawn.get(f"{part}.{name}", (value, value))
 
@@ -60,11 +60,11 @@ class Link(NamedTuple):
             raise ValueError(f"{way}.{of} must be below the horizon, {horizon:g} s, got {late:g} s{note}")
         apart = float(np.median(np.diff([time for time, _ in channel.trace]))) if channel.trace else 0.0
         if apart > (most := max(LONGEST_SPACING * control_period, SLOWEST_PING)):
-            raise ValueError(f"{way}.trace must have a packet each {most:g} s or more often with a control period of "
-                             f"{control_period:g} s, got one each {apart:g} s: is it in ms?")  # fmt: skip
+            raise ValueError(f"{way}.trace must have packets at most {most:g} s apart, in the median, with a control "
+                             f"period of {control_period:g} s, got {apart:g} s: is it in ms?")  # fmt: skip
 
     def to_kernel(self, record: NDArray[Any], begin: int) -> list[NDArray[np.float64]]:
-        """Write operator kind and table places, from index `begin` on, into a record (1,), TASK; return the tables."""
+        """Write operator kind and places of tables, from `begin` on, into `record` (1,), TASK; return the tables."""
         record["operator_kind"] = KINDS[type(self.operator)]
         tables = [getattr(self.operator, "table", np.empty(0)), self.uplink.table, self.downlink.table]
         for name, points in zip(("replay", *WAYS), tables, strict=True):
@@ -78,7 +78,7 @@ class Link(NamedTuple):
         return tables
 
     def packets(self, horizon: float, control_period: float) -> int:
-        """Return how many packets must be stored: those in transit, and those not yet seen by the operator."""
+        """Return how many packets to store: packets in transit, and packets that the operator has not seen yet."""
         late = [LONGEST_JITTER * max(self.ends(way, name)[1] for name in ("jitter", "tail")) for way in WAYS]
         up, down = (self.ends(way, "delay")[1] + max((0.0, *getattr(self, way).delays)) for way in WAYS)
         most = max(up + late[0], down + late[1] + self.ends("operator", "reaction")[1])

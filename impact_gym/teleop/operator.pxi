@@ -7,7 +7,7 @@ cdef double MUSCLE = 0.04  # s, time constant of each of two first-order lags fr
 
 
 cdef double step_response(double omega, double zeta, double time) noexcept nogil:
-    """Return the response at `time` (s) of a mass on a spring and damper (omega in rad/s) to a unit step of the target at 0 s."""
+    """Return the position at `time` (s) of a mass on a spring and damper (omega, rad/s), whose target steps to 1 at 0 s."""
     cdef double decay = zeta * omega, root = omega * sqrt(fabs(1.0 - zeta * zeta)), slow, fast
     if time <= 0.0:
         return 0.0
@@ -20,13 +20,13 @@ cdef double step_response(double omega, double zeta, double time) noexcept nogil
 
 
 cdef double intended(Row *row, double time) noexcept nogil:
-    """Return the command of the operator's model before noise, m/s."""
+    """Return the operator's command before noise, m/s."""
     cdef const OperatorNumbers *numbers = &row.episode.drawn.operator
     cdef Link *link = row.link
     cdef double speed = numbers.speed, share, omega, zeta
     if row.task.operator_kind == PERSON:
         return link.person_command
-    if row.task.operator_kind == REPLAY:  # at the exact time of the tick, without the clock's rounding errors
+    if row.task.operator_kind == REPLAY:  # time in the recordings, without rounding errors of `time`
         time = floor(numbers.recording) * row.task.replay.length + (link.ticks - 1) * row.task.control_period
         return look_up(&row.task.replay, row.tables, time)
     if row.task.operator_kind == STEADY:
@@ -37,16 +37,16 @@ cdef double intended(Row *row, double time) noexcept nogil:
         return max(speed, numbers.creep) if share > 0.5 else speed
     if row.task.operator_kind == SECOND_ORDER_LAG:
         omega, zeta = sqrt(numbers.stiffness), 0.5 * numbers.damping / sqrt(numbers.stiffness)
-        share = exp(-M_PI * zeta / sqrt(1.0 - zeta * zeta)) if zeta < 1.0 else 0.0  # overshoot as a fraction of the step
+        share = exp(-M_PI * zeta / sqrt(1.0 - zeta * zeta)) if zeta < 1.0 else 0.0  # overshoot as a fraction of a step
         speed /= 1.0 + share
-        share = time - link.believed / speed  # s, time since the target arrived
+        share = time - link.believed / speed  # s, time since the moving target reached the assumed place; negative: before
         speed *= step_response(omega, zeta, time) - step_response(omega, zeta, share)
         return max(speed, numbers.creep) if omega * share > 1.0 else speed
     return min(max(numbers.gain * (link.believed - seen_position(row, time)), numbers.creep), speed)
 
 
 cdef double seen_position(Row *row, double time) noexcept nogil:
-    """Return the flange position (m) in the newest packet that was displayed a reaction time ago or earlier."""
+    """Return the newest flange position (m) that was displayed a reaction time ago or earlier; 0: none."""
     cdef double then = time - row.episode.drawn.operator.reaction + ROUNDING
     cdef Link *link = row.link
     cdef Packet *packet

@@ -1,8 +1,7 @@
-"""Operators: persons, models of persons, and recordings, which command the velocity of an arm over a channel.
+"""Operators, which command the velocity of an arm over a channel: persons, models of persons, recordings.
 
-Operators do not know where the object is. An operator with a `place_error` adds this error to the object's distance,
-and searches from this assumed place on at the speed `creep`. All operators except `Replay` and `Person` stop a reaction
-time after the display shows a touch. In a dict, as in a set-up, numbers may be pairs, from which episodes draw.
+A model with a `place_error` assumes that the object is at its true distance plus this error. From about this place on
+the model searches for the object at the speed `creep`. All models stop a reaction time after the display shows a touch.
 """
 
 from dataclasses import dataclass
@@ -24,20 +23,20 @@ class Replay(Parameters, path="operator"):
     """Recorded commands, interpolated linearly; the last command is held. `Replay` reacts to nothing.
 
     With a `length` (s), `time` and `velocity` contain several recordings of this length, one after another.
-    `recording` is the index of the one to play, from 0; with a pair (0, n) each episode draws one of n recordings.
+    `recording` is the index, from 0, of the recording to play; with (0, n) each episode draws one of n recordings.
     """
 
     time: Instants  # rising from 0
     velocity: Annotated[tuple[float, ...], SI("m/s", at_least=-1e3, at_most=1e3)]  # one for each time
     recording: float = 0.0  # -, rounded down
-    length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = 0.0  # of each recording; 0: only one recording
+    length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = 0.0  # 0: one recording
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
         rising("Replay", self.time, {"velocity": self.velocity})
         count = np.ceil(self.time[-1] / self.length) if self.length else 0.0
         if self.recording > count:
-            raise ValueError(f"Replay.recording must be at most {count:g} (recordings given), got {self.recording!r}")
+            raise ValueError(f"Replay.recording must be at most {count:g} for these times, got {self.recording!r}")
 
     @property
     def table(self) -> NDArray[np.float64]:
@@ -47,7 +46,7 @@ class Replay(Parameters, path="operator"):
 
 @dataclass(frozen=True, slots=True)
 class Person(Parameters, path="operator"):
-    """A person, who commands the velocity last passed to the environment's `command`; 0 before the first call."""
+    """A person: the command is the velocity last passed to the environment's `command`, 0 at first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +59,7 @@ class Trapezoid(Parameters, path="operator"):
 
 @dataclass(frozen=True, slots=True)
 class Searcher(Parameters, path="operator"):
-    """Base of the operators that search for the object from its assumed place on."""
+    """Base of the operators that assume where the object is."""
 
     place_error: float  # m
     creep: float  # m/s
@@ -86,7 +85,7 @@ class Reach(Searcher):
 class SecondOrderLag(Searcher):
     """A pointing hand, pulled by a spring and damper to a moving target.
 
-    The target moves to the assumed place of the object, so fast that the overshooting hand just reaches `speed`.
+    The target moves at constant speed to the assumed place of the object. The hand moves faster, up to `speed`.
     Stiffness and damping are medians of 192 fits, `optparams/` of fl0fischer/OFC4HCI.
     """
 

@@ -140,7 +140,7 @@ def test_parallel_tunings_keep_each_others_weights(noisy, tmp_path):
 def test_tune_repeats_a_search_with_other_settings_or_another_environment(noisy, tmp_path, capsys):
     first = tune.tune(noisy)[0].read_bytes()
     path = tune.tune(replace(noisy, seed=9))[0]
-    assert "tuned again at ['1', '4']: it was tuned with other settings" in capsys.readouterr().out
+    assert "the results at ['1', '4'] have other settings, and are not reused" in capsys.readouterr().out
     second = path.read_bytes()
     (tmp_path / "noisy.toml").write_text(NOISY.replace("[baselines", "tool_mass = 0.2\n[baselines"))
     tune.tune(replace(noisy, seed=9))
@@ -189,6 +189,9 @@ def test_search_bounds_beats_a_blind_profile_and_keeps_its_result(tmp_path):
     write_bound(setup, {1.0: 0.5 * parameters}, tmp_path, generations=25)
     assert tune.search_bounds(wanted, **size) == [path]
     assert np.array_equal(read_bound(setup, tmp_path, 25)[1.0], 0.5 * parameters)  # it was not searched again
+    write_bound(setup, {1.0: 0.5 * parameters}, tmp_path, generations=9)
+    tune.search_bounds(wanted, **size)
+    assert np.array_equal(read_bound(setup, tmp_path, 25)[1.0], parameters)
 
 
 def test_read_bound_refuses_the_result_of_another_search(tmp_path):
@@ -196,7 +199,7 @@ def test_read_bound_refuses_the_result_of_another_search(tmp_path):
     path = write_bound(setup, {2.0: np.zeros((3, 13))}, tmp_path)
     assert read_bound(setup, tmp_path)[2.0].shape == (3, 13)
     assert bound_of(setup, tmp_path) == {}  # the weights 0.7, 1 and 4 are missing
-    refused(lambda: read_bound(setup, tmp_path, generations=2), "for another environment or for other parameters")
+    refused(lambda: read_bound(setup, tmp_path, generations=2), "for another environment or from another search")
     path.with_name("clairvoyant-rigid-blind.npz").write_bytes(path.read_bytes())
     refused(lambda: read_bound(load_setup("rigid-blind"), tmp_path), "for another environment")
 

@@ -4,6 +4,7 @@ import json
 import shlex
 import sys
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +60,10 @@ def test_help_is_of_its_command_and_in_words_of_a_user(name, exit_of, capsys):
     assert text.startswith(f"usage: impact-gym {name} ")
     for jargon in ("STR", "[[", "{None}", "experiments.", "agents."):
         assert jargon not in text, jargon
+    rows = [line[1:-1].rstrip() for line in text.splitlines() if line.startswith("\u2502")]
+    for row, after in pairwise(rows):  # a line of an option's help ends where the next word does not fit
+        if "  " in row.strip() and after.startswith(10 * " "):
+            assert len(row) + len(after.split()[0]) >= 77, row
 
 
 def test_list_of_commands_is_printed_for_no_name_help_and_an_unknown_name(exit_of, capsys):

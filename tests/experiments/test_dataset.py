@@ -125,7 +125,7 @@ def test_check_imports_nothing_that_a_dataset_names(root, tmp_path, monkeypatch,
 @pytest.mark.parametrize(("options", "said"), [
     ({"who": ("nobody",)}, ("who must be one of rule, profile, policy", "'nobody'")),
     ({"who": ("json:nothing",)}, ("no controller 'json:nothing'",)),
-    ({"who": ("rule", "rule")}, ("who must name none twice", "'rule'")),
+    ({"who": ("rule", "rule")}, ("who must have no equal entries", "'rule'")),
     ({"episodes": 0}, ("episodes must be", "at least 1", "got 0")),
     ({"namespace": "../.."}, ("Malformed dataset ID",)),
     ({"source": "no-such"}, ("no set-up 'no-such'",)),

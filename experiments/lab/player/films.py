@@ -1,4 +1,4 @@
-"""Films of notable scenarios: replays with fewer points of the time histories, and one clock for all runs."""
+"""Films of notable scenarios: replays with fewer points of the time histories, and one clock for all contestants."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -15,13 +15,13 @@ from impact_gym.scene import Bistable, Rigid, SpringDamper
 from impact_gym.task import Task
 
 MOST = 200  # largest number of points of a time history
-POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005  # errors that `thin` allows / largest value in a film
+POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005  # allowed errors as fractions of the largest value
 
 
 def thin(
     columns: Mapping[str, NDArray[np.float64]], limits: Mapping[str, float], coarse: float = 1.0
 ) -> NDArray[np.int64]:
-    """Return the indices of the rows to keep: first those around begins and ends of contacts.
+    """Return the indices of the rows to keep: first and last row, and those around begins and ends of contacts.
 
     Rows are added until linear interpolation has at most `coarse` times the allowed errors, or there are MOST rows.
     """

@@ -88,7 +88,7 @@ def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
 
 
 def beyond_detection() -> list[Row]:
-    """Simulate braking that begins FROM_TOUCH, if the tool noticed by then, and 16 ms after tool and robot notice."""
+    """Simulate braking at FROM_TOUCH (but not before the tool notices), and 16 ms after tool or robot notices."""
     rows: list[Row] = []
     for name, coupling in COUPLINGS.items():
         approach = scene(1e3, 0.1, coupling)
@@ -116,7 +116,7 @@ def _numbers_beyond_detection(frame: pl.DataFrame) -> Numbers:
 
 
 def beyond_objects() -> pl.DataFrame:
-    """Simulate the fixed tool, the mechanism, and the mechanism with those CHANGES with which it holds the tool."""
+    """Simulate the fixed tool, the mechanism, and each mechanism with CHANGES that holds the tool."""
     height, stop = MECHANISM.height, MECHANISM.front_stop
     candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
     holding = [coupling for coupling in candidates if coupling.holding_force >= scenes.HOLD]

@@ -25,7 +25,7 @@ def where(frame: pl.DataFrame, **values: float | str) -> dict[str, NDArray[Any]]
 
 
 def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parameter: str, *counts: str) -> list[Row]:
-    """Return `row(value)` for rising `values`, and two rows, at most WIDTH apart, where one of `counts` changes."""
+    """Return `row(value)` for rising `values`; where one of `counts` changes, add two rows at most WIDTH apart."""
     rows = [row(value) for value in values]
     enclosing: list[Row] = []
     for count, (low, high) in product(counts, pairwise(rows)):
@@ -39,7 +39,7 @@ def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parame
 
 
 def changes(rows: dict[str, NDArray[Any]], parameter: str, count: str) -> list[tuple[float, int, int]]:
-    """Return for each change of the column `count` the last parameter before it, and the counts before and after."""
+    """Return for each change of the column `count` the parameter and the count before, and the count after."""
     places, counts = np.flatnonzero(np.diff(rows[count])), rows[count].astype(int).tolist()
     return [(float(rows[parameter][i]), counts[i], counts[i + 1]) for i in places]
 

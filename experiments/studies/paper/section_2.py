@@ -33,7 +33,7 @@ CONTACTS = {
 }
 SPEEDS = (0.5, 1.0, 2.0)  # m/s, of the tool
 NOMINAL = np.round(np.linspace(0.01, 1.0, 100), 2)
-SMALL = 0.3  # restitutions below it are called small; the paper gives no number
+SMALL = 0.3  # restitutions below SMALL are called small; the paper gives no number
 LAWS: tuple[Dissipation, ...] = ("hu-guo", "hunt-crossley")
 
 

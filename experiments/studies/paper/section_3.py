@@ -58,7 +58,7 @@ def figure_13() -> pl.DataFrame:
 
 
 def _nearest_minimum(frame: pl.DataFrame, case: str) -> Numbers:
-    """Return, of the approach without a touch, the minimum of the tool's velocity that is nearest to the impact."""
+    """Return the tool's velocity minimum nearest in time to the impact, in the approach without a touch."""
     impact_time = Run(frame, case).during_contact.time[0]
     unhindered = where(frame, case=f"{case}, unhindered")
     time, velocity = unhindered["time"], unhindered["tool_velocity"]
@@ -95,7 +95,7 @@ def figure_14() -> pl.DataFrame:
 
 
 def _ranges(run: Run) -> tuple[float, float]:
-    """Return the range of x_t' - x_r' (m/s) in the 50 ms before the first contact, and in the 50 ms after it."""
+    """Return the ranges of x_t' - x_r' (m/s) in the 50 ms before and the 50 ms after the first contact."""
     relative, time = run.trace.tool_velocity - run.trace.command_velocity, run.trace.time
     start, end = run.first_contact.time[[0, -1]]
     before, after = (time > start - 0.05) & (time < start), (time > end) & (time < end + 0.05)

@@ -62,7 +62,7 @@ def figure_18() -> list[Row]:
 def curves(
     frame: pl.DataFrame, distance: float = DISTANCE, braked: bool = True, at: Mapping[str, float] = CRITICAL
 ) -> list[dict[str, Array]]:
-    """Return a curve for each contact stiffness: the columns of the rows with these arguments."""
+    """Return a curve for each contact stiffness: the columns of the rows that have these values."""
     rows = frame.sort("damping_ratio", maintain_order=True).filter(braked=braked, distance=distance, **at)
     return [where(rows, contact_stiffness=k_c) for k_c in CONTACT_STIFFNESSES]
 
@@ -147,7 +147,6 @@ def figure_19() -> pl.DataFrame:
 
 
 def _share_before_the_brake(run: Run) -> float:
-    """Return the object's velocity when the robot begins to brake, in per cent of V_p."""
     begin = run.trace.time[np.argmax((run.trace.flange_velocity < MOTION.speed) & (run.contact > 0))]
     return float(100 * np.interp(begin, run.trace.time, run.trace.object_velocity)) / run.final_velocity
 

@@ -60,7 +60,7 @@ def _numbers_figure_23(frame: pl.DataFrame) -> Numbers:
     settling = first_phase & (time >= time[slowed])  # between 0.4 m/s and the alignment
     steady = settling & np.append(np.diff(time) > 0.0, False)  # an event has two points in the trace
     rate = np.abs(np.diff(tool)[steady[:-1]] / np.diff(time)[steady[:-1]])
-    plateau = tool[steady][np.argmin(rate)]  # m/s, tool velocity where it changes least
+    plateau = tool[steady][np.argmin(rate)]  # m/s, tool velocity at the smallest `rate`
     at_stop = int(np.argmax((time > snap) & (x <= MECHANISM.rear_stop)))
     ahead = np.abs(tool - trace.flange_velocity)
     gap = (trace.object_position - trace.tool_position)[np.flatnonzero(run.contact)[-1] + 1 :]

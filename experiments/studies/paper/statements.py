@@ -56,7 +56,7 @@ class Said:
     value: str = ""  # name of our number, which is compared with `printed`
     holds: tuple[str, ...] = ()  # conditions of a trend
     agree: tuple[str, ...] = ()  # instead of conditions: statements, as FIGURE.KEY, whose verdicts must be AGREEING
-    rule: str = "none"  # the conditions in words; "none": the statement cannot be decided
+    rule: str = "none"  # conditions of a trend, in words
     ours: str = ""  # format string of our result
     why: str = ""  # format string of the reason of a disagreement, or of a remark
     source: str = ""  # source of numbers that this study does not compute
@@ -94,7 +94,7 @@ def holding(conditions: Iterable[str], numbers: Numbers) -> Verdict:
 
 
 def compared(said: Said, ours: float) -> tuple[Verdict, str, int]:
-    """Return the verdict on a printed number, the rule, and the number of agreeing digits."""
+    """Return the verdict on a printed number, the rule in words, and the number of agreeing digits."""
     value = str(said.printed).partition(" ")[0]
     digits, count = agreeing_digits(value, ours)
     last_unit = Decimal(1).scaleb(int(Decimal(value).as_tuple().exponent))
@@ -130,7 +130,7 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
 
 
 def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> pl.DataFrame:
-    """Return a row of `judge` for each statement that, with all in its `agree`, is about figures in `numbers`."""
+    """Return a row of `judge` for each statement, if its figure and those in its `agree` are in `numbers`."""
     found = dict[str, dict[str, Any]]()
     for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # statements with `agree` last
         figure = name.partition(".")[0]

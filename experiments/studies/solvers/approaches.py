@@ -37,7 +37,7 @@ OTHERS = {  # ranges of further random numbers of a scene; we chose these ranges
     "robot damping": (1.0, 1e3),  # N s/m
     "friction": (1e-3, 3.0),  # between object and ground
     "reference velocity": (0.01, 5.0),  # m/s, of a contact with "fixed" dissipation
-    "stroke over rest": (1.01, 30.0),  # limit of a spring's deflection / steady deflection while the flange accelerates
+    "stroke over rest": (1.01, 30.0),  # -, stroke / a spring's steady deflection during acceleration
 }
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
 ROUGH = 0.25  # probability of each change by `roughened`

@@ -20,7 +20,7 @@ METHODS = ("RK45", "DOP853", "LSODA", "Radau")
 JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studies.solvers")
 MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
 TOO_WRONG = 1e-2  # m/s, error of V_p above which a contender has failed
-TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of DOP853, which computes the truth, and of Radau, which checks it
+TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # rtol of DOP853, which computes the truth, and of Radau, which checks the truth
 LEAST, MOST_CALLS = 5e-3, 10_000  # s, a call is repeated until the times sum up to LEAST; largest number of calls
 SLOW = 0.2  # s; a longer call is timed only in the first round
 
@@ -73,7 +73,7 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
     """Return a contender's solution at the rtol `setting`, and the processor time (s).
 
     impact_gym: time of the call of `simulate`. SciPy: time of the contacts, because the reference computes flights
-    without METHODS. heyoka: time of the calls of its library.
+    without METHODS. heyoka: time in the library.
     """
     kind, _, method = name.partition(" ")
     if kind == CAREFUL:

@@ -19,7 +19,7 @@ from experiments.studies.solvers.approaches import Solution
 LAW = ("m_t", "m_p", "k_c", "d", "k_t", "c_t", "L0", "H", "x0", "front", "rear", "k_s", "c_s")
 PARAMETERS = (*LAW, "a", "cut", "alarm", "length", "speed", "pressed", "front_on", "rear_on")
 STATE = ("s", "w", "v", "tau", "y", "q")
-FOREVER = 1e6  # time limit of a contact, in its scale, which no contact reaches
+FOREVER = 1e6  # time limit of a contact, in units of t0; no contact is so long
 BESIDE = 1e-20  # absolute value of the penetration after an event, because heyoka could miss an event at exactly zero
 ROUNDING = 1e-12  # m, rounding of the slider's position
 

@@ -7,7 +7,7 @@ import polars as pl
 
 SLOWEST = 50.0  # ms
 MOMENTUM = 1e-9  # error of momentum / impulse of the contact
-ENERGY = 1e-6  # (energy that a contact created - its doubt) / energy exchanged, see CHECKS in `storm`
+ENERGY = 1e-6  # (energy created in a contact - doubt) / energy exchanged, see CHECKS in `storm`
 PULL = 1e-12  # rounding, see `pull` in CHECKS
 AGREEMENT = 1e-6  # relative difference of V_p
 FINISHED = pl.col("failure") == ""
@@ -73,7 +73,7 @@ def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
 
 
 def over_agreement(judged: pl.DataFrame, unknown: int) -> tuple[str, str, bool]:
-    """Return text, finding and verdict of the promise about the independent solver; it failed in `unknown` scenes."""
+    """Return text, finding, verdict of the promise about the independent solver, which failed in `unknown` scenes."""
     apart, errors = judged.filter("apart").height, judged["velocity_error"].drop_nans().to_numpy()
     words = f"{apart} of {judged.height} do not, the independent solver failed in {unknown}"
     words += f", median {np.median(errors):.1e}" if errors.size else ""

@@ -41,7 +41,7 @@ CHECKS = ("momentum_error", "impulse_error", "energy_created", "energy_doubt", "
 `momentum_error`: residual of eq. 20 / impulse. `impulse_error`: (impulse - gain of the object's momentum) / impulse,
 beyond what friction explains. `energy_created`: energy that the contact created (below 0: lost) / energy exchanged; nan
 without a trace. `energy_doubt`: the doubt of this energy / energy exchanged. `pull`: contact force below 0 / peak
-force, or decrease of V_p in a contact / approach velocity.
+force, or decrease of V_p beyond friction in a contact / (V_p before + approach velocity).
 """
 
 Array = NDArray[np.float64]
@@ -102,7 +102,7 @@ def truth_row(number: int, patience: float) -> list[Row]:
 
 def finite(outcome: ig.Outcome) -> bool:
     """Return whether all numbers of an outcome, except `rest_time`, are finite."""
-    outcome = outcome._replace(rest_time=None)  # it is inf if a body moves at the end
+    outcome = outcome._replace(rest_time=None)  # `rest_time` is inf if a body moves at the end
     records = [record for record in (outcome, *outcome.contacts, outcome.trace) if record is not None]
     values = [value for record in records for value in record]
     return all(bool(np.all(np.isfinite(value))) for value in values if isinstance(value, float | np.ndarray))
