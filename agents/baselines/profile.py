@@ -27,7 +27,7 @@ USUAL_SPREAD, LEAST_SPREAD = 1e-2, 1e-3  # m, usual and smallest standard deviat
 class ReactingRule(Rule):
     """Follow a speed profile; while the alarm is on, command the velocities of the parameters REACTION."""
 
-    OVER = "position"  # the profile is a function of this observed number, or of minus a distance
+    OVER = "position"  # the profile is a function of this observed number; distances are negated
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return velocity and acceleration of the reaction while the alarm is on, else those of `approach`."""

@@ -36,10 +36,10 @@ def warnings(task: Task) -> list[str]:
                 f"stop holds at most {max(holds):.3g} m/s^2"
             )
         if min(holds) < most * (1.0 if task.robot is None else OVERSHOOT):
-            swings = f", and a compliant robot overshoots to {OVERSHOOT:g} times that and more" if task.robot else ""
+            swings = f", and a compliant robot can overshoot to {OVERSHOOT:g} times this and more" if task.robot else ""
             sentences.append(
-                f"the front stop holds the tool up to {min(holds):.3g} m/s^2, the arm can make {most:g}{swings}: above "
-                f"{min(holds):.3g} m/s^2 the mechanism leaves its stop before a touch"
+                f"the front stop holds the tool up to {min(holds):.3g} m/s^2, the arm reaches {most:g} m/s^2{swings}: "
+                f"above {min(holds):.3g} m/s^2 the mechanism leaves the stop before a touch"
             )
     return sentences
 

@@ -1,4 +1,4 @@
-"""Assistances, and the environment in which the player is the operator."""
+"""Assistances, and the environment in which a person is the operator."""
 
 from collections.abc import Mapping
 from typing import Any

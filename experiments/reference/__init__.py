@@ -28,7 +28,7 @@ class Reference:
     tool_velocity: float
     flange_velocity: float
     peak_force: float  # N
-    detection_time: float | None  # s; None: the force never exceeded the brake's threshold
+    detection_time: float | None  # s; None: no brake, or its threshold was never exceeded
     contacts: tuple[ContactRecord, ...]
     coupling_impulse: float  # N s, impulse of the coupling on the tool during the contacts (paper, eq. 21)
     snap_through: tuple[float, ...]  # s, times at which the slider passes its alignment

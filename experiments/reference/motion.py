@@ -20,8 +20,8 @@ class ContactRecord:
 
     start: float
     end: float | None
-    approach_velocity: float  # v_t - v_p at the start
-    separation_velocity: float | None  # v_p - v_t at the end
+    approach_velocity: float  # tool's velocity - object's velocity, at the start
+    separation_velocity: float | None  # object's velocity - tool's velocity, at the end
     peak_force: float  # N
     impulse: float  # N s, given to the object
     object_velocity: float  # at the end of the contact

@@ -81,7 +81,7 @@ def answer(found: pl.DataFrame) -> str:
 
 
 def table_of(found: pl.DataFrame) -> Table:
-    """Return the table of times: a row for each approach and error, a column for each contender."""
+    """Return the table of times: a row for each approach and error, a column for impact_gym and each rival."""
     lines = []
     for (scene, error), rows in found.group_by("scene", "error", maintain_order=True):
         ours = rows["ours"].drop_nulls().to_list()

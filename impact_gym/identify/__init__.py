@@ -1,12 +1,12 @@
-"""Estimate numbers of a scene from logs of blows (collisions of tool and object): `identify(log, scene, motion)`.
+"""Estimate numbers of a scene from logs of blows (collisions of tool and object).
 
     `log`, `sensor`   read and check a log; compute the response of a sensor
     `model`           simulate a log; compute the residuals and their derivatives
-    `search`, `fit`   find the best fit from several starting points, and the confidence intervals
-    `result`          estimates, intervals, and sentences on what the log cannot determine
-    `held_out`        fit each half of the logs, and predict the other half
+    `search`, `fit`   find the best fit and the confidence intervals
+    `result`          estimates, intervals, and sentences on what the log does not determine
+    `held_out`        fit each half of the logs; predict the other half
 
-`impact_gym.identify` is the function; `from impact_gym.identify import ...` imports from this package.
+`impact_gym.identify` is the function, but `from impact_gym.identify import ...` imports from this package.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -31,15 +31,15 @@ def identify(
     log: Any, scene: Scene, motion: Trapezoid | Sequence[Trapezoid], free: Iterable[str] = FREE,
     sensor: Sensor | Mapping[str, Sensor] | None = None,
 ) -> Identified:  # fmt: skip
-    """Fit numbers of a scene to a measured blow, or to several blows that share these numbers.
+    """Fit numbers of a scene to one or more measured blows.
 
-    The fit minimizes the squared differences between the log and `simulate`. Each log has its own unknown start, the
-    time at which the motion begins. Intervals are from profile likelihoods: to find an end, one number is moved away
-    from its estimate, and all others are fitted again, until the noise cannot explain the misfit.
+    The fit minimizes the sum of ((simulated - measured) / noise)^2. Each log has its own unknown start, the time at
+    which the motion begins. Intervals are from profile likelihoods: one number is moved away from its estimate, and all
+    other numbers are fitted again, until the sum is significantly larger.
 
     Args:
         log: a mapping of columns, the path of a CSV file, or a list of mappings or paths. Columns are `time` (s) and
-            any of `force` (N, of the contact), `flange_velocity`, `tool_velocity`, `object_velocity` (m/s),
+            at least one of `force` (N, of the contact), `flange_velocity`, `tool_velocity`, `object_velocity` (m/s),
             `tool_acceleration`, `object_acceleration` (m/s^2).
         scene: the known numbers, and a guess of each free number.
         motion: the imposed motion, or one motion for each log.
@@ -48,8 +48,8 @@ def identify(
             filter, no bias, and the noise is estimated.
 
     Raises:
-        TypeError, ValueError: an argument has a wrong type or is out of range; a log has no blow, or several; no log
-            depends on a free number.
+        TypeError, ValueError: an argument or a log is invalid; a log has more blows than its fit; no log depends on a
+            free number.
     """
     one_of("scene", scene, Scene)
     sources = list(log) if isinstance(log, (list, tuple)) else [log]
@@ -80,7 +80,7 @@ def motion_of_each(motion: Trapezoid | Sequence[Trapezoid], count: int) -> list[
 
 def _by_column(sensor: Sensor | Mapping[str, Sensor] | None, columns: Sequence[str]) -> dict[str, Sensor]:
     if isinstance(sensor, Sensor) and len(columns) > 1:
-        raise ValueError(f"sensor must name its column, such as {{'{columns[0]}': Sensor(...)}}; got {columns}")
+        raise ValueError(f"sensor must name its column, such as {{'{columns[0]}': Sensor(...)}}; logs have {columns}")
     if sensor is None or isinstance(sensor, Sensor):
         return dict.fromkeys(columns, sensor or Sensor())
     if not isinstance(sensor, Mapping):

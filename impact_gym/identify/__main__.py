@@ -27,13 +27,12 @@ DESCRIPTION = (
 
 FILE = """
 the log of a blow: a CSV file with the column time (s) and one or more of these columns: force (N), flange_velocity,
-tool_velocity, object_velocity (m/s), tool_acceleration, object_acceleration. An acceleration must have a unit (m/s^2 or
-g). Write this unit, and each unit that differs from this list, in the header, as in "t [ms]", or in the line below it.
-The command prints how it read each file. Several logs share the fitted numbers, but each log has its own start of the
-motion.
+tool_velocity, object_velocity (m/s), tool_acceleration, object_acceleration. Write units in the header, as in "t [ms]",
+or in the line below the header. A column without a unit has the unit in this list. An acceleration must have a unit,
+such as m/s^2 or g. Several logs share the fitted numbers, but each log has its own start of the motion.
 
-the scene, my.toml: a set-up (see agents/setups) with two more tables, [motion] and [sensor]. Give a guess for each
-number to fit. For each other number give its value during the measurement, not a range.
+the scene, my.toml: a set-up (see agents/setups) with a table [motion], and tables [sensor.COLUMN] if needed. Give a
+guess for each number to fit. For each other number give its value during the measurement, not a range.
 
     [environment]
     tool_mass = 0.125                                    # kg
@@ -42,20 +41,20 @@ number to fit. For each other number give its value during the measurement, not 
     object_mass = 0.25                                   # kg
     contact_stiffness = 1e5                              # N/m^1.5
     restitution = 0.5
-    distance = 0.25                                      # m, between the faces at rest
+    distance = 0.25                                      # m, gap between tool and object at the start
     [motion]                                             # of the robot, which starts at rest
     speed = 1.0                                          # m/s; or a list with a speed for each log
     acceleration = 8.0                                   # m/s^2
-    brake = { threshold = 1.0, delay = 0.016 }           # N, s; leave it out if the robot does not brake
-    [sensor.force]                                       # what you know of the sensor of the column force
+    brake = { threshold = 1.0, delay = 0.016 }           # N, s; omit this line if the robot does not brake
+    [sensor.force]                                       # known properties of the sensor of the column force
     rate = 4000.0                                        # Hz
     low_pass = 1000.0                                    # Hz, first order
     bias = "estimated"                                   # or a number, in the column's unit
-    noise = 0.2                                          # standard deviation
-    cell = { mass = 0.02, frequency = 5000.0 }           # if it is a load cell: kg, Hz; also damping_ratio
+    noise = 0.2                                          # standard deviation, in the column's unit
+    cell = { mass = 0.02, frequency = 5000.0 }           # only for a load cell: kg, Hz; also damping_ratio
 
-the output: the set-up with the 95 % intervals as ranges, without the tables [motion] and [sensor]. If an interval
-begins at 0 or ends at infinity, the set-up keeps your guess of this number, and a comment says so.
+the output: the set-up with the 95 % intervals as ranges, without [motion] and [sensor]. If an interval begins at 0
+or ends at infinity, the set-up keeps your guess of this number, and a comment says so.
 
 --hold-out tests predictions. The command fits the numbers to every second log and predicts the other logs.
 Then it swaps the two halves of the logs. It prints the errors of the object's final velocity V_p (from object_velocity)
@@ -64,7 +63,7 @@ With --out setup.toml, the measured and predicted values are also written to set
 """
 
 PLACES = {row.path: f"scenario.{row.id}" for row in SCENARIO} | {row.path: row.id for row in SET_UP if row.path}
-"""Paths in `[environment]` by dotted path in a scene; paths in coupling and robot are the same in both."""
+"""Path in `[environment]` of each dotted path in a scene; paths in coupling and robot do not change."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -76,15 +75,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("logs", nargs="+", metavar="log.csv", help="logs of blows, all measured with the same scene")
     parser.add_argument("--scene", type=Path, required=True, help="TOML file with known numbers and guesses, see below")
     parser.add_argument("--free", nargs="+", default=list(FREE), help=f"numbers to fit, default: {' '.join(FREE)}")
-    parser.add_argument(
-        "--hold-out", action="store_true", help="also fit each half of the logs and predict the other half, see below"
-    )
+    parser.add_argument("--hold-out", action="store_true", help="also test predictions, see below")
     parser.add_argument("--out", type=Path, help="file for the set-up; default: print the set-up")
     parser.add_argument("--plot", type=Path, help="file for a figure of the fit and its residuals; needs Matplotlib")
     options = parser.parse_args(arguments)
     try:
         if find_spec("tomli_w") is None:
-            raise ImportError("a set-up is written with tomli-w: pip install 'impact-gym[identify]'")
+            raise ImportError("writing a set-up needs tomli-w: pip install 'impact-gym[identify]'")
         content = parsed(options.scene, "TOML", tomllib.loads)
         scene, motions, sensors = parse(content, options.free, len(options.logs))
         logs = [read(name, name) for name in options.logs]
@@ -114,14 +111,14 @@ def parse(
             raise ValueError(f"the scene's file must have a table [{name}], got {shown(content.get(name))}")
     for name in free:
         if name not in PLACES and not name.startswith(("coupling.", "robot.")):
-            raise ValueError(f"free: {name} has no place in a set-up; have {', '.join(PLACES)}, coupling.*, robot.*")
+            raise ValueError(f"free: {name} has no place in a set-up; use {', '.join(PLACES)}, coupling.*, robot.*")
     task = Task.of("environment", content["environment"])
     paths = {place.removeprefix("scenario."): path for path, place in PLACES.items()}
     for name, (low, high) in task.ranges.items():
         path = paths.get(name, name)
         if low < high and path not in free and (path in PLACES or path.startswith(("coupling.", "robot."))):
             place = f"environment.{PLACES.get(path, path)}"
-            raise ValueError(f"{place} must be a number, as it was measured, got the range {low:g} to {high:g}")
+            raise ValueError(f"{place} must be a number, not a range, got {low:g} to {high:g}")
     middles = (QUANTITIES[name].middle(*ends) for name, ends in task.scenario.by_id().items())
     mass, stiffness, restitution, distance = middles
     contact = Contact(stiffness, restitution, task.dissipation)  # type: ignore[arg-type]  # checked by the task
@@ -138,14 +135,14 @@ def parse(
 
 
 def _record(name: str, table: Any, kind: type[Any], **inner: type[Any]) -> Any:
-    """Return an object of the class `kind` whose fields are the keys of a table; `inner` are classes of its fields."""
+    """Return an object of the class `kind` with the fields in a table; `inner`: classes of fields that are tables."""
     one_of(name, table, Mapping)
     parts = {key: _record(f"{name}.{key}", table[key], inner[key]) for key in inner if key in table}
     return record_from(name, {"type": kind.__name__, **table, **parts}, (kind,))
 
 
 def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterator[str]:
-    """Yield the lines of the set-up: `said` as comments, then the file's tables with the intervals as ranges."""
+    """Yield the lines of the set-up: `said` as comments, then the file's tables, with ranges from bounded intervals."""
     import tomli_w  # only installed with the extra `identify`
 
     yield from (f"# {line}" for line in said.splitlines())
@@ -159,7 +156,7 @@ def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterato
         if abs(low) > 0.0 and abs(high) < float("inf"):
             table[key] = [low, high]
         else:
-            yield f"# this log does not limit {name}: it stays {table.get(key, 'at its default')}"
+            yield f"# the interval of {name} begins at 0 or ends at infinity; value kept: {table.get(key, 'default')}"
     yield tomli_w.dumps(written)
 
 

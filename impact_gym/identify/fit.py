@@ -1,7 +1,7 @@
 """Find the best fit from several starting points, and the interval of each free number by its profile likelihood.
 
-The misfit of a fit is the sum of (residual / noise)^2 over all samples. The best fit is the best of the local minima
-found. `intervals` moves one number at a time away from its best value and fits all others again.
+The misfit of a fit is the sum of ((predicted - measured) / noise)^2 over all samples. `intervals` moves one number at
+a time away from its best value and fits all other numbers again.
 """
 
 import math
@@ -15,16 +15,16 @@ from impact_gym.identify.model import Model
 from impact_gym.identify.search import ROUGH, Point, as_good, descend, distinct, race, scatter
 from impact_gym.identify.sensor import Array, bursts, level
 
-STARTS = 8  # points of `scatter` from which a search starts; `Fit.again` takes as many more
-NOISE_ROUNDS = 3  # largest number of fits, each followed by an estimate of the noise
+STARTS = 8  # points of `scatter` from which a search starts
+NOISE_ROUNDS = 3  # most fits, each followed by an estimate of the noise
 CONFIDENCE = 0.95
 END_TOLERANCE = 0.02  # tolerance of an interval's end, relative to the interval's half width
-MAX_STEP = 1.5  # largest first step of a coordinate towards an end; a longer interval can cause a second search
-MAX_STEPS = 10  # most fits to find one end of an interval
-BEYOND = (1.6, 2.5)  # at these multiples of the distance to an end, the misfit is checked for another minimum
-MAX_DEVIATION = 1e3  # standard deviation assumed for a coordinate that the log does not determine
-MIN_IMPROVEMENT = 0.05  # a point replaces the best fit if its misfit is lower by more than this; doubled each time
-MIN_LEFTOVER = 6.0, 0.5  # a blow is missing if its residuals add up to over 6 deviations and over half its samples' sum
+MAX_STEP = 1.5  # largest first step of a coordinate (see `model`) in `profile`; a wider interval is vague
+MAX_STEPS = 10  # most steps of `profile`
+BEYOND = (1.6, 2.5)  # `_end` looks for a minimum at these multiples of the distance from the best value to an end
+MAX_DEVIATION = 1e3  # largest value of `Fit.deviations`
+MIN_IMPROVEMENT = 0.05  # a point that lowers the misfit by more than this replaces the best fit; then this doubles
+MIN_LEFTOVER = 6.0, 0.5  # least sum of residuals in a missing blow: in standard deviations; as share of the force's sum
 
 Ends = tuple[float | None, ...]
 
@@ -35,14 +35,14 @@ class Fit:
 
     model: Model
     x: Array
-    misfit: float  # sum of (residual / noise)^2
+    misfit: float
     covariance: Array
-    valley: Array  # covariance with a prior of MAX_STEP on each free number, so that undetermined numbers stay near x
+    valley: Array  # covariance with a prior on each free coordinate, normal about x, with standard deviation MAX_STEP
     others: Sequence[Point]
     improvement: float = MIN_IMPROVEMENT
 
     def again(self) -> "Fit":
-        """Fit STARTS more starting points; return the best fit, or this fit if no new minimum is good enough."""
+        """Search from STARTS more points; return the best fit, or this fit if no new minimum is good (`as_good`)."""
         model, known = self.model, [Point(self.misfit, self.x), *self.others]
         good = as_good(model, distinct(model, known + _minima(model, STARTS)))
         is_new = {id(point) for point in good} - {id(point) for point in known}
@@ -54,7 +54,7 @@ class Fit:
         for _ in range(NOISE_ROUNDS):
             points = distinct(model, [descend(model, point.x) for point in points])
             changed = _estimate_noise(model, points[0].x)
-            if not changed or len(model.noise) == 1:  # one noise for all samples does not move the minimum
+            if not changed or len(model.noise) == 1:  # a single noise does not move the minimum
                 break
         best, *others = (Point(float(np.sum(model.residuals(point.x) ** 2)), point.x) for point in points)
         jacobian, loosely = model.jacobian(best.x), np.eye(len(model.free), model.size) / MAX_STEP
@@ -71,12 +71,12 @@ class Fit:
 
     @property
     def deviations(self) -> Array:
-        """Standard deviations of x, from the curvature of the misfit at the best fit."""
+        """Standard deviations of x from the curvature of the misfit at the best fit, at most MAX_DEVIATION."""
         return np.minimum(np.sqrt(np.diag(self.covariance)), MAX_DEVIATION)
 
 
 def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
-    """Return the best fit and its intervals; search a second time if a blow is missing or an interval is wide."""
+    """Return the best fit and its intervals; search a second time if the fit lacks a blow or an interval is vague."""
     fit = Fit.polished(model, as_good(model, _minima(model, 0)))
     if searched_again := bool(_extra_blows(fit) or _is_vague(fit)):
         fit = fit.again()
@@ -90,7 +90,7 @@ def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
 
 
 def _minima(model: Model, after: int) -> list[Point]:
-    """Fit roughly from the STARTS starting points that follow the best `after` ones; return the local minima."""
+    """Skip the best `after` starting points, run `race` from the next STARTS, and return its fits."""
     which = slice(after, after + STARTS)
     starts, first = scatter(model)[which], model.of_first_blow()
     if not after and not starts:
@@ -105,7 +105,7 @@ def _minima(model: Model, after: int) -> list[Point]:
 
 
 def _extra_blows(fit: Fit) -> str:
-    """Return an error message if a log has more blows than its fit has, otherwise an empty text."""
+    """Return an error message if the force in a log has several blows and more than the fit, else an empty text."""
     model = fit.model
     for k, log in enumerate(model.logs):
         if "force" not in log.columns:
@@ -121,13 +121,13 @@ def _extra_blows(fit: Fit) -> str:
             extra += int(more.sum() > max(deviations * len(more) ** 0.5, share * blow.sum()))
         if extra and len(blows) > 1:
             times = ", ".join(f"{log.time[first]:g}" for first, _ in blows)
-            return (f"{log.name} has {len(blows)} blows, at {times} s, but the scene makes no more than "
+            return (f"{log.name} has {len(blows)} blows, at {times} s, but the fit has no more than "
                     f"{len(blows) - extra} of them: cut the log to one blow, or make a log of each blow")  # fmt: skip
     return ""
 
 
 def _estimate_noise(model: Model, x: Array) -> bool:
-    """Estimate the unknown noise of each column from its residuals at x; return whether a noise changed."""
+    """Estimate the unknown noise of each column from its residuals at x; return whether one changed by over 0.1 %."""
     left = model.residuals(x) * model.scales()
     share = 1.0 - model.size / model.samples
     changed = False
@@ -141,7 +141,7 @@ def _estimate_noise(model: Model, x: Array) -> bool:
 
 
 def _covariance(jacobian: Array) -> Array:
-    """Return the inverse of J^T J for a jacobian J; very large for a component of x that changes no sample."""
+    """Return the inverse of J^T J for a jacobian J; very large where J^T J is singular."""
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0.0] = 1.0
     _, values, rows = np.linalg.svd(jacobian / size, full_matrices=False)
@@ -156,10 +156,10 @@ class _BetterError(Exception):
 def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
     """Return the fit and the two ends of each free number's interval; an end is None if that side is unlimited.
 
-    An interval includes all found minima with a misfit less than quantile^2 above the least misfit. If a better point
-    is found, a fit from this point replaces the best fit, and all intervals are computed again.
+    An interval includes all found minima with a misfit less than quantile^2 above the least misfit. If a clearly
+    better point is found, a fit from this point replaces the best fit, and all intervals are computed again.
     """
-    while True:  # ends, because each better point must lower the misfit by twice as much as the point before
+    while True:  # this loop ends: each better point must lower the misfit by twice as much as the point before
         try:
             return fit, [tuple(_end(fit, i, side) for side in (-1, 1)) for i in range(len(fit.model.free))]
         except _BetterError as better:
@@ -168,13 +168,13 @@ def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
 
 
 def _end(fit: Fit, i: int, side: int) -> float | None:
-    """Return the end of the interval of x[i] on one side (-1, 1): the outermost of the ends from all good minima."""
+    """Return the outermost end of the interval of x[i] on one `side` (-1, 1), from all good minima; None: no limit."""
     limit = fit.quantile**2
     end = profile(fit, i, side, Point(fit.misfit, fit.x))
     for point in fit.others:
         if end is not None and point.misfit - fit.misfit < limit and side * (point.x[i] - end) > 0.0:
             end = profile(fit, i, side, point)
-    for factor in BEYOND:  # farther out the misfit may fall again
+    for factor in BEYOND:
         if end is None:
             break
         last = fit.model.free[i].reach[side > 0]
@@ -186,7 +186,7 @@ def _end(fit: Fit, i: int, side: int) -> float | None:
 
 
 def _is_vague(fit: Fit) -> bool:
-    """Return whether an interval is expected to exceed MAX_STEP, by the curvature or by another good minimum."""
+    """Return whether an interval may exceed MAX_STEP: its width by the curvature plus the spread of good minima."""
     good = [fit.x, *(point.x for point in fit.others if point.misfit - fit.misfit < fit.quantile**2)]
     spread = np.ptp(good, axis=0)
     widths = 2.0 * fit.quantile * fit.deviations + spread
@@ -194,9 +194,9 @@ def _is_vague(fit: Fit) -> bool:
 
 
 def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
-    """Keep x[i] at `u` and fit the rest of x from `near`; raise _BetterError if this fit beats the best fit."""
+    """Return a fit with x[i] = `u`, started near `near`; raise _BetterError if it clearly beats the best fit."""
     points = []
-    # start at `near`, moved along `valley`; if that fit is bad, at `near` with only x[i] changed
+    # start at `near`, moved along `valley`; if that fit is bad, start at `near` with only x[i] changed
     for along in (fit.valley[:, i] / fit.valley[i, i], np.zeros_like(near.x)):
         start = near.x + along * (u - near.x[i])
         start[i] = u
@@ -209,7 +209,7 @@ def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
 
 
 def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
-    """Return x[i] on one `side` (-1, 1) at which the refitted misfit is quantile^2 above the best; None: nowhere."""
+    """Return x[i] on one `side` (-1, 1) where the misfit is about quantile^2 above the best; None: not in reach."""
     first, last = float(begin.x[i]), fit.model.free[i].reach[side > 0]
     inner, outer = (first, math.sqrt(max(begin.misfit - fit.misfit, 0.0) / fit.quantile**2), begin), None
     u = first + side * min((1.0 - inner[1]) * fit.quantile * fit.deviations[i], MAX_STEP)

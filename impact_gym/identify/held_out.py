@@ -1,4 +1,4 @@
-"""Test the predictions of fits: a fit to each half of the logs predicts the blows of the other half."""
+"""Predict the blows of each half of the logs from a fit to the other half."""
 
 import csv
 import io
@@ -18,23 +18,23 @@ from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
 
 UNITS = {"object_velocity": "m/s", "peak_force": "N", "impulse": "N s", "duration": "s"}
-"""Quantities of a blow and their units: V_p; peak and integral of the force; width of the force at half of its peak."""
-END = 0.25  # last part of a log; the mean of its samples is the velocity after the blow
+"""Quantities of a blow: final velocity of the object; peak and integral of the force; width at half of this peak."""
+END = 0.25  # last part of a log, as a fraction; the mean velocity there is the velocity after the blow
 
 
 class Prediction(NamedTuple):
-    """The prediction of one quantity of a blow to which the model was not fitted; units as in UNITS."""
+    """The prediction of one quantity of a blow; units as in UNITS."""
 
     log: str
     quantity: str
     measured: float
     predicted: float
-    equal: float  # median of this quantity over the fitted blows with the same motion; nan without such blows
+    equal: float  # median of the measured values of fitted blows with the same motion; nan: there are none
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Predictions for all blows, each by a fit to the half of the logs that does not contain the blow."""
+    """Predictions of all blows, each from a fit to the half of the logs without the blow."""
 
     predictions: tuple[Prediction, ...]
 
@@ -46,7 +46,7 @@ class HeldOut:
             return np.abs(predicted - measured) / np.abs(measured), np.abs(equal - measured) / np.abs(measured)
 
     def __str__(self) -> str:
-        lines = ["each half of the logs predicts the other:"]
+        lines = ["predictions by a fit to the other half of the logs:"]
         for log, quantity, measured, predicted, _ in self.predictions:
             off = 100.0 * (predicted / measured - 1.0) if measured else math.inf
             lines.append(f"{log}: {quantity} {measured:.4g} {UNITS[quantity]}, predicted {predicted:.4g}, {off:+.1f} %")
@@ -54,7 +54,7 @@ class HeldOut:
             errors, of_equals = self.errors(quantity)
             known = of_equals[np.isfinite(of_equals)]
             beside = f"; blows with the same motion differ by {100.0 * np.median(known):.1f} %" if len(known) else ""
-            lines.append(f"{quantity}: median error {100.0 * np.median(errors):.1f} %, 95 % of the blows below "
+            lines.append(f"{quantity}: median error {100.0 * np.median(errors):.1f} %, 95th percentile "
                          f"{100.0 * np.quantile(errors, 0.95):.1f} %{beside}")  # fmt: skip
         return "\n".join(lines)
 
@@ -71,23 +71,23 @@ def hold_out(
     log: Sequence[Any], scene: Scene, motion: Trapezoid | Sequence[Trapezoid],
     free: Iterable[str] = FREE, sensor: Sensor | Mapping[str, Sensor] | None = None,
 ) -> HeldOut:  # fmt: skip
-    """Fit every second log and predict the other logs, then the reverse; for the arguments see `identify`.
+    """Fit every second log and predict the other logs, then swap the halves; for the arguments see `identify`.
 
     Raises:
-        TypeError, ValueError: as `identify`; there are fewer than two logs; their columns differ; they have neither
-            a column `object_velocity` nor a column `force`.
+        TypeError, ValueError: as `identify`; the logs are fewer than two, differ in their columns, or have neither
+            `object_velocity` nor `force`.
     """
     count = len(log) if isinstance(log, (list, tuple)) else 1
     if count < 2:
-        raise ValueError(f"hold-out needs 2 logs or more, a half to fit and a half to predict, got {count}")
+        raise ValueError(f"hold-out needs 2 logs or more, got {count}")
     logs = [read(source, f"log {k + 1}") for k, source in enumerate(log)]
     columns = logs[0].columns.keys()
     for each in logs:
         if each.columns.keys() != columns:
-            raise ValueError(f"hold-out needs logs of the same columns, {each.name} has {', '.join(each.columns)}, but"
-                             f" the first one {', '.join(columns)}")  # fmt: skip
+            raise ValueError(f"hold-out needs logs with equal columns: {each.name} has {', '.join(each.columns)}, but"
+                             f" the first log has {', '.join(columns)}")  # fmt: skip
     if not {"force", "object_velocity"} & columns:
-        raise ValueError(f"hold-out compares force or object_velocity, got {', '.join(columns)}")
+        raise ValueError(f"hold-out needs a column force or object_velocity, got {', '.join(columns)}")
     motions = motion_of_each(motion, len(logs))
     fits = [identify(logs[half::2], scene, motions[half::2], free, sensor) for half in (0, 1)]
     measured = [_quantities(each, fits[0]) for each in logs]

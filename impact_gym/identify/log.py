@@ -34,11 +34,11 @@ MAX_FORCE = 1e5  # N
 MAX_ACCELERATION = 1e6  # m/s^2
 MAX_SPEED_RATIO = 10.0  # largest ratio of a recorded velocity to the speed of the motion
 MAX_STEP = 0.05  # s, largest median time between two samples
-MAX_GAP = 1.5  # median steps; a longer step lost samples, unless the steps beside it are shorter by as much
+MAX_GAP = 1.5  # median steps; in a longer step samples are lost, unless neighbouring steps are shorter by as much
 MAX_LOST = 3  # largest number of lost samples in a row
-MIN_SWING = 10.0  # least (largest - least sample) of a column with a blow, in standard deviations of the noise
-LEAST_IMPULSE = 0.03  # least allowed impulse / impulse of a plastic impact of the lightest searched bodies
-FLAT_SAMPLES = 3  # least number of equal extreme samples in a row of a saturated sensor
+MIN_SWING = 10.0  # least range (largest - least sample) of a column with a blow, in standard deviations of noise
+LEAST_IMPULSE = 0.03  # least allowed impulse / impulse of a plastic impact, see `_refuse_other_force`
+FLAT_SAMPLES = 3  # least number of successive samples at the extreme of a saturated column
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +56,12 @@ class Log:
         steps = np.diff(self.time)
         usual = float(np.median(steps))
         padded = np.concatenate([[usual], steps, [usual]])
-        three = padded[:-2] + steps + padded[2:]  # a late sample within three steps does not change their sum
+        three = padded[:-2] + steps + padded[2:]  # a late sample inside three steps does not change the sum
         return np.where(steps > MAX_GAP * usual, np.maximum(np.rint(three / usual) - 3, 0), 0).astype(np.int64)
 
     @property
     def step(self) -> float:
-        """Mean time between two samples, s; lost samples counted."""
+        """Mean time between two samples, s; lost samples count as samples."""
         return float(self.time[-1] - self.time[0]) / float(len(self.time) - 1 + self.lost.sum())
 
 
@@ -95,7 +95,7 @@ def read(source: Any, name: str) -> Log:
     log = Log(name, time, columns)
     if log.lost.max() > MAX_LOST:
         k = int(np.argmax(log.lost))
-        raise ValueError(f"{name}, time must have no gaps of more than {MAX_LOST} samples, each {usual:g} s, but "
+        raise ValueError(f"{name}, time must have no gaps of more than {MAX_LOST} samples; steps are {usual:g} s, but "
                          f"{steps[k]:g} s lie between samples {k} and {k + 1}, at {time[k]:g} s")  # fmt: skip
     if not said:
         return log
@@ -106,14 +106,14 @@ def read(source: Any, name: str) -> Log:
 
 
 def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
-    """Raise ValueError if a log cannot be a blow of this scene."""
+    """Raise ValueError if a log cannot be a blow of `scene`, whose free masses are the least searched ones."""
     for name, values in log.columns.items():
         what = f"{log.name}, {name}"
         limits = {"N": (MAX_FORCE, "mN"), "m/s": (MAX_SPEED_RATIO * motion.speed, "mm/s")}
         limit, other = limits.get(UNITS[name], (MAX_ACCELERATION, "mm/s^2"))
         largest, unit, rate = float(np.abs(values).max()), UNITS[name], sensors[name].rate
         if largest > limit:
-            raise ValueError(f"{what} must be below {limit:g} {unit}, got {largest:g} {unit}: is it in {other}?")
+            raise ValueError(f"{what} must be at most {limit:g} {unit}, got {largest:g} {unit}: is it in {other}?")
         if largest == 0.0:
             raise ValueError(f"{what} must not be 0 {unit} in all {len(values)} samples: leave it out")
         if rate is not None and not 0.99 < rate * log.step < 1.01:
@@ -127,13 +127,13 @@ def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Senso
 
 
 def tool_mass(scene: Scene) -> float:
-    """Return the mass (kg) of the tool and all bodies fixed to it; inf if fixed to a rigid robot or a `RobotTable`."""
+    """Return the mass (kg) of the tool and all bodies fixed to it; inf: fixed to a rigid robot or a `RobotTable`."""
     behind = scene.robot.mass if isinstance(scene.robot, Robot) else math.inf
     return scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
 
 
 def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Sensor) -> None:
-    """Raise ValueError if the force mostly pulls, or if its impulse is far below that of a plastic impact."""
+    """Raise ValueError if the largest pull exceeds the largest push (known bias only), or the impulse is too small."""
     force = log.columns["force"] - level(log.columns["force"], sensor)
     most, least = float(force.max()), float(force.min())
     if sensor.bias != "estimated" and -least > most:
@@ -151,7 +151,7 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
 
 
 def _refuse_clipped(log: Log, name: str) -> None:
-    """Raise ValueError if a column is saturated: an extreme value repeats, and the samples beside it differ."""
+    """Raise ValueError if a column is saturated: it stays at an extreme value, and clearly differs before and after."""
     values = log.columns[name]
     resolution = np.diff(np.unique(values))
     for end, side in ((values.max(), 1.0), (values.min(), -1.0)):
@@ -161,5 +161,5 @@ def _refuse_clipped(log: Log, name: str) -> None:
             if flat and end != 0.0:
                 raise ValueError(
                     f"{log.name}, {name} is saturated: it stays at {end:g} {UNITS[name]} from {log.time[first]:g} to"
-                    f" {log.time[last]:g} s; record the blow with a larger range"
+                    f" {log.time[last]:g} s; record the blow with a larger range of the sensor"
                 )

@@ -1,4 +1,4 @@
-"""The model that is fitted to logs: it predicts logs from x, and returns residuals divided by the noise.
+"""The model that is fitted to logs: predicted samples and residuals as functions of a vector x.
 
 x contains a coordinate for each free number of the scene: ln(e/(1-e)) for the restitution e, ln|a| for any other
 number a. x also contains the start of the motion in each log, and the biases to estimate.
@@ -23,14 +23,14 @@ from impact_gym.validation import WrongTypeError
 
 MASS, STIFFNESS, RESTITUTION = "object.mass", "contact.stiffness", "contact.restitution"
 SEARCHED = {STIFFNESS: (1e2, 1e8), RESTITUTION: (0.03, 0.99), MASS: (5e-3, 5e2)}  # ranges of the starting points
-SEARCH_FACTOR = 10.0  # for numbers not in SEARCHED, starting points are from a tenth to ten times the scene's value
+SEARCH_FACTOR = 10.0  # a number not in SEARCHED starts within this factor of the scene's value
 REACH_FACTOR = 1e4  # the fit may leave the searched range by this factor at either end, except for the restitution
 WALL = 1e5  # largest object mass / mass of a tool on a spring; a heavier object acts like a fixed wall
 LARGEST_LOGIT = 14.0  # largest ln(e/(1-e)): e within 1e-6 of 0 or 1
 RTOL = 1e-8
-STEP = 2e-3  # step of a coordinate for forward differences; their error of 0.1 % is far below a noise of 1 %
+STEP = 2e-3  # step of a coordinate for derivatives; the derivatives' error of 0.1 % is far below a noise of 1 %
 Column = tuple[int, str]  # index of a log, and name of one of its columns
-IMPOSSIBLE = 1e3  # predicted sample / range of the log's column, if the scene cannot be simulated
+IMPOSSIBLE = 1e3  # if the scene cannot be simulated: predicted sample / range of the log's column
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Coordinate:
     """The coordinate of one free number, and its bounds."""
 
     name: str
-    sign: float  # of the number; the coordinate is computed from the absolute value
+    sign: float  # sign of the number (1, -1); the coordinate is computed from the absolute value
     searched: tuple[float, float]  # range of the absolute value for starting points
     wall: float = math.inf  # largest absolute value; larger values would not change the log
 
@@ -61,7 +61,7 @@ class Coordinate:
         return 1.0 / (1.0 + math.exp(-u)) if self.name == RESTITUTION else self.sign * math.exp(u)
 
     def end(self, u: float | None, side: int) -> float:
-        """Return the number at the end `u` of an interval on one side (-1, 1); for None, the number's own limit."""
+        """Return the number at the end `u` of an interval on one `side` (-1, 1); for None, the number's own limit."""
         if u is not None:
             return self.number(u)
         return float(side > 0) if self.name == RESTITUTION else self.sign * (math.inf if side > 0 else 0.0)
@@ -103,7 +103,7 @@ def tool_acceleration(scene: Scene, trace: Trace) -> Array:
 
 
 class Model:
-    """Residuals of all logs as a function of x: coordinates of the free numbers, start of each motion (s), biases.
+    """Predicted samples and residuals of all logs.
 
     `noise`: standard deviation of each column's noise, the same in all logs: the sensor's, or else an estimate.
     """
@@ -114,7 +114,7 @@ class Model:
     ) -> None:  # fmt: skip
         self.logs, self.scene, self.motions, self.sensors, self.free = logs, scene, motions, sensors, free
         self.simulations, self.samples, self.size = 0, 0, len(free) + len(logs)
-        self.slots, self.bias_places = dict[Column, slice](), dict[Column, int]()  # places: in the residuals; in x
+        self.slots, self.bias_places = dict[Column, slice](), dict[Column, int]()  # indices into x
         for k, log in enumerate(logs):
             for name in log.columns:
                 self.slots[k, name] = slice(self.samples, self.samples + len(log.time))
@@ -131,7 +131,7 @@ class Model:
         self._cache: tuple[bytes, tuple[Array, Array]] = (b"", (np.empty(0), np.empty(0)))
 
     def of_first_blow(self) -> "Model":
-        """Return the model with each log cut after its first blow; a log without a force column is not cut."""
+        """Return the model with each log cut between the first two blows of its force; a log without two is not cut."""
         logs = []
         for log in self.logs:
             blows = bursts(log.columns["force"], self.sensors["force"]) if "force" in log.columns else []
@@ -163,7 +163,7 @@ class Model:
         return arrival + float(log.time[-1] - log.time[0])
 
     def sensed(self, scene: Scene, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
-        """Return the readings (n,) of a column's sensor at `at` (n,), s since the motion's start, and their slopes."""
+        """Return a column's readings (n,) without bias at `at` (n,), s since the motion's start, and their slopes."""
         sensor = self.sensors[name]
         if name == "tool_acceleration":
             values = tool_acceleration(scene, trace)
@@ -178,7 +178,7 @@ class Model:
         return sensor.senses(trace.time, values, at)
 
     def predicted(self, x: Array) -> tuple[Array, Array]:
-        """Return the predicted samples of all columns of all logs (n,) without biases, and their time derivatives."""
+        """Return all predicted samples (n,) without biases, and the time derivatives of these samples (n,)."""
         key = x[: len(self.free) + len(self.logs)].tobytes()
         if self._cache[0] != key:
             self._cache = key, self._predict(x)

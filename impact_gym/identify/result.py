@@ -17,12 +17,12 @@ from impact_gym.quantities import BY_PATH
 from impact_gym.scene import Scene
 from impact_gym.simulation import simulate
 
-WIDE_RATIO = 2.0  # an interval is wide if the ratio of its ends is larger
-WIDE_RESTITUTION = 0.3  # an interval of the restitution is wide if it is longer
-MIN_CORRELATION = 0.95  # two numbers are not separable if |correlation| is larger and an interval is wide
+WIDE_RATIO = 2.0  # an interval is wide if the ratio of its ends exceeds this
+WIDE_RESTITUTION = 0.3  # the restitution's interval is wide if its length exceeds this
+MIN_CORRELATION = 0.95  # two numbers are not separable if |correlation| exceeds this and an interval of the two is wide
 
 FALSE_ALARM = 1e-4  # probability that one test of the residuals rejects a correct model
-LAGS = 10  # largest lag, in samples, of the residuals' autocorrelation that is tested
+LAGS = 10  # largest lag, in samples, at which the residuals' autocorrelation is tested
 MIN_BEFORE = 8  # least number of samples before the touch for a test of their mean or variance
 
 Interval = tuple[float, float]
@@ -30,10 +30,10 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """The result of `identify`: estimates of the free numbers, in SI units; keys are dotted names, as "object.mass"."""
+    """The result of `identify`: estimates of the free numbers in SI units, intervals, and misfits."""
 
-    estimate: Mapping[str, float]
-    interval: Mapping[str, Interval]  # 95 % confidence if `warnings` is empty; an end 0, inf or restitution 1: no limit
+    estimate: Mapping[str, float]  # keys are dotted names, such as "object.mass"
+    interval: Mapping[str, Interval]  # at 95 % if `warnings` is empty; an end at 0, inf or restitution 1 is no limit
     correlation: Array  # (k, k), correlations of the coordinates (see `model`), in the order of `estimate`
     scene: Scene  # the given scene with the estimates
     indistinguishable: tuple[str, ...]  # sentences on what the log cannot determine
@@ -46,7 +46,7 @@ class Identified:
 
     @classmethod
     def of(cls, fit: Fit, ends: Sequence[Ends]) -> "Identified":
-        """Return the result of a fit with the ends of its intervals."""
+        """Return the result of a fit whose intervals have these ends; each misfit is also a UserWarning."""
         model, free = fit.model, fit.model.free
         covariance = fit.covariance[: len(free), : len(free)]
         deviations = np.sqrt(np.diag(covariance))
@@ -75,7 +75,7 @@ class Identified:
         )
 
     def plot(self) -> Any:
-        """Return a Matplotlib figure with, for each column, measured and fitted values, and residual / noise."""
+        """Return a Matplotlib figure: for each log and column, measured and fitted values, and residual / noise."""
         from matplotlib.figure import Figure
 
         model = self.fit.model
@@ -99,7 +99,7 @@ class Identified:
         for name, value in self.estimate.items():
             low, high = self.interval[name]
             estimate = _with_unit(self.scene, name, f"{value:.6g}")
-            sure = "if the model held, in" if self.warnings else "95 % in"
+            sure = "unreliable interval" if self.warnings else "95 % in"
             lines.append(f"{name} = {estimate}, {sure} {low:.6g} to {high:.6g}")
         for (i, first), (j, second) in combinations(enumerate(self.estimate), 2):
             lines.append(f"correlation of {first} and {second}: {self.correlation[i, j]:.2f}")
@@ -109,9 +109,9 @@ class Identified:
 def misfits(fit: Fit) -> Iterator[str]:
     """Yield a sentence for each test that the residuals fail.
 
-    The tests: mean before the touch (normal distribution); variance after the touch / variance before it (Fisher's F);
-    variance / known variance (chi-squared); whiteness (Ljung and Box, Biometrika 65, 1978). Not tested:
-    `flange_velocity`, columns with noise below the sensor's resolution, and the first two on `tool_velocity`.
+    The tests: mean before the touch if the bias is known (normal distribution); variance after / before the touch
+    (Fisher's F); variance / known variance (chi-squared); whiteness (Ljung and Box, Biometrika 65, 1978). Not tested:
+    `flange_velocity`, and columns with noise below the sensor's resolution. `tool_velocity`: only the last two tests.
     """
     model = fit.model
     scene, left = model.scene_at(fit.x), -fit.model.residuals(fit.x)
@@ -129,7 +129,7 @@ def misfits(fit: Fit) -> Iterator[str]:
             limit = -float(ndtri(FALSE_ALARM / 2.0)) * spread / len(before) ** 0.5
             if abs(mean) > limit and model.sensors[name].bias != "estimated":
                 yield (f"{log.name}, {name} has a mean of {mean * noise:.3g} {unit} before the touch: the sensor was "
-                       'not tared; give its bias, or Sensor(bias="estimated")')  # fmt: skip
+                       'probably not tared; give its bias, or Sensor(bias="estimated")')  # fmt: skip
             ratio = float(np.mean(behind**2)) / spread**2 if len(behind) else 0.0
             if fdtrc(len(behind), len(before) - 1, ratio) < FALSE_ALARM:
                 yield (f"{log.name}, {name}: from the touch on, the residuals are {ratio**0.5:.3g} times the noise "

@@ -1,7 +1,7 @@
 """Choose starting points of a fit, run least squares from several of them, and stop the worst fits early.
 
-A starting point has the free numbers of the given scene, of a scene whose blow has the measured impulse and width, or
-of a point of a Latin hypercube over the searched ranges. Its start times and biases minimize the misfit.
+The free numbers of a starting point have one of three sources: the given scene; the measured impulse and width of a
+blow; a Latin hypercube over the searched ranges. The start times and biases of a starting point minimize the misfit.
 """
 
 import math
@@ -19,13 +19,13 @@ from impact_gym.scene import Scene
 
 SCATTERED = 40  # number of points of the Latin hypercube
 SEED = 0
-RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # `from_impulse` makes a starting point for each of these
-PASSES = 8  # of `from_impulse`: most simulations of a starting point
-NEAR = 0.1  # tolerance of the logarithms of mass and stiffness in `from_impulse`
+RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # restitutions of the points of `from_impulse`, if the restitution is free
+PASSES = 8  # of `from_impulse`: largest number of simulations for a starting point
+NEAR = 0.1  # of `from_impulse`: tolerance of ln(simulated / measured) of impulse and of width
 HEAVY = 1e3  # largest object mass / tool mass in `from_impulse`
 ROUNDS = 5  # of `race`: number of comparisons
-ROUND_EVALUATIONS = 8  # most evaluations of the residuals before a comparison
-MIN_GAP_REDUCTION = 0.2  # a bad fit is dropped if a round closes less than this part of its gap to the best fit
+ROUND_EVALUATIONS = 8  # most evaluations of a fit's residuals before a comparison
+MIN_GAP_REDUCTION = 0.2  # a bad fit is dropped if a round reduces (misfit - least misfit) by a smaller fraction
 GOOD_MISFIT = 20.0  # a fit is good if misfit - least misfit is below this times (1 + least misfit / samples)
 MIN_DISTANCE = 0.03  # minima are distinct if a coordinate differs by more than this
 LARGEST_START = 4.0  # largest |ln(e/(1-e))| at the start of a fit, which means e from 0.02 to 0.98
@@ -35,13 +35,13 @@ FINE, ROUGH = 1e-8, 1e-5  # relative tolerances of misfit and x: FINE for the fi
 class Point(NamedTuple):
     """A point x and its misfit."""
 
-    misfit: float  # sum of (residual / noise)^2
+    misfit: float  # sum of ((predicted - measured) / noise)^2
     x: Array
     is_minimum: bool = True  # False: least squares did not converge, or was not run
 
 
 def scatter(model: Model) -> list[Array]:
-    """Return starting points x, the best first: the given scene, points of `from_impulse`, and of a Latin hypercube."""
+    """Return the starting points x that can be simulated, the best first."""
     rng = np.random.default_rng(SEED)
     low, high = np.array([[number.coordinate(size) for size in number.searched] for number in model.free]).T
     cells = np.array([rng.permutation(SCATTERED) for _ in model.free]).T
@@ -53,7 +53,7 @@ def scatter(model: Model) -> list[Array]:
 
 
 def from_impulse(model: Model, given: Array) -> list[Array]:
-    """Return coordinates that reproduce impulse and width in the first log with a force, one for each restitution.
+    """Return points with about the impulse and width in the first log with a force; each has another restitution.
 
     With restitution e, speed v and the object's mass m the impulse is (1 + e) v / (1/m + 1/m_tool). The width is
     impulse / peak. For a force k delta^n (penetration delta) the width is proportional to k^(-1/(n + 1)) (Johnson,
@@ -75,7 +75,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 
     points = []
     for restitution in RESTITUTIONS if RESTITUTION in places else RESTITUTIONS[:1]:
-        x, light, heavy = given.copy(), -math.inf, math.inf  # coordinates of masses that are too small and too large
+        x, light, heavy = given.copy(), -math.inf, math.inf  # limits of the mass's coordinate
         put(RESTITUTION, math.log(restitution / (1.0 - restitution)))
         for _ in range(PASSES if impulse > 0.0 else 0):
             try:
@@ -104,7 +104,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 
 
 def start_at(model: Model, point: Array, share: float) -> Point:
-    """Return x with coordinates `point` and best biases and start times; samples are shifted by `share` of a step."""
+    """Return `point` with the best start times and biases; simulated samples are shifted by `share` of a step."""
     x = np.zeros(model.size)
     x[: len(point)] = point
     total = 0.0
@@ -130,7 +130,7 @@ def _align(model: Model, scene: Scene, log: Log, trace: Trace, share: float) -> 
     last = min(trace.time[-1], touch + 2.0 * n * step)
     first = max(touch - 2.0 * n * step, 0.0) if np.isfinite(touch) else 0.0
     times: Array = first + (np.arange(int((last - first) / step), dtype=float) + share) * step
-    m = len(times)  # at lag k, sample j of the motion lies at sample j + k of the log; the log ends within the motion
+    m = len(times)  # at lag k, sample j of the motion lies at sample j + k of the log
     misfit, biases = np.zeros(m + 1), {}
     length = 1 << int(n + m).bit_length()
     lags = np.arange(n - m, n + 1)
@@ -184,9 +184,9 @@ def descend(
 
 
 def race(model: Model, starts: Sequence[Array]) -> list[Point]:
-    """Fit roughly from all `starts`; return the distinct minima, the best first.
+    """Fit roughly from all `starts`; return the distinct fits that remain, the best first.
 
-    The fits run in rounds, and are compared after each round. Of several fits with nearly the same free numbers only
+    The fits are compared after each round. Of several fits with nearly the same free numbers only
     the best continues. A fit is stopped if it is clearly worse than the best fit and has hardly improved in this round.
     """
     points = [Point(math.inf, x, is_minimum=False) for x in starts]

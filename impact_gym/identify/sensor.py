@@ -1,4 +1,4 @@
-"""The response of a sensor (load cell, low pass, bias, noise), and noise, level and bursts of a measured column."""
+"""The readings of a sensor with load cell and low pass; the noise, level and bursts of a measured column."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -19,7 +19,7 @@ MIN_HEIGHT = 5.0, 0.2  # least height of a burst: in standard deviations of the 
 
 
 def curve(time: Array, values: Array) -> PPoly:
-    """Return cubic Hermite pieces through points (k,), with slopes of parabolas through three neighbouring points.
+    """Return cubic Hermite pieces through points (k,), with the slopes of parabolas through three neighbours.
 
     `scipy.interpolate.CubicHermiteSpline` makes the same curve more slowly.
     """
@@ -41,7 +41,7 @@ class LoadCell(Parameters):
     """A force sensor at the tool: a mass on an elastic element, which is a spring and damper in parallel.
 
     The cell reads the element's force R = k u + c u', with its compression u, stiffness k and damping c. The mass m
-    moves by m u'' + R = F + m a, with the contact force F and the tool's acceleration a. So R oscillates about F + m a.
+    moves by m u'' + R = F + m a, with the contact force F and the tool's acceleration a.
     The element is assumed to be much stiffer than the contact.
     """
 
@@ -52,9 +52,9 @@ class LoadCell(Parameters):
 
 @dataclass(frozen=True, slots=True)
 class Sensor(Parameters):
-    """Known properties of the sensor of one column; white normal noise is added after load cell and filter."""
+    """Known properties of the sensor of one column; its noise is white, normal, and not filtered."""
 
-    rate: Annotated[float | None, SI("Hz", above=0)] = None  # of the samples; None: not compared with the log's times
+    rate: Annotated[float | None, SI("Hz", above=0)] = None  # sampling rate; None: not compared with the log's times
     low_pass: Annotated[float | None, SI("Hz", above=0)] = None  # cut-off of a first-order filter; None: no filter
     bias: float | Literal["estimated"] = 0.0  # in the column's unit, added to every sample
     noise: Annotated[float | None, SI("(the column's unit)", above=0)] = None  # standard deviation; None: estimated
@@ -70,8 +70,8 @@ class Sensor(Parameters):
         """Return the sensor's readings (n,) without bias and noise, and their time derivatives, per s.
 
         Args:
-            time: times of the signal's points (k,), s; before the first point the signal is 0 (without
-                filter and cell: the value of the first point), after the last point constant.
+            time: times of the signal's points (k,), s. After the last point the signal is constant. Before the first
+                point it is 0 or, without filter and cell, constant.
             values: the signal at these times (k,); between them it is interpolated by `curve`.
             at: times of the readings (n,), s, increasing.
         """
@@ -94,7 +94,7 @@ class Sensor(Parameters):
         return value, slope
 
     def _lags(self) -> list[tuple[complex, complex]]:
-        """Return first-order lags (weight, rate in 1/s); load cell and filter are the real part of their sum."""
+        """Return first-order lags (weight, rate in 1/s); cell and filter: the real part of the lags' sum."""
         slow = 2.0 * np.pi * self.low_pass if self.low_pass else None
         if self.cell is None:
             return [(1.0, slow)] if slow else []
@@ -108,13 +108,13 @@ class Sensor(Parameters):
 
 
 def _filtered(signal: PPoly, nodes: Array, pace: complex, last: float) -> NDArray[Any]:
-    """Return y at `nodes` (k,) for y' = pace (signal - y), from rest at the first node, by Gaussian quadrature."""
+    """Return y at `nodes` (k,) for y' = pace (signal - y), with y = 0 at the first node, by Gaussian quadrature."""
     h = np.diff(nodes)[:, None]
     inside = nodes[:-1, None] + h * (GAUSS + 1.0) / 2.0
     weight = GAUSS_WEIGHTS * np.exp(-pace * h * (GAUSS[-1] - GAUSS) / 2.0)
     mean = (weight * signal(np.minimum(inside, last))).sum(1) / weight.sum(1)
     kept = np.exp(-pace * h[:, 0])
-    steps = np.array([np.ones(len(nodes)), np.append(-kept, 0.0)])  # y[k + 1] - kept[k] y[k]
+    steps = np.array([np.ones(len(nodes)), np.append(-kept, 0.0)])  # matrix of y[k + 1] - kept[k] y[k]
     return solve_banded((1, 0), steps, np.append(0.0, mean * (1.0 - kept)), check_finite=False)
 
 
@@ -131,7 +131,7 @@ def level(values: Array, sensor: Sensor) -> float:
 
 
 def bursts(force: Array, sensor: Sensor) -> list[tuple[int, int]]:
-    """Return the indices of the first and last sample of each period in which a force is MIN_HEIGHT above its level."""
+    """Return first and last index of each period in which a force exceeds its level by both limits of MIN_HEIGHT."""
     height = force - level(force, sensor)
     deviations, share = MIN_HEIGHT
     return runs(height > max(deviations * noise_of(force, sensor), share * float(height.max())))

@@ -1,15 +1,15 @@
 """Compute a robot's mass, damping and stiffness along an approach from its joints (paper, section 3.1, eq. 10-16).
 
     default_approach() -> Approach        the shipped table: Viper s650, with the paper's mass at the impact
-    Approach.robot_table(), .at(position) the robot of a Scene, with one of three kinds of mass
+    Approach.robot_table(), .at(position) the robot of a Scene; `mass` chooses one of three kinds of mass
 
-These functions need MuJoCo, the extra `robot`:
+These functions need MuJoCo (pip install 'impact-gym[robot]'):
 
     from_urdf(path, base, tip) -> Arm     any serial arm; viper.viper() returns the paper's arm
     Arm.along(start, direction, length)   -> Approach, the table along a line through the flange
     Arm.reduction(angles, direction)      one row of the table
     joint_angles(arm, place, ...)         joint angles of a pose
-    all_joints.simulate(arm, approach, scene)  a blow with all joints, to see the error of the table
+    all_joints.simulate(arm, approach, scene)  simulates a blow with all joints, to find the table's error
 
 Kinematics and joint limits of the Viper are public data. Its inertia and joint stiffness are estimates: at a given pose
 the mass is uncertain by tens of per cent, the stiffness even more.
@@ -31,7 +31,7 @@ from impact_gym.validation import choice, number, numbers, one_of, whole
 __all__ = ["IMPACT", "Approach", "Arm", "default_approach", "from_urdf", "joint_angles"]
 
 PerJoint = float | Sequence[float] | Sequence[tuple[float, float]]
-"""One number or pair (low, high) for all joints, or one for each joint; from a pair a number is drawn log-uniformly."""
+"""A number or pair (low, high) for all joints, or one for each joint; numbers are drawn log-uniformly from pairs."""
 
 
 def from_urdf(
@@ -83,7 +83,6 @@ def from_urdf(
 
 
 def _per_joint(name: str, given: Any, count: int, rng: np.random.Generator, unit: str, **limits: float) -> Array:
-    """Return the number of each joint (count,), drawn from `rng` where `given` has a pair."""
     if not hasattr(given, "__len__") or isinstance(given, (str, Mapping)):
         return np.full(count, number(name, given, unit, **limits))
     each = [given] * count if len(given) == 2 != count else given

@@ -1,11 +1,11 @@
-"""Simulate an arm with all its joints (paper, eq. 10), as a reference for the simpler table of an `Approach`.
+"""Simulate an arm with all its joints (paper, eq. 10), as a reference for the table of an `Approach`.
 
-    M(q) q'' + c(q, q') = D (q_m' - q') + K (q_m - q) - J' F
+    M(q) q'' + c(q, q') = D (q_m' - q') + K (q_m - q) - J^T F
 
 Joints of stiffness K and damping D connect the motors, at the angles q_m, with the links, at the angles q. The motors
 follow the line of the approach, exactly or by a servo. Tool and object move along this line. F is the force of the
-coupling on the flange or, if the coupling is rigid, the contact force. MuJoCo computes the mass matrix M, the flange's
-Jacobian J, and c, the weight and Coriolis forces. SciPy integrates, independently of this package's compiled solver.
+coupling on the tool or, if the coupling is rigid, of the tool on the object. MuJoCo computes the mass matrix M, the
+flange's Jacobian J, and c, the weight and Coriolis forces. SciPy integrates, not this package's compiled solver.
 """
 
 import math
@@ -32,7 +32,7 @@ MOST_CONTACTS = 200
 class Blow:
     """Results of an approach simulated with all joints."""
 
-    object_velocity: float  # m/s, V_p
+    object_velocity: float  # m/s, at the end of the run
     touch_time: float | None  # s, time of the first touch; None: the object is not touched
     impact_velocity: float | None  # m/s, of the tool at the first touch
     peak_force: float  # N
@@ -47,12 +47,12 @@ def simulate(
     arm: Arm, approach: Approach, scene: Scene, motion: Trapezoid | Motion, *, duration: float,
     gravity: bool = False, servo: Servo | None = None, rtol: float = 1e-8, most_evaluations: int = MOST_EVALUATIONS,
 ) -> Blow:  # fmt: skip
-    """Simulate an approach of `arm` with all its joints along the line of `approach`; `scene.robot` must be None.
+    """Simulate an approach of `arm` with all its joints along the line of `approach`.
 
     Args:
         arm: the arm that `approach` describes.
         approach: the line, and the motors' angles along it.
-        scene: tool, object without friction, contact with equal exponents, and coupling.
+        scene: a scene without robot, friction, "fixed" dissipation or stroke; the contact's two exponents are equal.
         motion: motion of the motors along the line.
         duration: length of the run, s.
         gravity: whether gravity acts and, at the start, deflects the joints.
@@ -76,13 +76,13 @@ def simulate(
     law, distance = scene.contact, scene.object.distance
     stroke = isinstance(scene.coupling, SpringDamper) and scene.coupling.stroke
     if scene.robot is not None or scene.object.friction or law.reference_velocity or stroke:
-        raise ValueError("scene.robot, object.friction, a fixed dissipation and coupling.stroke must be left out here")
+        raise ValueError('scene.robot, object.friction, dissipation "fixed" and coupling.stroke must be left out here')
     if law.stiffness_exponent != law.damping_exponent:
         raise ValueError("contact.damping_exponent must equal contact.stiffness_exponent here")
     if not distance <= approach.position[-1]:
         raise ValueError(f"object.distance is {distance!r} m, but the line ends after {approach.position[-1]:.4g} m")
     if arm.joints != approach.joints or np.abs(arm.flange(approach.joint_angles[0])[0] - approach.start).max() > 1e-6:
-        raise ValueError("approach must be of this arm: joints differ, or joint_angles[0] do not lead to its start")
+        raise ValueError("approach must be of this arm: joints differ, or joint_angles[0] do not give approach.start")
     if servo is not None and not (arm.rotors > 0).all():
         raise ValueError("a servo needs the arm's rotor_inertia, in kg m^2, above 0")
     return _run(Equations(arm, approach, scene, Path(motion), gravity, servo, int(most_evaluations)), duration, rtol)

@@ -1,4 +1,4 @@
-"""A table of a robot's mass, damping and stiffness along a straight approach; reads and writes such tables."""
+"""A table of a robot's mass, damping and stiffness along a straight approach, and its JSON file."""
 
 import json
 from dataclasses import dataclass, fields
@@ -28,13 +28,13 @@ class Approach(Parameters):
     """A robot on a line, as a table with a row for each position; masses are without a tool."""
 
     position: Annotated[Array, SI("m")]  # distance of the imposed motion from its start, rising from 0
-    held: Annotated[Array, SI("kg")]  # m_r = M_X,11 (paper, eq. 12 and 16)
+    held: Annotated[Array, SI("kg")]  # m_r = M_X,11, with the Cartesian mass matrix M_X (paper, eq. 12 and 16)
     damping: Annotated[Array, SI("N s/m")]  # c_r = D_X,11 (paper, eq. 13 and 16)
     stiffness: Annotated[Array, SI("N/m")]  # k_r = K_X,11 (paper, eq. 14 and 16)
     effective: Annotated[Array, SI("kg")]  # 1/(M_X^-1)_11
     effective_stiffness: Annotated[Array, SI("N/m")]  # 1/(K_X^-1)_11
     composite: Annotated[Array, SI("kg")]  # mass of all links as one body, see `Arm.reduction`
-    joint_angles: Array  # rad, m for prismatic joints, (rows, n)
+    joint_angles: Array  # rad, m for prismatic joints, (rows, joints)
     joints: tuple[str, ...]  # names
     start: Annotated[Array, SI("m")]  # position of the flange at the start, in the base's frame, (3,)
     direction: Annotated[Array, SI("-")]  # direction of the line, of length 1, (3,)
@@ -50,7 +50,7 @@ class Approach(Parameters):
         for name, shape in (shapes | {"joint_angles": (rows, len(self.joints))}).items():
             values = array(f"Approach.{name}", getattr(self, name), shape).astype(np.float64)
             if not np.isfinite(values).all():
-                raise ValueError(f"Approach.{name} must be finite, in rad, got {shown(values)}")
+                raise ValueError(f"Approach.{name} must be finite, in rad or m, got {shown(values)}")
             values.flags.writeable = False
             object.__setattr__(self, name, values)
 

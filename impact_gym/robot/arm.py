@@ -23,11 +23,10 @@ LARGEST_TURN = 0.2  # rad or m, largest change of a joint in a step of the searc
 SPACING, LONGEST = 0.0025, 4.0  # m, largest distance between places along a line, and largest length of a line
 
 MAX_CONDITION = 30.0
-"""Largest allowed condition number of the Jacobian.
+"""Largest allowed `Arm.condition`.
 
-At 30, joint 5 of the paper's arm (`viper`) is 6 to 10 deg from a straight wrist, or joint 3 is about 14 deg from a
-stretched arm. There a small displacement of the flange needs a large rotation of the joints. The held mass is some
-100 kg, more than three times the mass of the robot, so the paper's eq. 11-16 no longer hold."""
+At 30, a small displacement of the flange needs a large rotation of the joints. The held mass (see `Arm.reduction`) of
+the paper's arm is then some 100 kg, more than three times the mass of the robot: eq. 11-16 no longer hold."""
 SOFTEST, STIFFEST = 1.0, 1e8  # N/m, allowed stiffness along a line; beyond, a unit is probably wrong
 
 
@@ -69,7 +68,7 @@ class Arm:
 
     @cached_property
     def length(self) -> float:
-        """Largest distance between successive joints, or last joint and flange, m; factor of rotations."""
+        """Largest distance between successive joints, or between last joint and flange, m, at joint angles of 0."""
         self._place(np.zeros(self.count))
         anchors = np.vstack([self._data.xanchor, self._data.xpos[self._tip]])
         return float(np.linalg.norm(np.diff(anchors, axis=0), axis=1).max())
@@ -87,12 +86,12 @@ class Arm:
         return jacobian
 
     def held_rows(self, angles: ArrayLike) -> Array:
-        """Return the rows of J(q) for the directions in which the flange is held: six; three with under six joints."""
+        """Return the rows of J(q) for the held directions of the flange: six, or three with under six joints."""
         return self.jacobian(angles)[: 6 if self.holds_orientation else 3]
 
     @cached_property
     def rank(self) -> int:
-        """Rank of `held_rows` at a general pose; below their number, for instance, if the arm moves in a plane."""
+        """Rank of `held_rows` at general joint angles; below the number of rows for an arm that moves in a plane."""
         low, high = np.clip([self.lower, self.upper], -3.0, 3.0)
         somewhere = np.random.default_rng(0).uniform(low, np.maximum(high, low), (8, self.count))
         return max(int((sizes > 1e-9 * sizes[0]).sum()) for sizes in map(self._singular_values, somewhere))
@@ -102,7 +101,7 @@ class Arm:
         return np.linalg.svd(np.vstack([rows[:3], self.length * rows[3:]]), compute_uv=False)
 
     def condition(self, angles: ArrayLike) -> float:
-        """Return the condition number of `held_rows`: the largest singular value / the `rank`-th largest."""
+        """Return the condition number of `held_rows`, rotations times `length`: largest / `rank`-th singular value."""
         sizes = self._singular_values(angles)
         return float(sizes[0] / sizes[self.rank - 1]) if sizes[self.rank - 1] > 0.0 else np.inf
 
@@ -142,7 +141,7 @@ class Arm:
         return self._data.qacc_smooth.copy()
 
     def composite(self, angles: ArrayLike) -> tuple[float, Array, Array]:
-        """Return mass (kg), centre (m) and tensor of inertia about it (kg m^2) of all moving links as one body."""
+        """Return mass (kg), centre (m) and inertia about this centre (kg m^2) of all moving links as one body."""
         self._place(angles)
         self._mujoco.mj_crb(self._model, self._data)
         xx, yy, zz, xy, xz, yz = self._data.crb[1, :6]  # inertia of body 1 (the first link) and all bodies after it
@@ -150,7 +149,7 @@ class Arm:
         return float(self._model.body_subtreemass[1]), self._data.subtree_com[1].copy(), tensor
 
     def reduction(self, angles: ArrayLike, direction: ArrayLike) -> dict[str, float]:
-        """Return a row of an `Approach`, at these joint angles and for motion in `direction`; keys are its field names.
+        """Return masses, damping and stiffnesses at `angles`, for motion in `direction`; keys are fields of `Approach`.
 
         Held mass, damping and stiffness are the elements (1,1) of the Cartesian matrices (paper, eq. 12-16). They
         describe a flange that can move only along the line. Effective mass and stiffness describe a free flange:
@@ -158,8 +157,8 @@ class Arm:
         (Cauchy-Schwarz). The composite mass is the effective mass of all links as one free rigid body. An arm under
         stiff position control behaves nearly like such a body (Wang, Dehio and Kheddar, arXiv 2202.12646).
 
-        With more joints than held directions, held mass and stiffness are elements of (J A^-1 J')^-1 for a joint
-        matrix A. The damping is then that at the joint rates of a static deflection.
+        With more joints than held directions, held mass and stiffness are elements of (J A^-1 J^T)^-1, where A is the
+        joints' mass or stiffness matrix. The damping is then computed from the joint rates of a static deflection.
 
         Raises:
             ValueError: the arm cannot move in `direction`, or is too near a singularity.
@@ -169,7 +168,7 @@ class Arm:
         held = np.concatenate([u, np.zeros(len(J) - 3)])
         invert = np.linalg.inv if self.rank == len(J) else partial(np.linalg.pinv, rcond=1e-12)
         M_X, K_X = invert(J @ np.linalg.solve(M, J.T)), invert((J / self.stiffness) @ J.T)
-        rates = (J / self.stiffness).T @ K_X @ held  # joint rates at 1 m/s along the line; with six joints J^-1 held
+        rates = (J / self.stiffness).T @ K_X @ held  # joint rates for 1 m/s along the line
         if not np.abs(J @ rates - held).max() < 1e-6:
             raise ValueError(f"direction must be one in which the flange can move without another motion, got {u}")
         x = u @ J[:3]
@@ -229,8 +228,8 @@ def _unit(direction: ArrayLike) -> Array:
 def joint_angles(arm: Arm, position: ArrayLike, rotation: Array | None, near: ArrayLike) -> Array:
     """Return the joint angles (n,) that put the flange at `position`; the search starts from the angles `near`.
 
-    The search is Newton's method. Each step changes the joints as little as possible, so an arm with more joints than
-    needed also gets one solution. If `rotation` is None, the orientation is free.
+    The search is Newton's method. Each step is the smallest possible change of the joints, also for an arm with more
+    joints than needed. If `rotation` is None, the orientation is free.
 
     Raises:
         ValueError: the arm cannot reach the pose within its limits, or only near a singularity.
@@ -250,7 +249,7 @@ def joint_angles(arm: Arm, position: ArrayLike, rotation: Array | None, near: Ar
             break
     miss = float(np.abs(error).max())
     if not miss <= TOLERANCE:
-        raise ValueError(f"the robot cannot reach {where}: the nearest pose found misses it by {miss:.3g} (m or rad)")
+        raise ValueError(f"the robot cannot reach {where}: the last pose found misses it by {miss:.3g} (m or rad)")
     for joint, angle, low, high, unit in zip(arm.joints, angles, arm.lower, arm.upper, arm.units, strict=True):
         if not low <= angle <= high:
             raise ValueError(

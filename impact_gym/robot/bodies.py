@@ -1,4 +1,4 @@
-"""The bodies of an arm. A body is a joint with the links, welded together, that the joint moves."""
+"""The bodies of an arm, and their model in MuJoCo."""
 
 import importlib
 from collections.abc import Sequence
@@ -10,17 +10,17 @@ from scipy.spatial.transform import Rotation
 from impact_gym.robot.approach import Array
 
 LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # least allowed values of a body, kg and kg m^2
-LARGEST_GYRATION = 3.0  # m, largest radius of gyration, unless the arm's reach is larger; kg mm^2 give more
-ROUNDING = 1e-6  # fraction by which a moment may exceed the sum of the others: files have about six digits
+LARGEST_GYRATION = 3.0  # m, largest radius of gyration, unless the arm's reach is larger; inertia in kg mm^2 exceeds it
+ROUNDING = 1e-6  # fraction by which a moment of inertia may exceed the sum of the others: files have about six digits
 
 
 class Body(NamedTuple):
-    """A joint of an arm, and the links that it moves."""
+    """A joint of an arm, and the links, welded together, that the joint moves."""
 
     joint: str  # name
     unit: str  # of the joint's position, rad or m
-    low: float  # limits of that position
-    high: float
+    low: float  # lower limit of the joint's position
+    high: float  # upper limit
     place: Array  # pose of the joint in the frame of the previous body, homogeneous, (4, 4)
     axis: Array  # axis of the joint, of length 1, (3,)
     links: dict[str, Array]  # pseudo-inertia of each link in the joint's frame, (4, 4), see `urdf`
@@ -46,8 +46,8 @@ def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[A
 
 
 def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
-    """Return mass and inertia of a body as arguments of MuJoCo's `add_body`; `reach` (m) of the arm."""
-    total = np.sum(list(body.links.values()), axis=0)  # a single link may be a mere frame or a point mass
+    """Return mass and inertia of a body as arguments of MuJoCo's `add_body`; `reach`: of the arm, m."""
+    total = np.sum(list(body.links.values()), axis=0)  # a single link may be a frame or a point mass
     mass, centre = float(total[3, 3]), total[:3, 3] / max(total[3, 3], LEAST_MASS)
     if not mass >= LEAST_MASS:
         raise ValueError(
@@ -67,7 +67,7 @@ def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
     elif balanced:
         moments = np.full(3, spread.sum() * 2.0 / 3.0)
     else:
-        raise ValueError(f'{found}: each must be at most the sum of the others; inertia="balanced" takes their mean')
+        raise ValueError(f'{found}: each must be at most the sum of the others; inertia="balanced" uses the mean')
     if (gyration := np.sqrt(most / mass)) > max(LARGEST_GYRATION, reach):
         raise ValueError(f"{found}, a radius of gyration of {gyration:.3g} m with {mass:g} kg: is it in kg m^2?")
     turn = _quaternion(axes * np.sign(np.linalg.det(axes)))

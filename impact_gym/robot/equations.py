@@ -19,7 +19,7 @@ from impact_gym.scene import Bistable, Rigid, Scene, SpringDamper
 
 LOST = 0.05  # rad or m; if a motor deviates more from its command, the run ends
 MOST_EVALUATIONS = 400_000  # default: most evaluations of the equations in a run; they take about 15 s
-STIFF = 1e5  # 1/s; if the joints' fastest mode is faster, an implicit integration method is used
+STIFF = 1e5  # 1/s; without a servo, an implicit method is used if the joints' fastest mode is faster
 
 
 class Path:
@@ -46,7 +46,7 @@ class Path:
         return self._places[k] + (speed + 0.5 * rate * since) * since, speed + rate * since, rate
 
     def brake(self, detection: float) -> None:
-        """Add the braking, which begins `delay` after the force exceeded the threshold at `detection` (s)."""
+        """Add the braking; it begins the brake's delay after `detection` (s), when the force exceeded the threshold."""
         assert isinstance(self._motion, Trapezoid)
         assert self._motion.brake
         t = detection + self._motion.brake.delay
@@ -58,7 +58,7 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class Servo(Parameters):
-    """A sampled PD control of motor positions, with feedforward of the acceleration and the elastic joints' torques."""
+    """A sampled PD control of motor positions; the acceleration and the elastic joints' torques are fed forward."""
 
     frequency: Annotated[float, SI("rad/s", above=0)] = 300.0  # natural frequency of a rotor without its link
     damping_ratio: Annotated[float, SI("-", above=0)] = 1.0
@@ -90,7 +90,7 @@ class Equations:
         inverse, unit = np.linalg.inv(self.arm.mass_matrix(self.motors(scene.object.distance))), np.eye(self.n)
         modes = np.linalg.eigvals(np.block([[0.0 * unit, unit], [-inverse * arm.stiffness, -inverse * arm.damping]]))
         self.stiff = bool(np.abs(modes).max() > STIFF)
-        self.damping = 0.0  # N s/m^(1 + n), chi in the damping force chi * depth^n * rate of the present contact
+        self.damping = 0.0  # N s/m^(1 + a), of this contact: damping force / (depth^a rate), exponent a
         self.evaluations, self.most_evaluations = 0, most_evaluations
         q = q_m = self.motors(0.0)
 
@@ -100,7 +100,7 @@ class Equations:
 
         if gravity:
             q = fsolve(unbalanced, q_m)
-        self.torque = arm.stiffness * (q_m - q)  # torques of the motors, from the last sample that acts
+        self.torque = arm.stiffness * (q_m - q)  # only with a servo: the motors' commanded torques that act now
         motors = [q_m, np.zeros(self.n)] if servo else []
         place = float(self.u @ (self.arm.flange(q)[0] - self.start))
         self.first = np.concatenate([q, np.zeros(self.n), *motors, [place, 0.0, scene.object.distance, 0.0, 0.0]])

@@ -40,7 +40,7 @@ class Joint(NamedTuple):
 
 
 def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[Body], Array]:
-    """Return the bodies from link `base` to link `tip`, and `tip`'s pose (4, 4) in the last body; add to `remarks`."""
+    """Return the bodies from link `base` to `tip`, and `tip`'s pose (4, 4) in the last; add warnings to `remarks`."""
     robot = _parsed(content)
     links = _named(robot, "link")
     joints = _downwards(links, _named(robot, "joint"))
@@ -50,7 +50,7 @@ def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[
         wanted = "two joints or more" if len(chain) < 2 else f"at most {MOST_JOINTS} joints"
         raise ValueError(f"an arm has {wanted}, between {base!r} and {tip!r} there are {len(chain)}")
     bodies, fixed = list[Body](), (None, np.eye(4))
-    places: dict[str, tuple[Body | None, Array]] = {base: fixed}  # for each link its body, and its pose in that body
+    places: dict[str, tuple[Body | None, Array]] = {base: fixed}  # for each link: its body, and pose in this body
     for joint in joints:
         body, place = places.get(joint.parent, fixed)
         if not body and joint not in way:
@@ -71,7 +71,6 @@ def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[
 
 
 def _way(links: Collection[str], joints: Sequence[Joint], base: str, tip: str) -> list[Joint]:
-    """Return the joints from the link `base` down to the link `tip`."""
     for name in (base, tip):
         if name not in links:
             raise ValueError(f"no link {name!r}, there are {sorted(links)}")
@@ -90,7 +89,7 @@ def _way(links: Collection[str], joints: Sequence[Joint], base: str, tip: str) -
 
 
 def _parsed(content: bytes) -> Element:
-    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # keeps a namespace prefix as part of the name
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # expat keeps namespace prefixes in names
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:
         parser.Parse(content, True)
@@ -146,7 +145,7 @@ def _downwards(links: Collection[str], elements: Mapping[str, Element]) -> list[
 
 
 def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, most: float) -> tuple[float, ...]:
-    """Return the numbers in an attribute, as many as `missing` has words; without the attribute, those in `missing`."""
+    """Return the numbers in an attribute, as many as `missing` has words; `missing` replaces a missing attribute."""
     text = missing if of is None else of.get(key, missing)
     try:
         values = [float(each) for each in text.split()] if "_" not in text else []  # float() would accept 1_0
@@ -185,9 +184,7 @@ def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
     if not low < high:
         raise ValueError(f"joint {name!r} has limits of {low:g} and {high:g} {unit}, which must rise")
     if max(-low, high) > {"rad": MOST_TURN, "m": FARTHEST}[unit]:
-        remarks.append(
-            f"joint {name!r} has limits of {low:g} and {high:g} {unit}, so wide that they may be in other units"
-        )
+        remarks.append(f"joint {name!r} has limits of {low:g} and {high:g} {unit}: are they in other units?")
     return unit, low, high
 
 

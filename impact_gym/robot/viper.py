@@ -1,6 +1,6 @@
 """The paper's arm, the Viper s650, and a default approach on which it has the paper's mass and stiffness.
 
-The paper gives neither the joint angles nor the place of the impact. Of its Fig. 12 it prints one number: robot mass
+The paper gives neither the joint angles nor the place of the impact. Of Fig. 12 it prints one number: robot mass
 m_r + tool mass m_t = 5.35 kg at the impact. From other printed numbers we infer the robot's stiffness at the impact,
 k_r = 1.9e5 N/m, and the travel to the impact, 0.2505 m (see docs/provenance.md).
 
@@ -25,11 +25,11 @@ STIFFNESS = (10000.0, 10000.0, 3000.0, 1000.0, 700.0, 300.0)
 
 They give k_r = 1.5e5 N/m at x = 0.50 m, z = 0.20 m with the tool pointing down.
 """
-DAMPING_OVER_STIFFNESS = 3.7e-4  # s, factor beta in D = beta K; a damping ratio of about 3 % at 26 Hz
-MASS_AT_IMPACT = 5.35 - 0.125  # kg, the printed m_r + m_t (paper, section 3.2) minus the mass of the tool
-STIFFNESS_AT_IMPACT = 1.9e5  # N/m, k_r: not printed, but inferred from the paper's Fig. 13b and 14a
+DAMPING_OVER_STIFFNESS = 3.7e-4  # s, factor beta in D = beta K; gives a damping ratio of about 3 % at 26 Hz
+MASS_AT_IMPACT = 5.35 - 0.125  # kg, m_r (paper, section 3.2)
+STIFFNESS_AT_IMPACT = 1.9e5  # N/m, k_r, inferred from the paper's Fig. 13b and 14a
 PITCH = {"down": np.pi, "horizontal": np.pi / 2}
-"""rad, angle from the vertical to the flange's z axis, towards +x. "horizontal": the tool points along the approach."""
+"""rad, angle from upward to the flange's z axis, towards +x. "horizontal": the tool points along the approach."""
 PROVENANCE = {  # without version and date, so that the same table gives the same file
     "made_by": "impact_gym.robot.viper.write_default_approach()",
     "robot": "Viper s650, viper_s650.urdf and viper.py beside this file: inertia and joint stiffness are ESTIMATES",

@@ -130,8 +130,8 @@ GENTLE = {"coupling": ig.Bistable(), "acceleration_range": (1.0, 8.0)}
     ({}, []), (GENTLE, []),
     ({"scenario": {"distance": (0.2, 1.7)}}, ["ends at a flange position of 0.75"]),
     ({"scenario": {"distance": (0.01, 0.3)}}, ["10 mm ahead: the tool can get there before the first reading"]),
-    ({"coupling": ig.Bistable()}, ["holds the tool up to 8.38 m/s^2, the arm can make 20: above 8.38"]),
-    (GENTLE | {"robot": ig.Robot(5.0, 1e5, 50.0)}, ["8, and a compliant robot overshoots to 2 times that and more"]),
+    ({"coupling": ig.Bistable()}, ["holds the tool up to 8.38 m/s^2, the arm reaches 20 m/s^2: above 8.38"]),
+    (GENTLE | {"robot": ig.Robot(5.0, 1e5, 50.0)}, ["m/s^2, and a compliant robot can overshoot to 2 times this"]),
 ], ids=str)  # fmt: skip
 def test_warnings_name_the_problems_of_some_episodes(environment, words):
     sentences = feasible.warnings(Task(**environment))

@@ -27,7 +27,7 @@ def test_sample_above_six_standard_deviations_is_another_blow():
         ig.identify(log, SCENE, MOTION, ("contact.stiffness",), ig.Sensor(noise=noise))
 
     fit(5.5)
-    with pytest.raises(ValueError, match=f"has 2 blows, at {TIME[9]:g}, .* the scene makes no more than 1"):
+    with pytest.raises(ValueError, match=f"has 2 blows, at {TIME[9]:g}, .* the fit has no more than 1"):
         fit(6.5)
 
 

@@ -8,7 +8,7 @@ import polars as pl
 SLOWEST = 50.0  # ms
 MOMENTUM = 1e-9  # error of momentum / impulse of the contact
 ENERGY = 1e-6  # (energy created in a contact - doubt) / energy exchanged, see CHECKS in `storm`
-PULL = 1e-12  # rounding, see `pull` in CHECKS
+PULL = 1e-12  # largest `pull` (see CHECKS) that rounding causes
 AGREEMENT = 1e-6  # relative difference of V_p
 FINISHED = pl.col("failure") == ""
 TRACED = FINISHED & pl.col("traced")
