@@ -73,7 +73,9 @@ def motion_of_each(motion: Trapezoid | Sequence[Trapezoid], count: int) -> list[
     motions: list[Any] = list(motion) if isinstance(motion, (list, tuple)) else [motion] * count
     for imposed in motions:
         one_of("motion", imposed, Trapezoid)
-    if not count or len(motions) != count:
+    if not count:
+        raise ValueError("log must be a log, or a list of one or more, got an empty list")
+    if len(motions) != count:
         raise ValueError(f"motion must be one Trapezoid, or one for each of {count} logs, got {len(motions)}")
     return motions
 

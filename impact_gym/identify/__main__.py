@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from importlib.util import find_spec
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -153,7 +154,7 @@ def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterato
     for name, (low, high) in result.interval.items():
         *tables, key = PLACES.get(name, name).split(".")
         table = environment.setdefault(tables[0], {}) if tables else environment
-        if abs(low) > 0.0 and abs(high) < float("inf"):
+        if low and high and isfinite(high - low):
             table[key] = [low, high]
         else:
             yield f"# the interval of {name} begins at 0 or ends at infinity; value kept: {table.get(key, 'default')}"

@@ -167,10 +167,11 @@ def _words(scene: Scene, interval: Mapping[str, Interval], correlation: Array) -
 
 
 def _sentence(scene: Scene, name: str, low: float, high: float) -> str:
-    open_above = high == (1.0 if name == RESTITUTION else np.inf)
-    if low == 0.0 and open_above:
+    most = 1.0 if name == RESTITUTION else np.inf
+    open_below, open_above = low in (-most, 0.0), high in (0.0, most)  # negative numbers end at 0 above
+    if open_below and open_above:
         return f"the log does not determine {name} at all: any value fits equally well"
-    if open_above or low == 0.0:
+    if open_above or open_below:
         limit = f"above {low:.3g}" if open_above else f"below {high:.3g}"
         return f"the log does not determine {name}: any value {_with_unit(scene, name, limit)} fits equally well"
     return f"the log hardly determines {name}: it lies between {_with_unit(scene, name, f'{low:.3g} and {high:.3g}')}"

@@ -1,8 +1,10 @@
 """From logs and a scene's file to a set-up that agents.load_setup accepts, and predictions of blows not fitted."""
 
 import csv
+import math
 import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from recorder import MOTION, SCENE_FILE, blow, log, scene, write_log
 
 import impact_gym as ig
 from agents import load_setup
-from impact_gym.identify.__main__ import main, parse
+from impact_gym.identify.__main__ import main, parse, set_up
 from impact_gym.identify.held_out import UNITS
 
 TRUTH = scene(1e5, 0.5)
@@ -46,6 +48,13 @@ def test_intervals_become_ranges_of_the_set_up(identify, tmp_path, capsys):
     assert setup.environment["reaction_delay"] == [0.012, 0.020]
     assert setup.title == "Our arm"
     assert (tmp_path / "a.png").stat().st_size > 0
+
+
+@pytest.mark.parametrize("interval", [(-0.05, -0.0), (-math.inf, -0.01), (0.0, 0.05), (0.01, math.inf)])
+def test_number_whose_interval_has_no_limit_on_one_side_keeps_its_value(interval):
+    content = {"environment": {"coupling": {"rear_stop": 0.03}, "scenario": {}}}
+    lines = set_up(content, SimpleNamespace(interval={"coupling.rear_stop": interval}), "")
+    assert tomllib.loads("\n".join(lines)) == content
 
 
 def test_friction_of_the_set_up_is_that_of_the_object():
