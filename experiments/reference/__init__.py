@@ -44,7 +44,7 @@ def simulate(scene: Any, motion: Any, duration: float, rtol: float = 1e-11, meth
 
     `method`, a name for SciPy's `solve_ivp`, and `rtol` are used only in contacts. Flight of a linear chain has a
     closed form; other flight is integrated at rtol 1e-12. ValueError: method or law of dissipation is unknown.
-    NotImplementedError: the coupling is unknown. RuntimeError: SciPy fails, or a `Switch` changes again and again.
+    NotImplementedError: the coupling is unknown. RuntimeError: SciPy fails, or events repeat without end at one time.
     """
     if method not in SOLVERS:
         raise ValueError(f"method must be one of {list(SOLVERS)}, got {method!r}")

@@ -1,4 +1,4 @@
-"""Claims of the paper's sections 1 and 6 about other speeds, objects and delays, and about detection of the touch."""
+"""Claims of the paper about other speeds, objects and delays, and about detection of the touch."""
 
 from dataclasses import replace
 from functools import partial

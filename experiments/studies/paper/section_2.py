@@ -1,9 +1,9 @@
 """Section 2, instantaneous and non-instantaneous impact.
 
 The instantaneous impact of a tool at 1 m/s on an object at rest is computed in closed form (paper, eq. 1-4). The
-non-instantaneous impact is simulated as an approach at 1 m/s without a brake. Case (a): the tool is fixed to the robot.
-Case (b): the tool is free. Two free masses have the same penetration and force as a tool with
-imposed motion and an object of their reduced mass. So (b) is simulated with this object.
+non-instantaneous impact is simulated as an approach without a brake, at 1 m/s in the paper's figures. Case (a): the
+tool is fixed to the robot. Case (b): the tool is free. Two free masses have the same penetration and force as a tool
+with imposed motion and an object of their reduced mass. So (b) is simulated with this object.
 """
 
 from collections.abc import Iterable
