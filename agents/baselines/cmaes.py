@@ -18,8 +18,8 @@ Losses = Callable[[Floats], Floats]
 class Minimum(NamedTuple):
     """Best candidate of each problem."""
 
-    parameters: Floats  # (problems, k)
-    loss: Floats  # (problems,)
+    parameters: Floats  # (problems, k), k: number of parameters
+    loss: Floats  # (problems,), m/s
     generations: int
 
 

@@ -70,7 +70,7 @@ class Setup:
     evaluation: Evaluation = field(default_factory=Evaluation)
     fails: str = UNSAID  # where the set-up's policy fails, in words
     path: Path = Path()
-    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # (fraction of parallel environments, their changes)
+    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # pairs: fraction of environments, their changes
     seeds: int = SEEDS  # number of trainings, with seeds from 0 on
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:

@@ -27,7 +27,7 @@ def train_seeds(
     cluster: str | None = None,
 ) -> Path:  # fmt: skip
     """Train with the seeds from 0 on, except runs finished in `out`; return the file of all policies, in `policies`."""
-    training = replace(training, simulation_threads=1)  # has no effect on the result
+    training = replace(training, simulation_threads=1)  # the number has no effect on the result
     folders = [out.resolve() / f"seed-{seed}" for seed in range(seeds)]
     arguments = list[dict[str, Any]]()
     for seed, folder in enumerate(folders):

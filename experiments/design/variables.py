@@ -22,7 +22,7 @@ WIDE = 10.0  # least ratio of HIGH to LOW for a logarithmic scale, if draws of t
 class SearchVariable(NamedTuple):
     """A free number of the design."""
 
-    name: str  # such as coupling.stiffness
+    name: str  # name of the number, such as coupling.stiffness
     low: float
     high: float
     start: float = np.nan  # value at which the search starts; nan: the middle of the range

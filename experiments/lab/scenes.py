@@ -17,7 +17,7 @@ ROBOT = ig.Robot(mass=5.225, stiffness=1.9e5, damping=50.4)  # the mass is print
 ROBOT_AND_TOOL = ROBOT.mass + TOOL_MASS  # kg, printed in section 3.2 as 5.35
 MECHANISM = ig.Bistable()  # height H, free length L0 and stiffness k are printed; the front stop is identified
 HOLD = TOOL_MASS * MOTION.acceleration  # N, least force of a mechanism that holds the tool during acceleration
-LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # compared with the mechanism in Fig. 23
+LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # spring that Fig. 23 compares with MECHANISM
 
 
 def scene(

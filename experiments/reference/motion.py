@@ -23,8 +23,8 @@ class ContactRecord:
     approach_velocity: float  # velocity of the tool minus that of the object, at the start
     separation_velocity: float | None  # velocity of the object minus that of the tool, at the end
     peak_force: float  # N
-    impulse: float  # N s, given to the object
-    object_velocity: float  # at the end of the contact
+    impulse: float  # N s, of the contact force on the object
+    object_velocity: float  # velocity of the object at the end of the contact
 
 
 class Motion:
@@ -51,7 +51,7 @@ class Motion:
         self.coupling_impulse = 0.0  # N s, of the coupling on the tool, in past contacts
         self.snap_through: list[float] = []  # s, times at which the slider passed its alignment
         self.contacts, self.first_contact = 0, inf  # number of contacts begun; start of the first contact, s
-        self.contact_seconds = 0.0  # processor time in contacts, s
+        self.contact_seconds = 0.0  # s, processor time in contacts
         self.top_speed = 0.0  # m/s, largest velocity of the object
         self.stop_hits = 0
         self.fastest = max(chain.slow_rate, chain.stop_rate)  # 1/s, limits the steps, see the docstring of the class

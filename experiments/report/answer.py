@@ -28,7 +28,7 @@ class Answer:
     needed: float  # m/s per s, time weight at which the extrapolated front would reach the paper's time; nan: none
     sooner: Estimate  # fraction by which the policy's mean approach time is below the paper's, at the rule's mean V_p
     beyond: str  # "slower": all V_p of the front are below V_p of the rule; "faster": all are above; "": neither
-    velocity: Estimate  # m/s, V_p of the policy at the paper's time
+    velocity: Estimate  # m/s, V_p of the policy at the paper's time, or at the nearest end of the front, see `reached`
     rival: str  # name of the main baseline if it is tuned, else ""
     rival_reduction: Estimate | None  # `reduction` of the rival; None: untuned, or always later than the rule
     improvement: Estimate  # share of scenarios with a touch and a lower V_p than the rule's; an equal V_p counts half

@@ -37,8 +37,8 @@ class Steady(ReactingRule):
 class Prior(NamedTuple):
     """Distribution of the object's distance."""
 
-    near: float  # m, from the tool
-    far: float  # m, from the tool; of a memoryless distribution, the 95 % quantile
+    near: float  # m, least distance from the tool
+    far: float  # m, largest distance from the tool; of a memoryless distribution, the 95 % quantile
     memoryless: bool = False  # whether the distribution is exponential
 
     @property

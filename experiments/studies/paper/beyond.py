@@ -28,7 +28,7 @@ SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # k_c (N/m^1.5), by the ratio of the 
 CHANGES = np.linspace(0.9, 1.1, 9)  # factors that multiply the mechanism's height H and its front stop
 ENOUGH = 40.0  # %, least reduction that we accept as 'about 50 %'
 SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s, of the approach
-CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s, at full speed in Fig. 23
+CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s, time at full speed in Fig. 23
 
 
 def beyond_delay() -> pl.DataFrame:

@@ -9,7 +9,8 @@ from impact_gym.physics.impact import GRAVITY, sliding_distance
 from impact_gym.robot import IMPACT, default_approach
 
 FRICTION = 0.3  # coefficient of friction between object and plane; the paper gives no number
-COMPONENTS = {"held": "effective", "damping": None, "stiffness": "effective_stiffness"}  # Fig. 12: solid, dashed line
+# columns that Fig. 12 draws as solid lines, each with the column drawn as a dashed line beside it (None: no such line)
+COMPONENTS = {"held": "effective", "damping": None, "stiffness": "effective_stiffness"}
 
 
 def figure_11() -> pl.DataFrame:

@@ -99,7 +99,8 @@ class Run:
         self.M = m_p if isinstance(scene.coupling, ig.Rigid) else m_t * m_p / (m_t + m_p)  # kg, reduced mass
         numbers = (motion.acceleration, 0.0, 1.0 / self.brake.threshold, 1.0, 1.0, 1.0, 1.0, 0.0)
         self.par = law_of(scene) | dict(zip(PARAMETERS[len(LAW) :], numbers, strict=True))
-        self.changes = [(motion.speed / motion.acceleration, 0.0), (duration, math.nan)]  # s; m/s^2 from this time on
+        # times (s) at which the commanded acceleration changes, and the new accelerations (m/s^2; nan: end of the run)
+        self.changes = [(motion.speed / motion.acceleration, 0.0), (duration, math.nan)]
         self.seconds = 0.0  # s, processor time of heyoka
         self.peak, self.detection, self.passes = 0.0, math.nan, 0
 
