@@ -228,7 +228,7 @@ COMMANDS = (
     Quantity("command_age_spread", "standard deviation of ages of commands", "s", observed="operator", scale=SPREAD),
     Quantity("executed", "last velocity commanded to the flange", "m/s", observed="operator", scale=SPEEDS),
 )  # fmt: skip
-"""Numbers that the controller observes about the operator's commands."""
+"""Numbers that a controller observes only with an operator."""
 MORE_SENSORS = (
     DEFLECTION,
     *PAST,

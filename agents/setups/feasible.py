@@ -29,7 +29,7 @@ def warnings(task: Task) -> list[str]:
         )
     if isinstance(task.coupling, Bistable):
         tasks = [corner for corner in corners(task) if isinstance(corner.coupling, Bistable)]
-        holds = [corner.coupling.holding_force / corner.tool_mass for corner in tasks]  # m/s^2
+        holds = [corner.coupling.holding_force / corner.tool_mass for corner in tasks]  # m/s^2, limits of holding
         if max(holds) < least:
             raise ValueError(
                 f"environment.coupling must hold the tool at {least:g} m/s^2, the arm's lowest acceleration; its front "
