@@ -61,10 +61,10 @@ def slides(folder, first=2.0, second=3.225):
 
 
 def seven_joints(folder, names=tuple(f"joint {k}" for k in range(7)), turn="0 0 0"):
-    """Seven joints about z and y, upright at zero angles, with made-up masses and a base rotated by `turn`."""
+    """Joints, by default seven, about z and y, upright at zero angles, with made-up masses and a base rotated by `turn`."""
     parts = [joint("held", "fixed", "world", "link 0", turn=turn)]
     for k, name in enumerate(names):
         parts += [joint(name, "revolute", f"link {k}", f"link {k + 1}", (0, 0, 0.2), ("0 0 1", "0 1 0")[k % 2]),
                   link(f"link {k + 1}", 4.0 - 0.4 * k, (0.01, 0.02, 0.05 + 0.01 * k))]  # fmt: skip
-    end = joint("end", "fixed", "link 7", "tip", (0, 0, 0.15))
+    end = joint("end", "fixed", f"link {len(names)}", "tip", (0, 0, 0.15))
     return write(folder, link("world"), link("link 0"), *parts, end, link("tip"))

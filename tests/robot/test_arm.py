@@ -37,6 +37,7 @@ def test_names_and_rotation_of_the_base_have_no_effect(count, tmp_path):
 
 def test_line_is_straight_and_its_table_names_its_columns_and_the_chosen_mass(tmp_path):
     arm = ig.robot.from_urdf(rods(tmp_path), "base", "tip", **ELASTIC)
+    assert len(arm.along((0.3, 0.9), (-3.0, -3.0, 0.0), (0.0, 0.01, 0.02, 0.03)).position) == 4  # no fewer are allowed
     table = arm.along((0.3, 0.9), (-3.0, -3.0, 0.0), 0.15)
     assert (table.position[0], table.position[-1]) == (0.0, 0.15)
     assert np.diff(table.position).max() <= 0.0025 + 1e-12
@@ -58,6 +59,14 @@ def test_seven_joints_change_as_little_as_possible(tmp_path):
     for step, angles in zip(np.diff(approach.joint_angles, axis=0), approach.joint_angles, strict=False):
         free = np.linalg.svd(arm.jacobian(angles))[2][-1]
         assert abs(free @ step) < 2e-2 * np.linalg.norm(step)  # the path curves within a step
+
+
+@pytest.mark.parametrize(("count", "rows"), [(5, 3), (6, 6), (7, 6)])
+def test_flange_of_fewer_than_six_joints_may_turn(count, rows, tmp_path):
+    arm = from_urdf(
+        seven_joints(tmp_path, names="abcdefg"[:count]), "link 0", "tip", joint_stiffness=1e4, joint_damping=1.0
+    )
+    assert arm.held_rows(Q7[:count]).shape == (rows, count)
 
 
 def test_third_joint_in_a_plane_moves_as_inertia_and_springs_let_it(tmp_path):
