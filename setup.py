@@ -62,7 +62,7 @@ if "editable_wheel" in sys.argv:
         "packages": packages,
         "package_dir": {"": "."},
         "package_data": DATA,
-    }  # installed as a path in a .pth file, which type checkers can read
+    }  # an editable install is then a path in a .pth file, which type checkers can read
 else:
     layout = {
         "packages": [*map(placed, packages)],

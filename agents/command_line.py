@@ -130,7 +130,7 @@ def _words(options: Any, default: Any) -> tuple[list[str], list[str]]:
         option = field.name.replace("_", "-")
         if is_dataclass(value):
             named += _words(value, usual)[1]
-        elif Positional in getattr(field.type, "__metadata__", ()):  # given without a name
+        elif Positional in getattr(field.type, "__metadata__", ()):  # an option without a name
             positional += words
         elif isinstance(value, bool) and value != usual:
             named.append(f"--{option}" if value else f"--no-{option}")

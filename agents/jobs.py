@@ -174,7 +174,7 @@ def _stored(call: Call, folder: Path) -> bytes | None:
 
 def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: str) -> Call:
     module, name = function.__module__, function.__qualname__
-    if module == "__main__":  # a command runs a module as a script
+    if module == "__main__":  # `function` is in the module that a command runs as a script
         module = getattr(sys.modules["__main__"].__spec__, "name", "")
     if not module or not name.isidentifier():
         raise ValueError(f"other processes cannot import the function {name}: put it into a module, at its top level")
@@ -266,9 +266,10 @@ def on_cluster(calls: Sequence[Call], address: str) -> Answers:
         begin = "`ray start --head`, and `ray start --address=HOST:PORT` on each further node"
         raise RuntimeError(f"no Ray cluster at {address!r} ({error}): start one with {begin}") from error
     task: Any = ray.remote(num_cpus=1, max_retries=3)(perform)
-    versions = {name: version(name) for name in ("numpy", "scipy")}  # other versions may change the last bit
+    versions = {name: version(name) for name in ("numpy", "scipy")}  # other versions may change a result's last bit
     waiting, under_way = iter(calls), dict[Any, Call]()
-    ahead = 64 + 4 * int(ray.cluster_resources().get("CPU", 0))  # type: ignore[no-untyped-call]  # enough that no node waits
+    # largest number of calls that the cluster holds at a time, enough that no node waits
+    ahead = 64 + 4 * int(ray.cluster_resources().get("CPU", 0))  # type: ignore[no-untyped-call]
     try:
         while True:
             under_way |= {task.remote(call, versions): call for call in islice(waiting, ahead - len(under_way))}

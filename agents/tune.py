@@ -24,10 +24,10 @@ from impact_gym.validation import distinct, nearest, number, whole
 
 SETUPS = shipped()
 BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1
-BOUND_RTOL = 1e-5  # tolerance of the simulation in the search for bounds; the error of V_p is below 1e-6 m/s
-NEAR = 0.005  # s, see `next_weight`
+BOUND_RTOL = 1e-5  # relative tolerance of simulations for bounds, if a set-up has none; error of V_p below 1e-6 m/s
+NEAR = 0.005  # s; `next_weight` stops if mean approach times on both sides of the target are this near to the target
 MOST_TRIED = 8  # largest number of time weights that `tune_at_rule_time` adds to a baseline
-LEAST_WEIGHT, LARGEST_WEIGHT = QUANTITIES["time_weight"].scale[:2]  # m/s per s
+LEAST_WEIGHT, LARGEST_WEIGHT = QUANTITIES["time_weight"].scale[:2]  # m/s per s, limits of the search
 LOCK = ".lock"
 CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}
 SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")

@@ -42,8 +42,8 @@ class ControllerOptions:
     all: bool = False
     """Export all controllers, not only the best one."""
     cluster: str | None = None
-    """Tune, train and play on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a
-    cluster."""
+    """Address of a Ray cluster that tunes, trains and plays. "ray": the address in RAY_ADDRESS, or else the cluster of
+    this machine."""
 
 
 def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:

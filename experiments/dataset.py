@@ -234,7 +234,8 @@ def work(options: DatasetOptions) -> None:
         print(f"{options.source}: {check(options.source)} episodes replay exactly")
     elif options.operator is not None:
         found = try_files.of_persons(Path(options.source), options.include_marked)
-        content = [f"{key} = {json.dumps(value)}\n" for key, value in try_files.operator_of(found).items()]  # TOML, too
+        # these values have the same form in JSON and in TOML
+        content = [f"{key} = {json.dumps(value)}\n" for key, value in try_files.operator_of(found).items()]
         write_file(options.operator, "".join(["[environment.operator]\n", *content]))
         print(f"{options.operator}: an operator that draws one of {len(found)} tries for each episode")
     else:

@@ -45,7 +45,8 @@ def _mean(values: Sequence[float]) -> str:
 def main() -> None:
     """Print the lines about each policy."""
     parser = argparse.ArgumentParser(
-        prog="impact-gym policies", description="Print the purpose, the failures and the results of policies."
+        prog="impact-gym policies",
+        description="Print for each policy what it is for, in which conditions it fails, and its results.",
     )
     parser.add_argument(
         "names", nargs="*", metavar="NAME", help="name or file of a policy's set-up; default: all shipped policies"

@@ -33,21 +33,21 @@ SCALES: Mapping[str, Mapping[str, float]] = {
 IN_BRACKETS = (r"(.+?)[\s_]*[\[({<]([^\[({<]*)[\])}>]\s*", r"([^/]+?)\s*/\s*\(?(.+?)\)?")
 UNIT_FORMS = (*IN_BRACKETS, r"(.+)()", r"(.+?)(?:[\s_,:-]|\bin\b)+([^\s_]+)")
 """Patterns of headers such as Force (N), force/N, force, force_N; an unknown unit is an error in the first two."""
-SEPARATORS = ("\t", ";", ",", "|", None)  # None: any run of blanks
+SEPARATORS = ("\t", ";", ",", "|", None)  # between fields; None: one or more blanks or tabs
 NUMBERS = {
     sign: re.compile(rf"[+-]?((\d+[{sign}]?\d*|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
     for sign in ".,"
 }
 COMMENTS = ("#", "%", "//")
 COMMENT_LINE = re.compile(r"^[ \t]*(#|%|//).*", re.MULTILINE)
-FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # largest part of a file from which its layout is found
+FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # at most this part of a file's beginning is used to find its layout
 
 
 class Column(NamedTuple):
     """A column to look for in a file."""
 
     unit: str  # SI unit, a key of SCALES
-    names: str  # regular expression for names in lower case, with a blank between words
+    names: str  # regular expression of the column's names in files, in lower case with a blank between words
     needs_unit: bool = False  # True: the file must state the unit, because several units are common
     may_be_empty: bool = False  # True: an empty field becomes nan; False: an empty field is refused
 
@@ -59,8 +59,8 @@ Table = tuple[dict[str, NDArray[np.float64]], str]
 class _Layout(NamedTuple):
     separator: str | None
     decimal: str
-    first: int  # index of the line with the first numbers
-    least: int  # number of columns up to the last one that usually has a number
+    first: int  # index of the first line of numbers
+    least: int  # number of columns, counted up to the last column that usually has a number
     most: int  # number of fields in the first line of numbers
 
 
@@ -121,7 +121,7 @@ def _numbers(
 ) -> NDArray[np.float64]:
     """Return the numbers (rows, columns) in the fields `places` of each line; the keys of `rows` are line numbers."""
     if layout.decimal == "." and not any('"' in line for line in rows.values()):
-        with suppress(ValueError):  # NumPy refuses wrong lines and empty fields: the loop below handles such lines
+        with suppress(ValueError):  # if NumPy refuses a line, such as one with an empty field, the loop below reads all
             return np.loadtxt(
                 rows.values(), comments=None, delimiter=layout.separator, usecols=[*places.values()], ndmin=2
             )

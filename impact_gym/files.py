@@ -33,7 +33,7 @@ def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -
     raise ValueError(f"{nearest(kind, str(name), known)} (there is no such file either)")
 
 
-LARGEST = 100_000_000  # bytes, largest file that `parsed` reads
+LARGEST = 100_000_000  # bytes; `parsed` refuses a larger file
 
 
 def parsed(
@@ -99,7 +99,7 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
         DiskFullError: there is no room; `path` is unchanged.
     """
     name, path = path, Path(os.path.realpath(path))
-    if path.is_symlink() or (path.exists() and not path.is_file()):  # a path that is still a link is in a ring
+    if path.is_symlink() or (path.exists() and not path.is_file()):  # `realpath` leaves a link only in a ring of links
         what = "a folder, a device, a pipe or a ring of links"
         raise OSError(f"{name} must be a file or not exist yet, but it is {what}: nothing is written")
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")

@@ -55,17 +55,17 @@ class Outcome(NamedTuple):
     tool_velocity: float  # m/s
     flange_velocity: float  # m/s; with a compliant robot and a rigid coupling it equals the tool velocity
     peak_force: float  # N, largest contact force
-    detection_time: float | None  # s, when the force first exceeds the brake's threshold; None: never, or no brake
+    detection_time: float | None  # s, when the contact force first exceeds the brake's threshold; None: never, no brake
     contacts: tuple[ContactRecord, ...]
     coupling_impulse: float  # N s, of the coupling on the tool, summed over the contacts (paper, eq. 21)
     momentum_error: float  # -, largest `momentum_error` of the contacts
-    steps: int  # integration steps, rejected steps included
-    status: str  # "ok", because `simulate` raises an error for a failed run
+    steps: int  # number of integration steps, rejected steps included
+    status: str  # always "ok", because `simulate` raises an error for a failed run
     trace: Trace | None
     snap_through: tuple[float, ...]  # s, times at which the slider of a `Bistable` coupling passes the alignment
     peak_object_velocity: float  # m/s, largest velocity of the object; without friction the final velocity
-    slide: float | None  # m, slide of the object, if no contact follows the run; None: no friction
-    rest_time: float | None  # s, when tool (< 1 mm/s) and object come to rest; inf: tool still moves; None: no friction
+    slide: float | None  # m, slide of the object until it rests, as if no contact followed the run; None: no friction
+    rest_time: float | None  # s, from when on tool (< 1 mm/s) and object rest; inf: tool still moves; None: no friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class Outcomes:
     slide: Array  # m, nan without friction
     rest_time: Array  # s, nan without friction, or if the tool is not at rest at the end of the run
     steps: NDArray[np.int64]
-    status: NDArray[np.object_]  # "ok", or why the run could not finish; then the floats are nan
+    status: NDArray[np.object_]  # "ok", or why the run could not finish; all floats of such a run are nan
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Model:
 
     name: str
     simplify: Callable[[Scene], Scene]
-    errors: Array  # (scenes,), -, relative to the full model; inf: a run failed, or only the full model's value is 0
+    errors: Array  # (scenes,), -, relative to the full model's value; inf: a run failed, or only the latter value is 0
     time_saved: float  # -, computing time saved, divided by the full model's computing time
 
     @property

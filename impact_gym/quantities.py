@@ -13,7 +13,7 @@ from impact_gym.validation import Range, interval, number
 HORIZON = 1.2  # s, default of the argument `horizon`
 AFTER_ALARM = 0.15  # s, default of the argument `after_alarm`
 PAST_READINGS = 3  # largest number of earlier readings in an observation
-LARGEST_WEIGHT = 1e6  # m/s per s or m/s per N, largest weight of time or force, so that rewards stay finite
+LARGEST_WEIGHT = 1e6  # m/s, largest cost of a second, of a newton or of a missed object, so that rewards stay finite
 
 
 class Limits(NamedTuple):
@@ -60,10 +60,10 @@ class Quantity:
     unit: str  # "-": no unit
     limits: Limits = Limits()
     draw: Draw | None = None
-    observed: str = ""  # "always", or the argument that adds the number; "": only a critic gets it, if drawn
+    observed: str = ""  # "always", or the argument that adds the number; "": only a critic observes it, if it is drawn
     scale: Scale = NEVER_OBSERVED
-    path: str = ""  # dotted path in scene and motion, if it is not the id
-    from_flange: bool = False  # True: the number minus the flange position is observed
+    path: str = ""  # dotted path of the number in scene or motion, if the path is not the id
+    from_flange: bool = False  # True: what is observed is the number minus the flange position
     shaped_by: tuple[str, ...] = ()  # arguments of the environment that change the observed value
 
     def check(self, value: Any, name: str = "") -> float:
@@ -228,7 +228,7 @@ COMMANDS = (
     Quantity("command_age_spread", "standard deviation of ages of commands", "s", observed="operator", scale=SPREAD),
     Quantity("executed", "last velocity commanded to the flange", "m/s", observed="operator", scale=SPEEDS),
 )  # fmt: skip
-"""Numbers that the controller observes about the operator's commands."""
+"""Numbers that a controller observes only with an operator."""
 MORE_SENSORS = (
     DEFLECTION,
     *PAST,

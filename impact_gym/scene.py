@@ -48,7 +48,7 @@ class Object(Parameters, path="object"):
 
     mass: float  # kg
     distance: float  # m, gap between the faces at t = 0
-    friction: float | None = None  # -, mu, Coulomb friction between object and ground
+    friction: float | None = None  # -, mu, coefficient of Coulomb friction between object and ground; None: no friction
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +65,12 @@ class Contact(Parameters, path="contact"):
     """
 
     checked_by_itself: ClassVar = ("stiffness",)  # checked below, because its unit depends on the exponent
-    stiffness: float  # N/m^m
-    restitution: float  # -, nominal
+    stiffness: float  # k_c, in N/m^stiffness_exponent
+    restitution: float  # -, nominal restitution
     dissipation: Dissipation = "hu-guo"
-    stiffness_exponent: float = 1.5  # -, m
-    damping_exponent: float = 1.5  # -, n, 0 or at least 1
-    reference_velocity: float | None = None  # m/s, for "fixed" only, where None means 1 m/s
+    stiffness_exponent: float = 1.5  # -, exponent m of the penetration
+    damping_exponent: float = 1.5  # -, exponent n of the penetration in the damping force; 0 or at least 1
+    reference_velocity: float | None = None  # m/s, only with dissipation "fixed", for which None means 1 m/s
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
@@ -122,7 +122,7 @@ class Bistable(Parameters, path="coupling"):
 
     stiffness: float = 50.0  # N/m, k
     free_length: float = 0.07  # m, L0
-    height: float = 0.028  # m, H, of the pivot above the path of the slider
+    height: float = 0.028  # m, H, height of the pivot above the path of the slider
     front_stop: float = 0.0208  # m, position between 0 and the stroke sqrt(L0^2 - H^2)
     rear_stop: float = -0.02  # m, position between minus the stroke and 0
     stop_stiffness: float = STOP_STIFFNESS  # N/m, k_s
@@ -190,7 +190,7 @@ class RobotTable(Parameters, path="robot"):
     Between the positions each parameter is a cubic spline (not-a-knot); outside them it is constant.
     """
 
-    position: tuple[float, ...]  # m, of the imposed motion from its start; rising, at least 4
+    position: tuple[float, ...]  # m, distances of the imposed motion from its start; rising, at least 4
     mass: tuple[float, ...]  # kg; mass, stiffness and damping have one value per position
     stiffness: tuple[float, ...]  # N/m
     damping: tuple[float, ...]  # N s/m

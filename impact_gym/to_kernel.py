@@ -47,7 +47,7 @@ def places(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
 
 
 LOCAL_SHARE = 0.2
-"""Local error allowed in a step, divided by the `rtol` of the run."""
+"""Ratio of the local error allowed in a step to the `rtol` of the run."""
 
 STATUS_MESSAGES = {
     kernels.UNSETTLED: "not settled: further contacts were possible at the time limit, V_p is the value at that time",
@@ -111,6 +111,6 @@ def mount_to_kernel(
         return (kind, kernels.LUMPED, tool_mass, numbers, of_robot, 0, 0, 0.0), NO_TABLE
     splines = robot.splines
     mass, stiffness, _ = splines(splines.x).T
-    rows = splines.c[::-1].transpose(1, 2, 0)  # (n, 3, 4): mass, stiffness, damping; powers 0 to 3
+    rows = splines.c[::-1].transpose(1, 2, 0)  # (n, 3, 4): coefficients of mass, stiffness, damping; of powers 0 to 3
     held = kind, kernels.TABLE_OF_POSITION, tool_mass, numbers, _NO_ROBOT, table_at, len(rows), max(stiffness / mass)
     return held, np.concatenate([splines.x, rows.ravel()])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Range = tuple[float, float]
-WIDEST = 1e12  # largest ratio of the ends of a range that begins above 0
+WIDEST = 1e12  # largest ratio of the upper to the lower end of a range that begins above 0
 IDENTIFIER = re.compile("[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 

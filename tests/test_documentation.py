@@ -48,10 +48,8 @@ FOUND = {
     "Franka": "Whole arms", "tutorial": "First hour",
 }  # fmt: skip
 """Words to search for, and the page that the search must find."""
-NEEDS = {
-    "deploy-c.md": "onnxruntime", "mujoco.md": "mujoco",
-    "README.md": "stable_baselines3", "libraries.md": "stable_baselines3",
-}  # fmt: skip
+NEEDS = {"deploy-c.md": "onnxruntime", "mujoco.md": "mujoco"}
+NEEDS |= dict.fromkeys(("README.md", "libraries.md"), "stable_baselines3")
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
 ALIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 

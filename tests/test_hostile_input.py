@@ -147,9 +147,7 @@ BORDERS = {
     "log's file": (LOG, PLAIN, lambda tree, folder: read_log(written(tree, folder, ".csv"))),
     "scenarios": (OWN_SCENARIOS, PLAIN, lambda tree, folder: scenarios_from(str(written(tree, folder, ".json")), None)),
     "policy": (CONTENT, PLAIN, lambda tree, folder: load_policy(written(tree, folder, ".npz")).predict(np.zeros(8))[0]),
-    "observation": (
-        {"observation": [0.0] * 8}, ANY, lambda tree, _: POLICY.predict(tree.get("observation"))[0],
-    ),
+    "observation": ({"observation": [0.0] * 8}, ANY, lambda tree, _: POLICY.predict(tree.get("observation"))[0]),
     "set-up's name": ({"set-up": "linear-blind"}, ANY, lambda tree, _: load_setup(tree.get("set-up"))),
     "policy's name": ({"policy": "linear-blind"}, ANY, lambda tree, _: load_policy(tree.get("policy"))),
     "set's name": ({"evaluation set": "test"}, ANY, lambda tree, _: evaluation_sets.load(tree.get("evaluation set"))),

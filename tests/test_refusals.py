@@ -175,8 +175,7 @@ CALLS = {
         for make in MAKERS[1:]],
     "file of delays": file_of("delays.csv", lambda name: ig.Channel(trace=Path(name))),
     "log file": file_of("log.csv", lambda name: ig.identify(name, SCENE, MOTION, ("contact.stiffness",))),
-    "impact-gym identify": identify_main, "URDF": urdf,
-    "altered evaluation set": altered_set,
+    "impact-gym identify": identify_main, "URDF": urdf, "altered evaluation set": altered_set,
     "file that is no URDF": file_of("arm.urdf", lambda name: from_urdf(name, "base", "tip", **arms.ELASTIC)),
     "impact-gym play": lambda setup="teleop-rigid", **options: playing.work(playing.Play(setup, open=False, **options)),
     "played set-up": lambda **tree: [set_up_file(**tree), playable("bad.toml")],
@@ -226,8 +225,7 @@ THINGS = {
     "joint angles without the last place": APPROACH.joint_angles[:-1], "an approach": APPROACH,
     "joint angles without the last joint": APPROACH.joint_angles[:, :-1], "one approach": (APPROACH,),
     "two approaches": (APPROACH, APPROACH), "a servo": all_joints.Servo(), "the paper's rule": PaperTrapezoid(),
-    "that of another arm":
-        lambda _: arm(arms.slides, joint_stiffness=1e5).along((0.0, 0.0), (1.0, 0.5, 0.0), 0.2),
+    "that of another arm": lambda _: arm(arms.slides, joint_stiffness=1e5).along((0.0, 0.0), (1.0, 0.5, 0.0), 0.2),
     "the same from elsewhere": lambda line: replace(line, start=line.start + 0.01),
 }  # fmt: skip
 """Values that TOML has no notation for."""

@@ -18,8 +18,8 @@ Losses = Callable[[Floats], Floats]
 class Minimum(NamedTuple):
     """Best candidate of each problem."""
 
-    parameters: Floats  # (problems, k)
-    loss: Floats  # (problems,)
+    parameters: Floats  # (problems, k), k: number of parameters
+    loss: Floats  # (problems,), m/s
     generations: int
 
 
@@ -43,13 +43,13 @@ def minimise(
             "popsize": population,
             "randn": lambda *shape, rng=rng: rng.standard_normal(shape),
             "seed": np.nan,  # so that the package does not seed NumPy's global generator
-            "tolfun": 1e-5,  # m/s
+            "tolfun": 1e-5,  # m/s; a search stops when the losses of its recent candidates differ by less
             "verbose": -9,
         }
         searches.append(cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, options))
 
     def within_limits(shares: Any) -> Floats:
-        return np.clip(low + np.clip(shares, 0.0, 1.0) * (high - low), low, high)  # sums may round beyond a limit
+        return np.clip(low + np.clip(shares, 0.0, 1.0) * (high - low), low, high)  # rounding may exceed a limit
 
     generation = 0
     while generation < generations and not all(search.stop() for search in searches):
@@ -66,7 +66,7 @@ class Jittery(NamedTuple):
     """A rule with random errors added to its actions. In each scenario, all candidates get the same errors."""
 
     rule: Controller
-    jitter: float  # standard deviation of the errors, as a fraction of an action's range of 2
+    jitter: float  # standard deviation of the errors, as a fraction of 2, the width of an action's range -1 ... 1
     scenarios: int
     rng: np.random.Generator
 

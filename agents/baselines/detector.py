@@ -34,7 +34,7 @@ class DetectorRule(ReactingRule):
     """
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"deflection_sensor": True, "past_readings": 2}
-    MEMORY = 4  # numbers: the sum; count, mean and sum of squared deviations of the force readings without alarm
+    MEMORY = 4  # length of the memory: cumulative sum; count, mean and squared deviations of forces read without alarm
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
         """Return the view with the rule's own alarm, and the state: the alarm's start (s or inf) and MEMORY numbers."""

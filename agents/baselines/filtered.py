@@ -15,7 +15,7 @@ from agents.baselines.profile import LEAST_SPREAD, StretchedProfile
 from agents.baselines.rule import CLOCK, Floats, View
 from impact_gym.scene import SpringDamper
 
-KEPT = 32  # number of control steps that the filter remembers, for delayed readings
+KEPT = 32  # number of the latest control steps that the filter remembers; a reading from an earlier step is not used
 
 
 class FilteredProfile(StretchedProfile):
@@ -23,7 +23,7 @@ class FilteredProfile(StretchedProfile):
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_sensor": {"noise": 0.01}}
     KNOWS = ("range_sensor", "tool_mass", "coupling")
-    READINGS = np.inf  # largest number of readings that the filter uses
+    READINGS = np.inf  # largest number of readings that the filter uses in an episode
     SPREAD = "spread"
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:

@@ -14,20 +14,21 @@ from agents.baselines.rule import CONTROL_PERIOD, Floats, Parameter, Rule, View,
 from impact_gym.quantities import AFTER_ALARM
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
-TIMES: Floats = np.array([0.0, 0.03, 0.07, AFTER_ALARM])  # s
+TIMES: Floats = np.array([0.0, 0.03, 0.07, AFTER_ALARM])  # s after the alarm, corners of the reaction's velocity
 REACTION = (
     *(Parameter(f"velocity {1e3 * time:g} ms after the alarm", "m/s", *VELOCITY_RANGE, 0.0) for time in TIMES),
     Parameter("acceleration after the alarm", "m/s^2", *ACCELERATION_RANGE, 15.0),
 )
 ACCELERATION = Parameter("acceleration", "m/s^2", *ACCELERATION_RANGE, 15.0)
 """Limit of acceleration and deceleration on a profile; a low limit keeps a bistable mechanism on the front stop."""
-USUAL_SPREAD, LEAST_SPREAD = 1e-2, 1e-3  # m, usual and smallest standard deviation of an estimated distance
+# standard deviations (m) of a distance: reference of `StretchedProfile`; least one, to which rules raise smaller ones
+USUAL_SPREAD, LEAST_SPREAD = 1e-2, 1e-3
 
 
 class ReactingRule(Rule):
     """Follow a speed profile; while the alarm is on, command the velocities of the parameters REACTION."""
 
-    OVER = "position"  # the profile is a function of this observed number; distances are negated
+    OVER = "position"  # id of the observed number whose function the profile is; if a distance, minus this number
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return velocity and acceleration of the reaction while the alarm is on, else those of `approach`."""
@@ -151,7 +152,7 @@ class StretchedProfile(RangedProfile):
         Parameter("stretch", "-", -0.5, 1.5, 0.3),
         Parameter("slowing", "-", -0.5, 1.5, 0.0),
     )
-    SPREAD = "range_noise"  # name of the standard deviation (m) in the view
+    SPREAD = "range_noise"  # id, in the view, of the standard deviation (m) of the estimated distance
 
     def profile(self, view: View) -> Callable[[Floats], Floats]:
         """Return the profile with positions * s**stretch and speeds / s**slowing, where s = spread / USUAL_SPREAD."""

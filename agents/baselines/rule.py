@@ -15,8 +15,8 @@ Floats = NDArray[np.float64]
 CONTROL_PERIOD: float = Task.control_period  # s
 DISTANCES = ScenarioRanges().distance
 """Default range of the objects' distances, m. Positions in parameters are for this range, see `Rule.placed`."""
-LEAST_STRETCH = 0.01  # m, smallest near end and smallest width of a range in `Rule.placed`
-SLOWEST = 1e-9  # m/s, smallest speed of an operator by which a rule divides
+LEAST_STRETCH = 0.01  # m; `Rule.placed` raises a smaller near end or width of the task's range of distances to this
+SLOWEST = 1e-9  # m/s; a rule divides by the operator's speed, or by this number if the speed is smaller
 CLOCK = 1e-6  # s, tolerance in comparisons of observed times
 
 
@@ -52,7 +52,7 @@ class Rule:
     NEEDS: ClassVar[Mapping[str, Any]] = {}
     """Arguments of the environment that add the observations which the rule needs."""
     KNOWS: ClassVar[tuple[str, ...]] = ()
-    """Arguments whose values the rule uses, see `agents.evaluate.play.controller_of`."""
+    """Names of the environment's arguments whose values the rule uses, see `agents.evaluate.play.controller_of`."""
     weights: Sequence[float] = ()
     """Time weights (m/s per s), ascending, for which the rows of `parameters` (weights, k) were tuned; see `at`."""
 
@@ -96,7 +96,7 @@ class Rule:
 
     def for_environment(self, arguments: Mapping[str, Any]) -> Self:
         """Return the same rule for an environment of `gym.make` with these arguments, such as `env.spec.kwargs`."""
-        apart = ("render_mode", "record_trace")  # these do not change the task
+        apart = ("render_mode", "record_trace")  # arguments that do not change the task
         return self.for_task(Task(**{name: value for name, value in arguments.items() if name not in apart}))
 
     def for_task(self, task: Task) -> Self:

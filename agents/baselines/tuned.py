@@ -23,8 +23,8 @@ from impact_gym.validation import nearest, number
 
 FORMAT = "impact_gym tuned baseline 1"
 BOUND_FORMAT = "impact_gym clairvoyant 2"
-BOUND_SET = "test"  # shipped set with the scenarios of the bound
-BOUND_GENERATIONS = 150  # largest number of generations in the search of each scenario
+BOUND_SET = "test"  # name of the shipped set of scenarios for which a bound is searched
+BOUND_GENERATIONS = 150  # largest number of generations in the search for each scenario
 RULES: dict[str, type[Rule]] = {name: resolve_name(f"agents.baselines:{name}") for name in setups.RULES}
 FIXED: dict[str, Any] = {name: resolve_name(f"agents.baselines:{kind}") for name, kind in setups.FIXED.items()}
 

@@ -42,7 +42,7 @@ def play(
 
     `environment` must hold no scenario and no time weight. For `lenient` see `ScenarioBatch`.
     """
-    with warnings.catch_warnings(action="ignore", category=UserWarning):  # about hard scenarios, which are intended
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # hard scenarios are intended
         task = Task(**(environment or {}))
         played = []
         for weight in weights:
@@ -89,7 +89,7 @@ def frozen_of(scenarios: Mapping[str, Any]) -> EvaluationSet | None:
     return _shipped(scenarios["set"]) if "set" in scenarios else None
 
 
-_shipped = lru_cache(maxsize=4)(evaluation_sets.load)  # a process reads each set once
+_shipped = lru_cache(maxsize=4)(evaluation_sets.load)  # the four sets used last stay in memory
 
 
 def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None = None) -> Controller:

@@ -30,19 +30,19 @@ MEASURED = (*RESULTS, *SLIDE, *LINKED)
 class Episodes:
     """Results of one controller; each array has an entry for each row of the batch."""
 
-    object_velocity: NDArray[np.float64]  # m/s, V_p
-    approach_time: NDArray[np.float64]  # s, the time in the cost; with an operator, the `done_time`
-    peak_force: NDArray[np.float64]  # N
+    object_velocity: NDArray[np.float64]  # m/s, V_p (final velocity of the object)
+    approach_time: NDArray[np.float64]  # s, time until the touch, which the cost weights; with an operator, `done_time`
+    peak_force: NDArray[np.float64]  # N, largest contact force
     contact_count: NDArray[np.int64]
     missed: NDArray[np.bool_]
     scenario: dict[str, NDArray[np.float64]]
-    missed_cost: float = MISSED_COST  # m/s
-    slide: NDArray[np.float64] | None = None  # m, with friction
-    rest_time: NDArray[np.float64] | None = None  # s, with friction
-    done_time: NDArray[np.float64] | None = None  # s, with an operator
-    taken: NDArray[np.float64] | None = None  # -, fraction of the operator's motion withheld before the touch
-    touch_time: NDArray[np.float64] | None = None  # s, with an operator
-    late: NDArray[np.float64] | None = None  # s, with an operator: delay from a touch to the operator's stop
+    missed_cost: float = MISSED_COST  # m/s, charge for a missed object
+    slide: NDArray[np.float64] | None = None  # m, distance that the object slides; None: no friction
+    rest_time: NDArray[np.float64] | None = None  # s, time when the object comes to rest; None: no friction
+    done_time: NDArray[np.float64] | None = None  # s, end of the last control step; None: no operator
+    taken: NDArray[np.float64] | None = None  # -, fraction of the operator's motion that was withheld before the touch
+    touch_time: NDArray[np.float64] | None = None  # s, time of the first contact; None: no operator
+    late: NDArray[np.float64] | None = None  # s, mean time from a touch until the operator's stop reaches the arm
 
     def cost(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
         """Return V_p + time_weight * approach time, m/s, for each row."""

@@ -20,8 +20,9 @@ from impact_gym.validation import whole
 
 Floats = NDArray[np.float32]
 AGREEMENT = 1e-6
-"""Allowed difference of actions in -1 ... 1, in addition to the policy's own rounding to float32."""
-SAME_COMMANDS = 1e-5  # allowed difference of commands, as a fraction of their range
+"""Allowed difference between actions (-1 ... 1) of a written file and of the policy, in addition to the rounding errors
+of the policy, which computes in float32."""
+SAME_COMMANDS = 1e-5  # allowed difference of commands in C from the original ones, as a fraction of the range
 OBSERVATIONS = 10_000
 
 
@@ -57,7 +58,7 @@ class Export:
 def network_in_onnx(path: Path, observed: Floats) -> Floats | None:
     """Return the actions (n, k) of an ONNX file for observations (n, n_obs); None if onnxruntime is missing."""
     try:
-        onnxruntime = importlib.import_module("onnxruntime")  # has no types
+        onnxruntime = importlib.import_module("onnxruntime")  # declares no types
     except ModuleNotFoundError:
         return None
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])

@@ -9,7 +9,7 @@ from agents.export.contract import Subject
 from impact_gym.files import write_file
 
 OPSET = 17
-IR_VERSION = 8  # runtimes since 2022 read this version
+IR_VERSION = 8  # version of the file format of ONNX, which ONNX runtimes since 2022 read
 
 
 def write_onnx(subject: Subject, path: Path) -> Path:

@@ -23,11 +23,11 @@ LANGUAGES = {"C99": ["-x", "c", "-std=c99"], "C++17": ["-x", "c++", "-std=c++17"
 class Log(NamedTuple):
     """Sensors and commands of episodes, step by step; a row is an episode."""
 
-    sensors: Floats  # (steps, rows, fields), SI units
-    commands: Floats  # (steps, rows, 2), m/s and m/s^2; with an operator, the last command of the step
+    sensors: Floats  # (steps, rows, fields), readings in SI units
+    commands: Floats  # (steps, rows, 2), velocity (m/s), acceleration (m/s^2); with an operator, the last in each step
     late: Floats  # (steps, rows), m/s, an operator's command that arrived within the step; nan: none
     steps: NDArray[np.int64]  # (rows,), number of steps of each episode
-    time_weight: Floats  # (rows,)
+    time_weight: Floats  # (rows,), m/s per s
 
 
 def logged(subject: Subject, episodes: int) -> Log:

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
-BLOCKS = (16, 8, 4, 2, 1)  # sizes of a block that `Network.block` tries
-CHUNK = 512  # number of rows computed together, few enough for the processor's cache
+BLOCKS = (16, 8, 4, 2, 1)  # numbers of rows in a block that `Network.block` tries, in this order
+CHUNK = 512  # number of rows that `Network.read` computes together, few enough for the processor's cache
 ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
     "tanh": np.tanh,
     "relu": lambda values: np.maximum(values, np.float32(0.0)),
@@ -54,7 +54,7 @@ class Network:
 
     hidden: tuple[Affine, ...]
     mean: Affine
-    log_std: Affine  # logarithm of the noise's standard deviation; its weight is 0 if the noise is constant
+    log_std: Affine  # logarithm of the noise's standard deviation; `log_std.weight` is 0 if the noise is constant
     activation: str = "tanh"
 
     def __post_init__(self) -> None:
@@ -98,7 +98,7 @@ class Network:
 
 def from_arrays(description: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Network:
     """Return the network with this `description` and with arrays named as in `to_arrays`."""
-    # layers get new names: exported C code contains the names, and must not contain text of the file
+    # layers get new names: exported C code contains the names, and must not contain text of a policy's file
     places = {name: f"hidden_{place}" for place, name in enumerate(description["layers"])}
     places |= {name: name for name in ("mean", "log_std")}
     made = {name: Affine(place, arrays[f"{name}.weight"], arrays[f"{name}.bias"]) for name, place in places.items()}

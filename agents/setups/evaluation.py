@@ -12,13 +12,13 @@ from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.task import ARGUMENTS
 from impact_gym.validation import distinct, number, numbers, whole
 
-WEIGHTS = (0.7, 1.0, 2.0, 4.0)  # m/s per s
+WEIGHTS = (0.7, 1.0, 2.0, 4.0)  # m/s per s, default time weights
 RESERVED = ("time_weight", "privileged", "max_episode_steps")
 """Arguments of the environment that a set-up must not have: training and evaluation choose these arguments."""
 SET_UP_ARGUMENTS = tuple(name for name in ARGUMENTS if name not in RESERVED)
 AS_TRAINED = "as trained"
 
-COMPLIANT = {"type": "Robot", "mass": 5.225, "stiffness": 1.9e5, "damping": 50.4}  # docs/provenance.md
+COMPLIANT = {"type": "Robot", "mass": 5.225, "stiffness": 1.9e5, "damping": 50.4}  # origin: docs/provenance.md
 VARIED: Mapping[str, Any] = {
     "reaction_delay": [0.0, 0.008, 0.016, 0.024, 0.032, 0.048, 0.064],
     "alarm_threshold": {"times": [0.25, 0.5, 1.0, 2.0, 4.0]},
@@ -117,13 +117,13 @@ def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None
 class Change:
     """One change of an environment."""
 
-    argument: str  # such as robot.stiffness
+    argument: str  # name of the changed argument, such as robot.stiffness
     label: str
-    value: float  # in the argument's unit, or a multiple; nan: the value is not a number
+    value: float  # new value in the argument's unit, or see `multiple`; nan: the new value is not a number
     multiple: bool  # whether `value` is a multiple of the environment's own value
-    environment: Mapping[str, Any]  # all arguments, after the change
-    scenarios: str = ""  # name of the frozen set to play, if the argument is `scenario`
-    same: bool = False  # whether the value is the environment's own value
+    environment: Mapping[str, Any]  # all arguments of the environment, after the change
+    scenarios: str = ""  # name of the frozen set to play instead of the evaluation's scenarios; empty: none
+    same: bool = False  # whether the argument keeps the environment's own value
 
 
 def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Change]:
@@ -157,7 +157,8 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
         return
     for value in listed:
         try:
-            with within(where), warnings.catch_warnings(action="ignore", category=UserWarning):  # about hard values
+            # a UserWarning says that a value makes the task hard, which is intended here
+            with within(where), warnings.catch_warnings(action="ignore", category=UserWarning):
                 other = None if value == "rigid" else value
                 if multiples:
                     factor, own = number("times", value, "-", above=0), given[name]

@@ -29,7 +29,8 @@ def warnings(task: Task) -> list[str]:
         )
     if isinstance(task.coupling, Bistable):
         tasks = [corner for corner in corners(task) if isinstance(corner.coupling, Bistable)]
-        holds = [corner.coupling.holding_force / corner.tool_mass for corner in tasks]  # m/s^2
+        # largest accelerations (m/s^2) at which the front stop holds the tool
+        holds = [corner.coupling.holding_force / corner.tool_mass for corner in tasks]
         if max(holds) < least:
             raise ValueError(
                 f"environment.coupling must hold the tool at {least:g} m/s^2, the arm's lowest acceleration; its front "

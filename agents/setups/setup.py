@@ -25,7 +25,7 @@ VERSION = 1
 TABLES = ("environment", "training", "baselines", "evaluation")
 INHERITED = ("environment", "training", "evaluation")
 """Tables whose keys a set-up inherits, see `_read`."""
-BUDGET = 4800  # see `Setup.budget`
+BUDGET = 4800  # default of `Setup.budget`
 SEEDS, MOST_SEEDS = 10, 10_000  # default and largest `Setup.seeds`
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 """Set-ups that `impact-gym report` compares by default."""
@@ -44,11 +44,11 @@ FIXED = {
 class Tuned(NamedTuple):
     """A baseline that is tuned for a set-up."""
 
-    rule: str  # one of RULES
-    rtol: float = Task.rtol  # tolerance of the simulation during the search, not during the validation
-    clean_alarm: bool = False  # whether the search uses an alarm without errors
-    jitter: float = 0.0  # standard deviation of errors added to actions in the search, as a fraction of the range
-    scenarios: int = 300  # number of scenarios that each candidate plays
+    rule: str  # name of the rule, one of RULES
+    rtol: float = Task.rtol  # relative tolerance of the simulation in the search; the validation uses the environment's
+    clean_alarm: bool = False  # whether search and validation use an alarm without errors
+    jitter: float = 0.0  # standard deviation of errors that the search adds to actions, as a fraction of their range
+    scenarios: int = 300  # number of scenarios that each candidate plays in the search
 
 
 UNSAID = "unknown; to find out, run impact-gym report"
@@ -60,17 +60,17 @@ class Setup:
 
     name: str
     title: str
-    about: str  # one sentence
+    about: str  # description of the set-up, one sentence
     environment: Mapping[str, Any]  # arguments of `gym.make("ImpactApproach-v0", ...)`
     training: Training = field(default_factory=Training)
-    tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines by name
-    against: tuple[str, ...] = ()  # baselines for comparison, without the paper's rule; the first is the main rival
-    bound: str = ""  # set-up whose clairvoyant bound also applies here
+    tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines that the set-up tunes, by name
+    against: tuple[str, ...] = ()  # names of compared baselines, besides the paper's rule; the first is the main rival
+    bound: str = ""  # name of the set-up, this one or another, whose clairvoyant bound applies here
     budget: int = BUDGET  # number of candidates that tuning tries for each time weight
     evaluation: Evaluation = field(default_factory=Evaluation)
-    fails: str = UNSAID  # where its policy fails, in words
+    fails: str = UNSAID  # where the set-up's policy fails, in words
     path: Path = Path()
-    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # (fraction of the environments, changed arguments)
+    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # pairs: fraction of environments, their changes
     seeds: int = SEEDS  # number of trainings, with seeds from 0 on
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:

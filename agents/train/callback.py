@@ -47,7 +47,7 @@ class TrainingCallback(BaseCallback):
             setup.task, setup.evaluation.weights, training.validation_scenarios, threads=training.simulation_threads
         )
         self.bar: Any = None  # see `agents.command_line.progress`
-        self.writer: Any = None  # of TensorBoard
+        self.writer: Any = None  # writer of TensorBoard's events
         self._begun = time.perf_counter()
         self.kept: dict[str, Any] = {  # state that a checkpoint keeps
             "sums": dict.fromkeys(OBJECTIVES, 0.0),
@@ -55,8 +55,8 @@ class TrainingCallback(BaseCallback):
             "last": {"row": 0, "validation": 0, "checkpoint": 0},
             "best": math.inf,
             "curve": [],  # [steps, score] of each validation
-            "rows": [],  # of progress.csv
-            "collapsed": 0,  # number of successive validations, up to the last one, with nearly all objects missed
+            "rows": [],  # rows of progress.csv
+            "collapsed": 0,  # number of latest successive validations, after BEGINNING, that missed nearly all objects
             "seconds": 0.0,  # s, duration of the training in earlier processes; at the end, of all processes
         }
 

@@ -23,9 +23,9 @@ from agents.setups import Training
 from impact_gym.files import write_file
 
 FORMAT = "impact_gym checkpoint 3"
-# stable-baselines3 2.9 has no public names for these values; a test checks that a resumed training has the same result
+# attributes of stable-baselines3 2.9, some of them private; a test checks that a resumed training has the same result
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
-UNWRITTEN = ("name_to_value", "name_to_count", "name_to_excluded")  # of the log
+UNWRITTEN = ("name_to_value", "name_to_count", "name_to_excluded")  # values that the log has not written
 
 
 def write(path: Path, model: Any, callback_state: Mapping[str, Any], training: Training) -> None:

@@ -46,7 +46,7 @@ class Teacher:
             observations = observations.copy()
             observations[..., spec.index("alarm")] = touched > 0.0
             observations[..., spec.index("time_since_alarm")] = touched
-        velocity, time = self.means.T  # on the validation set
+        velocity, time = self.means.T  # means (m/s, s) of each tuned rule on the validation set
         best = (velocity + time_weight[..., None] * time).argmin(axis=-1)
         chosen = np.zeros((*best.shape, self.action_size), np.float32)
         for place, rule in enumerate(self.rules):

@@ -34,8 +34,8 @@ CENTRE_AND_SPREAD = {
     "restitution": (0.55, 0.25),
     "distance": (0.1, 0.3),
 }
-"""Approximate centre and spread of the observed numbers during a training. Without standardisation, the networks would
-learn late from numbers that vary little."""
+"""Approximate centre and spread of the observed (scaled) numbers during a training. Without standardisation, the
+networks would learn late from numbers that vary little."""
 
 
 def standardisation(tasks: Sequence[Task]) -> NDArray[np.float64]:

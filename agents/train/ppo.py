@@ -53,7 +53,7 @@ class Run:
 
     setup: Setup
     training: Training
-    seed: int = 0  # seed of scenarios, network and exploration
+    seed: int = 0  # seed of the training scenarios, the initial network and the exploration
 
     def __post_init__(self) -> None:
         whole("seed", self.seed, at_least=0)

@@ -27,7 +27,7 @@ def train_seeds(
     cluster: str | None = None,
 ) -> Path:  # fmt: skip
     """Train with the seeds from 0 on, except runs finished in `out`; return the file of all policies, in `policies`."""
-    training = replace(training, simulation_threads=1)  # has no effect on the result
+    training = replace(training, simulation_threads=1)  # the number has no effect on the result
     folders = [out.resolve() / f"seed-{seed}" for seed in range(seeds)]
     arguments = list[dict[str, Any]]()
     for seed, folder in enumerate(folders):
@@ -65,7 +65,7 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> dict[str, bytes]:
             _refuse_another(str(run), made_for)  # on a cluster, `train_seeds` may not see this folder
             resume(run)
         else:
-            shutil.rmtree(run, ignore_errors=True)  # a training was killed before it wrote config.json
+            shutil.rmtree(run, ignore_errors=True)  # left by a training that was killed before it wrote config.json
             train(Run.of_record(made_for["settings"]), run)
         return {name: (run / name).read_bytes() for name in KEPT}
 

@@ -13,9 +13,9 @@ import numpy as np
 from impact_gym.agents import baselines, load_policy
 from morl_baselines.multi_policy.capql.capql import CAPQL
 
-WEIGHTS = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)  # m/s per s
+WEIGHTS = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)  # time weights, m/s per s
 Act = Callable[[np.ndarray, float], np.ndarray]
-REFERENCE, SCENARIOS = (1.2, 2.0), 500  # reference point (s, m/s); number of test scenarios
+REFERENCE, SCENARIOS = (1.2, 2.0), 500  # reference point of the hypervolume (s, m/s); number of test scenarios
 
 
 def front(act: Act) -> np.ndarray:
@@ -43,7 +43,7 @@ def main(steps: int) -> None:
     def capql(seen: np.ndarray, weight: float) -> np.ndarray:
         mixed = np.array([weight, 1.0]) / (1.0 + weight)
         fixed = seen.copy()
-        fixed[:, -1] = train.reset()[0][-1]  # as in training: CAPQL gets the weight from `mixed`
+        fixed[:, -1] = train.reset()[0][-1]  # constant, as in training: CAPQL gets the weight from `mixed`
         return np.array([agent.eval(each, mixed) for each in fixed])
 
     policy, rule = load_policy("linear-blind"), baselines.PaperTrapezoid()

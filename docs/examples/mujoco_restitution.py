@@ -8,7 +8,7 @@ import mujoco
 import impact_gym as ig
 from impact_gym.physics.dissipation import damping_factor
 
-TOOL, OBJECT = 0.125, 0.25  # kg
+TOOL, OBJECT = 0.125, 0.25  # kg, masses
 REDUCED = TOOL * OBJECT / (TOOL + OBJECT)
 MODEL = """<mujoco>
   <option timestep="{step}" gravity="0 0 0"/>
@@ -30,7 +30,7 @@ def alone(contact: ig.Contact, speed: float) -> tuple[float, float]:
 
 def solref(contact: ig.Contact, speed: float) -> tuple[float, float]:
     """Stiffness (1/s^2) and damping (1/s) that give the restitution and duration of `contact` at a speed (m/s)."""
-    zeta = damping_factor("exact", contact.restitution, 1.0, 0.0) / 2  # damping ratio; the damper never pulls
+    zeta = damping_factor("exact", contact.restitution, 1.0, 0.0) / 2  # damping ratio of a damper that never pulls
     angle = acos(zeta) / sqrt(1 - zeta**2) if zeta < 1 else acosh(zeta) / sqrt(zeta**2 - 1)
     omega = 2 * angle / alone(contact, speed)[0]
     return omega**2, 2 * zeta * omega
@@ -58,8 +58,8 @@ def strike(stiffness: float, damping: float, step: float, speed: float = 1.0) ->
 def approach(stiffness: float, damping: float, d: float, spring: float, step: float = 1e-4) -> float:
     """V_p (m/s) of the paper's rule, the tool on a critically damped spring (N/m)."""
     loaded, data = model(stiffness, damping, step, 0.2505, d)
-    position = velocity = 0.0  # of the flange
-    resistance, alarm = 2 * sqrt(spring * TOOL), 10.0  # N s/m, s
+    position = velocity = 0.0  # m, m/s, of the flange
+    resistance, alarm = 2 * sqrt(spring * TOOL), 10.0  # damping, N s/m; time of the alarm, s (10: none yet)
     for i in range(round(0.6 / step)):
         target = 1.0 if i * step < alarm + 0.016 else 0.0
         change = max(-8.0 * step, min(8.0 * step, target - velocity))

@@ -10,7 +10,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 from impact_gym.sb3 import ImpactVecEnv
 
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 500_000
-torch.set_num_threads(1)  # the net is small: more threads make it slower
+torch.set_num_threads(1)  # the network is small: more threads make the training slower
 
 
 def mean_return() -> float:

@@ -18,7 +18,7 @@ from impact_gym.files import parsed, write_file
 from impact_gym.task import Task
 from impact_gym.validation import distinct, identifier, number, whole
 
-PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # lines of the chart, in addition to `DesignOptions.others`
+PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # names of the chart's lines, besides `DesignOptions.others`
 SPRING = "paper's spring"
 LIMITED = (FRONT, CHOSEN)
 
@@ -113,7 +113,7 @@ class DesignOptions:
         return self.limits if line in LIMITED else Limits(deflection=None)
 
 
-OF_TEACHER = ("teacher", "imitation_steps")  # settings about a baseline that only the original set-up has
+OF_TEACHER = ("teacher", "imitation_steps")  # settings about a baseline that the new set-up does not have
 DRAWN = (
     "this file draws stiffness and restitution of the contact through the pad independently of each other; in the "
     "search both were computed from the object's stiffness and restitution without the pad"

@@ -20,11 +20,11 @@ from experiments.design.variables import SearchVariable, as_built
 from impact_gym.task import Task
 from impact_gym.validation import number, whole
 
-RTOL = 1e-5  # rtol of the simulation in a search
-PENALTY = 2.0  # m/s, cost of exceeding a limit or the approach time by 100 %
-MARGIN = 1.2  # factor on the tolerance in a search, because of rare scenarios that a search does not contain
+RTOL = 1e-5  # relative tolerance of the simulation in a search
+PENALTY = 2.0  # m/s, cost of exceeding a limit, or the allowed mean approach time, by 100 %
+MARGIN = 1.2  # ratio of the largest errors in a search to `tolerance`; above 1, because a search lacks rare scenarios
 CONTACT = ("contact_stiffness", "restitution")
-WITHIN = 0.95  # share of the episodes in which the peak force must be within the limit
+WITHIN = 0.95  # fraction of the episodes in which the peak force must be at most the limit
 UNITS = {"deflection": "m", "stroke": "m", "peak_force": "N", "touched_once": "-"}
 
 
@@ -129,7 +129,7 @@ def objective(
     stage = ScenarioBatch(TUNING_SEED, scenarios, task, copies=population, lenient=True, threads=1)
     contact = candidate.contact(ScenarioBatch(TUNING_SEED, scenarios, task, threads=1))
     off, rng = MARGIN * budget.tolerance, np.random.default_rng((TUNING_SEED, 1))
-    errors = rng.uniform(1.0 - off, 1.0 + off, (len(variables), scenarios))  # factors on the numbers of the design
+    errors = rng.uniform(1.0 - off, 1.0 + off, (len(variables), scenarios))  # factors for the design's numbers
 
     def losses(candidates: Floats) -> Floats:
         searched, of_rule = np.split(candidates[:, 0], [len(variables)], axis=1)

@@ -16,16 +16,16 @@ from impact_gym.scene import SpringDamper
 from impact_gym.task import Task
 from impact_gym.validation import number
 
-WIDE = 10.0  # least HIGH / LOW for a logarithmic scale of a number whose `by_ratio` is false
+WIDE = 10.0  # least ratio of HIGH to LOW for a logarithmic scale, if draws of the number are not log-uniform
 
 
 class SearchVariable(NamedTuple):
     """A free number of the design."""
 
-    name: str  # such as coupling.stiffness
+    name: str  # name of the number, such as coupling.stiffness
     low: float
     high: float
-    start: float = np.nan  # where the search starts
+    start: float = np.nan  # value at which the search starts; nan: the middle of the range
 
     @property
     def logarithmic(self) -> bool:

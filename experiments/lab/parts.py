@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from experiments.lab.statistics import Estimate
 
-LONG = 80  # characters; a column with a longer cell stays wide on a small screen
+LONG = 80  # number of characters; a column with a longer cell stays wide on a small screen
 
 
 @dataclass(frozen=True)

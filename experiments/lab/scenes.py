@@ -7,17 +7,17 @@ TOOL_MASS = 0.125  # kg
 OBJECT_MASS = 0.25  # kg
 HEAVY_MASS = 2.5  # kg, the object of Fig. 14
 REDUCED_MASS = TOOL_MASS * OBJECT_MASS / (TOOL_MASS + OBJECT_MASS)  # kg
-DISTANCE = 0.2505  # m, identified from the first contact at 0.313 s
+DISTANCE = 0.2505  # m, from tool to object; identified from the time of the first contact, 0.313 s
 THRESHOLD = 1.0  # N, contact force above which the robot brakes; printed in section 3.2
 BRAKE = ig.Brake(threshold=THRESHOLD, delay=0.016, deceleration=8.0)
 MOTION = ig.Trapezoid(speed=1.0, acceleration=8.0, brake=BRAKE)
 STEADY = ig.Trapezoid(MOTION.speed, MOTION.acceleration)  # without brake
-DURATION = 1.5  # s
+DURATION = 1.5  # s, of a simulation
 ROBOT = ig.Robot(mass=5.225, stiffness=1.9e5, damping=50.4)  # the mass is printed; stiffness and damping are identified
 ROBOT_AND_TOOL = ROBOT.mass + TOOL_MASS  # kg, printed in section 3.2 as 5.35
-MECHANISM = ig.Bistable()  # H, L0 and k are printed; the front stop is identified
+MECHANISM = ig.Bistable()  # height H, free length L0 and stiffness k are printed; the front stop is identified
 HOLD = TOOL_MASS * MOTION.acceleration  # N, least force of a mechanism that holds the tool during acceleration
-LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # compared with the mechanism in Fig. 23
+LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # spring that Fig. 23 compares with MECHANISM
 
 
 def scene(

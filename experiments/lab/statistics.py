@@ -46,7 +46,7 @@ class Resamples:
         values = np.atleast_2d(values).astype(np.float64)
         seeds = len(values)
         shares = _shares((0, seeds), seeds, self.count)
-        flat = values.reshape(-1, self.scenarios) @ self._scenario_shares.T  # (seeds * ..., 1 + n)
+        flat = values.reshape(-1, self.scenarios) @ self._scenario_shares.T  # shape (seeds * ..., 1 + n)
         by_seed = flat.reshape(seeds, -1, self.count + 1)
         means = np.einsum("rs,skr->rk", shares, by_seed)
         return means.reshape(self.count + 1, *values.shape[1:-1])

@@ -24,7 +24,7 @@ Row = Mapping[str, Any]
 Rows = Sequence[Row] | pl.DataFrame
 Frames = Mapping[str, pl.DataFrame]
 KEPT = "kept"  # subfolder of a study's folder, with the results of the study's cells
-LARGE = 50_000  # rows; a larger table is written as Parquet
+LARGE = 50_000  # largest number of rows of a table in CSV; a larger table is written as Parquet
 SOLVER = tuple(  # modules on which the result of `simulate` depends, in addition to the compiled solver
     f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "to_kernel", "outcome", "simulation")
 )
@@ -42,12 +42,12 @@ class Measurement:
     """A table of a study, and the measurement of this table."""
 
     name: str  # name of the table
-    cells: Callable[[bool, Frames], Iterable[Cell]]  # arguments: whether the run is quick, and the earlier tables
+    cells: Callable[[bool, Frames], Iterable[Cell]]  # function of whether the run is quick, and of the earlier tables
     measure: Callable[..., Rows]  # function at the top of a module, so that other processes can import it
     depends: tuple[str, ...] = SOLVER  # modules that rows depend on, in addition to the module of `measure`
-    failed: Callable[[Row], Row] | None = None  # row of a failed cell, from its labels; None: raise an error
+    failed: Callable[[Row], Row] | None = None  # function from a failed cell's labels to its row; None: raise an error
     seconds: float | None = None  # s, time limit of a cell
-    processes: int | None = None  # largest number; 1: one cell at a time; 0: in this process
+    processes: int | None = None  # largest number of processes that measure; 0: this process measures; None: no limit
 
     @property
     def digest(self) -> str:
@@ -73,7 +73,7 @@ class Study:
     name: str
     question: str
     measurements: Sequence[Measurement]
-    analyse: Callable[[Frames, bool], Findings]  # arguments: the measured tables, and whether the run is quick
+    analyse: Callable[[Frames, bool], Findings]  # function of the measured tables, and of whether the run is quick
     packages: tuple[str, ...] = ()  # packages whose versions the page also lists
 
 
@@ -97,7 +97,7 @@ class StudyOptions:
     """Largest number of cells that the command measures at the same time on this machine. The default is
     the number of cores. 0: this process measures all cells."""
     cluster: str | None = None
-    """Measure on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster."""
+    """Address of a Ray cluster. "ray": the address in RAY_ADDRESS, or else the cluster of this machine."""
 
     def __post_init__(self) -> None:
         if self.processes is not None:

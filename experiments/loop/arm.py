@@ -19,8 +19,8 @@ from impact_gym.files import write_file
 from impact_gym.task import Task
 
 MAGIC = b"IGLOOP01"
-PERIOD, SILENCE = 1e-3, 0.1  # s
-COMMAND = struct.Struct("8s4d")  # MAGIC, sequence, stamp (s), velocity (m/s), acceleration (m/s^2)
+PERIOD, SILENCE = 1e-3, 0.1  # s, control period; time without valid packets after which the arm stops
+COMMAND = struct.Struct("8s4d")  # a packet: MAGIC, sequence, stamp (s), velocity (m/s), acceleration (m/s^2)
 EARLY = 1e-3  # s, how far a stamp may be ahead of the arm's clock
 WAIT = 10.0  # s, time limit for a controller's first packet
 

@@ -18,12 +18,12 @@ NAMES = {  # assistances, with the labels on the page
     "none": "nobody", "brake": "a brake at the arm", "limit": "a tuned speed limit", "policy": "the learned policy",
     "rule": "the paper's rule",
 }  # fmt: skip
-COUPLINGS = {"rigid": "tool fixed", "spring": "on a spring", "bistable": "bistable"}  # coupling: label on the page
+COUPLINGS = {"rigid": "tool fixed", "spring": "on a spring", "bistable": "bistable"}  # labels on the page, by coupling
 PERSON = {"type": "Person"}
-PERIOD: float = Task.control_period  # s
+PERIOD: float = Task.control_period  # s, the only control period that can be played
 # unit, least and largest value of the settings: delay of the round trip, jitter of each channel, spring stiffness
 RANGES = {"delay": ("s", 0.0, 1.0), "jitter": ("s", 0.0, 0.05), "stiffness": ("N/m", 20.0, 2000.0)}
-RTOL = 1e-12  # at this rtol `simulate` and the environment agree to 1e-9
+RTOL = 1e-12  # relative tolerance at which results of `simulate` and of the environment agree to 1e-9
 
 
 def playable(name: str) -> Setup:

@@ -60,8 +60,8 @@ class Clock:
     """Plays the tries that the server requests, one after another."""
 
     server: Connection
-    now: Callable[[], float] = time.perf_counter  # s
-    sleep: Callable[[float], None] = time.sleep  # s
+    now: Callable[[], float] = time.perf_counter  # time of a clock, s
+    sleep: Callable[[float], None] = time.sleep  # waits for its argument, s
     stick: Stick = field(default_factory=Stick)
     gone: bool = False  # whether the server has ended
     wanted: queue.SimpleQueue[tuple[Try, Path, bool] | None] = field(default_factory=queue.SimpleQueue)

@@ -13,9 +13,9 @@ from experiments.play.assistance import COUPLINGS, PERIOD, record_of, related, u
 from experiments.play.tries import Live, Try, replayed
 from impact_gym.render.film import History
 
-SECONDS = 7.0  # length of a film
-COARSE = 5.0  # factor on the allowed errors of the film, so that the film is computed fast
-BEFORE = 0.4  # s, from the begin of the slow motion to the first touch
+SECONDS = 7.0  # s, duration of a film
+COARSE = 5.0  # factor that multiplies the allowed errors of the film, so that the film is computed fast
+BEFORE = 0.4  # s, simulated time from the begin of the slow motion to the first touch
 SENTENCES = {
     "brake": "The brake at the arm senses the touch at once; it does not wait for you.",
     "none": "Nobody corrects you: the arm moves on until your command to stop arrives.",

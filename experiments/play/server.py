@@ -28,14 +28,14 @@ HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
 SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "settings.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
 MAX_CLIENTS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # limits: pages; bytes in a message; messages per second from a page
-TIME_LIMIT, FILM_LIMIT = 5.0, 60.0  # s, time limits: a page reads a message; a film is made
+TIME_LIMIT, FILM_LIMIT = 5.0, 60.0  # s, time limits: for a page to read a message; for the server to make a film
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff", "Cache-Control": "no-store",
     "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Resource-Policy": "same-origin", "Connection": "close",
 }  # fmt: skip
-RESTART = 1012  # code of a connection that is closed because the server stops
+RESTART = 1012  # code with which the server closes a connection when the server stops
 
 
 class Client:

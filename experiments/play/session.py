@@ -28,7 +28,7 @@ class Session:
         self._lock = ExitStack()  # the clock's process inherits the lock
         self._lock.enter_context(locked(folder / ".lock", wait=False))
         self.setup, self.assist, self.folder = setup.called, assist, folder
-        self.clients: list[Any] = []  # the first page steers
+        self.clients: list[Any] = []  # connected pages; the first page steers
         self.setups = {name: about(playable(name)) for name in related(setup).values()}
         self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is in progress; velocity range of the arm, m/s
         self._seen_at, self._newest = 0.0, -1  # s, when pages show the latest frame; number of the newest frame shown

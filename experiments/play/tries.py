@@ -21,7 +21,7 @@ from impact_gym.task.episodes import EpisodeState
 LATE, MOST_LATE = 4e-3, 0.02  # s, limit of `Try.late`; largest share of steps beyond this limit in a valid try
 TRACE_POINTS = 1 << 18
 BEND = 1e-13  # m/s, largest velocity error of `corners`
-ROUNDING = 1e-6  # rounding of times, as a fraction of a control period
+ROUNDING = 1e-6  # allowed rounding error of times, as a fraction of a control period
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class Try:
     assist: str
     seed: int
     record: dict[str, float]  # chosen numbers of the episode's record; once the try has begun, all numbers
-    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # after the begin, a Replay of a person's commands
-    slow: float = 1.0  # duration in real time / simulated time
+    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # once a person's try begins, a Replay of commands
+    slow: float = 1.0  # ratio of the duration in real time to the simulated time
     environment: dict[str, Any] = field(default_factory=dict)  # arguments of the environment, without the operator
     actions: list[list[float]] = field(default_factory=list)  # actions of the assistance, one for each step
     late: list[float] = field(default_factory=list)  # s, delay of each step minus the delay of the step before

@@ -14,9 +14,9 @@ from impact_gym.validation import choice, number, numbers, one_of
 
 RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "taken", "missed"
 SLOWEST = 16.0  # largest `Try.slow`
-MAX_TEXT, MAX_NUMBER = 4096, 2.0**64  # most characters of set-up and marks; largest absolute value of a number
+MAX_TEXT, MAX_NUMBER = 4096, 2.0**64  # most characters of set-up and marks together; largest absolute value of a number
 FORMAT = "impact_gym try 2"
-SPARE = 3  # number of ticks between the end of one recording and the begin of the next one
+SPARE = 3  # number of control periods by which the time for each recording exceeds the horizon of an episode
 
 
 def from_text(text: str) -> Try:

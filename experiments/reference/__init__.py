@@ -16,7 +16,7 @@ from experiments.reference.chain import Chain
 from experiments.reference.integration import SOLVERS
 from experiments.reference.motion import ContactRecord, Motion
 
-STIFF_RATES = 1e5  # decay rate of a stop * duration, above which an implicit method integrates flight
+STIFF_RATES = 1e5  # largest product of a stop's decay rate and the duration; above, flight needs an implicit method
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class Reference:
     contacts: tuple[ContactRecord, ...]
     coupling_impulse: float  # N s, impulse of the coupling on the tool during the contacts (paper, eq. 21)
     snap_through: tuple[float, ...]  # s, times at which the slider passes its alignment
-    object_position: float  # position of the object's face; 0 is the tool's face at the start
+    object_position: float  # position of the object's face; 0 is the position of the tool's face at the start
     tool_position: float  # position of the tool's face
     flange_position: float  # 0 at the start
     stop_hits: int  # number of times that a stop began to push
-    contact_seconds: float = field(compare=False)  # processor time of all contacts
+    contact_seconds: float = field(compare=False)  # s, processor time of all contacts
 
 
 def simulate(scene: Any, motion: Any, duration: float, rtol: float = 1e-11, method: str = "DOP853") -> Reference:
@@ -44,7 +44,7 @@ def simulate(scene: Any, motion: Any, duration: float, rtol: float = 1e-11, meth
 
     `method`, a name for SciPy's `solve_ivp`, and `rtol` are used only in contacts. Flight of a linear chain has a
     closed form; other flight is integrated at rtol 1e-12. ValueError: method or law of dissipation is unknown.
-    NotImplementedError: the coupling is unknown. RuntimeError: SciPy fails, or a `Switch` changes again and again.
+    NotImplementedError: the coupling is unknown. RuntimeError: SciPy fails, or events repeat without end at one time.
     """
     if method not in SOLVERS:
         raise ValueError(f"method must be one of {list(SOLVERS)}, got {method!r}")

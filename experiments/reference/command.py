@@ -19,7 +19,7 @@ class Command:
             v, a = float(motion.speed), float(motion.acceleration)
             self.pieces = [(0.0, 0.0, 0.0, a), (v / a, v * v / (2 * a), v, 0.0)]
         if self.brake is not None:
-            self.threshold, self.delay = float(self.brake.threshold), float(self.brake.delay)  # N, s
+            self.threshold, self.delay = float(self.brake.threshold), float(self.brake.delay)  # N, s, of the brake
             self.deceleration = a if self.brake.deceleration is None else float(self.brake.deceleration)
 
     def at(self, t: float) -> tuple[float, float, float, float]:
@@ -28,7 +28,7 @@ class Command:
         s = t - start
         x, v = x + (v + a * s / 2) * s, v + a * s
         cut = min((p[0] for p in self.pieces if p[0] > t), default=inf)
-        # without 1e-12 m, a node that was just reached would follow again, by rounding
+        # without the 1e-12 m, rounding could make a node that was just reached the next node again
         for node in self.nodes[self.nodes > x + 1e-12][:1].tolist():
             square = v * v + 2 * a * (node - x)  # square of the velocity at the node
             if square >= 0 and v + sqrt(square) > 0:

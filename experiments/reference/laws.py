@@ -19,7 +19,7 @@ CLOSURES: dict[str, Callable[[float], float]] = {
     "gonthier": lambda e: (1 - e * e) / e,  # Gonthier, McPhee, Lange and Piedboeuf 2004
     "herbert-mcwhannell": lambda e: 6 * (1 - e) / ((2 * e - 1) ** 2 + 3),  # Herbert and McWhannell 1977
 }
-STIFF = 1e3  # d above which an isolated contact is integrated by an implicit method
+STIFF = 1e3  # damping factor d above which an implicit method integrates an isolated contact
 RobotLaw = Callable[[float], tuple[float, float, float]]
 """Function from the commanded position (m) to the robot's mass (kg), stiffness (N/m) and damping (N s/m)."""
 

@@ -9,7 +9,7 @@ import numpy as np
 from experiments.reference.chain import UNITS, Chain, Scales, StiffError, System
 from experiments.reference.integration import Switch, Vector, advance, fly
 
-FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # tolerances (-, m) of flights without a closed form
+FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # relative and absolute tolerance (-, m) of flights without a closed form
 STIFF_RTOL = 1e-8  # least rtol if Radau replaces `method`; with a smaller rtol, Radau would need too many steps
 MOST_STALLED = 16  # largest number of successive phases without duration
 
@@ -20,11 +20,11 @@ class ContactRecord:
 
     start: float
     end: float | None
-    approach_velocity: float  # tool's velocity - object's velocity, at the start
-    separation_velocity: float | None  # object's velocity - tool's velocity, at the end
+    approach_velocity: float  # velocity of the tool minus that of the object, at the start
+    separation_velocity: float | None  # velocity of the object minus that of the tool, at the end
     peak_force: float  # N
-    impulse: float  # N s, given to the object
-    object_velocity: float  # at the end of the contact
+    impulse: float  # N s, of the contact force on the object
+    object_velocity: float  # velocity of the object at the end of the contact
 
 
 class Motion:
@@ -47,14 +47,14 @@ class Motion:
         self.peak_force = 0.0  # N
         self.unread_force = 0.0  # N, largest force since the last reading of the sensor
         self.records: list[ContactRecord] = []
-        self.past_impulse = 0.0  # N s, on the object, in past contacts
+        self.past_impulse = 0.0  # N s, of the contact force on the object, in past contacts
         self.coupling_impulse = 0.0  # N s, of the coupling on the tool, in past contacts
-        self.snap_through: list[float] = []  # s
+        self.snap_through: list[float] = []  # s, times at which the slider passed its alignment
         self.contacts, self.first_contact = 0, inf  # number of contacts begun; start of the first contact, s
-        self.contact_seconds = 0.0  # processor time in contacts, s
+        self.contact_seconds = 0.0  # s, processor time in contacts
         self.top_speed = 0.0  # m/s, largest velocity of the object
         self.stop_hits = 0
-        self.fastest = max(chain.slow_rate, chain.stop_rate)  # 1/s
+        self.fastest = max(chain.slow_rate, chain.stop_rate)  # 1/s, limits the steps, see the docstring of the class
         # at a stop, rounding of the position causes an error of the velocity; the tolerance must be above this error
         self.flight_atol = FLIGHT_ATOL * np.tile([1.0, max(1.0, chain.stop_rate)], 4)
         self._go_on(UNITS, np.array([-distance, 0.0, 0.0, 0.0, 0.0, 0.0]), touching=False)
@@ -168,7 +168,7 @@ class Motion:
             return
         on = self.chain.on
         if name == "sliding" and on[name]:
-            self._y[1] += self.object_velocity * self._system.scales.time / self._system.scales.length  # at rest
+            self._y[1] += self.object_velocity * self._system.scales.time / self._system.scales.length  # object at rest
         if name in on:
             on[name] = not on[name]
             self.stop_hits += name in ("front", "rear") and on[name]
@@ -194,6 +194,6 @@ class Motion:
         return self._by("Radau", end, rtol, np.full(8, rtol / 100))
 
     def _by(self, method: str, end: float, rtol: float, atol: Vector) -> tuple[float, Vector, Switch | None]:
-        stride = (1 if self.touching else self.flight_stride) / self.fastest if self.fastest else inf  # s
+        stride = (1 if self.touching else self.flight_stride) / self.fastest if self.fastest else inf  # s, longest step
         switches, longest_step = self._system.switches(), stride / self._system.scales.time
         return advance(self._system, end, self._y, switches, method, rtol, atol, longest_step)

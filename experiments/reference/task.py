@@ -25,12 +25,13 @@ SERVED = (
     "range_noise", "range_bias", "observe_range_noise", "deflection_sensor", "privileged", "velocity_range",
     "acceleration_range", "friction", "reference_velocity", "horizon", "after_alarm",
 )  # fmt: skip
-RTOL = 1e-10  # rtol in contacts
+RTOL = 1e-10  # relative tolerance in contacts
 FLOOR = 1e-12  # m/s, `Motion.floor`, as in the environment
-PATIENCE = 3000  # `Motion.patience`
+PATIENCE = 3000  # `Motion.patience`, a number of evaluations
 ROUNDING = 1e-9  # s, allowed rounding error of a time
-SETTLE_SLICE = 0.05  # s, time between two calls of `Motion.over` after the episode
-CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}  # curves of scales
+SETTLE_SLICE = 0.05  # s, largest time between two calls of `Motion.over` after the episode
+# functions that `_observe` applies to values and limits, by the curve of an observation's scale
+CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}
 
 
 class Outcome(NamedTuple):

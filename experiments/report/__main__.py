@@ -74,8 +74,8 @@ class ReportOptions:
     """Number of processes on this machine that play episodes. Without this option, there is one process for each core.
     0: this process plays all episodes."""
     cluster: str | None = None
-    """Play on a Ray cluster: "ray" for the cluster that runs on this machine, or the address of a cluster. The module
-    of each module:object must be installed on all nodes."""
+    """Address of a Ray cluster that plays. "ray": the address in RAY_ADDRESS, or else the cluster of this machine. The
+    module of each module:object must be installed on all nodes."""
 
     def __post_init__(self) -> None:
         if self.count is not None:
@@ -159,7 +159,7 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
         playing = f"{compiled_from()} {digest_of(*PLAYING)}"
         kept = options.out.with_name(f".{options.out.name}.episodes")
         current = kept / hashlib.sha256(playing.encode()).hexdigest()[:16]
-        for folder in kept.glob("*"):  # delete results of other versions of the sources
+        for folder in kept.glob("*"):  # delete results of other versions of the sources; with --force, all
             if options.force or folder != current:
                 shutil.rmtree(folder, ignore_errors=True)
         depends = f"{playing} {digest_of(*own)}"

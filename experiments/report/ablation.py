@@ -39,7 +39,7 @@ class Gain:
 
     value: Estimate  # m/s
     less: Estimate | None  # m/s, the gain; None for the first contestant, or if no gain can be claimed
-    share: Estimate | None  # gain / (the policy's gain over the rule); None if `less` is, or if that gain may be 0
+    share: Estimate | None  # ratio of the gain to the policy's gain over the rule; None if no share can be claimed
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class Step:
     added: str
     contestant: str
     scenarios: int
-    later: float  # s, time of `velocity` minus the mean approach time of the paper's rule
+    later: float  # s, approach time for which `velocity` holds, minus the mean approach time of the paper's rule
     limit: str  # words from LIMITS
     velocity: Gain  # V_p at the mean approach time of the paper's rule, or at the nearest end of the front
     weight: float  # typical time weight w, m/s per s
-    loss: Gain  # V_p + w T + cost of misses
+    loss: Gain  # m/s, V_p + w T + cost of misses
 
 
 def links(played: Played) -> list[Link]:

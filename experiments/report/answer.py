@@ -21,16 +21,16 @@ FRONT = ("approach_time", "object_velocity")
 class Answer:
     """Gain of the policies of one set-up over the paper's rule."""
 
-    reduction: Estimate  # 1 - V_p of all seeds / V_p of the rule, at the paper's time
+    reduction: Estimate  # fraction by which V_p of all seeds is below V_p of the rule, at the paper's time
     each: tuple[float, ...]  # `reduction` for each seed; empty if the front of a seed does not reach the paper's time
     reached: bool  # whether the policy's front reaches the paper's time; if not, `reduction` is at the nearest end
-    later: float  # (time at the nearest end of the policy's front - the paper's time) / the paper's time
+    later: float  # fraction by which the front's time nearest to the paper's time is later than the paper's time
     needed: float  # m/s per s, time weight at which the extrapolated front would reach the paper's time; nan: none
-    sooner: Estimate  # 1 - the policy's mean approach time / the paper's time, at the rule's mean V_p
-    beyond: str  # "": the front reaches V_p of the rule; "slower", "faster": all V_p of the front are below, above it
-    velocity: Estimate  # m/s, V_p of the policy at the paper's time
+    sooner: Estimate  # fraction by which the policy's mean approach time is below the paper's, at the rule's mean V_p
+    beyond: str  # "slower": all V_p of the front are below V_p of the rule; "faster": all are above; "": neither
+    velocity: Estimate  # m/s, V_p of the policy at the paper's time, or at the nearest end of the front, see `reached`
     rival: str  # name of the main baseline if it is tuned, else ""
-    rival_reduction: Estimate | None  # `reduction` of the rival; None: not tuned, or always later than the rule
+    rival_reduction: Estimate | None  # `reduction` of the rival; None: untuned, or always later than the rule
     improvement: Estimate  # share of scenarios with a touch and a lower V_p than the rule's; an equal V_p counts half
     missed: int  # missed objects in all episodes (all seeds, all weights)
     episodes: int  # number of these episodes
@@ -116,7 +116,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
     if answer.beyond == "faster":
         text += "; at every weight the object leaves faster than with the paper's rule."
     else:
-        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # if V_p is below the rule's at every weight
+        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # shown if the whole front is below
         bound = f"{limit} " if answer.beyond == "slower" else ""
         text += f"; at the paper's V_p the approach takes {bound}{_compared(answer.sooner, 'less', 'more')} time."
     if answer.rival_reduction:

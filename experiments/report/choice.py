@@ -16,7 +16,7 @@ from experiments.report.played import Played
 from impact_gym.task.scenario import NAMED
 
 SEED = 60_000_000  # added to the seed of the report's scenarios; training, tuning and evaluation use other seeds
-COUNT = 2000  # number of scenarios
+COUNT = 2000  # number of scenarios on which the choice is made, unless a table gives the scenarios
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,9 @@ class Choice:
     controller: str  # name of the contestant
     time_weight: float  # w, m/s per s
     cost: Estimate  # mean of V_p + w T + cost of a miss, m/s
-    below_rule: Estimate  # (cost of the paper's rule - `cost`) / cost of the paper's rule
-    above: Mapping[str, Estimate]  # for each other contestant, by name: (its cost - `cost`) / `cost`
-    missed: int  # number of missed objects
+    below_rule: Estimate  # fraction by which `cost` is below the cost of the paper's rule
+    above: Mapping[str, Estimate]  # fraction by which the cost of each other contestant is above `cost`, by name
+    missed: int  # number of objects that the recommended controller misses
     sentence: str
 
 

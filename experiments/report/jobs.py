@@ -23,7 +23,7 @@ JSON = Mapping[str, Any]
 PLAYING = (*grid.PLAYED, __name__, grid.__name__)  # modules on which results depend
 FEWER = 500  # number of scenarios for each change of the environment, and for deflections
 HALVINGS = 9  # number of bisections of the range of weights, on a logarithmic scale: enough for an error of 1 %
-CALIBRATION_SCENARIOS = 500  # most scenarios on which a weight is found; a table is used whole
+CALIBRATION_SCENARIOS = 500  # most scenarios in which `play_as_late` finds a weight; a table of scenarios is used whole
 
 
 def play_matchups(

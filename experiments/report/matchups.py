@@ -48,7 +48,7 @@ class Contestant:
     name: str
     controller: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
     weights: tuple[float, ...]
-    checksum: str  # SHA-256 of the policy's file, the tuned parameters or the module; "": a fixed rule
+    checksum: str  # SHA-256 of policy, tuned baseline, clairvoyant parameters or the user's module; "": a fixed rule
 
     @property
     def plain(self) -> str:

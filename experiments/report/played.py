@@ -22,9 +22,9 @@ MISSED_TOO_OFTEN = 0.01  # share of missed objects above which the report claims
 class Run:
     """Results of one contestant in one matchup."""
 
-    weights: tuple[float, ...]  # m/s per s
+    weights: tuple[float, ...]  # time weights, m/s per s
     arrays: Arrays  # results (weights, scenarios), and the fields of the scenarios (scenarios,)
-    missed_cost: float = MISSED_COST  # m/s
+    missed_cost: float = MISSED_COST  # m/s, charge for a missed object
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self.arrays[name]
@@ -62,7 +62,7 @@ class Played:
     as_late: dict[str, Run] = field(default_factory=dict)  # results of seeds at about the rule's mean approach time
     baselines: dict[str, Run] = field(default_factory=dict)
     choosing: dict[str, Run] = field(default_factory=dict)  # results in `experiments.report.choice.scenarios`
-    bound: Run | None = None  # the clairvoyant search
+    bound: Run | None = None  # results of the clairvoyant search
     varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # labels, rows of `holds.cells`
     travelled: dict[str, Run] = field(default_factory=dict)  # deflections, if the coupling is a spring
 

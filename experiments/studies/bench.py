@@ -24,11 +24,11 @@ from experiments.lab.parts import Section, Table
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
 
 ID, SCALE, BATCH_SCALE, BATCH = "ImpactApproach-v0", "Pendulum-v1", "CartPole-v1", 1024
-SIZES = (64, 256, 1024, 4096, 16384)  # environments in a batch
+SIZES = (64, 256, 1024, 4096, 16384)  # numbers of environments in a batch
 SETUPS = ("linear-blind", "bistable-blind")
-STEPS = 1_000_000  # steps of a training
-RTOL = 1e-6  # rtol of the batch of the paper's rule: the largest power of ten with an error of V_p below 1e-6 m/s
-MIX = 80  # steps before a measurement, so that episodes of 20 to 75 steps do not begin together
+STEPS = 1_000_000  # number of environment steps of a training
+RTOL = 1e-6  # `rtol` where the paper's rule plays: the largest power of ten with an error of V_p below 1e-6 m/s
+MIX = 80  # number of steps before a measurement, so that episodes of 20 to 75 steps do not begin together
 Step = Callable[[], Any]
 
 

@@ -37,8 +37,8 @@ class Steady(ReactingRule):
 class Prior(NamedTuple):
     """Distribution of the object's distance."""
 
-    near: float  # m, from the tool
-    far: float  # m, from the tool; of a memoryless distribution, the 95 % quantile
+    near: float  # m, least distance from the tool
+    far: float  # m, largest distance from the tool; of a memoryless distribution, the 95 % quantile
     memoryless: bool = False  # whether the distribution is exponential
 
     @property
@@ -66,7 +66,7 @@ PRIORS = (
     Prior(0.001, 0.6, memoryless=True),
 )
 RULES: Mapping[str, Any] = {"rule": PaperTrapezoid, "steady": Steady, "profile": BlindProfile}
-WEIGHTS, QUICK_WEIGHTS = (0.7, 1.2, 1.7, 2.4, 3.4, 5.0), (0.7, 3.0)  # m/s per s
+WEIGHTS, QUICK_WEIGHTS = (0.7, 1.2, 1.7, 2.4, 3.4, 5.0), (0.7, 3.0)  # time weights, m/s per s
 SEARCH = {"scenarios": 200, "generations": 90, "tested": 1000}
 QUICK_SEARCH = {"scenarios": 40, "generations": 12, "tested": 100}
 

@@ -131,7 +131,7 @@ def drawn(times: pl.DataFrame, truths: pl.DataFrame) -> Picture:
     shown = times.filter(pl.col("microseconds").is_finite()).sort("setting", descending=True).with_columns(error)
     for axes, truth in zip(panels.flat, truths.iter_rows(named=True), strict=False):
         for (name,), curve in shown.filter(scene=truth["scene"]).group_by("contender", maintain_order=True):
-            curve = curve.filter(rival=curve["rival"][0])  # impact_gym is timed with each rival
+            curve = curve.filter(rival=curve["rival"][0])  # impact_gym is timed with each rival; the first counts
             style, wrong = STYLES[str(name).partition(" ")[0]], curve.filter(pl.col("failure") != "")
             axes.plot(curve["microseconds"], curve["velocity_error"], **style)
             axes.plot(wrong["microseconds"], wrong["velocity_error"], **style | {"linestyle": ""}, mfc="white")

@@ -31,19 +31,19 @@ _STATE = (
     "draws", "laws", "chains", "episodes", "readings", "ranges", "links", "packets", "observations", "rewards",
     "traces",
 )  # fmt: skip
-TRACE_INTERVAL = 1e-3  # s, between two points of a trace while tool and object do not touch
+TRACE_INTERVAL = 1e-3  # s, largest time between two points of a trace while tool and object do not touch
 INTERVENTION = 1e-3  # m/s; if the assistance changes a command by more than this, `is_intervention` is set
-_SPARE = 4  # readings stored besides those in transit, because a step measures before it delivers older readings
+_SPARE = 4  # places for readings beyond those in transit, as a step stores new readings before it delivers older ones
 
 
 class Bodies(NamedTuple):
     """Present time, positions and deflections of all rows; each array is (rows,)."""
 
     time: NDArray[np.float64]  # s
-    flange: NDArray[np.float64]  # m
-    tool: NDArray[np.float64]  # m
-    object: NDArray[np.float64]  # m
-    deflection: NDArray[np.float64]  # m, of the tool relative to its flange
+    flange: NDArray[np.float64]  # m, position
+    tool: NDArray[np.float64]  # m, position
+    object: NDArray[np.float64]  # m, position
+    deflection: NDArray[np.float64]  # m, displacement of the tool relative to its flange
     deflection_rate: NDArray[np.float64]  # m/s
     touched: NDArray[np.bool_]
 

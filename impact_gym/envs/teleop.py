@@ -16,8 +16,8 @@ class ImpactTeleopEnv(ImpactApproachEnv):
 
     ## Operators and Channels
     `operator` is an object of a class in `ig.operators`: `Replay`, `Person`, or one of the models `Trapezoid`, `Reach`,
-    `SecondOrderLag`, `Tracker`. Or `operator` is a dict with the name of the class as "type". The docstrings of these
-    classes have equations and sources. A model with a `place_error` assumes a distance that is this much too large.
+    `SecondOrderLag`, `Tracker`. Or `operator` is a dict with the name of the class as "type". The docstrings of the
+    models name their sources. A model with a `place_error` assumes a distance that is this much too large.
     `uplink` (for commands) and `downlink` (for the operator's view) are `Channel` objects. Once per control period, at
     a tick of the operator's clock, one packet is sent over each channel. Each packet has its own delay, and the
     receiver uses the newest packet that has arrived. Two packets are sent between ticks: the operator's stop, and the
@@ -42,8 +42,8 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     stops at the largest deceleration, 20 m/s^2. If an action is not finite, `step` raises an error, and nothing moves.
 
     ## Observation Space
-    The observation contains the numbers of `ImpactApproach`, and five numbers about the operator's commands (the rows
-    with 'only with `operator`').
+    The observation contains the numbers of `ImpactApproach`, four numbers about the operator's commands, and the last
+    velocity commanded to the flange (the rows with 'only with `operator`').
 
     OBSERVATION_TABLE
 

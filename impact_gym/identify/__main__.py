@@ -46,13 +46,13 @@ guess for each number to fit. For each other number give its value during the me
     [motion]                                             # of the robot, which starts at rest
     speed = 1.0                                          # m/s; or a list with a speed for each log
     acceleration = 8.0                                   # m/s^2
-    brake = { threshold = 1.0, delay = 0.016 }           # N, s; omit this line if the robot does not brake
+    brake = { threshold = 1.0, delay = 0.016 }           # N and s; omit this line if the robot does not brake
     [sensor.force]                                       # known properties of the sensor of the column force
     rate = 4000.0                                        # Hz
-    low_pass = 1000.0                                    # Hz, first order
+    low_pass = 1000.0                                    # Hz, cut-off frequency of a first-order filter
     bias = "estimated"                                   # or a number, in the column's unit
     noise = 0.2                                          # standard deviation, in the column's unit
-    cell = { mass = 0.02, frequency = 5000.0 }           # only for a load cell: kg, Hz; also damping_ratio
+    cell = { mass = 0.02, frequency = 5000.0 }           # only for a load cell: kg and Hz, optional damping_ratio
 
 the output: the set-up with the 95 % intervals as ranges, without [motion] and [sensor]. If an interval begins at 0
 or ends at infinity, the set-up keeps your guess of this number, and a comment says so.

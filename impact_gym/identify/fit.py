@@ -15,16 +15,18 @@ from impact_gym.identify.model import Model
 from impact_gym.identify.search import ROUGH, Point, as_good, descend, distinct, race, scatter
 from impact_gym.identify.sensor import Array, bursts, level
 
-STARTS = 8  # points of `scatter` from which a search starts
-NOISE_ROUNDS = 3  # most fits, each followed by an estimate of the noise
+STARTS = 8  # largest number of points of `scatter` from which a search starts
+NOISE_ROUNDS = 3  # of `Fit.polished`: largest number of rounds; each round fits, and then estimates the noise
 CONFIDENCE = 0.95
-END_TOLERANCE = 0.02  # tolerance of an interval's end, relative to the interval's half width
-MAX_STEP = 1.5  # largest first step of a coordinate (see `model`) in `profile`; a wider interval is vague
-MAX_STEPS = 10  # most steps of `profile`
-BEYOND = (1.6, 2.5)  # `_end` looks for a minimum at these multiples of the distance from the best value to an end
+END_TOLERANCE = 0.02  # tolerance of sqrt(misfit - least misfit) / quantile, which is 1 at an end of an interval
+MAX_STEP = 1.5  # of a coordinate (see `model`): largest first step of `profile`; a wider interval causes another search
+MAX_STEPS = 10  # largest number of steps of `profile`
+BEYOND = (1.6, 2.5)  # `_end` also tries values beyond an end, at these multiples of its distance from the best value
 MAX_DEVIATION = 1e3  # largest value of `Fit.deviations`
-MIN_IMPROVEMENT = 0.05  # a point that lowers the misfit by more than this replaces the best fit; then this doubles
-MIN_LEFTOVER = 6.0, 0.5  # least sum of residuals in a missing blow: in standard deviations; as share of the force's sum
+MIN_IMPROVEMENT = 0.05  # a point replaces the best fit if the misfit falls by more than this; the limit then doubles
+# A fit lacks a blow of a log if the sum of the residuals in the blow exceeds both: this many standard deviations of the
+# sum, and this fraction of the sum of the force in the blow
+MIN_LEFTOVER = 6.0, 0.5
 
 Ends = tuple[float | None, ...]
 
@@ -37,7 +39,7 @@ class Fit:
     x: Array
     misfit: float
     covariance: Array
-    valley: Array  # covariance with a prior on each free coordinate, normal about x, with standard deviation MAX_STEP
+    valley: Array  # covariance if each free coordinate has a normal prior about x, of the standard deviation MAX_STEP
     others: Sequence[Point]
     improvement: float = MIN_IMPROVEMENT
 
@@ -54,7 +56,7 @@ class Fit:
         for _ in range(NOISE_ROUNDS):
             points = distinct(model, [descend(model, point.x) for point in points])
             changed = _estimate_noise(model, points[0].x)
-            if not changed or len(model.noise) == 1:  # a single noise does not move the minimum
+            if not changed or len(model.noise) == 1:  # with a single noise, the best x does not depend on it
                 break
         best, *others = (Point(float(np.sum(model.residuals(point.x) ** 2)), point.x) for point in points)
         jacobian, loosely = model.jacobian(best.x), np.eye(len(model.free), model.size) / MAX_STEP
@@ -111,7 +113,7 @@ def _extra_blows(fit: Fit) -> str:
         if "force" not in log.columns:
             continue
         force, sensor = log.columns["force"], model.sensors["force"]
-        left = -model.residuals(fit.x)[model.slots[k, "force"]]  # in standard deviations
+        left = -model.residuals(fit.x)[model.slots[k, "force"]]  # measured - fitted, in standard deviations of noise
         signal = (force - level(force, sensor)) / model.noise["force"]
         deviations, share = MIN_LEFTOVER
         blows = bursts(force, sensor)
@@ -159,7 +161,7 @@ def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
     An interval includes all found minima with a misfit less than quantile^2 above the least misfit. If a clearly
     better point is found, a fit from this point replaces the best fit, and all intervals are computed again.
     """
-    while True:  # this loop ends: each better point must lower the misfit by twice as much as the point before
+    while True:  # this loop ends, because the required decrease of the misfit doubles with each better point
         try:
             return fit, [tuple(_end(fit, i, side) for side in (-1, 1)) for i in range(len(fit.model.free))]
         except _BetterError as better:
@@ -196,7 +198,7 @@ def _is_vague(fit: Fit) -> bool:
 def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
     """Return a fit with x[i] = `u`, started near `near`; raise _BetterError if it clearly beats the best fit."""
     points = []
-    # start at `near`, moved along `valley`; if that fit is bad, start at `near` with only x[i] changed
+    # first start at `near` moved along `valley`; if this fit is not good, start at `near` with only x[i] changed
     for along in (fit.valley[:, i] / fit.valley[i, i], np.zeros_like(near.x)):
         start = near.x + along * (u - near.x[i])
         start[i] = u

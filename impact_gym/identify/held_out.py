@@ -18,8 +18,8 @@ from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
 
 UNITS = {"object_velocity": "m/s", "peak_force": "N", "impulse": "N s", "duration": "s"}
-"""Quantities of a blow: final velocity of the object; peak and integral of the force; width at half of this peak."""
-END = 0.25  # last part of a log, as a fraction; the mean velocity there is the velocity after the blow
+"""Units of a blow's quantities: the object's final velocity; peak, integral and width at half peak of the force."""
+END = 0.25  # the final velocity is the mean over this last fraction of a log
 
 
 class Prediction(NamedTuple):
@@ -29,7 +29,7 @@ class Prediction(NamedTuple):
     quantity: str
     measured: float
     predicted: float
-    equal: float  # median of the measured values of fitted blows with the same motion; nan: there are none
+    equal: float  # median of the measured values of those fitted blows that have the same motion; nan: there are none
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def hold_out(
     measured = [_quantities(each, fits[0]) for each in logs]
     predictions = []
     for k, each in enumerate(logs):
-        fitted = range(1 - k % 2, len(logs), 2)  # the other half
+        fitted = range(1 - k % 2, len(logs), 2)  # indices of the logs in the other half
         made = _quantities(_predicted(each, motions[k], fits[fitted.start]), fits[0])
         for quantity, value in measured[k].items():
             equal = [measured[other][quantity] for other in fitted if motions[other] == motions[k]] or [math.nan]

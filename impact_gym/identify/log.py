@@ -30,15 +30,15 @@ UNITS = {name: column.unit for name, column in READ.items()}
 COLUMNS = ", ".join(f"{name} ({unit})" for name, unit in UNITS.items())
 
 MIN_SAMPLES = 8
-MAX_FORCE = 1e5  # N
-MAX_ACCELERATION = 1e6  # m/s^2
-MAX_SPEED_RATIO = 10.0  # largest ratio of a recorded velocity to the speed of the motion
-MAX_STEP = 0.05  # s, largest median time between two samples
-MAX_GAP = 1.5  # median steps; in a longer step samples are lost, unless neighbouring steps are shorter by as much
-MAX_LOST = 3  # largest number of lost samples in a row
-MIN_SWING = 10.0  # least range (largest - least sample) of a column with a blow, in standard deviations of noise
-LEAST_IMPULSE = 0.03  # least allowed impulse / impulse of a plastic impact, see `_refuse_other_force`
-FLAT_SAMPLES = 3  # least number of successive samples at the extreme of a saturated column
+MAX_FORCE = 1e5  # N, largest absolute force in a log
+MAX_ACCELERATION = 1e6  # m/s^2, largest absolute acceleration in a log
+MAX_SPEED_RATIO = 10.0  # largest ratio of an absolute velocity in a log to the speed of the imposed motion
+MAX_STEP = 0.05  # s, largest median time between successive samples
+MAX_GAP = 1.5  # a step longer than this many median steps lacks samples, unless the steps beside it are as much shorter
+MAX_LOST = 3  # largest number of successive lost samples
+MIN_SWING = 10.0  # least difference of a column's extremes that shows a blow, in standard deviations of its noise
+LEAST_IMPULSE = 0.03  # least ratio of measured impulse to the impulse of a plastic impact, see `_refuse_other_force`
+FLAT_SAMPLES = 3  # a saturated column stays at its largest or least value for at least this number of samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +47,8 @@ class Log:
 
     name: str
     time: Array  # (n,), s
-    columns: Mapping[str, Array]  # each (n,); for their units see UNITS
-    said: str = ""  # how the file was read, in one line
+    columns: Mapping[str, Array]  # each (n,), in the units that UNITS lists
+    said: str = ""  # sentence on how the file was read; "": the samples are not from a file
 
     @property
     def lost(self) -> NDArray[np.int64]:
@@ -56,7 +56,7 @@ class Log:
         steps = np.diff(self.time)
         usual = float(np.median(steps))
         padded = np.concatenate([[usual], steps, [usual]])
-        three = padded[:-2] + steps + padded[2:]  # a late sample inside three steps does not change the sum
+        three = padded[:-2] + steps + padded[2:]  # this sum does not change if a sample inside three steps is late
         return np.where(steps > MAX_GAP * usual, np.maximum(np.rint(three / usual) - 3, 0), 0).astype(np.int64)
 
     @property

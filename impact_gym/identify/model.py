@@ -22,15 +22,15 @@ from impact_gym.task.nested import flatten, get, parts, replaced
 from impact_gym.validation import WrongTypeError
 
 MASS, STIFFNESS, RESTITUTION = "object.mass", "contact.stiffness", "contact.restitution"
-SEARCHED = {STIFFNESS: (1e2, 1e8), RESTITUTION: (0.03, 0.99), MASS: (5e-3, 5e2)}  # ranges of the starting points
-SEARCH_FACTOR = 10.0  # a number not in SEARCHED starts within this factor of the scene's value
-REACH_FACTOR = 1e4  # the fit may leave the searched range by this factor at either end, except for the restitution
-WALL = 1e5  # largest object mass / mass of a tool on a spring; a heavier object acts like a fixed wall
-LARGEST_LOGIT = 14.0  # largest ln(e/(1-e)): e within 1e-6 of 0 or 1
+SEARCHED = {STIFFNESS: (1e2, 1e8), RESTITUTION: (0.03, 0.99), MASS: (5e-3, 5e2)}  # ranges of scattered starting points
+SEARCH_FACTOR = 10.0  # starting points of any other number are scattered within this factor of the scene's value
+REACH_FACTOR = 1e4  # a fitted number may leave its range by at most this factor; for the restitution see LARGEST_LOGIT
+WALL = 1e5  # largest ratio of object mass to the mass of a tool on a spring; a heavier object acts like a fixed wall
+LARGEST_LOGIT = 14.0  # largest |ln(e/(1-e))| of the restitution e, which keeps e between 8e-7 and 1 - 8e-7
 RTOL = 1e-8
-STEP = 2e-3  # step of a coordinate for derivatives; the derivatives' error of 0.1 % is far below a noise of 1 %
+STEP = 2e-3  # step of a coordinate for finite differences; the relative error of these derivatives is about 0.1 %
 Column = tuple[int, str]  # index of a log, and name of one of its columns
-IMPOSSIBLE = 1e3  # if the scene cannot be simulated: predicted sample / range of the log's column
+IMPOSSIBLE = 1e3  # ratio of predicted samples to the range of the log's column, if the scene cannot be simulated
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class Coordinate:
 
     name: str
     sign: float  # sign of the number (1, -1); the coordinate is computed from the absolute value
-    searched: tuple[float, float]  # range of the absolute value for starting points
-    wall: float = math.inf  # largest absolute value; larger values would not change the log
+    searched: tuple[float, float]  # range of the absolute value over which starting points are scattered
+    wall: float = math.inf  # largest absolute value; a larger value would predict the same log
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -114,7 +114,7 @@ class Model:
     ) -> None:  # fmt: skip
         self.logs, self.scene, self.motions, self.sensors, self.free = logs, scene, motions, sensors, free
         self.simulations, self.samples, self.size = 0, 0, len(free) + len(logs)
-        self.slots, self.bias_places = dict[Column, slice](), dict[Column, int]()  # indices into x
+        self.slots, self.bias_places = dict[Column, slice](), dict[Column, int]()  # slices of samples; indices into x
         for k, log in enumerate(logs):
             for name in log.columns:
                 self.slots[k, name] = slice(self.samples, self.samples + len(log.time))
@@ -195,7 +195,7 @@ class Model:
                 trace = self.trace(scene, k, max(float(at[-1]), log.step))
                 for name in log.columns:
                     values[self.slots[k, name]], slopes[self.slots[k, name]] = self.sensed(scene, trace, name, at)
-        except (ValueError, RuntimeError):  # invalid scene or start, or the simulator fails
+        except (ValueError, RuntimeError):  # the scene or the start is invalid, or the simulation fails
             for (k, name), slot in self.slots.items():
                 values[slot], slopes[slot] = IMPOSSIBLE * np.ptp(self.logs[k].columns[name]), 0.0
         return values, slopes
@@ -222,7 +222,7 @@ class Model:
         columns = np.zeros((self.samples, self.size))
         for i, coordinate in enumerate(self.free):
             if i != skip:
-                step = -STEP if x[i] + STEP > coordinate.reach[1] else STEP  # `number` clips coordinates to the reach
+                step = -STEP if x[i] + STEP > coordinate.reach[1] else STEP  # because `number` clips to `reach`
                 there = x.copy()
                 there[i] += step
                 columns[:, i] = (self._predict(there)[0] - here) / step

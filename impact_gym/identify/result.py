@@ -17,13 +17,13 @@ from impact_gym.quantities import BY_PATH
 from impact_gym.scene import Scene
 from impact_gym.simulation import simulate
 
-WIDE_RATIO = 2.0  # an interval is wide if the ratio of its ends exceeds this
+WIDE_RATIO = 2.0  # an interval is wide if the ratio of its larger end to its smaller end exceeds this
 WIDE_RESTITUTION = 0.3  # the restitution's interval is wide if its length exceeds this
-MIN_CORRELATION = 0.95  # two numbers are not separable if |correlation| exceeds this and an interval of the two is wide
+MIN_CORRELATION = 0.95  # two numbers are not separated if their |correlation| exceeds this and one interval is wide
 
 FALSE_ALARM = 1e-4  # probability that one test of the residuals rejects a correct model
 LAGS = 10  # largest lag, in samples, at which the residuals' autocorrelation is tested
-MIN_BEFORE = 8  # least number of samples before the touch for a test of their mean or variance
+MIN_BEFORE = 8  # with fewer samples before the touch, their mean and variance are not tested
 
 Interval = tuple[float, float]
 
@@ -33,14 +33,14 @@ class Identified:
     """The result of `identify`: estimates of the free numbers in SI units, intervals, and misfits."""
 
     estimate: Mapping[str, float]  # keys are dotted names, such as "object.mass"
-    interval: Mapping[str, Interval]  # at 95 % if `warnings` is empty; an end at 0, inf or restitution 1 is no limit
+    interval: Mapping[str, Interval]  # at 95 % if `warnings` is empty; ends at 0, inf and restitution 1 mean: no limit
     correlation: Array  # (k, k), correlations of the coordinates (see `model`), in the order of `estimate`
     scene: Scene  # the given scene with the estimates
-    indistinguishable: tuple[str, ...]  # sentences on what the log cannot determine
-    warnings: tuple[str, ...]  # signs that the model does not fit the log; each was also given as a UserWarning
-    start: tuple[float, ...]  # s, for each log the time of its clock at which the motion began
+    indistinguishable: tuple[str, ...]  # sentences on what the logs do not determine
+    warnings: tuple[str, ...]  # sentences on how the model does not fit the logs; each was also given as a UserWarning
+    start: tuple[float, ...]  # s, for each log the time, on the log's clock, at which the motion began
     noise: Mapping[str, float]  # standard deviation of each column's noise, known or estimated, in the column's unit
-    bias: tuple[Mapping[str, float], ...]  # for each log the bias of each column, known or estimated
+    bias: tuple[Mapping[str, float], ...]  # for each log: bias of each column, known or estimated, in the column's unit
     residuals: tuple[Mapping[str, Array], ...] = field(repr=False)  # for each log and column: measured - fitted, (n,)
     fit: Fit = field(repr=False)
 
@@ -168,7 +168,7 @@ def _words(scene: Scene, interval: Mapping[str, Interval], correlation: Array) -
 
 def _sentence(scene: Scene, name: str, low: float, high: float) -> str:
     most = 1.0 if name == RESTITUTION else np.inf
-    open_below, open_above = low in (-most, 0.0), high in (0.0, most)  # negative numbers end at 0 above
+    open_below, open_above = low in (-most, 0.0), high in (0.0, most)  # a negative number lies between -inf and 0
     if open_below and open_above:
         return f"the log does not determine {name} at all: any value fits equally well"
     if open_above or open_below:

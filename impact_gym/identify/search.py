@@ -21,14 +21,14 @@ SCATTERED = 40  # number of points of the Latin hypercube
 SEED = 0
 RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # restitutions of the points of `from_impulse`, if the restitution is free
 PASSES = 8  # of `from_impulse`: largest number of simulations for a starting point
-NEAR = 0.1  # of `from_impulse`: tolerance of ln(simulated / measured) of impulse and of width
-HEAVY = 1e3  # largest object mass / tool mass in `from_impulse`
-ROUNDS = 5  # of `race`: number of comparisons
-ROUND_EVALUATIONS = 8  # most evaluations of a fit's residuals before a comparison
-MIN_GAP_REDUCTION = 0.2  # a bad fit is dropped if a round reduces (misfit - least misfit) by a smaller fraction
-GOOD_MISFIT = 20.0  # a fit is good if misfit - least misfit is below this times (1 + least misfit / samples)
-MIN_DISTANCE = 0.03  # minima are distinct if a coordinate differs by more than this
-LARGEST_START = 4.0  # largest |ln(e/(1-e))| at the start of a fit, which means e from 0.02 to 0.98
+NEAR = 0.1  # of `from_impulse`: tolerance of |ln(simulated / measured)|, for the impulse and for the blow's width
+HEAVY = 1e3  # of `from_impulse`: largest ratio of the object's mass to the tool's mass
+ROUNDS = 5  # of `race`: number of rounds, each of which ends with a comparison of the fits
+ROUND_EVALUATIONS = 8  # of `race`: largest number of evaluations of a fit's residuals in a round
+MIN_GAP_REDUCTION = 0.2  # `race` drops a bad fit if a round reduces misfit - least misfit by at most this fraction
+GOOD_MISFIT = 20.0  # a fit is good if misfit - least misfit is below this times (1 + least misfit / number of samples)
+MIN_DISTANCE = 0.03  # two fits are distinct if the coordinate of a free number differs by more than this
+LARGEST_START = 4.0  # largest |ln(e/(1-e))| of the restitution e at the start of a fit, so that e is 0.018 to 0.982
 FINE, ROUGH = 1e-8, 1e-5  # relative tolerances of misfit and x: FINE for the final fit, ROUGH for intermediate fits
 
 
@@ -75,7 +75,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 
     points = []
     for restitution in RESTITUTIONS if RESTITUTION in places else RESTITUTIONS[:1]:
-        x, light, heavy = given.copy(), -math.inf, math.inf  # limits of the mass's coordinate
+        x, light, heavy = given.copy(), -math.inf, math.inf  # light, heavy: limits of the object mass's coordinate
         put(RESTITUTION, math.log(restitution / (1.0 - restitution)))
         for _ in range(PASSES if impulse > 0.0 else 0):
             try:
@@ -164,7 +164,7 @@ def descend(
         return Point(math.inf, x, is_minimum=False)
     # start times and biases are counted from their initial values, because MINPACK's tolerance is relative to x
     origin = np.where(np.arange(model.size) < len(model.free), 0.0, x)
-    for i, number in enumerate(model.free):  # near e = 0 and e = 1 the derivative vanishes
+    for i, number in enumerate(model.free):  # the derivative vanishes near restitutions of 0 and 1
         if number.name == RESTITUTION and i != fixed:
             x[i] = min(max(x[i], -LARGEST_START), LARGEST_START)
 

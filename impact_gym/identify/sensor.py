@@ -14,8 +14,8 @@ from impact_gym.validation import number, one_of
 Array = NDArray[np.float64]
 
 GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
-MIN_STEP = 1e-9  # s, least step between used points of a trace; in shorter steps rounding dominates the slope
-MIN_HEIGHT = 5.0, 0.2  # least height of a burst: in standard deviations of the noise, and relative to the highest burst
+MIN_STEP = 1e-9  # s, least time between points of a trace that `curve` uses; in less time rounding dominates the slope
+MIN_HEIGHT = 5.0, 0.2  # a burst exceeds this many standard deviations of noise, and this fraction of the highest burst
 
 
 def curve(time: Array, values: Array) -> PPoly:
@@ -29,7 +29,7 @@ def curve(time: Array, values: Array) -> PPoly:
     rise = np.diff(y) / steps
     before, after = steps[:-1], steps[1:]
     middle = (after * rise[:-1] + before * rise[1:]) / (before + after)
-    middle[(rise[:-1] == 0.0) | (rise[1:] == 0.0)] = 0.0  # where a constant part begins or ends
+    middle[(rise[:-1] == 0.0) | (rise[1:] == 0.0)] = 0.0  # slope 0 where a constant part begins or ends
     slope = np.concatenate([rise[:1], middle, rise[-1:]])
     square = (3.0 * rise - 2.0 * slope[:-1] - slope[1:]) / steps
     cube = (slope[:-1] + slope[1:] - 2.0 * rise) / steps**2
@@ -45,8 +45,8 @@ class LoadCell(Parameters):
     The element is assumed to be much stiffer than the contact.
     """
 
-    mass: Annotated[float, SI("kg", above=0)]  # m, of the part between element and contact
-    frequency: Annotated[float, SI("Hz", above=0)]  # sqrt(k / m) / 2 pi
+    mass: Annotated[float, SI("kg", above=0)]  # mass m of the part between element and contact
+    frequency: Annotated[float, SI("Hz", above=0)]  # natural frequency, sqrt(k / m) / (2 pi)
     damping_ratio: Annotated[float, SI("-", at_least=0, at_most=0.99)] = 0.0
 
 

@@ -14,8 +14,8 @@ from impact_gym.render.palette import ALARM, FAINT, GRID, INK, WARNING
 if TYPE_CHECKING:
     import pygame
 
-HOLD = 2.0  # s, during which the last picture of an episode is shown
-LAMP = (WIDTH - 22.0, 30.0)  # place of the lamp; `alarm` returns its colour
+HOLD = 2.0  # s, time for which the last picture of an episode is shown
+LAMP = (WIDTH - 22.0, 30.0)  # pixels, centre of the lamp that shows the alarm
 
 Frame = NDArray[np.uint8]
 
@@ -34,7 +34,7 @@ class Renderer:
     def begin(self) -> None:
         """Begin a new episode."""
         self._shown: float | None = None  # s, the instant that the last picture shows
-        self._reached = 0.0  # s, time of the episode at the last call
+        self._reached = 0.0  # s, time of the episode at the last call of `instants`
         self._ended = False
 
     def render(self, history: History) -> Frame | list[Frame] | None:

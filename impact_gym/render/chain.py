@@ -18,16 +18,16 @@ TOOL_LENGTH, TOOL_HEIGHT = 0.034, 0.03  # m
 FLANGE_LENGTH, FLANGE_HEIGHT = 0.016, 0.052  # m
 BAR = 0.006  # m, thickness of a rigid coupling
 CLEARANCE = 0.004  # m, half the length of a bistable slider, and the thickness of its stops
-SHORTEST_SPRING = 0.002  # m, length of the drawn spring if the tool has passed the flange
+SHORTEST_SPRING = 0.002  # m, least length of the coupling's drawn spring, also if the tool has passed the flange
 BASE_LENGTH, ROBOT_LENGTH = 0.008, 0.03  # m, lengths of the block with the imposed motion, and of the robot's spring
 ROOM = 0.2  # m, space shown behind the object
-MARGIN = 0.02  # m
-DENSITY, LARGEST_RADIUS = 1500.0, 0.5  # kg/m^3, m
+MARGIN = 0.02  # m, least space shown to the left of the chain at the start
+DENSITY, LARGEST_RADIUS = 1500.0, 0.5  # kg/m^3 and m, of the ball that is drawn for the object
 TOP, BOTTOM = 190.0, 416.0  # pixels, upper and lower edge of the area with the chain
 TEXT, SMALL = 30, 24  # pixels, sizes of text; legible in a picture of half the size
-LARGEST_SPAN = 3.0  # m, largest length of the line of motion in the picture
-RULER, DISTANCE = 34.0, 56.0  # pixels, heights for the ruler below the ground, and for the text above the bodies
-SHOWN_PUSH = 5e-4  # m; the length of a shorter push is shown only during a contact
+LARGEST_SPAN = 3.0  # m, largest part of the line of motion that a picture shows
+RULER, DISTANCE = 34.0, 56.0  # pixels, heights kept for the ruler below the ground and for the text above the bodies
+SHOWN_PUSH = 5e-4  # m; if the object has moved less than this, its displacement is shown only during a contact
 
 
 class Camera(NamedTuple):

@@ -13,16 +13,16 @@ from impact_gym.scene import Rigid
 from impact_gym.task.episodes import EpisodeState
 from impact_gym.task.task import Task
 
-FRAME_RATE = 30  # 1/s
+FRAME_RATE = 30  # 1/s, frames per second of a film
 FLIGHT_FACTOR = 8  # slow-motion factor far from contacts; smaller if the horizon is longer than HORIZON
 SHORTEST, LONGEST = 6.0, 10.0  # s, shortest and longest film
-CONTACT_FACTOR = 32  # smallest factor while tool and object touch, before the episode ends
-LARGEST_FACTOR = 1024
-SMALLEST_FACTOR = 0.25  # for a long simulation after the episode's end
+CONTACT_FACTOR = 32  # smallest slow-motion factor while tool and object touch, before the episode ends
+LARGEST_FACTOR = 1024  # largest slow-motion factor
+SMALLEST_FACTOR = 0.25  # smallest slow-motion factor, for a long simulation after the episode's end
 FRAMES_PER_IMPACT = 16  # number of frames of an elastic Hertz impact of the bodies
-FRAMES_PER_FOLD = 6  # number of frames in which the time to the touch, or since it, changes by a factor of 2.718
-SETTLING_FRAMES = 45  # largest number of frames after the episode's end, without impacts
-SLOWEST_IMPACT = 1e-3  # m/s; slower impacts have the factor of this speed
+FRAMES_PER_FOLD = 6  # number of frames in which the time to a touch, or since a touch, changes by a factor of 2.718
+SETTLING_FRAMES = 45  # largest number of frames after the episode's end, if no impact follows
+SLOWEST_IMPACT = 1e-3  # m/s; the film of a slower impact has the slow-motion factor of an impact at this speed
 
 
 class State(NamedTuple):

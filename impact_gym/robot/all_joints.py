@@ -34,8 +34,8 @@ class Blow:
 
     object_velocity: float  # m/s, at the end of the run
     touch_time: float | None  # s, time of the first touch; None: the object is not touched
-    impact_velocity: float | None  # m/s, of the tool at the first touch
-    peak_force: float  # N
+    impact_velocity: float | None  # m/s, of the tool at the first touch; None: no touch
+    peak_force: float  # N, largest contact force
     contact_time: float | None  # s, duration of the first contact; None: there was none, or it has not ended
     impulse: float  # N s, on the object
     contact_count: int

@@ -28,14 +28,14 @@ class Approach(Parameters):
     """A robot on a line, as a table with a row for each position; masses are without a tool."""
 
     position: Annotated[Array, SI("m")]  # distance of the imposed motion from its start, rising from 0
-    held: Annotated[Array, SI("kg")]  # m_r = M_X,11, with the Cartesian mass matrix M_X (paper, eq. 12 and 16)
-    damping: Annotated[Array, SI("N s/m")]  # c_r = D_X,11 (paper, eq. 13 and 16)
-    stiffness: Annotated[Array, SI("N/m")]  # k_r = K_X,11 (paper, eq. 14 and 16)
-    effective: Annotated[Array, SI("kg")]  # 1/(M_X^-1)_11
-    effective_stiffness: Annotated[Array, SI("N/m")]  # 1/(K_X^-1)_11
-    composite: Annotated[Array, SI("kg")]  # mass of all links as one body, see `Arm.reduction`
+    held: Annotated[Array, SI("kg")]  # held mass m_r = M_X,11 of the Cartesian mass matrix M_X (paper, eq. 12 and 16)
+    damping: Annotated[Array, SI("N s/m")]  # c_r = D_X,11 of the Cartesian damping matrix D_X (paper, eq. 13 and 16)
+    stiffness: Annotated[Array, SI("N/m")]  # k_r = K_X,11 of the Cartesian stiffness matrix K_X (paper, eq. 14 and 16)
+    effective: Annotated[Array, SI("kg")]  # effective mass 1/(M_X^-1)_11, see `Arm.reduction`
+    effective_stiffness: Annotated[Array, SI("N/m")]  # stiffness for a free flange, 1/(K_X^-1)_11, see `Arm.reduction`
+    composite: Annotated[Array, SI("kg")]  # effective mass of all links as one free rigid body, see `Arm.reduction`
     joint_angles: Array  # rad, m for prismatic joints, (rows, joints)
-    joints: tuple[str, ...]  # names
+    joints: tuple[str, ...]  # names of the joints
     start: Annotated[Array, SI("m")]  # position of the flange at the start, in the base's frame, (3,)
     direction: Annotated[Array, SI("-")]  # direction of the line, of length 1, (3,)
     chosen: Mass = "held"  # the kind of mass that `robot_table` and `at` use by default

@@ -18,16 +18,16 @@ from impact_gym.robot.bodies import Body, specification
 from impact_gym.validation import number, numbers
 
 TOLERANCE = 1e-10  # m and rad, largest error of a pose found by the search for joint angles
-STEPS = 200  # most steps of the search
+STEPS = 200  # largest number of steps of this search
 LARGEST_TURN = 0.2  # rad or m, largest change of a joint in a step of the search
-SPACING, LONGEST = 0.0025, 4.0  # m, largest distance between places along a line, and largest length of a line
+SPACING, LONGEST = 0.0025, 4.0  # m, largest distance between rows, if a length is given, and largest length of a line
 
 MAX_CONDITION = 30.0
 """Largest allowed `Arm.condition`.
 
 At 30, a small displacement of the flange needs a large rotation of the joints. The held mass (see `Arm.reduction`) of
 the paper's arm is then some 100 kg, more than three times the mass of the robot: eq. 11-16 no longer hold."""
-SOFTEST, STIFFEST = 1.0, 1e8  # N/m, allowed stiffness along a line; beyond, a unit is probably wrong
+SOFTEST, STIFFEST = 1.0, 1e8  # N/m, least and largest stiffness along a line; outside them a unit is probably wrong
 
 
 class Arm:

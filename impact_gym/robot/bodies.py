@@ -9,19 +9,19 @@ from scipy.spatial.transform import Rotation
 
 from impact_gym.robot.approach import Array
 
-LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # least allowed values of a body, kg and kg m^2
-LARGEST_GYRATION = 3.0  # m, largest radius of gyration, unless the arm's reach is larger; inertia in kg mm^2 exceeds it
-ROUNDING = 1e-6  # fraction by which a moment of inertia may exceed the sum of the others: files have about six digits
+LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # kg and kg m^2, least mass and least principal moment of inertia of a body
+LARGEST_GYRATION = 3.0  # m, largest radius of gyration, or the arm's reach if larger; inertia in kg mm^2 exceeds both
+ROUNDING = 1e-6  # fraction by which a moment of inertia may exceed the sum of the others; files have about six digits
 
 
 class Body(NamedTuple):
     """A joint of an arm, and the links, welded together, that the joint moves."""
 
-    joint: str  # name
+    joint: str  # name of the joint
     unit: str  # of the joint's position, rad or m
     low: float  # lower limit of the joint's position
-    high: float  # upper limit
-    place: Array  # pose of the joint in the frame of the previous body, homogeneous, (4, 4)
+    high: float  # upper limit of the joint's position
+    place: Array  # pose of the joint in the frame of the previous body, a homogeneous matrix (4, 4)
     axis: Array  # axis of the joint, of length 1, (3,)
     links: dict[str, Array]  # pseudo-inertia of each link in the joint's frame, (4, 4), see `urdf`
 
@@ -47,14 +47,14 @@ def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[A
 
 def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
     """Return mass and inertia of a body as arguments of MuJoCo's `add_body`; `reach`: of the arm, m."""
-    total = np.sum(list(body.links.values()), axis=0)  # a single link may be a frame or a point mass
+    total = np.sum(list(body.links.values()), axis=0)  # only the sum is checked: a link may be a frame or a point mass
     mass, centre = float(total[3, 3]), total[:3, 3] / max(total[3, 3], LEAST_MASS)
     if not mass >= LEAST_MASS:
         raise ValueError(
             f"link {next(iter(body.links))!r}, which joint {body.joint!r} moves, must have at least {LEAST_MASS:g} kg"
             f" with all that is welded to it, got {mass:g} kg"
         )
-    spread, axes = np.linalg.eigh(total[:3, :3] - mass * np.outer(centre, centre))  # second moments along the axes
+    spread, axes = np.linalg.eigh(total[:3, :3] - mass * np.outer(centre, centre))  # second moments along `axes`
     least, middle, most = (spread.sum() - spread[::-1]).tolist()
     first, *others = [repr(link) for link, part in body.links.items() if part.any()]
     what = f"link {first}" + (f" with {', '.join(others)} welded to it" if others else "")
@@ -62,7 +62,7 @@ def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
     if not least >= LEAST_INERTIA:
         raise ValueError(f"{found}: each must be above 0, at least {LEAST_INERTIA:g}")
     if most <= (1.0 + ROUNDING) * (least + middle):
-        spread = np.maximum(spread, 1e-12 * spread.sum())  # MuJoCo does not allow for this rounding
+        spread = np.maximum(spread, 1e-12 * spread.sum())  # MuJoCo refuses even such a rounding error
         moments = spread.sum() - spread
     elif balanced:
         moments = np.full(3, spread.sum() * 2.0 / 3.0)

@@ -17,16 +17,16 @@ from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.arm import Arm
 from impact_gym.scene import Bistable, Rigid, Scene, SpringDamper
 
-LOST = 0.05  # rad or m; if a motor deviates more from its command, the run ends
-MOST_EVALUATIONS = 400_000  # default: most evaluations of the equations in a run; they take about 15 s
-STIFF = 1e5  # 1/s; without a servo, an implicit method is used if the joints' fastest mode is faster
+LOST = 0.05  # rad or m; if a motor deviates from its command by this or more, the run ends
+MOST_EVALUATIONS = 400_000  # default largest number of evaluations of the equations in a run; they take about 15 s
+STIFF = 1e5  # 1/s; if the rate of the joints' fastest mode exceeds this, a run without a servo uses an implicit method
 
 
 class Path:
     """The commanded motion along the line; velocity is linear between `times` (s), then constant."""
 
     def __init__(self, motion: Trapezoid | Motion) -> None:
-        self._motion, self.threshold = motion, math.inf  # N, force that triggers the brake
+        self._motion, self.threshold = motion, math.inf  # N, contact force that triggers the brake
         if isinstance(motion, Motion):
             self._set(motion.times, motion.velocities)
         else:
@@ -60,10 +60,10 @@ class Path:
 class Servo(Parameters):
     """A sampled PD control of motor positions; the acceleration and the elastic joints' torques are fed forward."""
 
-    frequency: Annotated[float, SI("rad/s", above=0)] = 300.0  # natural frequency of a rotor without its link
+    frequency: Annotated[float, SI("rad/s", above=0)] = 300.0  # natural frequency of a controlled rotor without link
     damping_ratio: Annotated[float, SI("-", above=0)] = 1.0
-    period: Annotated[float, SI("s", at_least=1e-4, at_most=0.1)] = 1e-3  # between samples
-    delay: Annotated[float, SI("s", at_least=0, at_most=0.1)] = 1e-3  # from a sample until its torque acts
+    period: Annotated[float, SI("s", at_least=1e-4, at_most=0.1)] = 1e-3  # time between samples
+    delay: Annotated[float, SI("s", at_least=0, at_most=0.1)] = 1e-3  # time from a sample until its torque acts
 
 
 class Unfinished(Exception):  # noqa: N818 a status, not an error
@@ -90,7 +90,7 @@ class Equations:
         inverse, unit = np.linalg.inv(self.arm.mass_matrix(self.motors(scene.object.distance))), np.eye(self.n)
         modes = np.linalg.eigvals(np.block([[0.0 * unit, unit], [-inverse * arm.stiffness, -inverse * arm.damping]]))
         self.stiff = bool(np.abs(modes).max() > STIFF)
-        self.damping = 0.0  # N s/m^(1 + a), of this contact: damping force / (depth^a rate), exponent a
+        self.damping = 0.0  # N s/m^(1 + n), of this contact: damping force / (depth^n rate), with the exponent n
         self.evaluations, self.most_evaluations = 0, most_evaluations
         q = q_m = self.motors(0.0)
 

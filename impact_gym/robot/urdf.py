@@ -33,9 +33,9 @@ class Joint(NamedTuple):
 
     name: str
     kind: str
-    parent: str  # name of the link above it
+    parent: str  # name of the link above the joint
     child: str
-    mimics: str | None  # name of the joint that this joint follows
+    mimics: str | None  # name of the joint that this joint follows; None: it follows none
     element: Element
 
 
@@ -50,11 +50,11 @@ def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[
         wanted = "two joints or more" if len(chain) < 2 else f"at most {MOST_JOINTS} joints"
         raise ValueError(f"an arm has {wanted}, between {base!r} and {tip!r} there are {len(chain)}")
     bodies, fixed = list[Body](), (None, np.eye(4))
-    places: dict[str, tuple[Body | None, Array]] = {base: fixed}  # for each link: its body, and pose in this body
+    places: dict[str, tuple[Body | None, Array]] = {base: fixed}  # for each link: its body, and its pose in this body
     for joint in joints:
         body, place = places.get(joint.parent, fixed)
         if not body and joint not in way:
-            continue  # a fixed link
+            continue  # the link does not move with the arm
         if joint.kind not in (*UNITS, "fixed"):
             kinds = f"{joint.kind or 'of no type'}, allowed are {', '.join(UNITS)} and fixed"
             raise ValueError(f"joint {joint.name!r} is {kinds}")

@@ -25,9 +25,9 @@ STIFFNESS = (10000.0, 10000.0, 3000.0, 1000.0, 700.0, 300.0)
 
 They give k_r = 1.5e5 N/m at x = 0.50 m, z = 0.20 m with the tool pointing down.
 """
-DAMPING_OVER_STIFFNESS = 3.7e-4  # s, factor beta in D = beta K; gives a damping ratio of about 3 % at 26 Hz
-MASS_AT_IMPACT = 5.35 - 0.125  # kg, m_r (paper, section 3.2)
-STIFFNESS_AT_IMPACT = 1.9e5  # N/m, k_r, inferred from the paper's Fig. 13b and 14a
+DAMPING_OVER_STIFFNESS = 3.7e-4  # s, ratio of each joint's damping to its stiffness; damping ratio about 3 % at 26 Hz
+MASS_AT_IMPACT = 5.35 - 0.125  # kg, robot mass m_r: 5.35 kg minus the tool mass (paper, section 3.2)
+STIFFNESS_AT_IMPACT = 1.9e5  # N/m, robot stiffness k_r, inferred from the paper's Fig. 13b and 14a
 PITCH = {"down": np.pi, "horizontal": np.pi / 2}
 """rad, angle from upward to the flange's z axis, towards +x. "horizontal": the tool points along the approach."""
 PROVENANCE = {  # without version and date, so that the same table gives the same file
@@ -66,7 +66,7 @@ def default_line(arm: Arm) -> Approach:
         raise ValueError(f"no line with the wanted robot at the impact was found: {solution.message}")
     x, z = map(float, solution.x)
     back = arm.along(angles_at(arm, x, 0.0, z, "horizontal"), (-1.0, 0.0, 0.0), IMPACT)
-    beyond = np.linspace(IMPACT, IMPACT + 0.08, 33)[1:]  # m; 16 ms at 1 m/s and the braking after them take 0.0785 m
+    beyond = np.linspace(IMPACT, IMPACT + 0.08, 33)[1:]  # m; at 1 m/s, a delay of 16 ms and the braking take 0.0785 m
     return arm.along(back.joint_angles[-1], (1.0, 0.0, 0.0), [*np.linspace(0.0, IMPACT, 102), *beyond])
 
 

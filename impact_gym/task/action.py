@@ -10,7 +10,7 @@ from impact_gym.kernels import ACTION, FASTEST_WITHDRAWAL
 if TYPE_CHECKING:
     from impact_gym.task.task import Task
 
-RESOLUTION = 1e-6  # m/s or m/s^2; values are rounded to its multiples, so a float32 action can give exactly 8 m/s^2
+RESOLUTION = 1e-6  # m/s or m/s^2; values are rounded to multiples of this, so a float32 action can give exactly 8 m/s^2
 
 
 class Action(NamedTuple):
@@ -18,8 +18,8 @@ class Action(NamedTuple):
 
     id: str
     unit: str
-    low: float  # value at -1
-    high: float  # value at 1
+    low: float  # value at the action -1
+    high: float  # value at the action 1
     words: str
     resolution: float = RESOLUTION  # 0: values are not rounded
 

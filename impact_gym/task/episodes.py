@@ -25,7 +25,7 @@ class EpisodeState(NamedTuple):
     detection: float  # when the contact force first exceeded the threshold
     alarm: float  # when the last alarm reaches the controller; with `alarm="force"` known at the detection
     alarm_over: float  # when the last alarm ends; inf with `alarm="force"`
-    end: float  # end of the last control step; in the trace a simulation can follow
+    end: float  # end of the last control step; the trace can continue after it
 
 
 @lru_cache(maxsize=8)

@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 class Curve(NamedTuple):
     """A function applied to a number before scaling."""
 
-    code: int  # its value in `observation.pxi`
+    code: int  # number of the function in `observation.pxi`
     at: Callable[[float], float]  # the function for one number, as the compiled program computes it
     of: Callable[[Any], Any]  # the function for arrays
     inverse: Callable[[Any], Any]
@@ -123,7 +123,7 @@ def _entry(row: Quantity, task: Task, drawn: Container[str]) -> Quantity | None:
         case "past_readings":
             sensor, _, before = row.id.rpartition("_")
             seen = int(before) <= task.past_readings and (sensor == "force" or task.deflection_sensor)
-        case "operator" | "range_sensor" | "range_noise":  # `range_noise` 0: an exact estimate
+        case "operator" | "range_sensor" | "range_noise":  # with a `range_noise` of 0 the estimate is exact
             seen = getattr(task, row.observed) is not None
         case "observe_range_noise" | "deflection_sensor":
             seen = getattr(task, row.observed)
@@ -131,7 +131,7 @@ def _entry(row: Quantity, task: Task, drawn: Container[str]) -> Quantity | None:
             seen = row.observed == "always"
     hidden = row.observed == "privileged" or row.id in drawn
     if row.id == "time_since_touch":
-        hidden = task.alarm == "reading"  # with a switch it equals the time since the alarm
+        hidden = task.alarm == "reading"  # with a switch this number equals `time_since_alarm`
     if not (seen or (hidden and task.privileged)):
         return None
     words = f"{row.words} minus flange position" if row.from_flange else row.words

@@ -21,9 +21,9 @@ from impact_gym.teleop.operators import Operator
 from impact_gym.to_kernel import LOCAL_SHARE, ROBOT_NUMBERS, mount_to_kernel, places
 from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 
-VELOCITY_RANGE = (-0.5, 1.5)  # m/s
-ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2
-MISSED_COST = 2.0  # m/s
+VELOCITY_RANGE = (-0.5, 1.5)  # m/s, default of the argument `velocity_range`
+ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, default of the argument `acceleration_range`
+MISSED_COST = 2.0  # m/s, default of the argument `missed_cost`
 SETTLE_LIMIT = 10.0  # s, longest simulation after the end of an episode
 MOST_STEPS = 2**53  # largest value of `max_episode_steps`
 PLACES = places(RECORD)
@@ -34,7 +34,7 @@ PARTS: Mapping[str, tuple[Any, ...]] = {
     "coupling": get_args(Coupling), "robot": (Robot,), "range_sensor": (RangeSensor,),
     "operator": get_args(Operator), **dict.fromkeys(WAYS, (Channel,)),
 }  # fmt: skip
-"""Arguments that are objects of a class, and their allowed classes."""
+"""Arguments that take an instance of a class, or a dict that describes one, and the allowed classes of each."""
 
 
 def argument(default: Any, words: str) -> Any:
@@ -86,8 +86,8 @@ class Task:
     downlink: Any = argument(None, "`Channel` of the operator's view, or a dict; None: without delay or loss")
     max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
 
-    drawn: Mapping[str, Range] = field(init=False, hash=False)  # ranges of numbers of the set-up, by id
-    link: Link | None = field(init=False, repr=False, compare=False, default=None)  # None without an operator
+    drawn: Mapping[str, Range] = field(init=False, hash=False)  # ranges of the set-up's drawn numbers, by id
+    link: Link | None = field(init=False, repr=False, compare=False, default=None)  # None: there is no operator
     _given: Mapping[str, Any] = field(init=False, repr=False, compare=False)
 
     def __new__(cls, **given: Any) -> Self:
@@ -97,7 +97,7 @@ class Task:
         return self
 
     def __post_init__(self) -> None:
-        drawn: dict[str, Range] = {}  # `checked`: only an argument with the default None may be None
+        drawn: dict[str, Range] = {}  # `checked` leaves out the arguments that are None and may be None
         checked = [name for name in ARGUMENTS if getattr(Task, name) is not None or getattr(self, name) is not None]
         self._put("scenario", ScenarioRanges.of(self.scenario))
         for name, kinds in PARTS.items():
@@ -155,7 +155,7 @@ class Task:
         """Return a copy of the task with other arguments, or parts of arguments, at these dotted paths."""
         arguments = self.arguments()
         for name, value in grouped(by_path).items():
-            if name not in by_path:  # `by_path` has paths of its parts
+            if name not in by_path:  # `by_path` has parts of this argument
                 value = {"type": type(getattr(self, name)).__name__, **self._parts(name), **value}
             arguments[name] = value
         return Task(**arguments)

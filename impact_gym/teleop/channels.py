@@ -14,7 +14,7 @@ from impact_gym.parameters import Parameters
 from impact_gym.validation import numbers, rising, shown
 
 WAYS = ("uplink", "downlink")
-CUT = float(LONGEST_JITTER)  # largest random part of a delay / its mean
+CUT = float(LONGEST_JITTER)  # largest ratio of the random part of a delay to the mean of this part
 LOST = 1e6  # s, delay of a lost packet: longer than any episode
 USUAL_DELAY = 1.0  # s; a trace file with a median delay of at least this must state the unit
 TRACE_COLUMNS = {
@@ -37,7 +37,7 @@ class Channel(Parameters, path="uplink"):
     delay: float = 0.0  # s
     jitter: float = 0.0  # s
     loss: float = 0.0  # -, fraction of packets lost
-    burst: float = 1.0  # -, mean number of losses in a row
+    burst: float = 1.0  # -, mean number of successive losses
     timeout: float = 0.1  # s, uplink only: the arm stops after this time without a newer command
     trace: Any = None
     tail: float = 0.0  # s

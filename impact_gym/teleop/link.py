@@ -12,7 +12,7 @@ from impact_gym.teleop.channels import LOST, WAYS, Channel
 from impact_gym.teleop.operators import KINDS, Operator, Replay
 from impact_gym.validation import Range
 
-LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # in control periods, in s; a trace's median spacing is at most the longer
+LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods and s; the longer limits the median spacing of a trace
 FADE: float = WITHDRAWAL_FADE  # s, time in which a withdrawal falls to 0
 
 
@@ -22,7 +22,7 @@ class Link(NamedTuple):
     operator: Operator
     uplink: Channel
     downlink: Channel
-    drawn: Mapping[str, Range]  # ranges from which episodes draw, by dotted path
+    drawn: Mapping[str, Range]  # ranges from which episodes draw numbers of the set-up, by dotted path
 
     def ends(self, part: str, name: str) -> Range:
         """Return least and largest value of `name` in `part`, the operator or a channel; 0, 0: no such number."""

@@ -14,7 +14,7 @@ from impact_gym.kernels import PERSON, REACH, REPLAY, SECOND_ORDER_LAG, STEADY, 
 from impact_gym.parameters import SI, Parameters
 from impact_gym.validation import rising
 
-SIMPLE_REACTION = 0.213  # s, mean of 1,469 persons (Woods et al., Front. Hum. Neurosci. 9, 2015, 131)
+SIMPLE_REACTION = 0.213  # s, mean reaction time of 1,469 persons (Woods et al., Front. Hum. Neurosci. 9, 2015, 131)
 Instants = Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e6)]
 
 
@@ -28,8 +28,8 @@ class Replay(Parameters, path="operator"):
 
     time: Instants  # rising from 0
     velocity: Annotated[tuple[float, ...], SI("m/s", at_least=-1e3, at_most=1e3)]  # one for each time
-    recording: float = 0.0  # -, rounded down
-    length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = 0.0  # 0: one recording
+    recording: float = 0.0  # -, index, rounded down
+    length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = 0.0  # of a recording; 0: there is only one
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
@@ -89,8 +89,8 @@ class SecondOrderLag(Searcher):
     Stiffness and damping are medians of 192 fits, `optparams/` of fl0fischer/OFC4HCI.
     """
 
-    stiffness: float = 38.0  # 1/s^2
-    damping: float = 8.9  # 1/s
+    stiffness: float = 38.0  # 1/s^2, stiffness divided by the hand's mass
+    damping: float = 8.9  # 1/s, damping divided by the hand's mass
 
 
 @dataclass(frozen=True, slots=True)

@@ -137,9 +137,7 @@ def test_equal_calls_run_once_and_each_gets_its_own_copy_of_the_result(log, tmp_
 
 
 @pytest.mark.parametrize("damage", [
-    lambda content: content[:-40],
-    lambda _: b"",
-    lambda content: np.random.default_rng(0).bytes(len(content)),
+    lambda content: content[:-40], lambda _: b"", lambda content: np.random.default_rng(0).bytes(len(content)),
     lambda content: content[:-50] + bytes([content[-50] ^ 1]) + content[-49:],
 ])  # fmt: skip
 def test_damaged_result_is_computed_again(log, tmp_path, capsys, damage):

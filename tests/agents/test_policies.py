@@ -101,24 +101,21 @@ def test_ensemble_survives_its_file_bit_for_bit(tmp_path, kind):
     assert made_up_policy(**KINDS[kind]).to_bytes() == made_up_policy(**KINDS[kind]).save(path).read_bytes()
 
 
-class Bomb:
-    """When it is unpickled, it runs code that makes a folder."""
-
-    def __init__(self, path):
-        self.path = path
-
-    def __reduce__(self):
-        return os.mkdir, (str(self.path),)
-
-
 def test_load_policy_runs_no_code(path, tmp_path):
     mark, good = tmp_path / "code ran", arrays_of(path)
+
+    class Bomb:
+        """When it is unpickled, it runs code that makes a folder."""
+
+        def __reduce__(self):
+            return os.mkdir, (str(mark),)
+
     np.savez(path, **good)
     assert load_policy(path).inputs == 8
     for name in good:
-        np.savez(path, **{**good, name: np.array([Bomb(mark)], object)})
+        np.savez(path, **{**good, name: np.array([Bomb()], object)})
         refused(lambda: load_policy(path), "pickled objects, which are never loaded")
-    path.write_bytes(pickle.dumps(Bomb(mark)))
+    path.write_bytes(pickle.dumps(Bomb()))
     refused(lambda: load_policy(path), "damaged")
     assert not mark.exists()
     pickle.loads(path.read_bytes())

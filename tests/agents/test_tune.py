@@ -21,10 +21,9 @@ from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
 from impact_gym.task import Task
 
 SPACE = (
-    Parameter("speed", "m/s", -1.0, 3.0, 0.0),
-    Parameter("deceleration", "m/s^2", 0.0, 100.0, 20.0),
+    Parameter("speed", "m/s", -1.0, 3.0, 0.0), Parameter("deceleration", "m/s^2", 0.0, 100.0, 20.0),
     Parameter("margin", "m", -0.01, 0.01, 0.0),
-)
+)  # fmt: skip
 OPTIMA = np.array([[0.5, 70.0, 0.004], [2.5, 10.0, -0.008], [-0.9, 55.0, 0.0]])
 SPANS = np.array([4.0, 100.0, 0.02])
 

@@ -143,8 +143,7 @@ def test_tool_pushes_an_object_for_seconds_at_its_own_speed_with_the_force_of_fr
 
 def test_arm_stops_within_timeout_delay_and_braking_once_the_channel_is_dead():
     batch = steered(ig.operators.Trapezoid(0.5), uplink={"delay": 0.1, "timeout": 0.07}, scenario=AWAY)
-    for _ in played(batch, OWN, steps=40):
-        pass
+    *_, _ = played(batch, OWN, steps=40)
     assert batch.episodes["sensors"]["velocity"][0] == 0.5
     begun, arrives = batch.chains["time"][0], batch.packets["arrives"]
     arrives[arrives > begun] = batch.links["next_arrival"] = batch.links["next_sent"] = math.inf  # in transit, too

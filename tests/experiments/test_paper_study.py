@@ -111,50 +111,37 @@ def test_enclose_changes_brackets_the_number_of_contacts(frames, name):
         assert (np.diff(rows["coupling_stiffness"])[np.diff(rows["contacts"]) != 0] <= WIDTH).all()
 
 
-def with_contact(factor=1.0, **change):
+def with_part(name, change, kind=object):
+    """Change the part of this name in every scene where it is of this kind."""
+
     def changed(scene, motion):
-        contact = {"stiffness": factor * scene.contact.stiffness} | change
-        return replace(scene, contact=replace(scene.contact, **contact)), motion
-
-    return changed
-
-
-def with_coupling(change):
-    def changed(scene, motion):
-        spring = isinstance(scene.coupling, ig.SpringDamper)
-        return (replace(scene, coupling=change(scene.coupling)) if spring else scene), motion
+        part = getattr(scene, name)
+        return (replace(scene, **{name: change(part)}) if isinstance(part, kind) else scene), motion
 
     return changed
 
 
 WRONG_MODELS = {
-    "restitution of 0.5": with_contact(restitution=0.5),
-    "contact stiffness of 1e4": with_contact(stiffness=1e4),
-    "contact ten times as stiff": with_contact(factor=10.0),
-    "a tenth as stiff": with_contact(factor=0.1),
+    "restitution of 0.5": with_part("contact", lambda contact: replace(contact, restitution=0.5)),
+    "contact stiffness of 1e4": with_part("contact", lambda contact: replace(contact, stiffness=1e4)),
+    "contact ten times as stiff": with_part("contact", lambda law: replace(law, stiffness=10.0 * law.stiffness)),
+    "a tenth as stiff": with_part("contact", lambda law: replace(law, stiffness=0.1 * law.stiffness)),
     "no brake": lambda scene, motion: (scene, replace(motion, brake=None)),
     "brake even where the study has none": lambda scene, motion: (scene, replace(motion, brake=scenes.BRAKE)),
-    "soft robot": lambda scene, motion: (
-        replace(scene, robot=replace(scene.robot, stiffness=0.1 * scene.robot.stiffness))
-        if isinstance(scene.robot, ig.Robot) else scene, motion,
-    ),
+    "soft robot": with_part("robot", lambda robot: replace(robot, stiffness=0.1 * robot.stiffness), ig.Robot),
     "half the speed": lambda scene, motion: (scene, replace(motion, speed=0.5 * motion.speed)),
-    "heavy tool": lambda scene, motion: (replace(scene, tool=ig.Tool(4.0 * scene.tool.mass)), motion),
-    "spring without damper": with_coupling(lambda coupling: replace(coupling, damping_ratio=0.02)),
-    "mechanism for a spring": with_coupling(lambda coupling: ig.Bistable()),
-    "spring for a mechanism": lambda scene, motion: (
-        replace(scene, coupling=ig.SpringDamper(50.0)) if isinstance(scene.coupling, ig.Bistable) else scene, motion,
-    ),
-}  # fmt: skip
+    "heavy tool": with_part("tool", lambda tool: ig.Tool(4.0 * tool.mass)),
+    "spring without damper": with_part("coupling", lambda spring: replace(spring, damping_ratio=0.02), ig.SpringDamper),
+    "mechanism for a spring": with_part("coupling", lambda _: ig.Bistable(), ig.SpringDamper),
+    "spring for a mechanism": with_part("coupling", lambda _: ig.SpringDamper(50.0), ig.Bistable),
+}
 NO_SIMULATION = {"beyond_contact.equation_7", "figure_12.configuration"}  # judged by laws and data of a robot alone
 
 
 def judged_names(numbers):
     """The statements about computed figures that are tests and do not only follow from others."""
-    return {
-        name for name, said in SAID.items()
-        if name.partition(".")[0] in numbers and said.basis == "test" and not said.agree
-    }  # fmt: skip
+    tests = {name for name, said in SAID.items() if said.basis == "test" and not said.agree}
+    return {name for name in tests if name.partition(".")[0] in numbers}
 
 
 def agreeing(numbers):

@@ -101,21 +101,14 @@ def planted(**changes):
     return simulate
 
 
-def at(place, value):
-    def put(column):
-        column[place] = value
-
-    return put
-
-
 @pytest.mark.parametrize(("fault", "promise"), [
     ({"separation_velocity": lambda v: 1.01 * v}, promises.PASSIVE),
-    ({"trace.contact_force": at(400, -1e-9)}, promises.PUSHED),
+    ({"trace.contact_force": lambda force: force.put(400, -1e-9)}, promises.PUSHED),
     ({"impulse": lambda j: -j}, promises.PUSHED),
     ({"impulse": lambda j: j * (1 + 1e-8)}, promises.BALANCED),
     ({"momentum_error": lambda _: 2e-9}, promises.BALANCED),
     ({"momentum_error": lambda _: math.nan}, promises.BALANCED),
-    ({"trace.tool_position": at(3, math.nan)}, promises.FINITE),
+    ({"trace.tool_position": lambda place: place.put(3, math.nan)}, promises.FINITE),
     ({"peak_force": lambda _: math.inf}, promises.FINITE),
 ])  # fmt: skip
 @pytest.mark.parametrize("coupling", COUPLINGS)

@@ -38,18 +38,11 @@ def findings(frames, quick):
 
 @pytest.fixture
 def study(tmp_path):
-    log = str(tmp_path / "log")
-    cells = [
-        Cell({"kind": "small"}, {"numbers": [1, 2], "log": log}),
-        Cell({"kind": "large"}, {"numbers": [10], "log": log}),
-    ]
-
-    def of_all(_, frames):
-        return [Cell({}, {"squares": frames["squares"].to_dicts()})]
-
+    log, kinds = str(tmp_path / "log"), {"small": [1, 2], "large": [10]}
+    cells = [Cell({"kind": kind}, {"numbers": numbers, "log": log}) for kind, numbers in kinds.items()]
     return Study("squares", "Which squares?", (
         Measurement("squares", lambda quick, _: cells[: 1 if quick else None], squares, (__name__,)),
-        Measurement("cubes", of_all, cubes, (__name__,)),
+        Measurement("cubes", lambda _, of: [Cell({}, {"squares": of["squares"].to_dicts()})], cubes, (__name__,)),
     ), findings)  # fmt: skip
 
 

@@ -18,7 +18,6 @@ def link(name, mass=0.0, at=(0.0, 0.0, 0.0), moments=(0.01, 0.02, 0.02), extra="
 
 
 def joint(name, kind, parent, child, at=(0.0, 0.0, 0.0), axis="0 0 1", turn="0 0 0", extra=""):
-    """A joint."""
     place = " ".join(map(str, at))
     return (f'<joint name="{name}" type="{kind}"><origin xyz="{place}" rpy="{turn}"/><parent link="{parent}"/>'
             f'<child link="{child}"/><axis xyz="{axis}"/><limit lower="-3" upper="3" effort="1" velocity="1"/>{extra}'

@@ -34,12 +34,8 @@ def run(shares, times=(0.4, 0.2), weights=WEIGHTS, missed=0, count=COUNT, **more
 
 def played(names=("profile", "constant"), seeds=((0.2, 0.4),), varied=None, **environment):
     """At 0.3 s, V_p is 0.7 (constant speed), 0.5 (profile) and 0.3 (policy) of the rule's; `seeds` are their shares."""
-    specs = {
-        name: {"tuned": {"rule": RULES[name], "parameters": [0] * (1 + ("profile" in name))}}
-        if name in RULES
-        else {"baseline": name}
-        for name in names
-    }
+    tuned = {name: {"rule": rule, "parameters": [0] * (1 + ("profile" in name))} for name, rule in RULES.items()}
+    specs = {name: {"tuned": tuned[name]} if name in tuned else {"baseline": name} for name in names}
     rivals = [Contestant(name, spec, WEIGHTS, "") for name, spec in specs.items()]
     policies = tuple(Contestant(f"seed-{k}", {"policy": ""}, WEIGHTS, "") for k in range(len(seeds)))
     everyone = (Contestant(PAPER, {"baseline": "paper-trapezoid"}, (2.0,), ""), *rivals)

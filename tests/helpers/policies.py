@@ -28,11 +28,9 @@ def made_up_policy(seed=0, environment=None, activation="tanh", log_std=-1.0, si
 
 
 KINDS = {
-    "tanh": {},
-    "relu": {"activation": "relu", "sizes": (24,)},
-    "ranged": {"environment": {"range_noise": 0.01}},
+    "tanh": {}, "relu": {"activation": "relu", "sizes": (24,)}, "ranged": {"environment": {"range_noise": 0.01}},
     "linear": {"sizes": ()},
-}
+}  # fmt: skip
 
 
 def observations(policy, count=5000, seed=1):

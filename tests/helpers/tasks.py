@@ -26,8 +26,6 @@ ARM = {"mass": (3.0, 6.0), "stiffness": (5e4, 2e5), "damping": (0.0, 60.0)}
 SCENARIO = {
     "object_mass": (0.02, 2.5), "contact_stiffness": (1e3, 1e8), "restitution": (0.02, 1.0), "distance": (0.05, 0.35),
 }  # fmt: skip
-
-
 DRAWN = SPANS | {
     "force_noise": (0.1, 2.0), "force_bias": (0.1, 1.0), "scenario": SCENARIO, "robot": {"type": "Robot", **ARM},
 }  # fmt: skip

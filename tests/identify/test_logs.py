@@ -192,7 +192,6 @@ def test_misfit_is_a_warning(spoil, words):
 
 
 def test_tool_that_lags_on_a_soft_spring_is_fitted():
-    """It touches later than twice the time that the flange takes."""
     truth = ig.Scene(ig.Tool(4.2), ig.Object(0.52, 0.285), ig.Contact(9e5, 0.5), ig.SpringDamper(30.0, 0.42))
     motion = ig.Trapezoid(1.55, 42.0)
     assert ig.simulate(truth, motion, 2.0).contacts[0].start > 2.0 * truth.object.distance / motion.speed

@@ -53,7 +53,6 @@ def test_line_is_straight_and_its_table_names_its_columns_and_the_chosen_mass(tm
 
 
 def test_seven_joints_change_as_little_as_possible(tmp_path):
-    """Of all angles that reach the next place the arm takes those with the least change."""
     arm = from_urdf(seven_joints(tmp_path), "link 0", "tip", joint_stiffness=1e4, joint_damping=1.0)
     approach = arm.along(Q7, (1.0, 0.0, 0.0), np.linspace(0.0, 0.02, 21))
     for step, angles in zip(np.diff(approach.joint_angles, axis=0), approach.joint_angles, strict=False):

@@ -133,8 +133,7 @@ def random_flight(random, start=None):
 
 
 def test_first_touch_of_a_random_flight_is_that_of_its_path():
-    random = np.random.default_rng(3)
-    touches = 0
+    random, touches = np.random.default_rng(3), 0
     for _ in range(1500):
         law, acceleration, path, record = random_flight(random)
         horizon = random.uniform(0.01, 0.6)
@@ -188,8 +187,7 @@ def rigid_touch(rate, acceleration, gap, horizon):
 
 
 def test_first_touch_of_a_rigid_tool_is_the_root_of_a_parabola():
-    random = np.random.default_rng(5)
-    touches = 0
+    random, touches = np.random.default_rng(5), 0
     for _ in range(2000):
         acceleration = float(random.choice([0.0, random.uniform(-20, 20)]))
         rate = float(random.uniform(-1, 1.5))
@@ -234,11 +232,10 @@ def test_energy_of_a_coupling_is_the_work_against_its_force_and_bounds_its_reach
         low, high = (stop - coupling.rest for stop in (coupling.rear_stop, coupling.front_stop))
     else:
         low, high = -coupling.stroke, coupling.stroke
-    marks = [low, high]
     at_rest = kernels().energy_and_reach(law, 0.0, 0.0)[0]
     for stretch in random.uniform(low - 2e-3, high + 2e-3, 12):
         energy = kernels().energy_and_reach(law, stretch, 0.0)[0]
-        work = -quad(lambda s: holding(coupling, s), 0.0, stretch, points=marks, epsabs=1e-13, limit=200)[0]
+        work = -quad(lambda s: holding(coupling, s), 0.0, stretch, points=[low, high], epsabs=1e-13, limit=200)[0]
         assert energy - at_rest == pytest.approx(work, rel=1e-7, abs=1e-9)
         for kinetic in (1e-4, 1e-2, 1.0):
             reach = kernels().energy_and_reach(law, stretch, kinetic)[1]

@@ -151,12 +151,8 @@ def test_stiff_step_is_that_of_its_tableau_with_the_linear_equations_solved_by_n
 
 
 @pytest.mark.parametrize(("method", "what", "longest", "order"), [
-    ("explicit", "end", 0.2, 8.5),
-    ("explicit", "middle", 0.2, 7.5),
-    ("series", "end", 0.4, 12.2),
-    ("series", "middle", 0.8, 12.2),
-    ("stiff", "end", 0.05, 5.6),
-    ("stiff", "error", 0.05, 4.8),
+    ("explicit", "end", 0.2, 8.5), ("explicit", "middle", 0.2, 7.5), ("series", "end", 0.4, 12.2),
+    ("series", "middle", 0.8, 12.2), ("stiff", "end", 0.05, 5.6), ("stiff", "error", 0.05, 4.8),
 ])  # fmt: skip
 def test_error_of_a_halved_step_falls_with_the_order_of_the_method(method, what, longest, order):
     step, x = stepper(SPRING_PIECE), state(SPRING_PIECE)

@@ -15,7 +15,7 @@ from impact_gym.scene import Bistable, Rigid, SpringDamper
 from impact_gym.task import Task
 
 MOST = 200  # largest number of points of a time history
-POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005  # allowed errors as fractions of the largest value
+POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005  # allowed errors, as fractions of the largest values
 
 
 def thin(
@@ -92,14 +92,14 @@ def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, in
 
 
 BODIES = ("flange", "tool", "object")
-DECIMALS = {  # of values in s, m, m/s and N: a stiff contact lasts 0.1 ms, with a penetration of 1 um
+DECIMALS = {  # numbers of decimals, in s, m, m/s and N: enough for a stiff contact (0.1 ms, penetration 1 um)
     "time": 7,
     **{f"{body}_position": 7 for body in BODIES},
     **{f"{body}_velocity": 5 for body in BODIES},
     "contact_force": 5,
 }
 COLUMNS = tuple(DECIMALS)
-AFTER = 0.15  # s, length of the film after the last contact
+AFTER = 0.15  # s, length of the film after the end of the last contact
 
 Columns = dict[str, NDArray[np.float64]]
 

@@ -1,4 +1,4 @@
-"""Claims of the paper's sections 1 and 6 about other speeds, objects and delays, and about detection of the touch."""
+"""Claims of the paper about other speeds, objects and delays, and about detection of the touch."""
 
 from dataclasses import replace
 from functools import partial
@@ -15,20 +15,20 @@ from experiments.studies.paper.runs import Numbers, changes, enclose_changes, wh
 from impact_gym.scene import Coupling
 
 COUPLINGS: dict[str, Coupling] = {"rigid": ig.Rigid(), "spring": LINEAR, "bistable": MECHANISM}
-OBJECTS = {"light": 0.25, "heavy": 1.0}  # kg
-DELAYS = np.array([0, 4, 8, 12, 16, 20, 30, 40, 50, 75, 100, 125, 150, 200, 250, 300, 400, 500]) / 1000  # s
+OBJECTS = {"light": 0.25, "heavy": 1.0}  # kg, masses
+DELAYS = np.array([0, 4, 8, 12, 16, 20, 30, 40, 50, 75, 100, 125, 150, 200, 250, 300, 400, 500]) / 1000  # s, of a brake
 STIFFNESS = np.logspace(2, 8, 25)  # N/m^1.5
 RESTITUTIONS = np.round(np.arange(0.1, 1.001, 0.05), 2)
-MIDDLE_STIFFNESS, SMALL_RESTITUTION = 1e5, 0.1  # N/m^1.5, -; each is constant while the other varies
+MIDDLE_STIFFNESS, SMALL_RESTITUTION = 1e5, 0.1  # k_c (N/m^1.5) if the restitution varies; restitution if k_c varies
 NEVER = -1.0  # s, the value of `delay` in rows without a brake
 PERSON = 0.2  # s, reaction time of a person to an expected signal
 FROM_TOUCH = np.round(np.arange(0.002, 0.1001, 0.002), 3)  # s, from the touch to the start of braking
-MASSES = np.unique(np.append(np.geomspace(0.1, scenes.HEAVY_MASS, 41), OBJECT_MASS))  # kg
-SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # radius / radius of the paper's object: k_c (N/m^1.5)
-CHANGES = np.linspace(0.9, 1.1, 9)  # factors of H and of the front stop
+MASSES = np.unique(np.append(np.geomspace(0.1, scenes.HEAVY_MASS, 41), OBJECT_MASS))  # kg, of the object
+SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # k_c (N/m^1.5), by the ratio of the object's radius to that in the paper
+CHANGES = np.linspace(0.9, 1.1, 9)  # factors that multiply the mechanism's height H and its front stop
 ENOUGH = 40.0  # %, least reduction that we accept as 'about 50 %'
-SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s
-CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s, at full speed in Fig. 23
+SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s, of the approach
+CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s, time at full speed in Fig. 23
 
 
 def beyond_delay() -> pl.DataFrame:

@@ -16,7 +16,7 @@ from impact_gym.physics import impact
 
 Array = NDArray[np.float64]
 Numbers = dict[str, Any]  # numbers, arrays or words, by the names that statements.toml uses
-WIDTH = 1e-6  # distance of two rows of `enclose_changes`, in the unit of the parameter
+WIDTH = 1e-6  # largest distance of the two rows that `enclose_changes` adds around a change, in the parameter's unit
 
 
 def where(frame: pl.DataFrame, **values: float | str) -> dict[str, NDArray[Any]]:

@@ -1,9 +1,9 @@
 """Section 2, instantaneous and non-instantaneous impact.
 
 The instantaneous impact of a tool at 1 m/s on an object at rest is computed in closed form (paper, eq. 1-4). The
-non-instantaneous impact is simulated as an approach at 1 m/s without a brake. Case (a): the tool is fixed to the robot.
-Case (b): the tool is free. Two free masses have the same penetration and force as a tool with
-imposed motion and an object of their reduced mass. So (b) is simulated with this object.
+non-instantaneous impact is simulated as an approach without a brake, at 1 m/s in the paper's figures. Case (a): the
+tool is fixed to the robot. Case (b): the tool is free. Two free masses have the same penetration and force as a tool
+with imposed motion and an object of their reduced mass. So (b) is simulated with this object.
 """
 
 from collections.abc import Iterable
@@ -20,10 +20,10 @@ from impact_gym.physics import impact
 from impact_gym.scene import Dissipation
 
 OF_MASSES = (0.0, 0.25, 0.5, 0.75, 1.0)  # restitutions of Fig. 3
-MASSES = np.logspace(-2.0, 1.0, 121)  # kg
+MASSES = np.logspace(-2.0, 1.0, 121)  # kg, of the tool in Fig. 3
 STIFFNESS, RESTITUTION = 1e5, 0.5  # contact of Fig. 5
 STIFFNESSES = np.logspace(3.0, 6.0, 25).tolist()  # N/m^1.5
-RESTITUTIONS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)  # nominal: arguments of eq. 7
+RESTITUTIONS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)  # nominal restitutions: arguments of eq. 7
 CUT = 1e5  # N/m^1.5, stiffness at which CUT_RESTITUTIONS or VANISHING are simulated, too
 CUT_RESTITUTIONS = np.round(np.arange(0.05, 1.0001, 0.025), 3)
 VANISHING = (0.05, 0.02, 0.01, 0.005)  # restitutions close to 0

@@ -19,8 +19,8 @@ CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
 COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
 SETTLED_STIFFNESSES = COUPLING_STIFFNESSES[::5]  # N/m
 SETTLED = 4.0  # m, distance at which the tool's oscillation after the acceleration has decayed at every k_t
-CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m; constant along a curve
-RESTITUTION = 0.1  # of Fig. 18 to 20
+CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # (-, N/m), each constant along a curve
+RESTITUTION = 0.1  # restitution of Fig. 18 to 20
 SPRING = ig.SpringDamper(150.0)  # of Fig. 17, 19 and 20
 INELASTIC = {"a": scene(1e5, RESTITUTION, SPRING), "b": scene(1e3, RESTITUTION, SPRING)}  # Fig. 19 and 20
 

@@ -10,8 +10,8 @@ from experiments.lab.scenes import HOLD, LINEAR, MECHANISM, MOTION, scene
 from experiments.lab.study import Row
 from experiments.studies.paper.runs import Array, Numbers, Run, histories, runs_of, where
 
-HEIGHTS = (0.020, 0.024, 0.028, 0.032, 0.035)  # m
-POSITIONS = np.linspace(-0.06, 0.06, 241)  # m, within the stroke of every H
+HEIGHTS = (0.020, 0.024, 0.028, 0.032, 0.035)  # m, heights H of the mechanism
+POSITIONS = np.linspace(-0.06, 0.06, 241)  # m, of the slider, within the stroke of every H
 
 
 def figure_22() -> list[Row]:
@@ -19,7 +19,7 @@ def figure_22() -> list[Row]:
     rows: list[Row] = []
     for height in HEIGHTS:
         mechanism = ig.Bistable(MECHANISM.stiffness, MECHANISM.free_length, height)
-        peak = math.sqrt((mechanism.free_length * height**2) ** (2 / 3) - height**2)  # m
+        peak = math.sqrt((mechanism.free_length * height**2) ** (2 / 3) - height**2)  # m, of the largest force
         for x in sorted({*POSITIONS.tolist(), peak, -peak, MECHANISM.front_stop}):
             rows.append({"height": height, "position": x, "force": float(mechanism.force(x))})
     return rows
@@ -57,7 +57,7 @@ def _numbers_figure_23(frame: pl.DataFrame) -> Numbers:
     touch = int(np.argmax(run.contact > 0))
     first_phase = (time >= time[touch]) & (time < snap)
     slowed = int(np.argmax(first_phase & (tool <= 0.4)))
-    settling = first_phase & (time >= time[slowed])  # between 0.4 m/s and the alignment
+    settling = first_phase & (time >= time[slowed])  # from 0.4 m/s until the slider passes its alignment
     steady = settling & np.append(np.diff(time) > 0.0, False)  # an event has two points in the trace
     rate = np.abs(np.diff(tool)[steady[:-1]] / np.diff(time)[steady[:-1]])
     plateau = tool[steady][np.argmin(rate)]  # m/s, tool velocity at the smallest `rate`

@@ -16,9 +16,9 @@ CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # brakes o
 STORM_SEED = 4
 
 RANGES = {  # ranges of random numbers of a scene, in which the solver must work
-    "contact stiffness": (1e2, 1e10),  # N/m^m
+    "contact stiffness": (1e2, 1e10),  # N/m^m, m: exponent of the stiffness
     "restitution": (1e-3, 1.0),
-    "mass ratio": (1e-3, 1e3),  # mass of the object / mass of the tool
+    "mass ratio": (1e-3, 1e3),  # -, ratio of the object's mass to the tool's mass
     "speed": (0.01, 5.0),  # m/s
     "coupling stiffness": (1.0, 1e5),  # N/m, of a spring and damper or of a mechanism
     "damping ratio": (0.0, 3.0),  # of a spring and damper or of a stop
@@ -35,14 +35,14 @@ OTHERS = {  # ranges of further random numbers of a scene; we chose these ranges
     "robot mass": (0.5, 50.0),  # kg
     "robot stiffness": (1e3, 1e6),  # N/m
     "robot damping": (1.0, 1e3),  # N s/m
-    "friction": (1e-3, 3.0),  # between object and ground
+    "friction": (1e-3, 3.0),  # -, coefficient of friction between object and ground
     "reference velocity": (0.01, 5.0),  # m/s, of a contact with "fixed" dissipation
-    "stroke over rest": (1.01, 30.0),  # -, stroke / a spring's steady deflection during acceleration
+    "stroke over rest": (1.01, 30.0),  # -, ratio of a spring's stroke to its steady deflection during acceleration
 }
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
 ROUGH = 0.25  # probability of each change by `roughened`
 AT_AN_END = 0.05  # share of the draws from RANGES that are an end of the range
-AFTERMATH = 0.5  # s, least duration of a run after an unbraked flange reaches the object
+AFTERMATH = 0.5  # s, least time for which a run continues after an unbraked flange would reach the object
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ LAW = ("m_t", "m_p", "k_c", "d", "k_t", "c_t", "L0", "H", "x0", "front", "rear",
 PARAMETERS = (*LAW, "a", "cut", "alarm", "length", "speed", "pressed", "front_on", "rear_on")
 STATE = ("s", "w", "v", "tau", "y", "q")
 FOREVER = 1e6  # time limit of a contact, in units of t0; no contact is so long
-BESIDE = 1e-20  # absolute value of the penetration after an event, because heyoka could miss an event at exactly zero
+BESIDE = 1e-20  # absolute value of `s` where flight or contact begins, because heyoka could miss an event at exactly 0
 ROUNDING = 1e-12  # m, rounding of the slider's position
 
 
@@ -96,11 +96,12 @@ class Run:
             integrator(type(scene.coupling).__name__, touching, tolerance) for touching in (False, True)
         ]
         m_t, m_p = scene.tool.mass, scene.object.mass
-        self.M = m_p if isinstance(scene.coupling, ig.Rigid) else m_t * m_p / (m_t + m_p)  # kg
+        self.M = m_p if isinstance(scene.coupling, ig.Rigid) else m_t * m_p / (m_t + m_p)  # kg, reduced mass
         numbers = (motion.acceleration, 0.0, 1.0 / self.brake.threshold, 1.0, 1.0, 1.0, 1.0, 0.0)
         self.par = law_of(scene) | dict(zip(PARAMETERS[len(LAW) :], numbers, strict=True))
-        self.changes = [(motion.speed / motion.acceleration, 0.0), (duration, math.nan)]  # s, m/s^2
-        self.seconds = 0.0  # processor time of heyoka
+        # times (s) at which the commanded acceleration changes, and the new accelerations (m/s^2; nan: end of the run)
+        self.changes = [(motion.speed / motion.acceleration, 0.0), (duration, math.nan)]
+        self.seconds = 0.0  # s, processor time of heyoka
         self.peak, self.detection, self.passes = 0.0, math.nan, 0
 
     def solve(self) -> Solution:

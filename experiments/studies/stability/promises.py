@@ -5,11 +5,11 @@ from typing import NamedTuple
 import numpy as np
 import polars as pl
 
-SLOWEST = 50.0  # ms
-MOMENTUM = 1e-9  # error of momentum / impulse of the contact
-ENERGY = 1e-6  # (energy created in a contact - doubt) / energy exchanged, see CHECKS in `storm`
-PULL = 1e-12  # largest `pull` (see CHECKS) that rounding causes
-AGREEMENT = 1e-6  # relative difference of V_p
+SLOWEST = 50.0  # ms, allowed processor time of a run
+MOMENTUM = 1e-9  # allowed ratio of the error of momentum to the impulse of a contact
+ENERGY = 1e-6  # allowed `energy_created` minus `energy_doubt`, see CHECKS in `storm`
+PULL = 1e-12  # allowed `pull`, see CHECKS in `storm`; rounding alone causes less
+AGREEMENT = 1e-6  # allowed relative difference of V_p between two solutions
 FINISHED = pl.col("failure") == ""
 TRACED = FINISHED & pl.col("traced")
 

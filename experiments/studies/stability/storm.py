@@ -31,17 +31,19 @@ from impact_gym.physics.impact import GRAVITY
 
 NEVER = 1e6  # s, stands for the end of an unfinished contact
 AGAIN_OVER = 20.0  # ms; a longer run is timed again, because a first run also loads modules and tables
-LONGEST_TRACE = 50_000  # steps; a longer run has no trace, which would fill the memory
-FINER = 1e-10  # rtol of a second run of each scene with a trace
+LONGEST_TRACE = 50_000  # largest number of steps of a run with a trace; a longer trace would fill the memory
+FINER = 1e-10  # `rtol` of a second run of each scene with a trace
 STIFF = 20.0  # damping factor d above which the independent solver tries Radau first
 TRUE_RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
 CHECKS = ("momentum_error", "impulse_error", "energy_created", "energy_doubt", "pull")
 """Columns with the checks of a run, without units: values of the worst contact, 0 without a contact.
 
-`momentum_error`: residual of eq. 20 / impulse. `impulse_error`: (impulse - gain of the object's momentum) / impulse,
-beyond what friction explains. `energy_created`: energy that the contact created (below 0: lost) / energy exchanged; nan
-without a trace. `energy_doubt`: the doubt of this energy / energy exchanged. `pull`: contact force below 0 / peak
-force, or decrease of V_p beyond friction in a contact / (V_p before + approach velocity).
+`momentum_error`: ratio of the residual of the paper's eq. 20 to the impulse. `impulse_error`: ratio, to the impulse, of
+the part of (impulse minus gain of the object's momentum) that friction does not explain. `energy_created`: ratio of the
+energy that the contact created (below 0: lost) to the energy exchanged. `energy_doubt`: ratio of the doubt of this
+energy to the energy exchanged. Without a trace, these two ratios are nan. `pull`: the largest of three ratios: of a
+contact force below 0 to the peak force; of a decrease of V_p beyond friction in a contact to the sum of V_p before and
+approach velocity; of a negative impulse to the object's mass times this sum.
 """
 
 Array = NDArray[np.float64]
@@ -114,7 +116,7 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
         return dict.fromkeys(CHECKS, 0.0)
     budgets, energies, pulls = [], [], [0.0]
     before, since, m_p, trace = 0.0, 0.0, scene.object.mass, outcome.trace
-    slowing = GRAVITY * (scene.object.friction or 0.0)  # m/s^2
+    slowing = GRAVITY * (scene.object.friction or 0.0)  # m/s^2, by friction
     for contact in outcome.contacts:
         after, striking = contact.object_velocity, before + contact.approach_velocity
         until = NEVER if contact.end is None else contact.end
