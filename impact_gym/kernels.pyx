@@ -17,14 +17,14 @@ import numpy as np
 
 cdef extern from *:
     """
-    static inline void load_ahead(const void *record, size_t size) {  /* into the cache; any address is allowed */
+    static inline void load_ahead(const void *record, size_t size) {  /* into cache; an invalid address does no harm */
         for (size_t place = 0; place < size; place += 64) __builtin_prefetch((const char *)record + place);
     }
     """
     void load_ahead(const void *record, size_t size) noexcept nogil
     const char *DIGEST "COMPILED_FROM"
 
-COMPILED_FROM = DIGEST.decode()  # see `impact_gym.sources`
+COMPILED_FROM = DIGEST.decode()  # digest of the sources of this program, see `impact_gym.sources`
 
 include "physics/contact.pxi"
 include "physics/damping.pxi"

@@ -19,21 +19,21 @@ are simple zeros of z.
 cdef enum:
     ROOT, RATE, TIME, IMPULSE  # first components of the scaled state: z, w, t, impulse on the object
 
-cdef double APPROACH_VELOCITY_FLOOR = 1e-6  # m/s, used for slower contacts too: hysteresis damping chi ~ 1 / velocity
+cdef double APPROACH_VELOCITY_FLOOR = 1e-6  # m/s; a slower contact has the units and damping factor of this velocity
 
 
-cdef struct Contact:
+cdef struct Contact:  # the law of a contact, with the symbols above
     double stiffness  # N/m^m, k_c
-    double damping  # -, damping factor d
+    double damping  # -, damping factor d of the present contact
     double m  # -, exponent of the stiffness, at least 1
     double n  # -, exponent of the damping, 0 or at least 1
     int64_t twice_m, twice_n  # 2 m and 2 n if they are whole numbers, else -1
-    double nominal  # -, damping factor at the reference velocity
-    double reference  # m/s, reference velocity if chi is constant; 0: the damping factor is constant
+    double nominal  # -, damping factor at the reference velocity; if `reference` is 0, at every velocity
+    double reference  # m/s, reference velocity if the hysteresis damping chi is constant; 0: d is constant
     double held  # 0 while the force is kept at 0, because f would be negative; else 1
 
 
-cdef struct Units:
+cdef struct Units:  # of a contact; `flight_units` gives those of a flight
     double length  # m, delta0
     double time  # s, t0
     double velocity  # m/s, approach velocity, but at least APPROACH_VELOCITY_FLOOR
@@ -94,7 +94,7 @@ cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept
     cdef double fourth
     if is_hertz(law):
         fourth = (z * z) * (z * z)
-        return fourth * law.held + (fourth * law.damping) * w  # few operations wait for w, which is computed last
+        return fourth * law.held + (fourth * law.damping) * w  # w is computed last, and few operations wait for it
     return z * contact_force(law, z, w)
 
 

@@ -6,9 +6,9 @@ on d alone. Multiply u'' = -u^n (1 + d u') by u' / (1 + d u') and integrate from
     d - ln(1 + d) = -z - ln(1 - z),      z = d e                                       (solution: Lambert's W)
 """
 
-cdef double SERIES_BELOW = 0.3
+cdef double SERIES_BELOW = 0.3  # largest |x| for which `shortfall` sums its series
 cdef enum:
-    SERIES_TERMS = 34  # for |x| up to 0.3 the last term is below the rounding error
+    SERIES_TERMS = 34  # for |x| up to SERIES_BELOW, the last term is below the rounding error
 
 
 cpdef double hu_guo(double restitution) noexcept nogil:
@@ -35,7 +35,7 @@ cpdef double exact_damping(double restitution) noexcept nogil:
     """
     cdef double rest, following, e = restitution, d = 1.5 * (1.0 - e) if e > 0.6 else 1.0 / e
     for _ in range(200):
-        if e > 0.6:  # d < 1.1
+        if e > 0.6:  # then d < 1.1
             following = (1.0 - e) * (1.0 + e) / (shortfall(d) + e * e * e * shortfall(-d * e))
         else:
             rest = exp(log1p(d) - d * (1.0 + e))

@@ -14,12 +14,12 @@ cdef struct Mechanism:
     double free_length  # m, L0
     double height  # m, H
     double rest  # m, position of the slider at rest; 0 if linear
-    double front_stop  # m
-    double rear_stop  # m
+    double front_stop  # m, position of the front stop
+    double rear_stop  # m, position of the rear stop
     double stop_stiffness  # N/m
     double stop_damping  # N s/m
     int64_t linear  # 1: linear, with the force -k x - c x_dot; 0: bistable mechanism
-    double damping  # N s/m, c
+    double damping  # N s/m, c, only if linear
 
 
 cpdef inline double bistable_force(double stiffness, double free_length, double height, double x) noexcept nogil:
@@ -63,7 +63,7 @@ cdef inline (double, double, double) stop_switch(
     """Return value (N), smooth form (N) and its rate (N/s) of the event that `stop` begins to push, or would pull."""
     cdef double k = law.stop_stiffness, c = law.stop_damping
     cdef double push = stop * k * (law.rest + stretch - stop_place(law, stop)), moving = stop * rate
-    if pressed == stop:  # the event: the stop would pull, perhaps before the slider has left it
+    if pressed == stop:  # the event: this stop would pull, perhaps before the slider has left the stop
         return -(push + c * moving), -(push + c * moving), -(k * moving + c * stop * acceleration)
     if pressed != FREE:  # the other stop pushes
         return -1.0, -1.0, 0.0
@@ -96,7 +96,7 @@ cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noe
         return 0.0, INFINITY
     if side > 0:
         return mechanism_energy(law, 0.0), barrier
-    # in the rear stop (stiffness k_s) the spring pushes with less than F, so the energy falls by at most F^2 / (2 k_s)
+    # behind the rear stop (stiffness k_s) the spring pushes with less than F: the energy falls by at most F^2 / (2 k_s)
     return max(spring_energy(law, law.rear_stop) - 0.5 * F * F / law.stop_stiffness, 0.0), barrier
 
 
@@ -104,9 +104,9 @@ cdef inline double mechanism_reach(const Mechanism *law, double stretch, double 
     """Return an upper bound on the future stretch (m), from the present `stretch` and kinetic energy (J)."""
     cdef double energy = kinetic + mechanism_energy(law, stretch), free = energy - mechanism_energy(law, 0.0)
     cdef double reach = law.front_stop - law.rest + sqrt(2.0 * energy / law.stop_stiffness)  # all energy in the front stop
-    cdef double stiffness = law.stop_stiffness - stiffness_bound(law)  # in front of `rest` the energy grows at least with this stiffness
+    cdef double stiffness = law.stop_stiffness - stiffness_bound(law)  # lower bound of total stiffness ahead of `rest`
     if law.linear:
         return min(reach, sqrt(2.0 * energy / law.stiffness))
-    if law.rest + stretch < 0.0 and energy < spring_energy(law, 0.0):  # behind the alignment, below the barrier
+    if law.rest + stretch < 0.0 and energy < spring_energy(law, 0.0):  # the slider stays behind the alignment
         return -law.rest
     return min(reach, sqrt(2.0 * max(free, 0.0) / stiffness)) if stiffness > 0.0 else reach

@@ -12,9 +12,9 @@ so z = y + a / omega^2 is a free damped oscillation.
 cpdef (double, double) decay_basis(double frequency, double damping_ratio, double time) noexcept nogil:
     """Return E cos(W t) and E sin(W t) / W, with E = exp(-zeta omega t) and W = omega_d = omega sqrt(1 - zeta^2)."""
     cdef double alpha = damping_ratio * frequency
-    cdef double square = (damping_ratio - 1.0) * (damping_ratio + 1.0) * frequency * frequency  # -omega_d^2
+    cdef double square = (damping_ratio - 1.0) * (damping_ratio + 1.0) * frequency * frequency  # = -omega_d^2
     cdef double q = square * time * time, envelope, damped, split, slow, lost
-    if fabs(q) < 1e-3:  # small omega_d t: series, without cancellation
+    if fabs(q) < 1e-3:  # if omega_d t is small, a series avoids cancellation
         envelope = exp(-alpha * time)
         return (
             envelope * (1.0 + q / 2.0 * (1.0 + q / 12.0 * (1.0 + q / 30.0))),

@@ -6,7 +6,7 @@ are cubic polynomials; outside the table they are constant. A robot with constan
 
 
 cdef struct RobotTable:
-    const double *breaks  # (n + 1,), m
+    const double *breaks  # positions (n + 1,), m
     const double *coefficients  # (n, 3, 4): of mass, stiffness, damping, for the powers 0 to 3 of x - breaks[i]
     int64_t intervals  # n; 0 if the robot is rigid
 
@@ -16,7 +16,7 @@ cdef struct RobotNow:
     double mass_slope  # kg/m, derivative of the mass by the imposed position
 
 
-cdef struct RobotSlopes:  # more derivatives by the imposed position
+cdef struct RobotSlopes:  # further derivatives by the imposed position
     double stiffness, damping  # N/m^2, N s/m^2
     double mass_bend  # kg/m^2, second derivative of the mass
 

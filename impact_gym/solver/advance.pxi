@@ -1,8 +1,9 @@
 """The outer loop: impose a velocity on the flange, while flights and contacts alternate."""
 
-cdef double GRAZE = 1e-12  # m/s, smallest approach velocity; with 0 the scaled state would not change
-cdef double LOST = 1e11  # largest steady deflection / object position; above it, rounding exceeds 1e-5 of the position
-cdef double SHORT = 1e-6  # m, added to this position
+cdef double GRAZE = 1e-12  # m/s, least velocity at which a contact begins; from 0, z and w (`contact.pxi`) would stay 0
+# Above this ratio of steady deflection (|acceleration| / frequency^2) to object position, a flight ends as NOT_FINITE.
+cdef double LOST = 1e11  # at this ratio, rounding errors are about 1e-5 of the position
+cdef double SHORT = 1e-6  # m, added to the object's position in this ratio, because the position can be 0
 
 
 cdef void reset_memory(Memory *memory, double step) noexcept nogil:
@@ -10,7 +11,7 @@ cdef void reset_memory(Memory *memory, double step) noexcept nogil:
     memory.step, memory.method, memory.patience = step, EXPLICIT, UNCHECKED
 
 
-cdef double REST_SPEED = 1e-3  # m/s, a tool that can no longer exceed this speed counts as at rest
+cdef double REST_SPEED = 1e-3  # m/s; a tool that can no longer exceed this speed counts as at rest
 cdef double REST_STEP = 1e-3  # s, between two checks whether the tool is at rest
 
 
@@ -30,7 +31,7 @@ cdef void begin_contact(const Run *run, Chain *chain) noexcept nogil:
     chain.touching = chain.holding = 1
     chain.penetration = 0.0
     chain.penetration_rate = max(chain.penetration_rate, GRAZE)
-    if run.law.kind != RIGID:  # the contact force of a RIGID chain accelerates only the object
+    if run.law.kind != RIGID:  # the contact force accelerates the object, but not the tool of a RIGID chain
         mass = parallel(moving_mass(run, chain.flange_position), mass)
     chain.units = natural_units(&run.contact, mass, chain.penetration_rate)
     chain.start = chain.time
@@ -193,19 +194,19 @@ cdef void record_rest(const Run *run, Chain *chain, double distance) noexcept no
     chain.rest_time = max(chain.tool_rest_time, chain.object_rest_time if chain.object_state == STUCK else chain.time + speed / run.ground)
 
 
-cdef struct Approach:  # scene and motion
+cdef struct Approach:  # scene and motion of an approach
     Mount mount
     Contact contact
     double object_mass  # kg
-    double distance  # m
+    double distance  # m, from tool to object at t = 0
     double friction  # -, mu
-    double speed  # m/s
-    double acceleration  # m/s^2
-    double threshold  # N, inf without a brake
-    double delay  # s, from the detection to the brake
+    double speed  # m/s, at the end of the ramp, relative to `frame`
+    double acceleration  # m/s^2, of the ramp
+    double threshold  # N, contact force that triggers the brake; inf: no brake
+    double delay  # s, from the first force above `threshold` to the start of the brake
     double deceleration  # m/s^2, of the brake
-    int64_t motion, points  # of a `Motion`: index of its times in the tables, before its velocities; number of times
-    double duration  # s
+    int64_t motion, points  # of a `Motion`: index of its times in the tables (its velocities follow), and their number
+    double duration  # s, of the approach
     double frame  # m/s, common velocity of flange, tool and object at t = 0
 
 

@@ -49,7 +49,7 @@ cdef Units flight_units(const Run *run, const Chain *chain, double acceleration)
 
 
 cdef enum:
-    TABLE = 2  # safety factor on the energy, because the robot's parameters vary (slowly) within an interval of its table
+    TABLE = 2  # safety factor on the energy: the robot's parameters vary within an interval of the robot's table
 
 
 cdef double longest_blind_step(const Piece *now, const double *x, double longest, double shortest) noexcept nogil:
@@ -70,12 +70,12 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
     else:
         touching = mass
         energy = 0.5 * (mass * at.y_dot * at.y_dot + at.robot.stiffness * at.y * at.y)
-    # E: energy relative to the imposed motion, of acceleration a; sqrt(E) grows by at most |a| sqrt(mass / 2) per s
+    # E: `energy`, relative to the imposed motion; sqrt(E) grows by at most |acceleration| sqrt(mass / 2) per s
     while h > shortest:
         span = h * now.units.time
         gained = fabs(now.acceleration) * sqrt(0.5 * mass) * span
         fed = sqrt(TABLE * max(energy - floor, 0.0)) + gained
-        if floor + fed * fed >= barrier:  # the slider can reach the other side, where the spring's energy can be lower
+        if floor + fed * fed >= barrier:  # the slider can pass the alignment; there the energy can fall below `floor`
             fed = sqrt(TABLE * energy) + gained
         if span * (closing + (fabs(now.acceleration) + ground) * span + fed * sqrt(2.0 / touching)) < gap:
             return h

@@ -12,7 +12,7 @@ cdef void begin_piece(
     if not chain.holding:
         now.contact.held = now.contact.damping = 0.0
     now.tolerance = run.tolerance
-    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # RIGID and SPRING flights have formulas
+    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # RIGID and SPRING flights are not integrated
     now.threshold = run.threshold / now.units.force
     now.horizon = (until - chain.time) / now.units.time
     now.push = acceleration * now.units.time / now.units.velocity

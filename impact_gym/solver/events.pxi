@@ -5,26 +5,27 @@ first event is located by a polynomial or by shorter steps. Then a step is taken
 """
 
 cdef enum:
-    CLOCK  # end of the piece
-    SEPARATION  # z passes zero; with z < 0 time runs backwards, because dt = z ds
-    CLAMP  # the contact force would become a pull, or becomes a push again
-    FORCE  # the force exceeds the threshold; the row also gives the largest force
-    SLIP  # the force exceeds the friction of an object that sticks
+    CLOCK  # the last time of the piece is reached
+    SEPARATION  # z (see `contact.pxi`) falls below zero; with z < 0 time runs backwards, because dt = z ds
+    CLAMP  # the contact force would become a pull, or, after a pull, a push
+    FORCE  # the contact force exceeds the threshold; this row also serves to find the largest force
+    SLIP  # the contact force exceeds the friction of an object that sticks
     REST  # a sliding object comes to rest
     TOP  # a sliding object has its largest speed; this does not end the step
     FRONT_STOP, REAR_STOP  # the front or the rear stop begins or ceases to push
     ALIGNMENT  # the slider of a mechanism passes its alignment
-    TOUCH  # a flight ends
-    ROWS
-    NOTHING = -1
-    SHORTER = -2  # no event: try a shorter step
+    TOUCH  # the tool touches the object, which ends a flight
+    ROWS  # number of rows
+    NOTHING = -1  # no event
+    SHORTER = -2  # no clear event: try a shorter step
 
-cdef double SHORTEST_STEP = 1e-10  # a step that starts on an event is shortened only if it is longer than this
+cdef double SHORTEST_STEP = 1e-10  # scaled length; a shorter step that starts on an event is not shortened further
 
 
 cdef struct Events:
-    double[ROWS] value
-    double[ROWS] height, slope  # a smooth quantity whose maximum is searched; its derivative by s, in flight by time
+    double[ROWS] value  # negative before the event
+    # height: smooth quantity whose maximum is searched; slope: derivative of height, in CLOCK and SEPARATION of value
+    double[ROWS] height, slope  # derivatives by s, in flight by scaled time
 
 
 cdef void evaluate_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
@@ -42,7 +43,7 @@ cdef void evaluate_events(const Piece *now, const double *x, const double *rate,
     if now.contact.held != 0.0:
         events.value[CLAMP], events.slope[CLAMP] = -events.value[CLAMP], -events.slope[CLAMP]
         events.height[FORCE], events.slope[FORCE] = force_along(&now.contact, z, w, rate[RATE])
-        if z == 0.0:  # the slope may be 0 although the force rises
+        if z == 0.0:  # at z = 0 the computed slope may be 0 although the force rises
             events.slope[FORCE] = 1e-300
     events.height[CLAMP] = events.value[CLAMP]
     events.value[FORCE] = events.height[FORCE] - now.threshold
@@ -61,7 +62,7 @@ cdef void evaluate_object_events(const Piece *now, const double *x, const double
     events.value[REST] = events.height[REST] = -speed - now.standstill
     events.slope[REST] = -gain
     events.value[TOP], events.height[TOP], events.slope[TOP] = -1.0, speed, gain
-    if x[ROOT] <= 0.0:  # z = 0: at both ends of a contact the slope is 0; z < 0: time runs backwards
+    if x[ROOT] <= 0.0:  # at z = 0, the start or end of a contact, the slope is 0; at z < 0 time runs backwards
         events.slope[TOP] = copysign(1e-300, events.value[SLIP])
 
 
@@ -97,9 +98,9 @@ cdef void evaluate_slider_events(const Piece *now, const double *x, const double
 cdef struct Finding:
     int event  # the first event in the step, NOTHING, or SHORTER
     double share  # place of the event in the step, 0 to 1; for SHORTER the factor by which to shorten the step
-    double within  # a place in the step, 0 to 1, by which the event has occurred
-    double peak, top  # maximum inside the step, scaled, of the force, and of an object's speed with friction; 0: none
-    double peak_at, top_at  # distances from the start of the step to the peak and to the top
+    double within  # a place in the step, 0 to 1, at or after the event
+    double peak, top  # scaled maxima inside the step, 0: none; `peak`: contact force, `top`: speed of a sliding object
+    double peak_at, top_at  # distances in s from the start of the step to `peak` and to `top`
 
 
 cdef Finding search(
@@ -116,7 +117,7 @@ cdef Finding search(
         high, reached = 1.0, end.value[row]
         if (row == FORCE or row == SLIP) and now.contact.n == 0.0 and work.x[ROOT] == 0.0:
             if end.slope[FORCE] < 0.0 and rises_at_onset(now, work, h):
-                return Finding(SHORTER, 0.25, 1.0, 0.0, 0.0, 0.0, 0.0)  # try a step that ends before the peak
+                return Finding(SHORTER, 0.25, 1.0, 0.0, 0.0, 0.0, 0.0)  # try a step that may end before the peak force
         elif (row == FORCE or (row >= CLAMP and reached <= 0.0)) and comes_back(row, h, start, end):
             share = climb(now, work, h, row, start, end, &summit)
             if row == FORCE:
@@ -145,7 +146,7 @@ cdef Finding search(
 cdef bint rises_at_onset(const Piece *now, Work *work, double h) noexcept nogil:
     """Return whether the force grows at the onset of a contact with n = 0, where df/ds = 0 because dt/ds = 0."""
     cdef Events soon
-    probe_exactly(now, work, h, 1e-3)  # 1e-3 of the step in s is 1e-6 of its duration
+    probe_exactly(now, work, h, 1e-3)  # 1e-3 of the step in s is 1e-6 of the step's duration, because z begins at 0
     evaluate_events(now, work.probe, work.probe_rate, &soon)
     return soon.slope[FORCE] > 0.0
 
@@ -188,13 +189,13 @@ cdef bint comes_back(int row, double h, const Events *start, const Events *end) 
     """Return whether a row has a maximum in a step; if it is not FORCE, SLIP or TOP, one that may exceed zero."""
     cdef double v0 = start.height[row], v1 = end.height[row], s0 = h * start.slope[row], s1 = h * end.slope[row], top
     if row == TOP and s1 < 0.0 < start.slope[SLIP]:  # at a slip the sign of the slope is a rounding error
-        return True
+        return True  # at the start of a slip, the sign of s0 is a rounding error
     if not s0 > 0.0 > s1:
         return False
     if row == FORCE or row == SLIP or row == TOP:
         return True
     top = on_cubic(extremum(v0, s0, v1, s1), v0, s0, v1, s1)
-    return top + 0.1 * (top - max(v0, v1)) > 0.0  # with a margin for the error of the cubic
+    return top + 0.1 * (top - max(v0, v1)) > 0.0  # the margin is for the error of the cubic
 
 
 cdef double climb(
@@ -204,8 +205,8 @@ cdef double climb(
     cdef double low = 0.0, high = 1.0, low_slope = start.slope[row], high_slope = end.slope[row], before, gain
     cdef double share = extremum(start.height[row], h * low_slope, end.height[row], h * high_slope)
     cdef int side = 0
-    cdef bint exactly = work.method != EXPLICIT  # False: first on the polynomial, to 1e-6 of the step
-    for _ in range(60):  # secant method inside a bracket (Illinois), for the slope's zero
+    cdef bint exactly = work.method != EXPLICIT  # False: search first on the polynomial, to 1e-6 of the step
+    for _ in range(60):  # find the zero of the slope by a secant method inside a bracket (Illinois)
         if exactly:
             probe_exactly(now, work, h, share)
         else:
@@ -251,7 +252,7 @@ cdef double crossing_share(
     """Find the zero, to 1e-9 of the step, of a row that is negative at 0 and positive at `high`."""
     cdef double low = 0.0, share = 0.5 * high, value, move
     cdef Events events
-    if start.value[row] >= 0.0:  # by rounding
+    if start.value[row] >= 0.0:  # because of rounding
         return 0.0
     if high == 1.0:
         share = cubic_zero(start.value[row], h * start.slope[row], end.value[row], h * end.slope[row])
@@ -279,7 +280,8 @@ cdef double clock_share(const Piece *now, const Work *work, double h) noexcept n
     cdef double v0 = h * work.x[ROOT], a0 = 0.25 * h * h * work.x[RATE], j0 = h * h * h / 12.0 * work.rate[RATE]
     cdef double v1 = h * work.trial[ROOT], a1 = 0.25 * h * h * work.trial[RATE], j1 = h * h * h / 12.0 * work.trial_rate[RATE]
     cdef double way = work.trial[TIME] - work.x[TIME], left = now.horizon - work.x[TIME]
-    # polynomial of order 7; p, q, r, t: errors, at the step's end, of the cubic Taylor polynomial and its derivatives
+    # Time is a polynomial of order 7 in `share`. At the step's end, its terms up to order 3 have the error p; their
+    # first three derivatives, divided by 1, 2 and 6, have the errors q, r and t.
     cdef double p = way - v0 - a0 - j0, q = v1 - v0 - 2.0 * a0 - 3.0 * j0
     cdef double r = a1 - a0 - 3.0 * j0, t = j1 - j0
     cdef double c4 = 35.0 * p - 15.0 * q + 5.0 * r - t, c5 = -84.0 * p + 39.0 * q - 14.0 * r + 3.0 * t
@@ -323,7 +325,7 @@ cdef double land(const Piece *now, Work *work, const Finding *found, double trie
         evaluate_events(now, work.trial, work.trial_rate, &events)
         off = -events.value[row] / events.slope[row]
         if fabs(off) <= 1e-7 * h:
-            for i in range(now.width):  # extrapolated linearly
+            for i in range(now.width):  # extrapolate linearly from h to h + off
                 work.trial[i] += off * work.trial_rate[i]
             return h + off
         if events.value[row] > 0.0:

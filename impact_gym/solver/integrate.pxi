@@ -1,13 +1,14 @@
 """Integrate a contact, or a flight that has no formula, to the next event."""
 
-cdef double FIRST_STEP = 0.3  # first trial step of a contact, in the variable s
-cdef double FIRST_FLIGHT = 0.1  # first trial step of a flight; unit: 1 / highest angular frequency of the chain
-cdef double LARGEST_STEP = 1.0  # largest step of a flight, in this unit, while a touch is possible
-cdef double OVERSHOOT = 1e3  # largest z ds of a step with friction / time left, so that the piece's end can be located
+cdef double FIRST_STEP = 0.3  # length of the first step to try in a contact, in the variable s (see `contact.pxi`)
+cdef double FIRST_FLIGHT = 0.1  # first trial step of a flight, in units of 1 / highest angular frequency of the chain
+cdef double LARGEST_STEP = 1.0  # in this unit; a longer step of a flight is tried only if no touch is possible in it
+# With friction, the duration z ds of a step is at most this many times the time left, so that the end can be located.
+cdef double OVERSHOOT = 1e3
 
 cdef enum:
-    TRACE_POINTS = 8  # trace points in a step of a contact; more in a series step
-    EVENTS_IN_TURN = 20  # most events that are tried, one after another, as the end of a step
+    TRACE_POINTS = 8  # number of trace points in a step of a contact; 1.5 times as many in a series step
+    EVENTS_IN_TURN = 20  # largest number of events that are tried in turn as the end of a step, before a shorter step
 
 
 cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bint flying) noexcept nogil:
@@ -28,7 +29,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:
         h = min(h, -work.x[RATE] / work.rate[RATE])  # the first step ends about when the gap stops opening, or earlier
     if not flying:
-        peak = start.height[FORCE]  # above 0 in a contact with n = 0
+        peak = start.height[FORCE]  # with n = 0 a contact begins with a force above 0
         if undetected and start.value[FORCE] >= 0.0:
             chain.detection = chain.time
             return DETECTED
@@ -138,7 +139,7 @@ cdef double land_on_first(
             return taken
         found.event, found.within = other, 1.0
         found.share = crossing_share(now, work, taken, other, start, end, 1.0)
-    found.event, found.share = SHORTER, 0.5  # two events are closer than the error, so their order is unknown
+    found.event, found.share = SHORTER, 0.5  # the events are too close together, so their order is unknown
     return taken
 
 
@@ -175,7 +176,7 @@ cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noe
     cdef Chain ghost = chain[0]
     cdef Events events
     cdef int64_t point, points = TRACE_POINTS
-    if run.work.method == SERIES:  # its steps are longer
+    if run.work.method == SERIES:  # series steps are longer
         points = 3 * TRACE_POINTS // 2
     if now.flying:
         points = <int64_t> ceil(taken * now.units.time / run.recorder.interval)

@@ -12,15 +12,15 @@ cdef struct IntegratedRates:
 
 
 cdef struct Swing:  # motion of the chain, SI units
-    double x_r, v_r  # m, m/s, position and velocity of the imposed motion
-    double y, y_dot, q, q_dot  # m, m/s, deflection and flange offset with their rates
+    double x_r, v_r  # m, m/s, of the imposed motion
+    double y, y_dot, q, q_dot  # m, m/s: deflection y and flange offset q, and their rates
     RobotNow robot
 
 
-cdef struct Accelerations:  # accelerations are scaled, forces are not
+cdef struct Accelerations:  # accelerations are scaled, forces are in N
     double tool, flange  # relative to the imposed motion
     double gap  # acceleration of the tool relative to the object
-    double pull  # N, of the coupling on the tool
+    double pull  # N, of the coupling on the tool; with a DIRECT coupling, of the robot on flange and tool
     double joined  # N, rate of the momentum of robot mass that joins the moving part
 
 
@@ -59,7 +59,7 @@ cdef inline Accelerations motion(const Piece *now, const Swing *at, double push)
         move.pull = coupling_pull(now, at.y - at.q, at.y_dot - at.q_dot)
         move.gap = (move.pull - push) * now.tool_rate
         if now.robot.intervals:
-            flange_rate = now.per_acceleration / robot.mass  # divided before the pull is known, which is faster
+            flange_rate = now.per_acceleration / robot.mass  # the division does not wait for the pull, which is faster
             move.flange = (-robot.stiffness * at.q - robot.damping * at.q_dot - move.pull) * flange_rate - now.push
     move.tool = move.gap - now.push
     move.gap += now.ground - push * now.object_rate
@@ -88,9 +88,9 @@ cdef inline IntegratedRates integrated_rates(
     return rates
 
 
-cdef struct Gradient:  # derivatives of one entry of `Accelerations`
+cdef struct Gradient:  # derivatives of one field of `Accelerations`, as force or acceleration in SI units
     double y, y_dot  # by the deflection (per m) and its rate (per m/s)
-    double q, q_dot  # by the flange offset and its rate
+    double q, q_dot  # by the flange offset (per m) and its rate (per m/s)
     double time  # by time (per s)
 
 

@@ -1,45 +1,45 @@
 """The constants of one smooth piece of a contact or a flight, and functions that are the same for all chains."""
 
 cdef enum:
-    DEFLECTION = 4, DEFLECTION_RATE = 5  # components of the scaled state after z, w, t and the impulse: y and y'
+    DEFLECTION = 4, DEFLECTION_RATE = 5  # scaled deflection and its rate, in the state after z, w, t and impulse
     DEFLECTION_INTEGRAL = 6  # only in a SPRING chain
     PULL_IMPULSE = 6, JOINED = 7, OFFSET = 8, OFFSET_RATE = 9  # only in an INTEGRATED chain, see `integrated.pxi`
 
-cdef double STANDSTILL = 1e-13  # rounding error of an object's speed when a slip starts, relative to the largest velocity
+cdef double STANDSTILL = 1e-13  # rounding error of object speed when a slip starts, relative to approach + flange speed
 
 
 cdef struct Piece:
     const Law *law
     int width  # number of components of the scaled state
     Units units
-    bint analytic  # the equations are polynomials (see `contact.pxi`); steps can use Taylor series
-    bint flying  # in flight: the first component is penetration / unit of length instead of z, and s is time
-    const Contact *grip  # the contact law
-    Contact contact  # the contact law; its force is kept at 0 while it would be a pull
+    bint analytic  # the equations are polynomials (see `contact.pxi`), so steps can use Taylor series
+    bint flying  # whether the piece is a flight; then component 0 is scaled penetration, not z, and s is scaled time
+    const Contact *grip  # the contact law, whose force can be negative
+    Contact contact  # the same law, but without force while `Chain.holding` is 0
     bint rough  # whether there is friction under the object
-    int object_state
-    double friction  # mu m_p g / F0
-    double ground  # scaled deceleration by friction of an object that slides
-    double standstill  # scaled backward speed at which an object that slides has come to rest
-    double share  # relative acceleration by the contact force / that of an object that slides
-    double tolerance  # -, local error allowed in a step
-    double threshold  # alarm threshold / F0
+    int object_state  # SLIDING or STUCK
+    double friction  # largest friction force on the object, mu m_p g, in units of force
+    double ground  # scaled deceleration of the object by friction; 0 if the object sticks
+    double standstill  # scaled speed: an object that slides has come to rest when it moves backwards faster than this
+    double share  # scaled acceleration of the tool relative to the object per contact force; 1 if the object slides
+    double tolerance  # -, allowed local error of a step
+    double threshold  # alarm threshold in units of force
     double horizon  # scaled time until the end of the piece
     double position, velocity, acceleration  # m, m/s, m/s^2, of the imposed motion, at the start of the piece
 
-    # in the piece's units; the last three only in a SPRING chain
-    double push  # flange acceleration
-    double pull_y, pull_y_dot  # force of the spring and damper on the tool / its mass, per deflection and per its rate
-    double tool_share  # reduced mass / tool mass
+    # scaled with `units`; the last three numbers are set only in a SPRING chain
+    double push  # acceleration of the imposed motion
+    double pull_y, pull_y_dot  # acceleration of the tool by spring and damper: per deflection, per deflection rate
+    double tool_share  # ratio of the reduced mass of tool and object to the tool mass
 
-    # only an INTEGRATED chain
+    # only in an INTEGRATED chain
     RobotTable robot
     int place  # index of the interval of the robot's table in this piece
     RobotNow lumped  # the robot's parameters, if its table has one interval
-    double per_acceleration  # scaled acceleration for 1 m/s^2
-    double tool_rate, object_rate  # scaled acceleration of tool and object for 1 N
-    double per_force  # 1 / N
-    int pressed, side  # of the slider, see `Chain`
+    double per_acceleration  # scaled value of 1 m/s^2
+    double tool_rate, object_rate  # scaled acceleration of tool, and of object, by a force of 1 N
+    double per_force  # scaled value of 1 N
+    int pressed, side  # stop and side of the slider, see `Chain`
 
 
 cdef void store_common(const Piece *now, const Chain *base, const double *x, Chain *chain) noexcept nogil:

@@ -5,7 +5,7 @@ cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil
     """Add the present contact to the totals of `chain` and to the contact log; `end` (s): nan if unfinished."""
     cdef double impulse = coupling_impulse(run.law, chain)
     cdef double given = run.object_mass * (object_velocity(chain) - chain.start_object_velocity)
-    cdef double residual = tool_momentum(run, chain) + given - impulse  # residual of the paper's eq. 20
+    cdef double residual = tool_momentum(run, chain) + given - impulse  # N s, of the momentum balance (paper, eq. 20)
     if run.ground > 0.0:
         residual += chain.ground_impulse
     cdef double error = fabs(residual) / chain.impulse if chain.impulse > 0.0 else 0.0

@@ -23,9 +23,10 @@ STIFF_A[6][:6] = [
 ]
 STIFF_A[7][:7] = [
     -7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946, 1.0, 1.0
-]  # the state at the end of the step is that of the last row plus the last stage
+]  # the state at the end of the step is the state of the last stage plus the last stage itself
 
-cdef double[STIFF_STAGES][STIFF_STAGES] STIFF_C  # row i: weights, times h, of the earlier stages on the right side of stage i
+# row i: weights of the earlier stages, multiplied by h, on the right side of the equation of stage i
+cdef double[STIFF_STAGES][STIFF_STAGES] STIFF_C
 STIFF_C[1][:1] = [-14.155112264123755]
 STIFF_C[2][:2] = [-17.97296035885952, -2.859693295451294]
 STIFF_C[3][:3] = [147.12150275711716, -1.41221402718213, 71.68940251302358]
@@ -52,7 +53,7 @@ cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
         for earlier in range(n):
             work.matrix[i][earlier] = -work.matrix[i][earlier]
         work.matrix[i][i] += 1.0 / (STIFF_GAMMA * h)
-    invert(n, work.matrix)  # faster than two triangular systems in each stage
+    invert(n, work.matrix)  # faster than solving two triangular systems in each stage
     for stage in range(STIFF_STAGES):
         k = work.stage[stage]
         memcpy(work.trial, work.x, sizeof(right))

@@ -1,7 +1,7 @@
 """A SPRING chain: the tool, or tool and robot, as one mass on a spring and damper. Its flights have a formula."""
 
 cdef enum:
-    MOST_BENDS = 300000  # most intervals between zeros of the gap's third derivative that are searched in one flight
+    MOST_BENDS = 300000  # most intervals between zeros of the gap's third derivative in a flight; beyond: STEP_LIMIT
 
 
 cdef struct SpringRates:
@@ -53,10 +53,10 @@ cdef void spring_drift(const Law *law, Chain *chain, double acceleration, double
     chain.time += time
 
 
-cdef struct Glide:  # the gap as a function of time: penetration = start + z(t) - z(0) + closing t + acceleration t^2 / 2
+cdef struct Glide:  # at time t, penetration = start + z(t) - z(0) + closing t + acceleration t^2 / 2
     double frequency  # rad/s
     double damping_ratio
-    double position, velocity  # m, m/s: z(0) and z'(0), see `oscillator.pxi`
+    double position, velocity  # m, m/s: z(0) and z'(0) of the free oscillation z, see `oscillator.pxi`
     double start  # m, penetration at t = 0, not positive
     double closing  # m/s, velocity of the imposed motion minus object velocity, at t = 0
     double acceleration  # m/s^2, acceleration of the imposed motion minus object acceleration
@@ -147,7 +147,7 @@ cdef double spring_touch(
     glide.closing = chain.penetration_rate - chain.deflection_rate
     glide.acceleration = acceleration + ground
     low = within_reach(&glide, 0.0)
-    for _ in range(MOST_BENDS):  # an interval has at most one inflection of the gap, so at most three monotone pieces
+    for _ in range(MOST_BENDS):  # the gap has at most one inflection in an interval, so at most three monotone pieces
         if not low < horizon:
             return INFINITY
         first = gap_at(&glide, low)

@@ -1,78 +1,78 @@
 """The structures of the solver; some of them also exist as NumPy data types, see `kernels.pyx`."""
 
-cpdef enum:
-    RIGID, SPRING, INTEGRATED  # kinds of chain: tool with imposed motion; one mass on a spring and damper; other
+cpdef enum:  # kinds of chain; RIGID: the tool has the imposed motion; SPRING: one mass on a spring and damper;
+    RIGID, SPRING, INTEGRATED  # INTEGRATED: every other chain
 
 cpdef enum:
     ARRIVED = 0  # the requested time is reached
     DETECTED = 1  # the contact force exceeds the threshold for the first time
     TOUCHED = 2  # a contact begins
     PARTED = 3  # the contact has ended
-    SWITCHED = 4  # another event ended a piece of the motion, see `conclude`
-    UNSETTLED = 5  # the simulation after an episode reached its time limit, but contacts were still possible
-    STEP_LIMIT = -1  # more integration steps, or searched intervals of a flight, than allowed
-    NOT_FINITE = -2  # a state became inf or nan, a step too short, or rounding errors too large
+    SWITCHED = 4  # another event ended a piece of the motion, see `conclude` in `integrate.pxi`
+    UNSETTLED = 5  # the simulation after an episode reached its time limit while a contact lasted or could still follow
+    STEP_LIMIT = -1  # more than `max_steps` integration steps, or more than MOST_BENDS intervals of a flight
+    NOT_FINITE = -2  # the state became inf or nan, a step became too short, or rounding errors became too large
 
 
 cpdef enum:
-    DIRECT, SPRING_DAMPER, MECHANISM  # couplings
-    STIFF_ROBOT, LUMPED, TABLE_OF_POSITION  # robots
+    DIRECT, SPRING_DAMPER, MECHANISM  # kinds of coupling
+    STIFF_ROBOT, LUMPED, TABLE_OF_POSITION  # kinds of robot
 
 
 cpdef enum:
-    SLIDING, STUCK  # states of the object
+    SLIDING, STUCK  # states of the object on the ground
 
 
 cdef struct Mount:  # tool mass, coupling and robot, as a user describes them
     int64_t coupling_kind, robot_kind
     double tool_mass  # kg
-    CouplingNumbers coupling  # numbers that this kind does not have are 0
+    CouplingNumbers coupling  # numbers that a coupling of this kind does not have are 0
     RobotNumbers robot  # only of a LUMPED robot
-    int64_t table, intervals  # of a TABLE_OF_POSITION, as in `Law`
-    double stiffest
+    int64_t table, intervals  # of a TABLE_OF_POSITION robot, as in `Law`
+    double stiffest  # as in `Law`
 
 
-cdef struct Interval:  # a robot table of one interval
+cdef struct Interval:  # a table of the robot's parameters with one interval, see `robot.pxi`
     double begin, end  # m
-    double[4] mass, stiffness, damping  # coefficients of cubic polynomials
+    double[4] mass, stiffness, damping  # SI units, coefficients for the powers 0 to 3 of position - `begin`
 
 
-cdef struct Law:  # the simplest chain equivalent to the mount
+cdef struct Law:  # the simplest chain that is equivalent to a mount
     int64_t kind  # RIGID, SPRING or INTEGRATED
-    double tool_mass  # kg; in a SPRING chain it includes the robot mass that moves with the tool
-    double frequency  # rad/s, omega of a SPRING chain
-    double damping_ratio  # -, zeta of a SPRING chain
-    int64_t coupled  # of an INTEGRATED chain: 1 if a spring couples tool and flange, 0 if they are one mass
-    int64_t with_tool  # 1 with a compliant robot and a DIRECT coupling: the flange moves with the tool
-    int64_t bistable  # 1 if the coupling is a mechanism
-    int64_t stops  # 1 if the coupling has stops; then `mechanism` has its spring, linear or not
-    double stiffness  # N/m, of a spring and damper
-    double damping  # N s/m, of a spring and damper
+    double tool_mass  # kg, mass of the tool; in a SPRING chain plus the mass of a LUMPED robot that moves with the tool
+    double frequency  # rad/s, undamped angular frequency of a SPRING chain
+    double damping_ratio  # -, of a SPRING chain
+    int64_t coupled  # of an INTEGRATED chain; 1: the coupling is elastic; 0: tool and flange are one mass
+    int64_t with_tool  # 1: the robot is compliant and the coupling is DIRECT, so the flange moves with the tool
+    int64_t bistable  # 1: the coupling is a bistable mechanism
+    int64_t stops  # 1: the coupling has stops; then `mechanism` describes the whole coupling, linear or not
+    double stiffness  # N/m, of a SPRING_DAMPER coupling in an INTEGRATED chain
+    double damping  # N s/m, of a SPRING_DAMPER coupling in an INTEGRATED chain
     Mechanism mechanism
-    int64_t table  # where the robot's table begins among the numbers of all tables; -1 if it is `lumped`
-    int64_t intervals  # of that table; 0 if the robot is rigid
+    int64_t table  # index of the robot's table in the numbers of all tables; -1: the table is the field `lumped`
+    int64_t intervals  # number of intervals of the table in an INTEGRATED chain; 0: the robot is rigid
     Interval lumped
-    double stiffest  # 1/s^2, largest k_r / m_r at the breaks of the table
+    double stiffest  # 1/s^2, largest ratio of the robot's stiffness to its mass at the breaks of the table
 
 
-cdef struct Memory:  # step control of a contact or a flight, kept between steps
-    double step  # next trial step
-    int64_t method  # of the next step: EXPLICIT or STIFF
-    int64_t seen  # attempts by this method; after `patience` explicit attempts, only those near the limit of stability
-    int64_t patience  # attempts before stiffness is checked
-    int64_t rejected  # 1 if the last attempt was rejected
-    double log_before  # log of the last accepted error of the explicit pair, at least -9
+cdef struct Memory:  # state of the step control in a contact or a flight, kept from step to step
+    double step  # length of the next step to try in a contact, in the variable s, see `contact.pxi`
+    int64_t method  # STIFF, or EXPLICIT (by Taylor series or explicit pair), which is also tried after some STIFF steps
+    int64_t seen  # number of attempts by `method`; above `patience`, EXPLICIT ones count only near instability
+    int64_t patience  # number of EXPLICIT attempts before stiffness is checked
+    int64_t rejected  # 1: the error of the last explicit attempt was too large
+    double log_before  # natural logarithm of estimated / allowed error in the last accepted explicit step, at least -9
 
 
-cdef struct Chain:  # state of motion, and results so far
+cdef struct Chain:  # state of motion of chain and object, and results so far
     double time  # s
     double flange_position  # m, of the imposed motion; with a rigid robot also of the flange
     double flange_velocity  # m/s, of the imposed motion
-    double deflection  # m, tool minus imposed motion
+    double deflection  # m, tool position minus imposed position
     double deflection_rate  # m/s
     double penetration  # m, position of the tool's face minus that of the object's face; at most 0 in flight
     double penetration_rate  # m/s
-    double flange_offset  # m, flange minus imposed motion; nonzero only with a compliant robot and an elastic coupling
+    double flange_offset  # m, flange minus imposed position; 0 unless the robot is compliant and the coupling elastic
     double flange_offset_rate  # m/s
     int64_t pressed  # which stop pushes: 1 front, -1 rear, 0 none
     int64_t side  # on which side of its alignment the slider of a mechanism is: 1 front, -1 rear
@@ -81,7 +81,7 @@ cdef struct Chain:  # state of motion, and results so far
     # the present contact
     int64_t touching  # 0 or 1
     int64_t holding  # 0 while the contact force is kept at 0, because it would be a pull; else 1
-    Units units
+    Units units  # natural units of the contact, see `contact.pxi`
     double start  # s, start of the contact; fields named start_... are values at this time
     double approach_velocity  # m/s
     double start_tool_velocity  # m/s
@@ -89,32 +89,32 @@ cdef struct Chain:  # state of motion, and results so far
     double start_deflection  # m
     double start_flange_position  # m
     double damping  # -, damping factor
-    double impulse  # N s, on the object
-    double ground_impulse  # N s, of the friction of the ground on the object
-    double deflection_integral  # m s
-    double pull_impulse  # N s, of the coupling on the tool, in an INTEGRATED chain
+    double impulse  # N s, of the contact force on the object, so far
+    double ground_impulse  # N s, backward impulse of the ground's friction on the object
+    double deflection_integral  # m s, time integral of the deflection, in a SPRING chain
+    double pull_impulse  # N s, time integral of `Accelerations.pull`, in an INTEGRATED chain
     double joined  # N s, momentum of robot mass that has joined the moving part, see `integrated.pxi`
-    double contact_peak_force  # N
+    double contact_peak_force  # N, largest contact force so far
     Memory memory
 
     # results so far
     int64_t contacts
-    double first_contact  # s, inf if none yet
+    double first_contact  # s, start of the first contact; inf: none yet
     double detection  # s, when the contact force first exceeded the threshold; inf if not yet
-    double peak_force  # N
-    double peak_object_velocity  # m/s, with friction
-    double object_rest_time  # s, when the object last came to rest
+    double peak_force  # N, largest force of all contacts
+    double peak_object_velocity  # m/s, with friction: largest so far; without: final, set at the end of an approach
+    double object_rest_time  # s, when the object last came to rest; 0: never
     double tool_rest_time  # s, since when the tool counts as at rest; inf: not at rest, or no friction
-    double slide  # m, with friction: distance from the object's first to its last position
+    double slide  # m, with friction: displacement of the object from start to rest, if no contact follows
     double rest_time  # s, with friction: when object and tool are both at rest; inf if the tool is not
     double unread_force  # N, largest contact force since the last call of `take_peak`
-    double coupling_impulse  # N s, sum over the recorded contacts (paper, eq. 21)
-    double momentum_error  # -, largest of the recorded contacts (paper, eq. 20)
+    double coupling_impulse  # N s, of the coupling on the tool (paper, eq. 21), sum over the contacts in `logged`
+    double momentum_error  # -, largest `momentum_error` (see `ContactRow`) of the contacts in `logged`
     int64_t steps  # integration steps, rejected ones included
-    int64_t logged  # rows of the contact log, including those that did not fit
-    int64_t traced  # rows of the trace, including those that did not fit
-    int64_t snaps  # passages of the slider through its alignment, including those that did not fit
-    int64_t status  # 0 if an approach ran to its end, else the status that ended it
+    int64_t logged  # number of contacts given to the contact log, including those that did not fit
+    int64_t traced  # number of trace points, including those that did not fit
+    int64_t snaps  # number of passages of the slider through its alignment, including those that did not fit
+    int64_t status  # 0: the approach ran to its end; negative: the status that ended it earlier
     double final_object_velocity, final_tool_velocity, final_flange_velocity  # m/s, at the end of an approach
 
 
@@ -122,10 +122,10 @@ cdef struct ContactRow:
     double start, end  # s; the end of an unfinished contact is nan
     double approach_velocity, separation_velocity  # m/s
     double peak_force  # N
-    double impulse  # N s, on the object
+    double impulse  # N s, of the contact force on the object
     double object_velocity  # m/s, at the end of the contact
     double coupling_impulse  # N s, on the tool (paper, eq. 21)
-    double momentum_error  # -, residual of the momentum balance (paper, eq. 20) / impulse
+    double momentum_error  # -, ratio of the residual of the momentum balance (paper, eq. 20) to `impulse`
 
 
 cdef struct TraceRow:
@@ -133,21 +133,21 @@ cdef struct TraceRow:
     double flange_position, flange_velocity  # m, m/s
     double tool_position, tool_velocity
     double object_position, object_velocity
-    double contact_force, coupling_force  # N, on the object and on the tool
-    double command_position, command_velocity  # of the imposed motion
+    double contact_force, coupling_force  # N: force of the contact on the object, force of the coupling on the tool
+    double command_position, command_velocity  # m, m/s, of the imposed motion
 
 
-cdef struct Recorder:  # arrays for contacts and trace; empty ones record nothing
+cdef struct Recorder:  # arrays for contacts, trace points and passages of the alignment; an empty array records nothing
     ContactRow *contacts
     TraceRow *trace
     double *snaps  # s, times at which a slider passes its alignment
-    int64_t contact_rows, trace_rows, snap_rows
-    double interval  # s, largest time between two points of a trace in flight
+    int64_t contact_rows, trace_rows, snap_rows  # lengths of the three arrays
+    double interval  # s, largest time between two successive trace points of a flight
 
 
 cdef extern from "solver/taylor.h" nogil:
     enum:
-        ORDER, PLACES  # highest order and number of components of a series
+        ORDER, PLACES  # of a Taylor series; ORDER: highest order, PLACES: number of components
 
     ctypedef struct Polynomial:
         double held, damping, share, ground, tool_share, push, pull_y, pull_y_dot
@@ -156,35 +156,35 @@ cdef extern from "solver/taylor.h" nogil:
 
 
 cdef enum:
-    WIDTH = 10  # number of components of the longest scaled state
-    KEPT = 8  # number of kept stages: rates of stages 5 to 11 for dense output, or all stages of a stiff step
+    WIDTH = 10  # number of components of the longest scaled state, that of an INTEGRATED chain
+    KEPT = 8  # most stages kept: rates of stages 5 to 11 of an explicit step (dense output), or 8 of a stiff step
 
 
 cdef struct Work:  # work arrays of the integrator
-    double[WIDTH] x, rate  # the state at the start of a step
-    double[WIDTH] trial, trial_rate  # the state at the end of the step that is tried
-    double[WIDTH] probe, probe_rate  # a state within the step
-    double[WIDTH] late  # the state at the last stage but one
+    double[WIDTH] x, rate  # state at the start of a step, and its derivative
+    double[WIDTH] trial, trial_rate  # state at the end of the step that is tried, and its derivative
+    double[WIDTH] probe, probe_rate  # state within the step, and its derivative
+    double[WIDTH] late  # state at the last stage but one of an explicit step
     double[KEPT][WIDTH] stage
-    double[7][WIDTH] dense  # polynomial through the step
+    double[7][WIDTH] dense  # polynomial through an explicit step, in the form of `on_polynomial`
     bint dense_known
     double[ORDER + 1][PLACES] series  # Taylor coefficients of the state at `x`
     bint expanded  # whether `series` is known
     double longest  # longest step for which `series` is accurate; 0: none
     double[WIDTH][WIDTH] matrix
-    int method  # method of the present step
+    int method  # method of the present step: EXPLICIT, STIFF or SERIES
     Memory memory
 
 
 cdef struct Run:  # what the functions of the solver need in a run
     const Law *law
-    const double *tables  # numbers of all tables
+    const double *tables  # numbers of all tables, one table after another
     Contact contact
     double object_mass  # kg
     double ground  # m/s^2, mu g, deceleration of an object that slides; 0 without friction
-    double threshold  # N, of the contact alarm or the brake; inf: none
+    double threshold  # N, contact force that sets `Chain.detection` when it is first exceeded; inf: none
     bint tell_touch  # whether `command` returns at the first touch
-    double tolerance  # -, local error allowed in a step, in the piece's units
+    double tolerance  # -, allowed local error of a step, in the units of the `Piece`
     int64_t max_steps
     Recorder recorder
     Work *work

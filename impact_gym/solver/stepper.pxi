@@ -9,13 +9,13 @@ pair is used. Every TRY stiff steps the series or the explicit pair is tried aga
 
 cdef enum:
     EXPLICIT, STIFF, SERIES
-    UNCHECKED = 25  # attempts before stiffness is checked
-    REPEATED = 10  # attempts near the limit of stability before the change to the L-stable pair
-    TRY = 10  # stiff steps between two trials of the explicit pair
-    IN_VAIN = 2  # if the explicit pair succeeds within so many trials, the L-stable pair was not needed
-    MOST = 16 * UNCHECKED  # largest number of attempts before stiffness is checked
+    UNCHECKED = 25  # initial `patience`: number of attempts before stiffness is checked
+    REPEATED = 10  # number of attempts near the limit of stability before the change to the L-stable pair
+    TRY = 10  # number of stiff attempts between two trials of the series or the explicit pair
+    IN_VAIN = 2  # a trial that succeeds within this many times TRY attempts makes `patience` four times as large
+    MOST = 16 * UNCHECKED  # largest `patience`
 
-cdef double NEAR = 3.5  # h lambda near the limit of 6 alternates between about 4 and 7
+cdef double NEAR = 3.5  # h lambda above which a step is near the limit; there h lambda alternates between about 4 and 7
 
 
 cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
@@ -33,7 +33,7 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
     """Return the factor by which to change `h`, and choose the next step's method; an `error[0]` above 1 rejects the step."""
     cdef Memory *memory = &work.memory
     memory.seen += 1
-    if work.method != STIFF and memory.method == STIFF:  # a trial; unstable steps can have small errors
+    if work.method != STIFF and memory.method == STIFF:  # a trial, also rejected if unstable, whatever its error
         if error[0] > 1.0 or h * apparent_eigenvalue(now, work) > NEAR:
             memory.seen, error[0] = 0, 2.0
             return 1.0

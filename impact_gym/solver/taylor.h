@@ -13,12 +13,12 @@ typedef double Pair __attribute__((vector_size(16)));
 typedef double Stored __attribute__((vector_size(16), aligned(8), may_alias));
 
 enum {
-    ORDER = 12, /* order of the series */
-    PLACES = 8 /* z, w, time, impulse, y, v, integral of y, and one that stays zero */
+    ORDER = 12, /* highest order of the series */
+    PLACES = 8 /* number of components: z, w, time, impulse, y, v, integral of y, and one that stays zero */
 };
 
 typedef struct {
-    double held, damping; /* impulse' = z^4 (held + damping w) */
+    double held, damping; /* ' is d/ds; impulse' = z^4 (held + damping w) */
     double share, ground; /* w' = pull + ground z - share impulse' */
     double tool_share, push; /* v' = pull - push z - tool_share impulse' */
     double pull_y, pull_y_dot; /* pull = z (pull_y y + pull_y_dot v) */
@@ -29,9 +29,9 @@ static void expand_polynomial(const Polynomial *law, const double *x, double (*s
     const Polynomial now = *law;
     const double twice_z = 2.0 * x[0], twice_a = twice_z * x[0];
     const double grip = now.held + now.damping * x[1];
-    Pair zw[ORDER + 1], yv[ORDER + 1]; /* coefficients side by side */
-    Pair zz[ORDER], zb[ORDER]; /* b = z^4 */
-    double a[ORDER]; /* z^2 */
+    Pair zw[ORDER + 1], yv[ORDER + 1]; /* pairs of coefficients: z and w, y and v */
+    Pair zz[ORDER], zb[ORDER]; /* pairs of coefficients: z and z, z and b = z^4 */
+    double a[ORDER]; /* coefficients of z^2 */
     zw[0] = (Pair){x[0], x[1]};
     yv[0] = (Pair){x[4], x[5]};
     for (int place = 0; place < PLACES; place++)
@@ -39,7 +39,7 @@ static void expand_polynomial(const Polynomial *law, const double *x, double (*s
 #pragma GCC unroll 16
     for (int k = 0; k < ORDER; k++) {
         const double part = 1.0 / (k + 1), z = zw[k][0], w = zw[k][1];
-        Pair of_z = {0.0, 0.0}, of_b = {0.0, 0.0}; /* z y and z v; z^2 and b w; without the first and last terms */
+        Pair of_z = {0.0, 0.0}, of_b = {0.0, 0.0}; /* for z y and z v, for z^2 and b w, without first and last terms */
         double of_a = 0.0, b, impulse, pull;
         if (k % 2 == 0 && k > 0) {
             of_z = zz[k / 2] * yv[k / 2];

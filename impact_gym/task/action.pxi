@@ -3,7 +3,7 @@
 
 cdef struct ActionEntry:  # one number of the action
     double low, high  # values at -1 and at 1, in the number's unit
-    double resolution  # values are rounded to its multiples; 0: not rounded
+    double resolution  # the value is rounded to a multiple of this; 0: not rounded
 
 
 cdef double decoded(const ActionEntry *entry, double action) noexcept nogil:

@@ -151,7 +151,7 @@ cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
             add_to_withheld_share(row, chain.time - begun)
         if status < 0:
             episode.status = status
-            if not begun <= chain.time <= until:  # the time is nan or outside the step
+            if not begun <= chain.time <= until:  # the time is nan, or not between `begun` and `until`
                 chain.time = until
             break
         if status == TOUCHED:

@@ -1,7 +1,7 @@
 """Write the observation: the numbers that the task observes, each scaled as `task/observation.py` states."""
 
 cpdef enum:
-    LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE  # functions applied to a number before scaling
+    LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE  # functions that are applied to a number before scaling
 
 
 cdef void observe(Row *row) noexcept nogil:

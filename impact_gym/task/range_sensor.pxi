@@ -1,6 +1,6 @@
 """The range sensor reads the gap at every observation, which contains the newest reading that has arrived."""
 
-cdef int64_t RANGE_STREAM = 1 << 40  # first index of range readings in the noise seed's stream; force readings begin at 0
+cdef int64_t RANGE_STREAM = 1 << 40  # in the noise seed's stream, index of the first number for range readings
 
 
 cdef void begin_range(Row *row) noexcept nogil:

@@ -2,10 +2,10 @@
 
 
 cdef struct Terms:  # of a control step, or their sums in an episode
-    double time  # s, time before the first contact; with an operator also after it
-    double speed  # m/s, V_p, in the last step; 0 before
-    double force  # N, largest contact force, in the last step; 0 before
-    double miss  # m/s, cost of a miss or a failed solver, in the last step; 0 before
+    double time  # s, duration before the first contact; with an operator, the whole duration
+    double speed  # m/s, V_p (see `settle.pxi`), in the last step of an episode; 0 before
+    double force  # N, largest contact force of the episode, in the last step; 0 before
+    double miss  # m/s, cost of a missed object or a failed solver, in the last step; 0 before
 
 
 cdef double reward(const Terms *step, double time_weight, double force_weight, Terms *rewards) noexcept nogil:

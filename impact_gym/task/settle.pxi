@@ -30,7 +30,7 @@ cdef int settle(Run *run, Row *row) noexcept nogil:
     cdef int status
     while not is_over(run, chain):
         if chain.time >= limit:
-            # an object that has stuck for long sticks forever, because a tool that oscillates against it only loses energy
+            # an object stuck for half the limit sticks forever: a tool that oscillates against it only loses energy
             if has_stuck(chain, limit - 0.5 * row.task.settle_limit) or not chain.touching and cannot_touch(run, chain):
                 return ARRIVED
             if chain.touching:

@@ -1,11 +1,11 @@
 """The link between operator and arm: events, packets in transit, assistance at the arm, end of the task."""
 
-cdef double WITHDRAWAL = 0.3  # m/s, fastest withdrawal
+cdef double WITHDRAWAL = 0.3  # m/s, fastest withdrawal of the flange by the assistance
 cdef double FADE = 0.1  # s, time in which a withdrawal falls to 0
 FASTEST_WITHDRAWAL, WITHDRAWAL_FADE = WITHDRAWAL, FADE
-cdef double IDLE = 0.3  # s; the operator has finished if the arriving command has been 0 again for this time
-cdef double BESIDE = 5e-3  # m, largest gap or penetration of a tool that has finished
-cdef double STANDING = 0.01  # m/s, largest commanded speed of such a tool
+cdef double IDLE = 0.3  # s; the operator has finished if the newest command that arrived has been 0 again for this time
+cdef double BESIDE = 5e-3  # m, largest gap or penetration at which a tool counts as finished
+cdef double STANDING = 0.01  # m/s, largest imposed speed at which a tool counts as finished
 
 
 cdef void begin_link(Row *row) noexcept nogil:

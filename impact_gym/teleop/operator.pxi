@@ -1,7 +1,7 @@
 """The commands of each kind of operator, with motor noise."""
 
 cpdef enum:
-    NO_OPERATOR, REPLAY, PERSON, STEADY, REACH, SECOND_ORDER_LAG, TRACKER
+    NO_OPERATOR, REPLAY, PERSON, STEADY, REACH, SECOND_ORDER_LAG, TRACKER  # kinds of operator
 
 cdef double MUSCLE = 0.04  # s, time constant of each of two first-order lags from control to motion (Todorov 2005)
 
@@ -26,7 +26,7 @@ cdef double intended(Row *row, double time) noexcept nogil:
     cdef double speed = numbers.speed, share, omega, zeta
     if row.task.operator_kind == PERSON:
         return link.person_command
-    if row.task.operator_kind == REPLAY:  # time in the recordings, without rounding errors of `time`
+    if row.task.operator_kind == REPLAY:  # the time in the recordings, without the rounding errors of `time`
         time = floor(numbers.recording) * row.task.replay.length + (link.ticks - 1) * row.task.control_period
         return look_up(&row.task.replay, row.tables, time)
     if row.task.operator_kind == STEADY:
@@ -68,7 +68,7 @@ cdef double operator_command(Row *row, double time) noexcept nogil:
     if link.stopped:
         return 0.0
     speed = intended(row, time)
-    if numbers.noise > 0.0:  # white noise for steps of 10 ms (Todorov 2005), scaled to the control period, through two lags
+    if numbers.noise > 0.0:  # white noise (Todorov 2005: steps of 10 ms), scaled to the control period, after two lags
         rate = row.task.control_period / MUSCLE
         rate = rate / (1.0 + rate)
         share = numbers.noise * sqrt(0.01 / row.task.control_period)
