@@ -12,7 +12,6 @@ cdef enum:
     UNCHECKED = 25  # initial `patience`: number of attempts before stiffness is checked
     REPEATED = 10  # number of attempts near the limit of stability before the change to the L-stable pair
     TRY = 10  # number of stiff attempts between two trials of the series or the explicit pair
-    IN_VAIN = 2  # a trial that succeeds within this many times TRY attempts makes `patience` four times as large
     MOST = 16 * UNCHECKED  # largest `patience`
 
 cdef double NEAR = 3.5  # h lambda above which a step is near the limit; there h lambda alternates between about 4 and 7
@@ -37,7 +36,7 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
         if error[0] > 1.0 or h * apparent_eigenvalue(now, work) > NEAR:
             memory.seen, error[0] = 0, 2.0
             return 1.0
-        memory.patience = min(4 * memory.patience, MOST) if memory.seen <= IN_VAIN * TRY else UNCHECKED
+        memory.patience = min(4 * memory.patience, MOST)
         memory.method, memory.seen = EXPLICIT, 0
     elif work.method != STIFF and memory.seen > memory.patience:
         if h * apparent_eigenvalue(now, work) <= NEAR:

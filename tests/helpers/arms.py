@@ -61,7 +61,7 @@ def slides(folder, first=2.0, second=3.225):
 
 
 def seven_joints(folder, names=tuple(f"joint {k}" for k in range(7)), turn="0 0 0"):
-    """Joints, by default seven, about z and y, upright at zero angles, with made-up masses and a base turned by `turn`."""
+    """Joints, by default seven, about z and y, upright at zero angles, made-up masses and a base turned by `turn`."""
     parts = [joint("held", "fixed", "world", "link 0", turn=turn)]
     for k, name in enumerate(names):
         parts += [joint(name, "revolute", f"link {k}", f"link {k + 1}", (0, 0, 0.2), ("0 0 1", "0 1 0")[k % 2]),
