@@ -88,7 +88,7 @@ def main() -> None:
         remedy = f"pip install 'impact-gym[{','.join(command.extras)}]'"
         sys.exit(f"impact-gym {name} needs {', '.join(absent)}: {remedy}")
     sys.argv[1:] = arguments
-    sys.path.append("")  # to import MODULE:OBJECT; last, because the current folder may contain `experiments`
+    sys.path.append("")  # for a user's player; at the end, so that a folder `experiments` there does not hide ours
     runpy.run_module(command.module, run_name="__main__", alter_sys=True)
 
 

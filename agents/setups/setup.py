@@ -220,7 +220,7 @@ def _mixed(given: Any, task: Task) -> tuple[tuple[float, Mapping[str, Any]], ...
 
 
 def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
-    """Refuse unknown baselines, and weights outside the training's range, before hours of training."""
+    """Refuse unknown baselines and an unknown bound, and time weights outside the training's range."""
     low, high = setup.training.time_weight
     for name in ("weights", "typical", "curve"):
         for weight in np.atleast_1d(getattr(setup.evaluation, name)).tolist():

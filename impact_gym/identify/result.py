@@ -34,7 +34,7 @@ class Identified:
 
     estimate: Mapping[str, float]  # keys are dotted names, such as "object.mass"
     interval: Mapping[str, Interval]  # at 95 % if `warnings` is empty; ends at 0, inf and restitution 1 mean: no limit
-    correlation: Array  # (k, k), correlations of the coordinates (see `model`), in the order of `estimate`
+    correlation: Array  # (k, k) for k free numbers, in the order of `estimate`: of their coordinates (see `model`)
     scene: Scene  # the given scene with the estimates
     indistinguishable: tuple[str, ...]  # sentences on what the logs do not determine
     warnings: tuple[str, ...]  # sentences on how the model does not fit the logs; each was also given as a UserWarning

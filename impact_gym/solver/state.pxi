@@ -113,7 +113,7 @@ cdef struct Chain:  # state of motion of chain and object, and results so far
     int64_t steps  # integration steps, rejected ones included
     int64_t logged  # number of contacts given to the contact log, including those that did not fit
     int64_t traced  # number of trace points, including those that did not fit
-    int64_t snaps  # number of passages of the slider through its alignment, including those that did not fit
+    int64_t snaps  # number of passages of the slider through its alignment; `Recorder.snaps` may have the first ones only
     int64_t status  # 0: the approach ran to its end; negative: the status that ended it earlier
     double final_object_velocity, final_tool_velocity, final_flange_velocity  # m/s, at the end of an approach
 

@@ -88,7 +88,7 @@ cdef void receive(Row *row) noexcept nogil:
 
 
 cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
-    """Play a control step and, if the episode terminates, its end; return the reward, m/s."""
+    """Play a control step; if the episode terminates, simulate what follows (`finish`). Return the reward, m/s."""
     cdef const Task *task = row.task
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode

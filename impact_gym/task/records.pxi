@@ -103,7 +103,7 @@ cdef struct Link:  # operator, channels and assistance of a row
     double alarmed  # s, when the last alarm reached the controller; -inf before the first
     double believed  # m, assumed distance of the object
     double duration  # s, duration of the operator's motion, if the operator is a `Reach`
-    double muscle, tremor  # -, motor noise; `muscle`: after the first lag, `tremor`: after the second lag
+    double muscle, tremor  # -, motor noise after one and after both muscle lags (see MUSCLE in `operator.pxi`)
     double last_sent, effective  # m/s; `last_sent`: last command sent, `effective`: `command`, or 0 if it has expired
     double person_command  # m/s, what a `Person` commands
     double gain, acceleration, withdrawal  # of the assistance: -, m/s^2, m/s

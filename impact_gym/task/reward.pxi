@@ -3,7 +3,7 @@
 
 cdef struct Terms:  # of a control step, or their sums in an episode
     double time  # s, duration before the first contact; with an operator, the whole duration
-    double speed  # m/s, V_p (see `settle.pxi`), in the last step of an episode; 0 before
+    double speed  # m/s, V_p (see `settle.pxi`), in a step that ends an episode with a touch; else 0
     double force  # N, largest contact force of the episode, in the last step; 0 before
     double miss  # m/s, cost of a missed object or a failed solver, in the last step; 0 before
 

@@ -28,7 +28,7 @@ def cells_of_truth(quick: bool, frames: Frames) -> Iterator[Cell]:
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
-    """Judge whether the runs of the storm keep the promises."""
+    """Return the page: which of `promises.PROMISES` the runs keep, and which runs do not."""
     storm, judging = frames["storm"], frames["truth"]
     judged, unknown = promises.agreement(storm, judging), judging.filter(~promises.FINISHED)
     broken, apart = promises.failures(storm), judged.filter("apart")
