@@ -43,7 +43,7 @@ def rate(call: Step, steps: int, seconds: float, clock: Callable[[], float] = ti
 
 
 def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
-    """Return a function that steps `env`. The actions are random; or `act(last)`, where `last` is what `env` returned last."""
+    """Return a function that steps `env`. Actions are random, or `act` of what `env` returned last."""
     actions = cycle([env.action_space.sample() for _ in range(32)])  # drawn before the timing
     last = env.reset()
 

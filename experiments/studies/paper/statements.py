@@ -41,7 +41,7 @@ class Basis(StrEnum):
 
     TEST = "test"
     IDENTIFIED = "used to identify"  # we chose a value that the paper does not print, so that the statement is true
-    GIVEN = "identity, scale law or input"  # it follows from the equations and the paper's masses, or is an input of the model
+    GIVEN = "identity, scale law or input"  # from equations and the paper's masses; or an input of the model
     REPEATED = "repeats another statement"  # the statement follows from another one
 
 
