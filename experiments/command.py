@@ -88,7 +88,7 @@ def main() -> None:
         remedy = f"pip install 'impact-gym[{','.join(command.extras)}]'"
         sys.exit(f"impact-gym {name} needs {', '.join(absent)}: {remedy}")
     sys.argv[1:] = arguments
-    sys.path.append("")  # for a user's player; at the end, so that a folder `experiments` there does not hide ours
+    sys.path.append("")  # the current folder, for a user's module:object; last: it may contain `experiments`
     runpy.run_module(command.module, run_name="__main__", alter_sys=True)
 
 

@@ -41,7 +41,7 @@ class Episodes:
     rest_time: NDArray[np.float64] | None = None  # s, time when the object comes to rest; None: no friction
     done_time: NDArray[np.float64] | None = None  # s, end of the last control step; None: no operator
     taken: NDArray[np.float64] | None = None  # -, fraction of the operator's motion that was withheld before the touch
-    touch_time: NDArray[np.float64] | None = None  # s, time of the first contact; None: no operator
+    touch_time: NDArray[np.float64] | None = None  # s, of the first contact, else the horizon; None: no operator
     late: NDArray[np.float64] | None = None  # s, mean time from a touch until the operator's stop reaches the arm
 
     def cost(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:

@@ -48,7 +48,7 @@ def tab(played: Played) -> Tab:
     matchup, steps, result = played.matchup, ablation.steps_of(played), answer.answer(played)
     chosen = choice.choice(played)
     engineer = [Section("Which controller to take", [choice.table(chosen, played)], key="choice")]
-    if matchup.operated:  # there is no ablation for an operator
+    if matchup.operated:  # the page of a set-up with an operator shows no ablation
         short = answer.assisted(played)
         summary = f"{matchup.name} ({matchup.note}): {answer.assisted(played, intervals=True)}"
     else:
@@ -93,7 +93,7 @@ def policies_table(all_played: Sequence[Played]) -> Table:
 
 
 def watch(played: Played) -> dict[str, Any]:
-    """Return films of notable scenarios with the paper's rule, and with the policy at the rule's mean approach time."""
+    """Return films of notable scenarios: the paper's rule, and the policy that is about as late as the rule."""
     matchup, as_late = played.matchup, played.as_late[played.matchup.chosen]
     (weight,) = as_late.weights
     runs = {PAPER: played.paper.at(weight), POLICY: as_late.at(weight)}

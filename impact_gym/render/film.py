@@ -20,7 +20,7 @@ CONTACT_FACTOR = 32  # smallest slow-motion factor while tool and object touch, 
 LARGEST_FACTOR = 1024  # largest slow-motion factor
 SMALLEST_FACTOR = 0.25  # smallest slow-motion factor, for a long simulation after the episode's end
 FRAMES_PER_IMPACT = 16  # number of frames of an elastic Hertz impact of the bodies
-FRAMES_PER_FOLD = 6  # number of frames in which the time to a touch, or since a touch, changes by a factor of 2.718
+FRAMES_PER_FOLD = 6  # least number of frames in which the time to or since a touch changes by a factor of 2.718
 SETTLING_FRAMES = 45  # largest number of frames after the episode's end, if no impact follows
 SLOWEST_IMPACT = 1e-3  # m/s; the film of a slower impact has the slow-motion factor of an impact at this speed
 

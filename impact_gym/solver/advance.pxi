@@ -1,7 +1,7 @@
 """The outer loop: impose a velocity on the flange, while flights and contacts alternate."""
 
 cdef double GRAZE = 1e-12  # m/s, least velocity at which a contact begins; from 0, z and w (`contact.pxi`) would stay 0
-# Above this ratio of steady deflection (|acceleration| / frequency^2) to object position, a flight ends as NOT_FINITE.
+# Flight on a spring ends as NOT_FINITE if (|acceleration| / frequency^2) / (object position) exceeds this ratio.
 cdef double LOST = 1e11  # at this ratio, rounding errors are about 1e-5 of the position
 cdef double SHORT = 1e-6  # m, added to the object's position in this ratio, because the position can be 0
 

@@ -172,7 +172,7 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
 
 
 cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noexcept nogil:
-    """Record trace points in the accepted step, each computed by a step that ends there."""
+    """Record trace points within the accepted step; each is computed by a shorter step from the same start."""
     cdef Chain ghost = chain[0]
     cdef Events events
     cdef int64_t point, points = TRACE_POINTS

@@ -69,7 +69,7 @@ cdef inline Accelerations motion(const Piece *now, const Swing *at, double push)
 cdef inline IntegratedRates integrated_rates(
     const Piece *now, double z, double w, double t, double y, double v, double q, double r
 ) noexcept nogil:
-    """Return the derivative of the scaled state by s, in flight by time."""
+    """Return the derivative of the scaled state: in a contact by the variable s of `contact.pxi`, in flight by time."""
     cdef IntegratedRates rates
     cdef Swing at = swing(now, t, y, v, q, r)
     cdef double pace = 1.0 if now.flying else z

@@ -23,7 +23,7 @@ cdef struct Piece:
     double standstill  # scaled speed: an object that slides has come to rest when it moves backwards faster than this
     double share  # scaled acceleration of the tool relative to the object per contact force; 1 if the object slides
     double tolerance  # -, allowed local error of a step
-    double threshold  # alarm threshold in units of force
+    double threshold  # scaled force threshold, `Run.threshold` / `units.force`
     double horizon  # scaled time until the end of the piece
     double position, velocity, acceleration  # m, m/s, m/s^2, of the imposed motion, at the start of the piece
 

@@ -1,4 +1,5 @@
-"""Record contacts and trace points. Rows that do not fit into an array are counted, except in an empty trace."""
+"""Record contacts and trace points. Rows beyond the end of an array are counted, not stored; without an array for
+the trace no trace point is computed."""
 
 
 cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil:

@@ -1,4 +1,4 @@
-"""The link of a task, and its checks."""
+"""The link of a task, its operator and channels; and checks whether they fit the task."""
 
 import math
 from collections.abc import Mapping

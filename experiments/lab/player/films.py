@@ -138,7 +138,7 @@ def films(
     contestants: Mapping[str, Controller], numbers: Mapping[str, int], played: Mapping[str, Episodes], seed: int,
     environment: Mapping[str, Any],
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the argument of `fragment`. RuntimeError: a replay differs from the result in `played`.
+    """Return films as the argument of `player.fragment`. RuntimeError: a replay differs from the result in `played`.
 
     The first of `contestants` is the baseline. `numbers` is the result of `choose`; `played` has the results of
     `ScenarioBatch.play` in `environment`, by contestant. Scenario k belongs to an episode with the seed `seed` + k.
