@@ -1,4 +1,4 @@
-"""Begin the first episode of a Minari dataset again, with the recorded seed and options."""
+"""Begin the first episode of a Minari dataset again, with its seed and options."""
 
 import sys
 

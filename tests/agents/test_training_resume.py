@@ -106,7 +106,7 @@ def test_resume_refuses_the_checkpoint_of_another_training(part, setting, before
     record = read(part, "config.json")
     record["settings"][setting] = now
     (part / "config.json").write_text(json.dumps(record))
-    refused(lambda: resume(part), "of another training", f"{setting} is {before} in the checkpoint, got {now}")
+    refused(lambda: resume(part), "does not fit this training", f"{setting} is {before} in the checkpoint, got {now}")
 
 
 def test_resume_refuses_a_folder_without_a_run_or_with_a_running_one(part, tmp_path):

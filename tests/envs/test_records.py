@@ -61,7 +61,7 @@ def test_observation_of_a_critic_begins_with_that_of_the_actor_and_repeats_nothi
     assert critic.ids[critic.actor] == actor.ids
     assert critic.ids[critic.critic] == critic.ids
     assert len(set(critic.ids)) == len(critic)
-    assert ("time_since_touch" in critic) is (alarm == "reading")
+    assert ("time_since_touch" in critic.ids) is (alarm == "reading")
 
 
 @pytest.mark.parametrize("name", ["test", "validation", "hard"])

@@ -175,7 +175,7 @@ def test_design_with_a_pad_writes_set_up_and_page(small, capsys):
     (paper,), (chosen,) = (rows.filter(line=line).to_dicts() for line in (PAPER, CHOSEN))
     gain = 100.0 * (1.0 - chosen["object_velocity"] / paper["object_velocity"])
     assert chosen["lower"] == pytest.approx(gain / 100.0)
-    said = re.search(r"its mean \S+ is (\d+\.\d) % \[", (small.out / "index.html").read_text())
+    said = re.search(r"rule, mean \S+ is (\d+\.\d) % \[", (small.out / "index.html").read_text())
     assert float(said[1]) == pytest.approx(gain, abs=0.06)  # a single point has its own time
 
 
