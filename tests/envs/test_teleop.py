@@ -153,12 +153,12 @@ def test_arm_stops_within_timeout_delay_and_braking_once_the_channel_is_dead():
 
 
 def test_episode_of_a_replay_that_touches_nothing_ends_after_the_recording():
-    operator = ig.operators.Replay((0.0, 0.5, 1.0, 1.1), (0.0, 0.3, 0.3, 0.0))
-    info = final(steered(operator, scenario=AWAY), OWN)
+    operator = ig.operators.Replay((0.0, 0.5, 1.0, 1.1), (0.0, -0.2, 0.3, 0.0))
+    info = final(steered(operator, scenario=AWAY), [0.0, *OWN[1:]])  # half of each command
     assert info["missed"][0]
     assert info["done_time"][0] == pytest.approx(1.104 + 0.3, abs=0.017)
     assert info["reward_terms"]["time"][0] == pytest.approx(-2.0 * info["done_time"][0], rel=1e-12)
-    assert info["taken"][0] == 0.0
+    assert info["taken"][0] == pytest.approx(0.5, rel=1e-12)  # of the ways in both directions
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.05])
@@ -221,6 +221,9 @@ def test_steered_episode_ends_by_its_rules_and_its_rewards_add_up(gain):
     assert total == pytest.approx(sum(info["reward_terms"].values()), rel=1e-12)
     assert info["taken"] == pytest.approx(1.0 - gain, abs=1e-6)
     assert (info["missed"] | (batch.chains["object_state"] == 1) | (np.abs(info["done_time"] - 8.0) < 1e-6)).all()
+    rested = ~info["missed"] & (info["done_time"] < 7.9)
+    assert rested.any()
+    assert (batch.chains["object_rest_time"] <= info["done_time"])[rested].all()
     assert {row.id for row in STEERED} <= info.keys()
 
 
