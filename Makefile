@@ -57,7 +57,7 @@ docs: setup  ## build the documentation as a site that needs no network, site/in
 coverage: setup  ## run the tests and list the lines that none of them runs in its own process
 	$(PYTEST) --cov
 
-mutants: setup  ## edit hundreds of lines, one at a time, and list the edits that no test notices; an hour
+mutants: setup  ## edit hundreds of lines, one at a time, and list the edits that no test notices; hours
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.mutants
 
 publish: setup  ## keep the site of VERSION=dev, or VERSION="0.1 latest", beside the others on the branch gh-pages
