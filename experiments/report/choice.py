@@ -75,7 +75,7 @@ def choice(played: Played) -> Choice:
         if above[each].low > 0.0:
             compared.append(f"{called[each]} {percent(above[each])} more")
         elif above[each].high < 0.0:
-            compared.append(f"{called[each]} {percent(-above[each])} less here, but no less where the choice was made")
+            compared.append(f"{called[each]} {percent(-above[each])} less here, but not in the scenarios of the choice")
         else:
             compared.append(f"{called[each]} does not differ clearly (by {percent(above[each])})")
     misses = f" It misses {missed} of {played.count:,} objects." if missed else ""
