@@ -51,8 +51,6 @@ def test_scenario_batch_reports_a_failed_scenario_or_counts_it_as_missed():
 
 
 class ByWeight(ConstantSpeed):
-    """A rule whose speed depends on the time weight that it observes."""
-
     def command(self, view):
         velocity, acceleration = super().command(view)
         return velocity * view["time_weight"] ** 0.1, acceleration
