@@ -2,6 +2,7 @@
 
 import csv
 import math
+import re
 import tomllib
 from dataclasses import replace
 from types import SimpleNamespace
@@ -82,13 +83,16 @@ def test_hold_out_prints_predictions_and_writes_them_beside_the_set_up(identify,
     assert "contact" not in rest.partition("[environment.scenario]")[0]
     with pytest.warns(UserWarning, match="force"):
         identify("--free", "contact.restitution", "--hold-out", "--out", folder / "a.toml", logs=logs, change=speeds)
-    assert f"{folder / '3.csv'}: peak_force " in capsys.readouterr().out
+    printed = capsys.readouterr().out
     load_setup(folder / "a.toml")
     with (folder / "a.held-out.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["log"] for row in rows] == [str(folder / f"{k}.csv") for k in range(4) for _ in range(3)]
     assert {row["quantity"]: row["unit"] for row in rows} == {name: UNITS[name] for name in UNITS if "vel" not in name}
     assert {row["equal blows"] for row in rows} == {"nan"}  # the halves have one speed each
+    for row in rows:
+        off = 100.0 * (float(row["predicted"]) / float(row["measured"]) - 1.0)
+        assert re.search(rf"{row['log']}: {row['quantity']} .*, {re.escape(f'{off:+.1f}')} %\n", printed)
 
 
 def test_only_the_right_model_predicts_held_out_blows_to_the_noise():
