@@ -1,4 +1,4 @@
-"""The link of a task, its operator and channels; and checks whether they fit the task."""
+"""The link of a task (its operator and channels), and checks that the link fits the task."""
 
 import math
 from collections.abc import Mapping
