@@ -4,7 +4,7 @@ import importlib
 
 from experiments.lab.study import Study
 
-NAMES = ("paper", "speed", "stability", "gain", "teleop", "bench")
+NAMES = ("paper", "speed", "stability", "gain", "teleop", "bench", "stock")
 
 
 def load(name: str) -> Study:

@@ -56,7 +56,7 @@ ALGORITHMS = [("ppo", 256, 163_840), ("sac", 128, 4200), ("td3", 64, 4200), ("tq
 def test_rl_zoo3_trains_with_the_settings_of_the_documentation_and_ppo_learns(algorithm, envs, steps, tmp_path):
     # rl_zoo3 is not imported here: it replaces Gymnasium's TimeLimit by its own
     arguments = (f"-m rl_zoo3.train --algo {algorithm} --env {ID} --gym-packages impact_gym -n {steps} --seed 3 "
-                 f"--eval-freq -1 --num-threads 1 --device cpu -conf docs/examples/rl_zoo3-{algorithm}.yml "
+                 f"--eval-freq -1 --num-threads 1 --device cpu -conf experiments/studies/stock/{algorithm}.yml "
                  f"-f {tmp_path}")  # fmt: skip
     subprocess.run([sys.executable, *arguments.split()], cwd=ROOT, check=True, capture_output=True)
     folder = tmp_path / algorithm / f"{ID}_1"

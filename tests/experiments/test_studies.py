@@ -1,5 +1,6 @@
-"""The studies gain, bench, teleop and speed: distances, rates, assistances of an operator, and rivals of the solver."""
+"""The studies gain, bench, teleop, stock and speed: distances, rates, assistances, trainings, rivals of the solver."""
 
+import importlib.util
 import math
 import sys
 from dataclasses import asdict, replace
@@ -11,10 +12,11 @@ import pytest
 from pages import text_of_a_page_that_stands_on_its_own
 from studies import small_run
 
+from agents.baselines import PaperTrapezoid
 from agents.evaluate.scenario_batch import ScenarioBatch
 from experiments import reference
 from experiments.lab.study import Cell
-from experiments.studies import bench, gain, speed, teleop
+from experiments.studies import bench, gain, speed, stock, teleop
 from experiments.studies.solvers import approaches, contenders, taylor
 from experiments.studies.solvers.approaches import Solution
 from experiments.studies.solvers.contenders import CAREFUL, OURS, PEER
@@ -176,3 +178,20 @@ def test_page_has_every_contender_and_two_truths_that_agree(tmp_path):
     assert truth["second_contacts"] == truth["contacts"]
     assert truth["velocity_doubt"] < 1e-9
     assert "No rival is faster" in text_of_a_page_that_stands_on_its_own(tmp_path, figures=1)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, reason="rl_zoo3 is not installed")
+def test_trainings_of_stock_agents_end_after_their_steps_beside_the_rule(tmp_path):
+    def few(algorithm):
+        cell = next(iter(stock.trainings(algorithm, True, {})))
+        settings, small = cell.arguments["settings"], {"n_timesteps": 64, "n_envs": 8, "n_steps": 4, "batch_size": 32}
+        later = {"learning_starts": 16} if "learning_starts" in settings else {}
+        return [cell._replace(arguments=cell.arguments | {"settings": settings | small | later})]
+
+    cells = {name: lambda *_, name=name: few(name) for name in stock.ALGORITHMS}
+    run = small_run(stock.STUDY, tmp_path, others=stock.others, **cells)
+    run.write()
+    text_of_a_page_that_stands_on_its_own(tmp_path, figures=1)
+    assert {run[name]["steps"][-1] for name in stock.ALGORITHMS} == {64}
+    rule = ScenarioBatch(41_000_000, 500, time_weight=[2.0]).play(PaperTrapezoid())
+    assert run["others"]["cost"][0] == rule.loss(2.0).mean()
