@@ -19,7 +19,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 def archive_of(kind: str, content: Mapping[str, Any], arrays: Arrays) -> bytes:
-    """Return an archive of JSON `content` and `arrays`; `kind` names the format and its version."""
+    """Return the bytes of an archive of `content` (JSON) and `arrays`; `kind` names the format and its version."""
     header = {"format": kind, "content": dict(content), "sha256": _checksum(kind, content, arrays)}
     np.savez(file := io.BytesIO(), allow_pickle=False, header=np.array(json.dumps(header)), **arrays)
     return file.getvalue()
@@ -35,11 +35,11 @@ def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArr
 
 
 def unpacked(packed: bytes, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of an archive; any exception: it is damaged or has another format than `kind`."""
+    """Return content and arrays of an archive; any exception means that it is damaged or not of the format `kind`."""
     with NpzFile(io.BytesIO(packed), allow_pickle=False) as archive:
         parts = archive.zip.infolist()  # type: ignore[union-attr]  # `zip` is None after closing
         if (size := sum(part.file_size for part in parts)) > len(packed):
-            raise ValueError(f"it would unpack from {len(packed):,} to {size:,} bytes")
+            raise ValueError(f"its parts claim {size:,} bytes, more than the {len(packed):,} bytes of the file")
         if compressed := [part.filename for part in parts if part.compress_type != zipfile.ZIP_STORED]:
             raise ValueError(f"{shown(compressed[0])} is compressed, which is not allowed")
         header = json.loads(str(archive["header"]))

@@ -36,8 +36,7 @@ class Check:
     setup: tyro.conf.Positional[str]
     """Name of a shipped set-up, or file of a set-up."""
     picture: Path | None = None
-    """PNG file for the picture, which needs the extra `render`. Without this option, the file is
-    reports/setups/NAME.png."""
+    """PNG file for the picture; by default reports/setups/NAME.png. Drawing needs the package's extra `render`."""
 
 
 def lag(task: Task) -> float:

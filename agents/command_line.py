@@ -38,13 +38,13 @@ def read_command(
 
     `default` replaces the default values of the dataclass. The help shows NAME, NUMBER and PATH instead of types.
     """
-    import tyro  # not at the top: `progress` does not need tyro
+    import tyro  # imported here, because `progress` does not need tyro
     from tyro import constructors
 
     registry, within = constructors.ConstructorRegistry(), list[object]()
 
     def usual_rule(get: Callable[..., Any], info: object) -> Any:
-        """Call `get`, which calls our own rule again: it returns None then, and so tyro uses the usual rule."""
+        """Return `get(info)` by tyro's usual rule: `get` calls our own rule again, and that call returns None."""
         if within:
             return None
         within.append(info)
@@ -65,7 +65,7 @@ def read_command(
 
     @registry.primitive_rule
     def plain_words(info: constructors.PrimitiveTypeInfo) -> constructors.PrimitiveConstructorSpec[Any] | None:
-        """Read a value as tyro does; the help has "PATH" for "{None}|PATH", and "NAME ..." for "[STR [STR ...]]"."""
+        """Read a value as tyro does; the help has "PATH", not "{None}|PATH", and "NAME ...", not "[STR [STR ...]]"."""
         spec = usual_rule(registry.get_primitive_spec, info)
         if not isinstance(spec, constructors.PrimitiveConstructorSpec):
             return None
@@ -87,7 +87,7 @@ def joined(text: str | Callable[[], str | None] | None) -> str | None:
 
 @contextmanager
 def command_line(name: str, after: str = "the same command continues") -> Iterator[None]:
-    """Print OSError, RuntimeError and ValueError without traceback, each warning once; `after`: advice on resuming."""
+    """Exit at an OSError, RuntimeError or ValueError with its message; print a warning once; `after`: how to resume."""
     said = set[str]()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:

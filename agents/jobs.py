@@ -85,7 +85,7 @@ def cached(
         function: a function at the top level of an importable module; its result can be pickled.
         arguments: keyword arguments of each call, as JSON values.
         folder: folder of the stored results, on this machine. Several processes may use this folder.
-        depends: everything else that determines the results, such as `digest_of` the sources.
+        depends: everything else that determines the results, such as the digest of the sources (`digest_of`).
         title: title of the progress bar.
         processes: number of new processes on this machine; None: one for each core; 0: compute in this process.
         cluster: address of an existing Ray cluster that runs the calls. "ray": the address in RAY_ADDRESS, or else the
@@ -186,7 +186,7 @@ def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: s
 
 
 def perform(call: Call, versions: Mapping[str, str]) -> bytes:
-    """Run a call; return its pickled result, `Failure` or `DiskFullError`. Other `versions` here cause a `Failure`."""
+    """Run a call; return its pickled result, `Failure` or `DiskFullError`. Packages must have the given `versions`."""
     try:
         if (here := {name: version(name) for name in versions}) != versions:
             same = "install the same versions on all nodes"
@@ -201,7 +201,7 @@ def perform(call: Call, versions: Mapping[str, str]) -> bytes:
 
 
 def on_this_machine(calls: Sequence[Call], processes: int | None, seconds: float | None) -> Answers:
-    """Run calls in spawned processes, which inherit no threads or locks; with 0 `processes`, here."""
+    """Run calls in spawned processes, which inherit no threads or locks; with 0 `processes`, in this process."""
     if processes == 0 or not calls:
         yield from ((call, perform(call, {})) for call in calls)
         return
@@ -254,7 +254,7 @@ def on_cluster(calls: Sequence[Call], address: str) -> Answers:
         raise RuntimeError("Ray is not installed: install the extra `cluster`, here and on all nodes") from error
     sources = {"agents", "impact_gym", calls[0].function.replace(":", ".").split(".")[0]}
     sent: dict[str, Any] = {"py_modules": [str(origin_of(name)) for name in sorted(sources)], "env_vars": ONE_THREAD}
-    sent["working_dir"] = str(origin_of("agents") / "tuned")  # a folder without modules: nodes import only `py_modules`
+    sent["working_dir"] = str(origin_of("agents") / "tuned")  # without modules, so that nodes import only `py_modules`
     try:
         place = os.environ.get("RAY_ADDRESS", "") if address in ("ray", "auto") else address
         if place and place not in ("ray", "auto"):  # at an address without a cluster, Ray would wait for minutes
@@ -268,7 +268,7 @@ def on_cluster(calls: Sequence[Call], address: str) -> Answers:
     task: Any = ray.remote(num_cpus=1, max_retries=3)(perform)
     versions = {name: version(name) for name in ("numpy", "scipy")}  # other versions may change a result's last bit
     waiting, under_way = iter(calls), dict[Any, Call]()
-    # largest number of calls that the cluster holds at a time, enough that no node waits
+    # largest number of calls that the cluster holds at a time, enough to keep all nodes busy
     ahead = 64 + 4 * int(ray.cluster_resources().get("CPU", 0))  # type: ignore[no-untyped-call]
     try:
         while True:

@@ -32,7 +32,7 @@ def revision() -> dict[str, str | None]:
 
 
 def todays(command: str) -> str:
-    """Return a recorded command in the form of this version."""
+    """Return a command, which an earlier version may have recorded, in the form of this version."""
     return re.sub(r"^python -m agents\.(\w+)", r"impact-gym \1", command).replace(" --algo ppo", "")
 
 

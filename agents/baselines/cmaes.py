@@ -9,7 +9,7 @@ from agents.baselines.rule import Floats, Parameter
 from agents.policies import Controller
 
 SIGMA = 0.2
-"""Initial standard deviation, as a fraction of the range of each parameter."""
+"""Initial standard deviation of the search, as a fraction of the range of each parameter."""
 
 Losses = Callable[[Floats], Floats]
 """Function from candidates (population, problems, k) to losses (population, problems); k: number of parameters."""
@@ -32,7 +32,7 @@ def minimise(
     Each generation calls `losses` once, with `population` candidates of each problem. The search ends after
     `generations`, or when CMA-ES stops for all problems. `seed` determines the random numbers.
     """
-    import cma  # here, so that playing a rule does not need the package
+    import cma  # imported here, so that playing a rule does not need the package
 
     low, high, start = np.array([(each.low, each.high, each.start) for each in parameters]).T
     searches: list[Any] = []
@@ -43,13 +43,13 @@ def minimise(
             "popsize": population,
             "randn": lambda *shape, rng=rng: rng.standard_normal(shape),
             "seed": np.nan,  # so that the package does not seed NumPy's global generator
-            "tolfun": 1e-5,  # m/s; a search stops when the losses of its recent candidates differ by less
+            "tolfun": 1e-5,  # m/s; a search stops when the losses of its recent candidates differ by less than this
             "verbose": -9,
         }
         searches.append(cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, options))
 
     def within_limits(shares: Any) -> Floats:
-        return np.clip(low + np.clip(shares, 0.0, 1.0) * (high - low), low, high)  # rounding may exceed a limit
+        return np.clip(low + np.clip(shares, 0.0, 1.0) * (high - low), low, high)  # a rounded sum may exceed a limit
 
     generation = 0
     while generation < generations and not all(search.stop() for search in searches):

@@ -21,8 +21,8 @@ DETECTOR = (
     Parameter("force per kick", "N/m", 0.0, 5e3, 200.0),
     Parameter("share that a deflection keeps", "-", 0.0, 1.0, 0.7),
 )
-"""Parameters of the cumulative sum in `DetectorRule.touched`. "share that a deflection keeps" means exp(-w T) of a
-critically damped tool; w is the natural frequency (rad/s), T the control period (s)."""
+"""Parameters of the cumulative sum in `DetectorRule.touched`. For a critically damped tool, "share that a deflection
+keeps" is exp(-w T), with the natural frequency w (rad/s) and the control period T (s)."""
 
 
 class DetectorRule(ReactingRule):
@@ -34,10 +34,10 @@ class DetectorRule(ReactingRule):
     """
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"deflection_sensor": True, "past_readings": 2}
-    MEMORY = 4  # length of the memory: cumulative sum; count, mean and squared deviations of forces read without alarm
+    MEMORY = 4  # cumulative sum; count, mean and sum of squared deviations of the forces that were read without alarm
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return the view with the rule's own alarm, and the state: the alarm's start (s or inf) and MEMORY numbers."""
+        """Return the view with the rule's own alarm, and the state: alarm start (s; inf: none) and MEMORY numbers."""
         time, start = view["time"], state is None or (episode_start is not None and episode_start)
         raised, *memory = np.zeros((1 + self.MEMORY, *np.shape(time))) if state is None else state
         cleared = start | (time > raised + self.task.after_alarm - CLOCK)

@@ -2,7 +2,7 @@
 
 The tool's position at the time of a reading, plus the reading without bias, is a measurement of the object's place. The
 estimate starts at the middle of the range of distances, with the variance of a uniform distribution over this range.
-The filter uses the task's range sensor, tool mass and coupling; of a drawn number, it uses the median.
+The filter uses the task's range sensor, tool mass and coupling; for a number that episodes draw, it uses the median.
 """
 
 from collections.abc import Mapping
@@ -60,7 +60,7 @@ class FilteredProfile(StretchedProfile):
         return View(view.observation, view.spec, **own), state
 
     def swing(self, deflection: Floats, rate: Floats, gained: Floats) -> tuple[Floats, Floats]:
-        """Return deflection (m), rate (m/s) after a step that adds `gained` to the flange velocity (paper, eq. 17)."""
+        """Return deflection (m), rate (m/s) after a step in which the flange gains `gained` (m/s) (paper, eq. 17)."""
         coupling, period = self.task.coupling, self.task.control_period
         if not isinstance(coupling, SpringDamper):
             return deflection, rate

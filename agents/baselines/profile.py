@@ -14,21 +14,21 @@ from agents.baselines.rule import CONTROL_PERIOD, Floats, Parameter, Rule, View,
 from impact_gym.quantities import AFTER_ALARM
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
-TIMES: Floats = np.array([0.0, 0.03, 0.07, AFTER_ALARM])  # s after the alarm, corners of the reaction's velocity
+TIMES: Floats = np.array([0.0, 0.03, 0.07, AFTER_ALARM])  # s after the alarm; REACTION has a velocity for each time
 REACTION = (
     *(Parameter(f"velocity {1e3 * time:g} ms after the alarm", "m/s", *VELOCITY_RANGE, 0.0) for time in TIMES),
     Parameter("acceleration after the alarm", "m/s^2", *ACCELERATION_RANGE, 15.0),
 )
 ACCELERATION = Parameter("acceleration", "m/s^2", *ACCELERATION_RANGE, 15.0)
 """Limit of acceleration and deceleration on a profile; a low limit keeps a bistable mechanism on the front stop."""
-# standard deviations (m) of a distance: reference of `StretchedProfile`; least one, to which rules raise smaller ones
+# standard deviations (m) of a distance: the reference of `StretchedProfile`, and the smallest that rules use
 USUAL_SPREAD, LEAST_SPREAD = 1e-2, 1e-3
 
 
 class ReactingRule(Rule):
     """Follow a speed profile; while the alarm is on, command the velocities of the parameters REACTION."""
 
-    OVER = "position"  # id of the observed number whose function the profile is; if a distance, minus this number
+    OVER = "position"  # id of the observed number that the profile takes as its argument; a distance is negated
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return velocity and acceleration of the reaction while the alarm is on, else those of `approach`."""
@@ -56,7 +56,7 @@ def follow(
     speed: Callable[[Floats], Floats], position: Floats, velocity: Floats,
     acceleration: ArrayLike = ACCELERATION_RANGE[1], period: float = CONTROL_PERIOD,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """Return `speed` at the end of a `period` (s), and the acceleration to it, at most `acceleration` (m/s^2)."""
+    """Return `speed` at the end of a `period` (s), and the acceleration to that speed, 1 ... `acceleration` (m/s^2)."""
     ahead = speed(position + velocity * period)
     reach = np.asarray(acceleration) * period
     ahead = np.clip(ahead, velocity - reach, velocity + reach)
@@ -65,7 +65,7 @@ def follow(
 
 
 KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315, 0.35])
-"""Positions (m) of the corners of `BlindProfile`, see `Rule.placed`."""
+"""Positions (m) of the corners of the piecewise linear `BlindProfile`, see `Rule.placed`."""
 AHEAD: Floats = np.array([-0.2, -0.12, -0.08, -0.05, -0.035, -0.02, -0.01, 0.0, 0.01, 0.025, 0.05])
 """Positions (m) of the corners of `RangedProfile`, relative to the estimated place of the object."""
 GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 CONTROL_PERIOD: float = Task.control_period  # s
 DISTANCES = ScenarioRanges().distance
 """Default range of the objects' distances, m. Positions in parameters are for this range, see `Rule.placed`."""
-LEAST_STRETCH = 0.01  # m; `Rule.placed` raises a smaller near end or width of the task's range of distances to this
+LEAST_STRETCH = 0.01  # m, lower limit in `Rule.placed` of near end and width of the task's range of distances
 SLOWEST = 1e-9  # m/s; a rule divides by the operator's speed, or by this number if the speed is smaller
 CLOCK = 1e-6  # s, tolerance in comparisons of observed times
 
@@ -31,7 +31,7 @@ class Parameter(NamedTuple):
 
 
 class View:
-    """Observations (..., n_obs): `view[id]` is a number (...) in SI units, from `own` or else from the observations."""
+    """Observations (..., n_obs): `view[id]` (...) is the number with this id, in SI units; `own` has priority."""
 
     def __init__(self, observation: ArrayLike, spec: ObservationSpec, **own: Floats) -> None:
         self.observation, self.spec, self._own = np.asarray(observation, np.float64), spec, own
@@ -76,7 +76,7 @@ class Rule:
 
     @classmethod
     def of(cls, parameters: ArrayLike) -> Self:
-        """Return the rule with these parameters; a subclass's constructor may have other arguments."""
+        """Return the rule with these parameters, even if the constructor of its class takes other arguments."""
         rule = cls.__new__(cls)
         Rule.__init__(rule, parameters)
         return rule
@@ -142,7 +142,7 @@ class Rule:
         return np.clip(ActionSpec(self.task).encode(*wanted), -1.0, 1.0), state
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return the view for `command`, and the next state; without memory, both are unchanged."""
+        """Return the view that `command` gets, and the next state; a rule without memory changes neither."""
         return view, state
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
@@ -151,7 +151,7 @@ class Rule:
 
 
 def interpolate(knots: Floats, values: Floats, at: Floats) -> Floats:
-    """Return numbers (n,) at `at` (n,): linear between `values` (k,) or (n, k) at `knots` (k,), constant beyond."""
+    """Interpolate `values` (k,) or (n, k) at `knots` (k,) linearly to `at` (n,), constant beyond the end knots."""
     place = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
     share = np.clip((at - knots[place]) / (knots[place + 1] - knots[place]), 0.0, 1.0)
     table = np.broadcast_to(values, (*np.shape(at), len(knots)))

@@ -1,7 +1,7 @@
 """Load baselines by name; read and write the files of tuned baselines and of the clairvoyant bound.
 
 The file of a tuned baseline is JSON with a checksum. The file of a bound holds the parameters of the best `Clairvoyant`
-that the search found in each scenario. Another controller could have a lower cost.
+that the search found in each scenario. The bound is not proven: another controller could have a lower cost.
 """
 
 import hashlib
@@ -43,9 +43,9 @@ def load_baseline(name: str, time_weight: float = 2.0, folder: Path | None = Non
 
 
 def tuned_rule(content: Mapping[str, Any]) -> Rule:
-    """Return the rule of a tuned file, with its parameters for all time weights."""
+    """Return the rule from the content of a tuned baseline's file, with its parameters for all time weights."""
     if not content["weights"]:
-        raise ValueError(f"the file of baseline {content['baseline']!r} holds no weight: tune the baseline")
+        raise ValueError(f"the file of baseline {content['baseline']!r} has no time weight: run impact-gym tune")
     tuned = {float(weight): found["parameters"] for weight, found in content["weights"].items()}
     # the order of the parameters in an entry of "weights" may differ from that in "parameters"
     weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]
@@ -126,7 +126,7 @@ def read_bound(setup: Setup, folder: Path = TUNED, generations: int = BOUND_GENE
     environment = content.pop("environment", {})
     search = {"set": BOUND_SET, "parameters": Clairvoyant.names(), "generations": generations}
     if content != search or not setup.describes(Task(**environment)):
-        remedy = f"search it again with impact-gym tune {setup.called} --bound"
+        remedy = f"run impact-gym tune {setup.called} --bound"
         raise ValueError(f"{path} has the bound for another environment or from another search: {remedy}")
     return {float(weight): parameters for weight, parameters in arrays.items()}
 

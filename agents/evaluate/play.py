@@ -1,12 +1,12 @@
 """Let a controller play scenarios. The arguments of `play` are plain data that can be sent to another machine.
 
 Scenarios have one of three forms. `{"set": name, "count": n}`: the first n of a shipped set. `{"table":
-{field: values}, "seed": s, "count": n}`: the scenarios in the table. `{"ranges": {field: pair}, "seed": s, "count":
+{field: values}, "seed": s, "count": n}`: the first n of the table. `{"ranges": {field: pair}, "seed": s, "count":
 n}`: the first draws of environments seeded s, s + 1, ...; "ranges" may also be the name of shipped ranges.
 
 A controller is a mapping with one key. `{"policy": text}`: a policy's file in base 64. `{"baseline": name}`: a shipped
 baseline. `{"tuned": content}`: the content of a tuned baseline's file. `{"clairvoyant": {weight: parameters}}`: a
-`Clairvoyant` for the scenarios of a set-up. `{"object": "module:name"}`: a controller, or a function or class that
+`Clairvoyant` with parameters for each scenario. `{"object": "module:name"}`: a controller, or a function or class that
 returns a controller.
 """
 
@@ -58,7 +58,7 @@ def environment_and_scenarios(
     """Return the arguments of an environment without its scenario, and the scenarios to play.
 
     If the environment has its own `scenario` ranges, the scenarios are drawn from these ranges, with the seed of the
-    frozen set in `scenarios`. The set `hard`, and scenarios from a table or from ranges, stay unchanged.
+    set in `scenarios`. The set `hard`, and scenarios from a table or from ranges, stay unchanged.
     """
     arguments = {name: value for name, value in environment.items() if name != "scenario"}
     if "scenario" not in environment or scenarios.get("set", "hard") == "hard":
@@ -82,7 +82,7 @@ def scenario_batch_of(scenarios: Mapping[str, Any], weight: float, task: Task, l
 
 
 def frozen_of(scenarios: Mapping[str, Any]) -> EvaluationSet | None:
-    """Return scenarios as a frozen set; None: the scenarios are drawn from ranges."""
+    """Return scenarios as an evaluation set; None: the scenarios are drawn from ranges."""
     if "table" in scenarios:
         table = {name: np.asarray(scenarios["table"][name], np.float64) for name in FIELDS}
         return EvaluationSet(scenarios["seed"], table)
@@ -95,8 +95,8 @@ _shipped = lru_cache(maxsize=4)(evaluation_sets.load)  # the four sets used last
 def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None = None) -> Controller:
     """Return the controller that `spec` describes, for a time weight (m/s per s) and a task.
 
-    In `task`, a tuned baseline keeps the values of its tuning for the arguments in its class's KNOWS. If `task` is made
-    without the argument `scenario`, a rule also keeps the scenario ranges of its own task.
+    For the arguments in its class's KNOWS, a tuned baseline keeps the values of its tuning. If `task` was made without
+    the argument `scenario`, a rule also keeps the scenario ranges of its own task.
     """
     ((kind, value),) = spec.items()
     if kind not in KINDS:
@@ -142,7 +142,7 @@ KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
 
 
 def try_out(name: str, controller: Controller, observations: NDArray[np.float32], action_size: int) -> None:
-    """Call a controller once with a batch of observations (n, n_obs); ValueError: an error or wrong actions."""
+    """Call a controller once on a batch of observations (n, n_obs); ValueError: it fails, or its actions are wrong."""
     start = np.ones(len(observations), np.bool_)
     try:
         actions, _ = controller.predict(observations.copy(), state=None, episode_start=start, deterministic=True)

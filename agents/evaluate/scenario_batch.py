@@ -23,7 +23,7 @@ TUNING_SEED = 4_000_000
 TUNING_SEED. Trainings have larger seeds, from `agents.train.ppo.FIRST_SEED` on."""
 RESULTS = tuple(row.id for row in quantities.RESULTS)
 MEASURED = (*RESULTS, *SLIDE, *LINKED)
-"""Names of the results of an episode, see `Episodes`. SLIDE needs friction, LINKED needs an operator."""
+"""Names of the results of an episode, see `Episodes`. SLIDE exists only with friction, LINKED only with an operator."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Episodes:
     """Results of one controller; each array has an entry for each row of the batch."""
 
     object_velocity: NDArray[np.float64]  # m/s, V_p (final velocity of the object)
-    approach_time: NDArray[np.float64]  # s, time until the touch, which the cost weights; with an operator, `done_time`
+    approach_time: NDArray[np.float64]  # s, time until the touch, weighted in the cost; with an operator, `done_time`
     peak_force: NDArray[np.float64]  # N, largest contact force
     contact_count: NDArray[np.int64]
     missed: NDArray[np.bool_]
@@ -41,7 +41,7 @@ class Episodes:
     rest_time: NDArray[np.float64] | None = None  # s, time when the object comes to rest; None: no friction
     done_time: NDArray[np.float64] | None = None  # s, end of the last control step; None: no operator
     taken: NDArray[np.float64] | None = None  # -, fraction of the operator's motion that was withheld before the touch
-    touch_time: NDArray[np.float64] | None = None  # s, of the first contact, else the horizon; None: no operator
+    touch_time: NDArray[np.float64] | None = None  # s, time of the first contact, else the horizon; None: no operator
     late: NDArray[np.float64] | None = None  # s, mean time from a touch until the operator's stop reaches the arm
 
     def cost(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
@@ -64,14 +64,14 @@ class ScenarioBatch:
         """Make a batch of `copies * count` rows: row k plays scenario `k % count`.
 
         Args:
-            scenarios: a frozen set. Or a seed: scenario k is then the first draw of an environment seeded `seed + k`.
+            scenarios: an evaluation set. Or a seed: scenario k is the first draw of an environment seeded `seed + k`.
             count: number of scenarios.
             task: task of all rows; None: the default task.
             copies: number of copies of each scenario.
             time_weight: time weight of each copy, m/s per s; None: as in the task.
             threads: number of threads, without effect on the results.
             quiet: do not warn if a policy was trained for another environment.
-            lenient: count a scenario whose status is not ok as missed, without an error.
+            lenient: raise no error for a scenario whose status is not "ok", but count it as missed.
             max_steps: number of integration steps after which the solver gives up a scenario.
         """
         frozen = scenarios if isinstance(scenarios, EvaluationSet) else EvaluationSet(scenarios, {})
@@ -86,7 +86,7 @@ class ScenarioBatch:
 
     @classmethod
     def of(cls, name: str, count: int | None = None, task: Task | None = None, **options: Any) -> "ScenarioBatch":
-        """Return a batch of the frozen set `name`, or of its first `count` scenarios; `options` as for the class.
+        """Return a batch of the evaluation set `name`, or of its first `count` scenarios; `options` as for the class.
 
         If the task has its own `scenario` ranges, the scenarios are drawn from these ranges, with the seeds of the set.
         """
@@ -103,12 +103,12 @@ class ScenarioBatch:
 
         Args:
             controller: controller that plays.
-            record: numbers (copies * count,) that replace drawn numbers, by the name in an episode's record. For a
+            record: numbers (copies * count,) that replace drawn numbers, by their names in an episode's record. For a
                 number of tool, coupling or robot, the task must have a range.
             watch: function that gets the motion of the bodies before each control step.
 
         Raises:
-            RuntimeError: the solver failed in a scenario, or the scenario did not settle; not if `lenient`.
+            RuntimeError: the status of a scenario is not "ok", and `lenient` is false.
         """
         batch = self._batch
         if isinstance(controller, Policy) and not self.quiet:
@@ -139,7 +139,7 @@ class ScenarioBatch:
 
 
 class Validation:
-    """Scenarios of the frozen validation set at several time weights."""
+    """Scenarios of the evaluation set `validation`, at several time weights."""
 
     def __init__(self, task: Task, weights: Sequence[float], scenarios: int, **options: Any) -> None:
         """Take the first `scenarios` of the set, each at all `weights` (m/s per s). `options`: of `ScenarioBatch`."""
@@ -158,7 +158,7 @@ class Validation:
 
 
 WITHIN_STEP = (0.25, 0.5, 0.75, 1.0)
-"""Fractions of a control step at which `Travel` evaluates a cubic through the tool's deflections at both ends."""
+"""Fractions of a control step at which `Travel` evaluates the deflection, a cubic through both ends of the step."""
 
 
 class Travel:

@@ -20,9 +20,9 @@ from impact_gym.validation import whole
 
 Floats = NDArray[np.float32]
 AGREEMENT = 1e-6
-"""Allowed difference between actions (-1 ... 1) of a written file and of the policy, in addition to the rounding errors
-of the policy, which computes in float32."""
-SAME_COMMANDS = 1e-5  # allowed difference of commands in C from the original ones, as a fraction of the range
+"""Allowed difference between an action (-1 ... 1) from a written file and from the policy. The policy computes in
+float32; its rounding errors are allowed in addition."""
+SAME_COMMANDS = 1e-5  # allowed difference of commands in C from those in Python, as a fraction of the command's range
 OBSERVATIONS = 10_000
 
 
@@ -33,7 +33,7 @@ class Export:
     controller: tyro.conf.Positional[str]
     """Name of a shipped policy or baseline, file of a policy or baseline, or folder of a training. With --all: name or
     file of a set-up. The header of a tuned baseline contains the parameters for all tuned time weights. Pass the time
-    weight to NAME_reset in this header."""
+    weight to the header's function NAME_reset."""
     out: Path
     """Folder for the C header and the ONNX file."""
     setup: str | None = None
@@ -46,7 +46,7 @@ class Export:
     """With --all: folder with the subfolders `policies` and `tuned` of the set-up. Without this option, the command
     uses the folder into which `impact-gym train --seeds` and `impact-gym tune` write these subfolders."""
     episodes: int = 10_000
-    """Number of episodes in which the command compares the controller in C with the original controller."""
+    """Number of episodes in which the command compares the controller in C with the controller in Python."""
     calls: int = 1_000_000
     """Number of timed calls of the controller in C."""
 
@@ -110,7 +110,7 @@ def export(subject: Subject, options: Export, name: str) -> list[Path]:
 
 
 def judged(path: Path, computed: Floats | None, missing: str, actions: Floats, allowed: float) -> str:
-    """Return a sentence on the difference of `computed` and `actions` (n, k); ValueError: more than `allowed`."""
+    """Return a sentence on the difference between `computed` and `actions` (n, k); ValueError: it exceeds `allowed`."""
     if computed is None:
         return f"{path}: its network is not checked, {missing}"
     difference = float(np.abs(computed - actions).max())
@@ -120,7 +120,7 @@ def judged(path: Path, computed: Floats | None, missing: str, actions: Floats, a
 
 
 def judged_replay(header: Path, played: tuple[float, NDArray[np.float64]] | None, episodes: int, period: float) -> str:
-    """Return a sentence on a `replay`; ValueError: the commands differ. `period`: control period (s)."""
+    """Return a sentence on a result of `replay`; ValueError: commands differ too much. `period`: control period (s)."""
     if played is None:
         return f"{header}: its controller is not checked: no C compiler, or it uses values that no sensor measures"
     difference, seconds = played

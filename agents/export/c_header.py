@@ -26,7 +26,7 @@ from impact_gym.task.observation import CURVES, affine
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 from impact_gym.teleop.link import FADE
 
-CLOCK = 1e-9  # s; times that differ by less are equal
+CLOCK = 1e-9  # s; times that differ by less than this count as equal
 C_ACTIVATIONS = {"tanh": "tanhf((float)sum)", "relu": "sum > 0.0 ? (float)sum : 0.0f", "none": "(float)sum"}
 
 
@@ -110,12 +110,12 @@ def c_text(template: str, folder: Path = Path(__file__).parent, **content: Any) 
 
 
 def has_controller(subject: Subject) -> bool:
-    """Whether a controller in C has all observed values; if not, a policy's header holds only the network."""
+    """Whether all observed values are available in C; if not, a policy's header holds only the network."""
     return set(subject.spec.ids) <= set(values(subject.spec))
 
 
 def values(spec: ObservationSpec) -> dict[str, str]:
-    """Return the C expressions (SI units), by id, of the observed numbers that a controller in C has."""
+    """Return the C expressions (SI units), by id, of the observed numbers that are available in C."""
     now = {name: f"now->{name}" for name in spec.sensors}
     before = {name: name.rpartition("_") for name, entry in zip(spec.ids, spec.entries, strict=True)
               if entry.observed == "past_readings"}  # fmt: skip
@@ -124,14 +124,14 @@ def values(spec: ObservationSpec) -> dict[str, str]:
 
 
 def _scale(entry: Quantity, value: str) -> tuple[str, float, float, float]:
-    """Return the C expression of the entry's curve at `value`, and the scale's low end, gain and scaled low end."""
+    """Return the scale's curve at `value` as a C expression, and the low end, gain and scaled low end of the scale."""
     low, gain = affine(entry.scale)
     bent = value if entry.scale.curve == "linear" else f"{entry.scale.curve}({value})"
     return bent, low, gain, entry.scale.scaled_low
 
 
 def _seen(entry: Quantity, value: str, name: str) -> str:
-    """Return the C expression of a value that was scaled and decoded as by `ObservationSpec`."""
+    """Return the C expression that scales and decodes a value as `ObservationSpec` does."""
     bent, low, gain, scaled_low = _scale(entry, value)
     curve = CURVES[entry.scale.curve]
     begin, end = (float(curve.of(each)) for each in (entry.scale.low, entry.scale.high))

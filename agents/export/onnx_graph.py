@@ -9,11 +9,11 @@ from agents.export.contract import Subject
 from impact_gym.files import write_file
 
 OPSET = 17
-IR_VERSION = 8  # version of the file format of ONNX, which ONNX runtimes since 2022 read
+IR_VERSION = 8  # version of ONNX's file format; ONNX runtimes since 2022 read this version
 
 
 def write_onnx(subject: Subject, path: Path) -> Path:
-    """Write a policy's graph with its contract: from `observation` (n, n_obs) to `action` (n, k), for any n."""
+    """Write a policy's graph, from `observation` (n, n_obs) to `action` (n, k) for any n, with the contract."""
     if subject.policy is None:
         raise ValueError(f"only a policy has a network for ONNX, got {type(subject.controller).__name__}")
     try:

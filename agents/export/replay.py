@@ -24,7 +24,7 @@ class Log(NamedTuple):
     """Sensors and commands of episodes, step by step; a row is an episode."""
 
     sensors: Floats  # (steps, rows, fields), readings in SI units
-    commands: Floats  # (steps, rows, 2), velocity (m/s), acceleration (m/s^2); with an operator, the last in each step
+    commands: Floats  # (steps, rows, 2), velocity (m/s), acceleration (m/s^2); with an operator, the step's last one
     late: Floats  # (steps, rows), m/s, an operator's command that arrived within the step; nan: none
     steps: NDArray[np.int64]  # (rows,), number of steps of each episode
     time_weight: Floats  # (rows,), m/s per s

@@ -1,4 +1,4 @@
-"""The small networks of policies, computed on NumPy.
+"""The small networks of policies, computed with NumPy.
 
 The result of a row has the same bits in every batch, because rows are multiplied in blocks of one size. Zeros fill the
 last block.
@@ -28,7 +28,7 @@ class Affine:
     def __init__(self, name: str, weight: Floats, bias: Floats) -> None:
         """Make a layer from `weight` (outputs, inputs), in torch's order, and `bias` (outputs,)."""
         if weight.ndim != 2 or bias.shape != weight.shape[:1]:
-            raise ValueError(f"{name}: weight {weight.shape} and bias {bias.shape} do not fit")
+            raise ValueError(f"{name}: weight must be (m, n) and bias (m,), got {weight.shape} and {bias.shape}")
         if weight.dtype != np.float32 or bias.dtype != np.float32:
             raise ValueError(f"{name}: weight and bias must be float32, got {weight.dtype} and {bias.dtype}")
         if not (np.isfinite(weight).all() and np.isfinite(bias).all()):

@@ -108,7 +108,7 @@ class Ensemble:
     def __post_init__(self) -> None:
         seeds = [policy.seed for policy in self.policies]
         if self.chosen not in seeds or len(set(seeds)) < len(seeds):
-            raise ValueError(f"policies must have different seeds, {shown(self.chosen)} among them, got {seeds}")
+            raise ValueError(f"the policies' seeds must differ and include chosen = {shown(self.chosen)}, got {seeds}")
         kinds = [(policy.task, policy.network.description()) for policy in self.policies]
         if any(kind != kinds[0] for kind in kinds):
             raise ValueError("policies of an ensemble must have one environment and one kind of network")
@@ -139,7 +139,7 @@ class Ensemble:
 
     @classmethod
     def unpacked(cls, content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> "Ensemble":
-        """Return the ensemble from `packed` content and arrays."""
+        """Return the ensemble from the content and arrays that `packed` returns."""
         task = Task(**without_files(content["environment"]))
         if any(content[name] != table for name, table in scales(task).items()):
             raise ValueError("it was made for other scales of observation or action than those of this version")
@@ -165,7 +165,7 @@ def scales(task: Task) -> dict[str, list[dict[str, Any]]]:
 
 
 def load_ensemble(name: str | Path) -> Ensemble:
-    """Return the policies of a shipped set-up (by name), of a file or of a run folder, for all seeds.
+    """Return the policies of a shipped set-up (by name), of a file or of a training's run folder, for all seeds.
 
     Raises:
         TypeError, ValueError: `name` is no shipped policy, file or run folder; or the file is no policy, is damaged, or

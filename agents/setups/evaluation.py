@@ -51,13 +51,13 @@ class Evaluation:
     typical: float = 2.0
     """Time weight, m/s per s, for results at a single weight."""
     set: str = "test"
-    """Frozen set that the report plays. If the environment has its own `scenario` ranges, scenarios are drawn from
+    """Evaluation set that the report plays. If the environment has its own `scenario` ranges, scenarios are drawn from
     these ranges instead."""
     scenarios: int = 2000
     """Number of scenarios to play, from the first of the set on."""
     varied: Mapping[str, Any] = field(default_factory=lambda: usual({}, COMPLIANT))
-    """Values of arguments, such as robot.stiffness. To test robustness, one argument is changed at a time. An argument
-    has a list of values, or a table {times = [...]} of multiples of the set-up's value. `scenario` has sets' names."""
+    """Values of arguments, such as robot.stiffness; one argument is changed at a time. An argument has a list of values
+    or a table {times = [...]} of multiples of the set-up's value. For `scenario`, the list has names of sets."""
     nominal: Mapping[str, Any] = field(default_factory=dict)
     """Fixed arguments that replace ranges of the set-up, before `varied` changes an argument. In a file, robot =
     "rigid" means no robot compliance."""
@@ -85,7 +85,7 @@ class Evaluation:
         count = evaluation_sets.load(given.get("set", cls.set)).count
         scenarios = whole("evaluation.scenarios", given.get("scenarios", min(cls.scenarios, count)), at_least=2)
         if scenarios > count:
-            raise ValueError(f"evaluation.scenarios must be at most the {count} of the set, got {scenarios}")
+            raise ValueError(f"evaluation.scenarios must be at most {count}, the size of the set, got {scenarios}")
         for name, values in table(content, "varied", "evaluation.").items():
             list(changes(name, values, environment, strict=True))
         return cls(**{"varied": usual(environment, robot), **given, "scenarios": scenarios})
@@ -94,8 +94,8 @@ class Evaluation:
 def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return the default variations of an environment: VARIED, and some values that depend on the environment.
 
-    `robot` also replaces a rigid robot. A spring without stops gets a `stroke` shorter than the tool's lag, unless
-    episodes draw numbers of the set-up. With the default scenario ranges, the frozen set `hard` is also played.
+    In one variation, `robot` replaces a rigid robot. If episodes draw no number of the set-up, a spring without stops
+    gets a `stroke` shorter than the tool's lag. With the default scenario ranges, the set `hard` is also played.
     """
     with warnings.catch_warnings(action="ignore", category=UserWarning):
         task = Task(**environment)
@@ -119,10 +119,10 @@ class Change:
 
     argument: str  # name of the changed argument, such as robot.stiffness
     label: str
-    value: float  # new value in the argument's unit, or see `multiple`; nan: the new value is not a number
+    value: float  # new value in the argument's unit, or a factor, see `multiple`; nan: the new value is not a number
     multiple: bool  # whether `value` is a multiple of the environment's own value
     environment: Mapping[str, Any]  # all arguments of the environment, after the change
-    scenarios: str = ""  # name of the frozen set to play instead of the evaluation's scenarios; empty: none
+    scenarios: str = ""  # name of the evaluation set to play instead of `Evaluation.set`; empty: none
     same: bool = False  # whether the argument keeps the environment's own value
 
 
@@ -133,14 +133,14 @@ def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Cha
 
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
-    """Yield the changes of one argument. Unless `strict`, invalid values (except names of sets) are left out."""
+    """Yield the changes of one argument. Without `strict`, invalid values are left out, but unknown sets are errors."""
     where = f"evaluation.varied.{name}"
     multiples = isinstance(values, Mapping)
     if multiples:
         known(f"{where}.", values, ("times",))
     listed = values.get("times") if multiples else values
     if not isinstance(listed, list) or not listed:
-        raise ValueError(f"{where} must be a list of values, or a table with one, {{ times = [...] }}, got {values!r}")
+        raise ValueError(f"{where} must be a list of values, or a table {{ times = [...] }}, got {values!r}")
     distinct(where, list(map(_label, listed)))
     if name == "scenario":
         for scenarios in listed:

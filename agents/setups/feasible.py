@@ -46,7 +46,7 @@ def warnings(task: Task) -> list[str]:
 
 
 def corners(task: Task) -> Iterator[Task]:
-    """Yield a task for each combination of ends of the ranges of tool, coupling and robot."""
+    """Yield a task for each combination of the lowest and highest numbers of tool, coupling and robot."""
     names = [name for name in task.drawn if name in MOUNT_IDS]
     middles = {name: QUANTITIES[name].middle(*pair) for name, pair in task.drawn.items()}
     for ends in product(*(task.drawn[name] for name in names)):

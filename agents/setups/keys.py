@@ -11,7 +11,7 @@ from impact_gym.validation import shown
 
 @contextmanager
 def within(place: str) -> Iterator[None]:
-    """Turn a TypeError or ValueError raised inside into a ValueError whose message begins with `place`."""
+    """Turn a TypeError or ValueError raised in the `with` block into a ValueError whose message begins with `place`."""
     try:
         yield
     except (TypeError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""The record `Setup`, and functions that read the file of a set-up."""
+"""The class `Setup`, and functions that read the file of a set-up."""
 
 import tomllib
 from collections.abc import Mapping
@@ -45,7 +45,7 @@ class Tuned(NamedTuple):
     """A baseline that is tuned for a set-up."""
 
     rule: str  # name of the rule, one of RULES
-    rtol: float = Task.rtol  # relative tolerance of the simulation in the search; the validation uses the environment's
+    rtol: float = Task.rtol  # relative tolerance of simulations in the search; the validation uses the task's rtol
     clean_alarm: bool = False  # whether search and validation use an alarm without errors
     jitter: float = 0.0  # standard deviation of errors that the search adds to actions, as a fraction of their range
     scenarios: int = 300  # number of scenarios that each candidate plays in the search
@@ -70,15 +70,15 @@ class Setup:
     evaluation: Evaluation = field(default_factory=Evaluation)
     fails: str = UNSAID  # where the set-up's policy fails, in words
     path: Path = Path()
-    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # pairs: fraction of environments, their changes
+    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # pairs: fraction of training environments, new arguments
     seeds: int = SEEDS  # number of trainings, with seeds from 0 on
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:
-        """Return the environment of Gymnasium, with `more` arguments."""
+        """Return the set-up's Gymnasium environment, with `more` arguments."""
         return gym.make("impact_gym:ImpactApproach-v0", **{**self.environment, **more})
 
     def make_vec(self, num_envs: int, **more: Any) -> gym.vector.VectorEnv[Any, Any, Any]:
-        """Return `num_envs` environments as a native batch."""
+        """Return `num_envs` environments as one Gymnasium vector environment, with `more` arguments."""
         return gym.make_vec("impact_gym:ImpactApproach-v0", num_envs=num_envs, **{**self.environment, **more})
 
     @cached_property
@@ -124,7 +124,7 @@ def owner(baseline: str, setup: Setup | None = None) -> Setup | None:
 
 
 def load_setup(name_or_path: str | Path) -> Setup:
-    """Return a shipped set-up, by name, or the set-up in a file; TypeError, ValueError: no such set-up, or an error."""
+    """Return a shipped set-up, by name, or the set-up in a file; TypeError, ValueError: it is missing or invalid."""
     path = named_file("set-up", name_or_path, SHIPPED, ".toml")
     return deepcopy(_loaded(path.resolve(), path.stat().st_mtime_ns))
 
@@ -238,7 +238,7 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
 def _tuned(name: str, given: Any, task: Task) -> Tuned:
     entry = {"rule": given} if isinstance(given, str) else given
     if not isinstance(entry, dict) or entry.get("rule") not in RULES:
-        raise ValueError(f"{name} must be a rule, one of {', '.join(RULES)}, or a table with one, got {given!r}")
+        raise ValueError(f"{name} must be a rule ({', '.join(RULES)}) or a table with such a rule, got {given!r}")
     known(f"{name}.", entry, Tuned._fields)
     rtol = QUANTITIES["rtol"].check(entry.get("rtol", Task.rtol), f"{name}.rtol")
     flag(f"{name}.clean_alarm", clean_alarm := entry.get("clean_alarm", False))

@@ -154,7 +154,7 @@ AGAIN = "impact-gym tune linear-ranged"
     ({"parameters": []}, ("another table of parameters", AGAIN)),
     ({"environment": {"range_noise": 0.02}}, ("another environment", AGAIN)),
     ({"format": "impact_gym tuned baseline 0"}, ("has another format", AGAIN)),
-    ({"weights": {}}, ("holds no weight",)), ({"weights": FAST}, ("at most 1.5 m/s, got 9",)),
+    ({"weights": {}}, ("has no time weight",)), ({"weights": FAST}, ("at most 1.5 m/s, got 9",)),
 ], ids=str)  # fmt: skip
 def test_missing_or_changed_tuned_file_is_refused_with_a_remedy(tmp_path, changes, words):
     """A changed file has the checksum of its content unless `changes` has another one."""
