@@ -24,7 +24,7 @@ from impact_gym.validation import distinct, nearest, number, whole
 
 SETUPS = shipped()
 BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1
-BOUND_RTOL = 1e-5  # relative tolerance of simulations for bounds, if a set-up has none; error of V_p below 1e-6 m/s
+BOUND_RTOL = 1e-5  # default relative tolerance in `search_bound`; the error of V_p is then below 1e-6 m/s
 NEAR = 0.005  # s; `next_weight` stops if mean approach times on both sides of the target are this near to the target
 MOST_TRIED = 8  # largest number of time weights that `tune_at_rule_time` adds to a baseline
 LEAST_WEIGHT, LARGEST_WEIGHT = QUANTITIES["time_weight"].scale[:2]  # m/s per s, limits of the search
@@ -56,18 +56,18 @@ class Tune:
     seed: int = 1
     """Seed of the random numbers in the search."""
     bound: bool = False
-    """Also search the bound: the lowest cost found for a controller that knows the scenario. Set-ups that use the bound
-    of another set-up are left out."""
+    """Also search for the bound: the lowest cost found for a controller that knows the scenario. The command skips
+    set-ups that use the bound of another set-up."""
     at_rule_time: bool = False
-    """Also tune for at most eight more time weights. The aim is one mean approach time at most 5 ms below that of the
-    paper's rule, and another at most 5 ms above."""
+    """Also tune each baseline for at most eight more time weights. The command looks for two mean approach times: one
+    at most 5 ms below that of the paper's rule, and one at most 5 ms above."""
     processes: int = 2
     """Number of searches at the same time on this machine, each on one core. 0: the searches run in this process."""
     cluster: str | None = None
     """Address of a Ray cluster. "ray": the address in RAY_ADDRESS, or else the cluster of this machine."""
     out: Path | None = None
-    """Folder for the files of the tuned baselines. Without this option, the command writes the files of a shipped
-    set-up into the folder of the shipped baselines, and the files of another set-up into runs/NAME/tuned."""
+    """Folder for the files of the tuned baselines. The default is the folder of the shipped baselines for a shipped
+    set-up, and runs/NAME/tuned for another set-up."""
     jobs: Path = Path("runs/tune")
     """Folder in which the command stores finished searches."""
 
@@ -85,7 +85,7 @@ class Tune:
             raise ValueError(nearest("baseline to tune", unknown[0], known))
 
     def baselines(self) -> dict[str, Setup]:
-        """Return the baselines to tune by name, each with its set-up."""
+        """Return the set-up of each baseline to tune, by the name of the baseline."""
         wanted: dict[str, Setup] = {}
         for setup in map(load_setup, self.setups):
             for name in setup.tuned:
@@ -175,7 +175,7 @@ def tune_at_rule_time(options: Tune) -> None:
 
 
 def _tuned_before(name: str, setup: Setup, options: Tune, say: Callable[[str], None] = print) -> dict[str, Any]:
-    """Return the entries of the file, by weight, that were tuned with these settings for this environment."""
+    """Return the entries of a baseline's file, by weight, that were tuned with these settings for this environment."""
     if not (options.folder(setup) / f"{name}.json").is_file():
         return {}
     try:
@@ -220,7 +220,7 @@ def scores(rule: Rule, weight: float) -> dict[str, float]:
 def search_bounds(
     options: Tune, scenarios: int = BOUND_SCENARIOS, generations: int = tuned.BOUND_GENERATIONS
 ) -> list[Path]:
-    """Search the bounds that the files lack, for the first test scenarios; return the paths of the files."""
+    """Search for the bounds that the files lack, in the first `scenarios` test scenarios; return the files' paths."""
     setups = [setup for setup in map(load_setup, options.setups) if setup.bound == setup.name]
     missing = list[tuple[Setup, float]]()
 

@@ -95,7 +95,7 @@ def environment() -> str:
 
 
 def teleop() -> str:
-    """Return the docstring of `ImpactTeleopEnv` without its first paragraph and shared rows of observations."""
+    """Return the docstring of `ImpactTeleopEnv` without first paragraph and rows that `ImpactApproachEnv` also has."""
     text = inspect.cleandoc(ImpactTeleopEnv.__doc__ or "").split("\n\n", 1)[1]
     shared = re.compile(r"^\| (?:\d|then) (?=(?:.*\|){6}$)(?!.*only with `operator`).*\n", re.MULTILINE)
     return shared.sub("", text)
@@ -194,7 +194,7 @@ def mechanism(axes: Any) -> None:
 
 
 def convergence(axes: Any) -> None:
-    """Draw the error of a contact's restitution over the number of evaluations, for two forms of the equations."""
+    """Draw the error of the restitution over the number of force evaluations, for two forms of the equations."""
     from scipy.integrate import solve_ivp
 
     damping = 1.5

@@ -88,7 +88,7 @@ def main() -> None:
         remedy = f"pip install 'impact-gym[{','.join(command.extras)}]'"
         sys.exit(f"impact-gym {name} needs {', '.join(absent)}: {remedy}")
     sys.argv[1:] = arguments
-    sys.path.append("")  # the current folder, for a user's module:object; last: it may contain `experiments`
+    sys.path.append("")  # current folder, for a user's module:object; last, so that our `experiments` comes first
     runpy.run_module(command.module, run_name="__main__", alter_sys=True)
 
 

@@ -56,7 +56,7 @@ def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
         raise ValueError(f"{out} has {content[0].name}, but no {copy.name}: name another folder with --out")
     if copy.is_file():
         if MADE_FOR(load_setup(copy)) != MADE_FOR(setup):
-            raise ValueError(f"{out} holds results of another version of {copy.name}: name another folder")
+            raise ValueError(f"{out} holds results of another version of {copy.name}: name another folder with --out")
         if sign.exists() != quick:
             kind = "with" if sign.exists() else "without"
             raise ValueError(f"{out} holds results of a run {kind} --quick: name another folder with --out")

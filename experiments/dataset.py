@@ -51,9 +51,9 @@ Players = Callable[[float], Controller]  # returns the controller for an episode
 class DatasetOptions:
     """Record episodes as Minari datasets, or check a dataset.
 
-    From a set-up, the command makes a dataset for each player (controller) in --who. From a folder of tries of
-    impact-gym play, it makes one dataset; with --operator, only that file. The id of a dataset is
-    NAMESPACE/SETUP/PLAYER-vVERSION.
+    From a set-up, the command makes a dataset for each player (controller) in --who. From a folder of tries, which
+    impact-gym play writes, the command makes one dataset. With --operator, it makes only a file for an operator. The id
+    of a dataset is NAMESPACE/SETUP/PLAYER-vVERSION.
     """
 
     source: Annotated[Positional[str], arg(metavar="SETUP|FOLDER|DATASET")]
@@ -66,8 +66,8 @@ class DatasetOptions:
     seed: Annotated[int, arg(metavar="N")] = SEED
     """Seed of the first episode. Each later episode has the next seed."""
     operator: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: make a dataset)")] = None
-    """With a folder of tries: file for an operator who replays a randomly chosen try in each episode. The file contains
-    the table [environment.operator] for a set-up."""
+    """With a folder of tries: make this file, for an operator who replays a randomly chosen try in each episode. The
+    file contains the table [environment.operator] for a set-up."""
     include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
     """Also use tries that impact-gym play marked as interrupted or late."""
     namespace: Annotated[str, arg(metavar="NAME")] = "impact"
@@ -79,7 +79,7 @@ class DatasetOptions:
     link: Annotated[str, arg(metavar="URL", help_behavior_hint="(default: version and commit)")] = ""
     """Public address of the code that made the dataset."""
     check: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
-    """Play the episodes of a dataset again, and check that observations, rewards and last steps are exactly equal."""
+    """Play a dataset's episodes again, and check that observations, rewards, terminations and truncations are equal."""
 
     def __post_init__(self) -> None:
         whole("episodes", self.episodes, at_least=1)
@@ -89,7 +89,7 @@ class DatasetOptions:
 
 
 def players(name: str, setup: Setup) -> Players:
-    """Return the player `name` of `DatasetOptions.who`; ValueError: the name is unknown, not tuned or not trained."""
+    """Return a function that makes the player `name` (see `DatasetOptions.who`); ValueError: no such player."""
     tuned = setup.against[0] if name == "profile" and setup.against else name
     if name == "policy":
         policy = load_policy(setup.name if setup.shipped else setup.folder / "policies" / f"{setup.name}.npz")
@@ -108,7 +108,7 @@ def players(name: str, setup: Setup) -> Players:
 
 
 def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], play: Players) -> EpisodeBuffer:
-    """Play and return an episode. Its infos: `sensors` (SI units), and `episode_info` without mappings."""
+    """Play and return an episode. The infos hold `sensors` (SI units), and `episode_info` without its mappings."""
     bare: Any = env.unwrapped
 
     def info() -> dict[str, Any]:
@@ -176,7 +176,7 @@ def of_tries(options: DatasetOptions) -> Any:
             record = {**this.record, "operator.recording": number + 0.5}
             done = recorded(env, this.seed, record, partial(given, this.actions))
             if done.infos["done_time"][-1] != this.result["done_time"]:
-                raise ValueError("the replay of a try ends at another time: use the try's version of the environment")
+                raise ValueError("a replay ends at another time than its try: use the impact-gym version of the try")
             yield done
 
     assists = ", ".join(sorted({this.assist for this in found}))
@@ -191,14 +191,14 @@ def given(actions: Sequence[Sequence[float]], _weight: float) -> Any:
 
 
 def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
-    """Make a dataset's environment; ValueError: the metadata name other environments, code or files than ours."""
+    """Make a dataset's environment; ValueError: the metadata name a file, or an environment or code from elsewhere."""
     spec = json.loads(about["env_spec"])
     if spec["id"] not in IDS:
-        raise ValueError(f"its id must be one of {', '.join(IDS)}, got {shown(spec['id'])}")
+        raise ValueError(f"the environment's id must be one of {', '.join(IDS)}, got {shown(spec['id'])}")
     ours = json.loads(gym.spec(spec["id"]).to_json())
     for field in ("entry_point", "vector_entry_point", "additional_wrappers"):
         if spec[field] != ours[field]:
-            raise ValueError(f"its {field} must be {ours[field]}, got {shown(spec[field])}")
+            raise ValueError(f"the environment's {field} must be {ours[field]}, got {shown(spec[field])}")
     arguments = {**without_files(spec["kwargs"]), "render_mode": None}
     return gym.make(spec["id"], max_episode_steps=spec["max_episode_steps"], **arguments)
 
@@ -216,7 +216,7 @@ def check(name: str) -> int:
         dataset = minari.load_dataset(name)
     except (AssertionError, AttributeError, LookupError, TypeError, ValueError, gym.error.Error) as problem:
         raise ValueError(
-            f"{name} has an environment that is not of this package, {reason(problem)}: {other}"
+            f"{name} has an environment that is not of this package ({reason(problem)}): {other}"
         ) from problem
     abouts = dataset.storage.get_episode_metadata(range(dataset.total_episodes))
     for episode, begun in zip(tqdm(dataset, name, unit="episodes"), abouts, strict=True):

@@ -11,7 +11,7 @@ from impact_gym.validation import Range, fits_memory, flag, number, whole
 
 Activation = Literal["tanh", "relu"]
 SLOTS = 100_000
-"""Largest number of environments of a training. Each environment has its own seed, see `agents.train.ppo`."""
+"""Largest number of environments of a training. `agents.train.ppo` reserves this many seeds for each training."""
 WHOLE: dict[str, tuple[int, float]] = {
     **dict.fromkeys(("steps", "epochs", "imitation_steps", "width", "depth"), (1, inf)),
     **dict.fromkeys(("validate_every", "validation_scenarios", "checkpoint_every"), (1, inf)),
@@ -28,7 +28,7 @@ class Training:
     """Settings of PPO, of its environments, and of the validation."""
 
     steps: int = 12_000_000
-    """Total number of environment steps, rounded up to whole rollouts of all environments."""
+    """Total number of environment steps. The training rounds this number up to whole rollouts."""
     time_weight: Range = (0.3, 8.0)
     """Smallest and largest time weight (cost of a second until the touch, in m/s of the object's final velocity). Each
     episode draws a time weight log-uniformly from this range. The policy observes this time weight, and can be used
@@ -54,7 +54,7 @@ class Training:
     log_std: float = -0.8
     """Logarithm of the initial standard deviation of the actions."""
     informed_critic: bool = True
-    """Let the critic also observe the true scenario and the other drawn numbers of the episode."""
+    """Let the critic also observe the true scenario and all other numbers that the episode drew at random."""
     teacher: str = ""
     """Name of a shipped baseline, or of a tuned baseline of the set-up. The policy first imitates the baseline, then
     learns from rewards. Empty: no imitation."""
@@ -78,13 +78,13 @@ class Training:
     threads: int = 1
     """Number of threads of PyTorch."""
     simulation_threads: int | None = None
-    """Number of threads that simulate the environments. Without this option, there is one for each core. The result of
-    the training does not depend on this number."""
+    """Number of threads that simulate the environments. The default is one thread for each core. The result of the
+    training does not depend on this number."""
     validate_every: int = 1_000_000
-    """Number of environment steps between two validations. The training keeps the policy that had the
+    """Number of environment steps between two validations. The result of the training is the policy that had the
     lowest cost in a validation."""
     validation_scenarios: int = 1000
-    """Number of scenarios of each validation, at most 1,000."""
+    """Number of scenarios of each validation. If this number is larger than 1,000, a validation has 1,000 scenarios."""
     checkpoint_every: int = 2_000_000
     """Number of environment steps between two checkpoints."""
 
@@ -92,7 +92,7 @@ class Training:
         for name, (least, most) in WHOLE.items():
             if (value := getattr(self, name)) is not None or name != "simulation_threads":
                 number(name, whole(name, value, at_least=least), "-", at_most=most)
-        # networks keep four numbers for each weight: the weight, its gradient and Adam's two moments
+        # memory holds four numbers for each weight of a network: the weight, its gradient and Adam's two moments
         weights = self.width * (FEWEST + (self.depth - 1) * self.width)
         largest = "width" if self.width >= self.depth else "depth"
         for name, count in ((largest, 2 * 4 * weights), ("rollout", FEWEST * self.round)):
@@ -128,7 +128,7 @@ class Training:
 
     @property
     def whole_steps(self) -> int:
-        """Total number of environment steps, in whole rollouts."""
+        """Total number of environment steps: `steps`, rounded up to whole rollouts."""
         return -(-self.steps // self.round) * self.round
 
     def rate(self, remaining: float) -> float:

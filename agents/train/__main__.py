@@ -20,22 +20,22 @@ class TrainOptions:
     """Train a policy (a neural network) for a set-up, or several policies with --seeds."""
 
     setup: tyro.conf.Positional[str] = "linear-blind"
-    """Name of a shipped set-up, or file of a set-up. Its table [training] gives the defaults of all options from
-    --steps on."""
+    """Name of a shipped set-up, or file of a set-up. The set-up's table [training] gives the defaults of the options
+    from --steps to --checkpoint-every."""
     training: Annotated[Training, tyro.conf.arg(name="")] = field(default_factory=Training)
     """Settings."""
     seed: int = 0
     """Seed of the training scenarios, the initial network and the exploration."""
     seeds: int | None = None
     """Number of policies to train, with the seeds 0, 1, 2 and so on. The command writes all policies into one file. The
-    policy with the median validation score represents the set-up. If you repeat the command after an interruption, it
-    trains only the missing policies."""
+    file's default policy is the one with the median validation score. If you repeat the command after an interruption,
+    it trains only the missing policies."""
     out: Path | None = None
     """Folder for the files of the training. Without --seeds, give a new folder; the default is a new folder in runs/.
     With --seeds, each training has a subfolder, and the default is runs/all/SETUP."""
     policies: Path | None = None
-    """With --seeds: folder for the file that contains all policies. Without this option, the command writes the file of
-    a shipped set-up into the folder of the shipped policies, and the file of another set-up into runs/NAME/policies."""
+    """With --seeds: folder for the file that contains all policies. The default is the folder of the shipped policies
+    for a shipped set-up, and runs/NAME/policies for another set-up."""
     processes: int = 2
     """With --seeds: number of trainings at the same time on this machine, each on one core. 0: the trainings run in
     this process."""
@@ -51,7 +51,7 @@ class TrainOptions:
         if self.seeds is not None:
             whole("seeds", self.seeds, at_least=1)
             if self.seed:
-                raise ValueError(f"seed must be 0 with seeds: these are 0, 1 and so on; got {self.seed}")
+                raise ValueError(f"seed must be 0 with seeds, which uses the seeds 0, 1 and so on; got {self.seed}")
 
 
 def read_options(arguments: Sequence[str]) -> TrainOptions:
@@ -69,7 +69,7 @@ def default_options(setup: str) -> TrainOptions:
 
 
 def run(options: TrainOptions) -> Path:
-    """Train; return the run folder, or with several seeds the file of their policies."""
+    """Train; return the run folder, or with `seeds` the file of all policies."""
     if options.resume:
         return resume(options.resume)
     setup = load_setup(options.setup)

@@ -1,4 +1,4 @@
-"""Validate, log and save between two rollouts of a training."""
+"""A callback that validates, logs, and saves policies and checkpoints between two rollouts of a training."""
 
 import csv
 import io
@@ -22,9 +22,9 @@ STEPS = "time/total_timesteps"
 OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
 OnValidation = Callable[[int, dict[str, Any]], None]
 """Function that each validation calls with the number of steps so far and the result."""
-ROWS = 200  # largest number of rows of a learning curve
+ROWS = 200  # approximate largest number of rows of progress.csv
 NEARLY_ALL = 0.99  # fraction of the objects; a policy that misses this fraction touches objects only by accident
-COLLAPSED = 3  # number of successive validations, with nearly all objects missed, that end a training
+COLLAPSED = 3  # a training ends after this many successive validations that missed nearly all objects
 BEGINNING = 0.1  # in this first fraction of a training, a policy may miss all objects
 
 
@@ -56,8 +56,8 @@ class TrainingCallback(BaseCallback):
             "best": math.inf,
             "curve": [],  # [steps, score] of each validation
             "rows": [],  # rows of progress.csv
-            "collapsed": 0,  # number of latest successive validations, after BEGINNING, that missed nearly all objects
-            "seconds": 0.0,  # s, duration of the training in earlier processes; at the end, of all processes
+            "collapsed": 0,  # number of validations in a row that missed nearly all objects, counted after BEGINNING
+            "seconds": 0.0,  # s, duration of the training in earlier processes; after the training, in all processes
         }
 
     def _on_step(self) -> bool:
@@ -129,7 +129,7 @@ class TrainingCallback(BaseCallback):
         )
 
     def _write_row(self) -> None:
-        if self.kept["episodes"]:  # else there is no mean
+        if self.kept["episodes"]:  # without episodes, there is no mean
             for name in OBJECTIVES:
                 self.logger.record(f"objectives/{name}", self.kept["sums"][name] / self.kept["episodes"])
         self.kept |= {"sums": dict.fromkeys(OBJECTIVES, 0.0), "episodes": 0}

@@ -1,9 +1,9 @@
 """Write and restore checkpoints: a resumed training has the same result as an uninterrupted one.
 
-A checkpoint is written between two rollouts, when the rollout buffer is empty. It holds networks, optimiser, counters,
-environments, the random states of torch, NumPy and Python, and the values that the log has not written yet. The file
-does not have torch's format, because `torch.load(weights_only=True)` would need private names of NumPy, and would
-not detect a damaged file.
+The callback writes a checkpoint between two rollouts, when the rollout buffer is empty and need not be stored. A
+checkpoint contains networks, optimiser, counters, environments, the random states of torch, NumPy and Python, and the
+values that the log has not written yet. The file does not have torch's format: `torch.load(weights_only=True)` reads
+NumPy arrays only if private functions of NumPy are allowed, and does not detect a damaged file.
 """
 
 import json
@@ -25,7 +25,7 @@ from impact_gym.files import write_file
 FORMAT = "impact_gym checkpoint 3"
 # attributes of stable-baselines3 2.9, some of them private; a test checks that a resumed training has the same result
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
-UNWRITTEN = ("name_to_value", "name_to_count", "name_to_excluded")  # values that the log has not written
+UNWRITTEN = ("name_to_value", "name_to_count", "name_to_excluded")  # attributes of the logger with unwritten values
 
 
 def write(path: Path, model: Any, callback_state: Mapping[str, Any], training: Training) -> None:
@@ -37,7 +37,7 @@ def write(path: Path, model: Any, callback_state: Mapping[str, Any], training: T
         "last": (model._last_obs, model._last_episode_starts),
         "environment": model.env.get_state(),
         "torch": torch.get_rng_state(),
-        "numpy": np.random.get_state(legacy=False),  # noqa: NPY002 - stable-baselines3 draws from it
+        "numpy": np.random.get_state(legacy=False),  # noqa: NPY002 - stable-baselines3 uses this generator
         "python": random.getstate(),
         "log": [getattr(model.logger, name) for name in UNWRITTEN],
         "callback_state": callback_state,
@@ -58,7 +58,7 @@ def restore(path: Path, model: Any, training: Training) -> dict[str, Any]:
         model._last_obs, model._last_episode_starts = state["last"]
         model.env.set_state(state["environment"])
         torch.set_rng_state(state["torch"])
-        np.random.set_state(state["numpy"])  # noqa: NPY002 - stable-baselines3 draws from it
+        np.random.set_state(state["numpy"])  # noqa: NPY002 - stable-baselines3 uses this generator
         version, words, gauss = state["python"]
         random.setstate((version, tuple(words), gauss))
     except (LookupError, TypeError, ValueError, RuntimeError) as error:

@@ -18,7 +18,7 @@ from impact_gym.task import ActionSpec, ObservationSpec
 
 
 class Teacher:
-    """A baseline to imitate; in each episode, it uses the tuned parameters that score best at the time weight."""
+    """A baseline to imitate, with the tuned parameters that have the lowest cost at each episode's time weight."""
 
     def __init__(self, setup: Setup, name: str) -> None:
         """Make a teacher from one of FIXED, a tuned baseline of the set-up, or a shipped tuned baseline."""
@@ -35,10 +35,10 @@ class Teacher:
         self.spec, self.action_size = ObservationSpec.of_rows(tasks), len(ActionSpec(tasks[0]))
 
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
-        """Return the actions (steps, envs, k) at privileged `observations` (steps, envs, n_obs), step by step.
+        """Return the teacher's actions (steps, envs, k) for `observations` (steps, envs, n_obs) with the true scenario.
 
-        With `alarm="reading"`, the teacher gets a switch's alarm instead, without errors. The teacher's memory is empty
-        at the first step.
+        With `alarm="reading"`, an alarm without errors, as from a switch, replaces the observed alarm. The teacher has
+        no memory before the first step.
         """
         spec, time_weight = self.spec, self.spec.decode(observations, "time_weight")
         if "time_since_touch" in spec.ids:
@@ -58,7 +58,7 @@ class Teacher:
 
 
 class PPOWithImitation(PPO):
-    """PPO that imitates a teacher for the first steps; the critic learns in all steps."""
+    """PPO whose actor imitates a teacher in the first `imitation_steps` steps, while the critic learns from rewards."""
 
     def __init__(self, *arguments: Any, teacher: Teacher, imitation_steps: int, **options: Any) -> None:
         """Make a model; `arguments` and `options` are those of PPO."""
@@ -78,7 +78,7 @@ class PPOWithImitation(PPO):
         columns = [torch.from_numpy(array.reshape(-1, array.shape[-1])) for array in arrays]
         losses = []
         for _ in range(self.n_epochs):
-            order = torch.from_numpy(np.random.permutation(len(columns[0])))  # noqa: NPY002 - as PPO draws it
+            order = torch.from_numpy(np.random.permutation(len(columns[0])))  # noqa: NPY002 - as in PPO
             for part in torch.split(order, self.batch_size):
                 observations, wanted, returns = (column[part] for column in columns)
                 loss = mse_loss(policy.get_distribution(observations).mode(), wanted)

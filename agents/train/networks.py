@@ -34,15 +34,15 @@ CENTRE_AND_SPREAD = {
     "restitution": (0.55, 0.25),
     "distance": (0.1, 0.3),
 }
-"""Approximate centre and spread of the observed (scaled) numbers during a training. Without standardisation, the
-networks would learn late from numbers that vary little."""
+"""Approximate centre and spread of the observed (scaled) numbers during a training. Without standardisation, numbers
+that vary little would influence the networks only late in the training."""
 
 
 def standardisation(tasks: Sequence[Task]) -> NDArray[np.float64]:
-    """Return centres and spreads (2, n_obs) of the common observation of tasks.
+    """Return centre and spread of each observed number, (2, n_obs); all `tasks` have the same observation.
 
-    A drawn number that is not in CENTRE_AND_SPREAD has the mean and standard deviation of the range. Other numbers that
-    are not in CENTRE_AND_SPREAD have 0 and 1.
+    A random number that is not in CENTRE_AND_SPREAD has the mean and standard deviation of its range. Every other
+    number that is not in CENTRE_AND_SPREAD has the centre 0 and the spread 1.
     """
     spec, pairs = ObservationSpec.of_rows(tasks), []
     drawn = {name: pair for task in reversed(tasks) for name, pair in task.ranges.items() if pair[0] < pair[1]}
@@ -65,7 +65,7 @@ class Standardised(BaseFeaturesExtractor):
     spread: torch.Tensor  # (n_obs,)
 
     def __init__(self, observation_space: spaces.Space[Any], tasks: Sequence[Task]) -> None:
-        """Make a layer for the common observation of tasks."""
+        """Make a layer; all `tasks` have the same observation."""
         centre, spread = torch.tensor(standardisation(tasks), dtype=torch.float32)
         super().__init__(observation_space, len(centre))
         self.register_buffer("centre", centre)

@@ -1,8 +1,8 @@
-"""Train a policy with PPO: settings, environments, model, learning, policy, in this order.
+"""Train a policy with PPO.
 
-Each training writes a run folder with `config.json` (settings, versions, command), `progress.csv`, events for
-TensorBoard, `best.npz` (the policy with the best validation score), `final.npz`, and `metrics.json`. `resume` continues
-from `checkpoint.npz`, a file that exists from the first checkpoint to the end of the training.
+The folder of a training contains `config.json` (settings, versions, command), `progress.csv`, events for TensorBoard,
+`best.npz` (the policy with the best validation score), `final.npz` (the last policy), and `metrics.json`. `resume`
+continues from `checkpoint.npz`, a file that exists from the first checkpoint to the end of the training.
 """
 
 import json
@@ -42,8 +42,8 @@ from impact_gym.task import ObservationSpec, Task
 from impact_gym.validation import array, whole
 
 FIRST_SEED = 10_000_000
-"""Environment i of training seed s has the seed FIRST_SEED + s * SLOTS + i. The shipped evaluation sets have smaller
-seeds, and trainings with different training seeds have no environment seed in common."""
+"""In the training with seed s, environment i has the seed FIRST_SEED + s * SLOTS + i. The shipped evaluation sets have
+smaller seeds, and trainings with different seeds have no environment seed in common."""
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "stable-baselines3", "torch")
 
 
@@ -70,7 +70,7 @@ class Run:
 
     @property
     def slots(self) -> list[dict[str, Any]]:
-        """Changed arguments of each environment: none at first, then the set-up's `mixed`, then `nominal`."""
+        """Changed arguments of each environment: first environments without changes, then `mixed`, then `nominal`."""
         shares = (*self.setup.mixed, (self.training.nominal, self.setup.evaluation.nominal))
         others = [dict(changes) for share, changes in shares for _ in range(round(share * self.training.envs))]
         return [{} for _ in range(self.training.envs - len(others))] + others
@@ -93,7 +93,7 @@ class Run:
 
     @classmethod
     def of_record(cls, settings: Mapping[str, Any]) -> "Run":
-        """Return the run with the settings of `made_for`; ValueError: a setting that this version does not have."""
+        """Return the run with the settings of `made_for`; ValueError: this version cannot use these settings."""
         own = {name: value for name, value in settings.items() if name not in ("setup", "seed")}
         return cls(load_setup(settings["setup"]), Training().changed(own), settings["seed"])
 
@@ -165,7 +165,7 @@ def make_model(run: Run, environments: ScaledRewards) -> PPO:
 
 
 def policy_from(model: PPO, run: Run, provenance: Mapping[str, Any]) -> Policy:
-    """Return a copy of a model's actor as a policy on NumPy, for observations without standardisation."""
+    """Return a copy of a model's actor as a policy; the policy's first layer includes the standardisation."""
     actor = *model.policy.mlp_extractor.policy_net, model.policy.action_net
     linear = [layer for layer in actor if isinstance(layer, torch.nn.Linear)]
     arrays = [[parameter.detach().numpy().copy() for parameter in layer.parameters()] for layer in linear]
@@ -192,12 +192,12 @@ def train(run: Run, out: Path | None = None, on_validation: OnValidation | None 
 
 
 def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
-    """Resume the run in `folder`, unless finished, from its last checkpoint or else the beginning; return `folder`."""
+    """Begin the run in `folder`, or continue an unfinished run from its last checkpoint; return `folder`."""
     try:
         record = json.loads((folder / "config.json").read_text())
         run = Run.of_record(record["settings"])
         if any(record[name] != value for name, value in run.made_for().items()):
-            raise ValueError(f"the set-up {run.setup.called} has changed since the run began")
+            raise ValueError(f"the set-up {run.setup.called} has changed since the run began; train in a new folder")
     except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{folder} holds no run that this version can resume: {error}") from error
     with writing(f"the run in {folder}"), locked(folder / "lock", wait=False):

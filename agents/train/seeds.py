@@ -1,4 +1,4 @@
-"""Trainings of a set-up with several seeds; the policy with the median validation score represents the set-up.
+"""Train policies of a set-up with several seeds; the default policy in their file has the median validation score.
 
 `agents.jobs` stores finished trainings, and a killed training resumes from the checkpoint. On a cluster, resuming needs
 run folders under the same path on all nodes.
@@ -26,7 +26,7 @@ def train_seeds(
     setup: Setup, training: Training, seeds: int, out: Path, policies: Path, processes: int | None = None,
     cluster: str | None = None,
 ) -> Path:  # fmt: skip
-    """Train with the seeds from 0 on, except runs finished in `out`; return the file of all policies, in `policies`."""
+    """Train with each seed below `seeds`, unless `out` has the finished run; return the file of all policies."""
     training = replace(training, simulation_threads=1)  # the number has no effect on the result
     folders = [out.resolve() / f"seed-{seed}" for seed in range(seeds)]
     arguments = list[dict[str, Any]]()
@@ -54,15 +54,15 @@ def median(policies: list[Policy]) -> Policy:
 
 
 def train_one(folder: str, made_for: Mapping[str, Any]) -> dict[str, bytes]:
-    """Train, resume or reuse the run with the settings `made_for` in a folder; return its files KEPT by name."""
+    """Train, resume or reuse the run in `folder` with the settings `made_for`; return the content of the files KEPT."""
     run = Path(folder)
     with tempfile.TemporaryDirectory(prefix="impact-gym-run-") as elsewhere:
         try:
             run.parent.mkdir(parents=True, exist_ok=True)
-        except OSError:  # such as on a node of a cluster without a common disk
+        except OSError:  # for example, on a cluster without a common disk
             run = Path(elsewhere) / run.name
         if (run / "config.json").is_file():
-            _refuse_another(str(run), made_for)  # on a cluster, `train_seeds` may not see this folder
+            _refuse_another(str(run), made_for)  # on a cluster, `train_seeds` may run where this folder is missing
             resume(run)
         else:
             shutil.rmtree(run, ignore_errors=True)  # left by a training that was killed before it wrote config.json
@@ -74,5 +74,5 @@ def _refuse_another(folder: str, made_for: Mapping[str, Any]) -> None:
     path = Path(folder) / "config.json"
     config = json.loads(path.read_text()) if path.is_file() else made_for
     if any(config.get(name) != value for name, value in made_for.items()):
-        other = f"{folder} was trained with other settings or for another environment"
-        raise ValueError(f"{other}: remove it, or name another folder with --out")
+        other = f"{folder} holds a training with other settings or another environment"
+        raise ValueError(f"{other}: remove this folder, or name another folder with --out")

@@ -43,7 +43,7 @@ def main(steps: int) -> None:
     def capql(seen: np.ndarray, weight: float) -> np.ndarray:
         mixed = np.array([weight, 1.0]) / (1.0 + weight)
         fixed = seen.copy()
-        fixed[:, -1] = train.reset()[0][-1]  # constant, as in training: CAPQL gets the weight from `mixed`
+        fixed[:, -1] = train.reset()[0][-1]  # constant weight, as in training; `mixed` gives CAPQL the true weight
         return np.array([agent.eval(each, mixed) for each in fixed])
 
     policy, rule = load_policy("linear-blind"), baselines.PaperTrapezoid()

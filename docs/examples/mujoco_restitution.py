@@ -21,7 +21,7 @@ MODEL = """<mujoco>
 
 
 def alone(contact: ig.Contact, speed: float) -> tuple[float, float]:
-    """Duration (s) and peak force (N) of the contact of the two free bodies that meet at a speed (m/s)."""
+    """Return duration (s) and peak force (N) of the contact if tool and object are free and meet at `speed` (m/s)."""
     scene = ig.Scene(ig.Tool(1.0), ig.Object(REDUCED, 0.3), contact)  # a rigidly coupled tool acts as an infinite mass
     struck = ig.simulate(scene, ig.Trapezoid(speed, 100.0)).contacts[0]
     assert struck.end is not None
@@ -30,21 +30,21 @@ def alone(contact: ig.Contact, speed: float) -> tuple[float, float]:
 
 def solref(contact: ig.Contact, speed: float) -> tuple[float, float]:
     """Stiffness (1/s^2) and damping (1/s) that give the restitution and duration of `contact` at a speed (m/s)."""
-    zeta = damping_factor("exact", contact.restitution, 1.0, 0.0) / 2  # damping ratio of a damper that never pulls
+    zeta = damping_factor("exact", contact.restitution, 1.0, 0.0) / 2  # damping ratio, without tensile contact force
     angle = acos(zeta) / sqrt(1 - zeta**2) if zeta < 1 else acosh(zeta) / sqrt(zeta**2 - 1)
     omega = 2 * angle / alone(contact, speed)[0]
     return omega**2, 2 * zeta * omega
 
 
 def model(stiffness: float, damping: float, step: float, ahead: float, d: float = 0.9) -> tuple[Any, Any]:
-    """Both bodies on sliders, their faces `ahead` m apart, and the impedance `d` at all depths."""
+    """Return model and data: both bodies on sliders, a gap of `ahead` (m) between them, impedance `d` at all depths."""
     words = {"step": step, "ahead": 0.1 + ahead, "d": d, "tool": TOOL, "object": OBJECT}
     loaded = mujoco.MjModel.from_xml_string(MODEL.format(solref=f"-{stiffness} -{damping}", **words))
     return loaded, mujoco.MjData(loaded)
 
 
 def strike(stiffness: float, damping: float, step: float, speed: float = 1.0) -> tuple[float, float]:
-    """Restitution and peak force (N) of two free bodies."""
+    """Return restitution and peak force (N) of two free bodies."""
     loaded, data = model(stiffness, damping, step, ahead=0.01)
     data.qvel[0] = speed
     peak = force = 0.0
@@ -56,7 +56,7 @@ def strike(stiffness: float, damping: float, step: float, speed: float = 1.0) ->
 
 
 def approach(stiffness: float, damping: float, d: float, spring: float, step: float = 1e-4) -> float:
-    """V_p (m/s) of the paper's rule, the tool on a critically damped spring (N/m)."""
+    """Return V_p (m/s), the object's final velocity, with the paper's rule and a critically damped spring (N/m)."""
     loaded, data = model(stiffness, damping, step, 0.2505, d)
     position = velocity = 0.0  # m, m/s, of the flange
     resistance, alarm = 2 * sqrt(spring * TOOL), 10.0  # damping, N s/m; time of the alarm, s (10: none yet)

@@ -1,4 +1,4 @@
-"""An offline learner of d3rlpy on a dataset of `impact-gym dataset`, evaluated on other scenarios.
+"""Train an offline learner of d3rlpy on a dataset from `impact-gym dataset`; evaluate the learner in other scenarios.
 
 python docs/examples/offline_d3rlpy.py [STEPS [DATASET ...]]. Written for d3rlpy 2.8.
 """
@@ -15,13 +15,13 @@ from impact_gym.agents import baselines, load_policy
 
 
 def episodes(name: str) -> list[Any]:
-    """Return the episodes for d3rlpy, without the motion after the last action."""
+    """Return the episodes for d3rlpy, without the observation after the last action."""
     return [d3rlpy.dataset.Episode(each.observations[:-1], each.actions, each.rewards[:, None], terminated=True)
             for each in minari.load_dataset(name)]  # fmt: skip
 
 
 def score(act: Callable[[Any], Any], count: int = 2000) -> float:
-    """Return the mean return (m/s) over test scenarios at w = 2 m/s per s, in a native batch."""
+    """Return the mean return (m/s) over `count` test scenarios, at a time weight of 2 m/s per s."""
     envs = gym.make_vec("impact_gym:ImpactApproach-v0", num_envs=count, scenario="test", time_weight=2.0)
     seen, _ = envs.reset(seed=2_000_000)
     total, running = np.zeros(count), np.ones(count, bool)

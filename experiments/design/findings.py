@@ -27,7 +27,7 @@ def mean(rows: pl.DataFrame, name: str) -> float:
 
 
 def summary(frame: pl.DataFrame) -> list[dict[str, Any]]:
-    """Return a row for each candidate that played the test set, sorted by line, then by mean approach time."""
+    """Return a row for each candidate that played the test set, sorted by line of the chart and mean approach time."""
     paper = mean(frame.filter(line=PAPER), "object_velocity")
     each = frame.group_by(ENTRY, maintain_order=True).agg(
         pl.mean("approach_time", "object_velocity"),

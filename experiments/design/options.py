@@ -18,7 +18,7 @@ from impact_gym.files import parsed, write_file
 from impact_gym.task import Task
 from impact_gym.validation import distinct, identifier, number, whole
 
-PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # names of the chart's lines, besides `DesignOptions.others`
+PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # lines of `findings.chart`, besides `DesignOptions.others`
 SPRING = "paper's spring"
 LIMITED = (FRONT, CHOSEN)
 
@@ -41,8 +41,8 @@ class DesignOptions:
     pad: str = ""
     """Pad on the tool: memory-foam, neoprene or norbornene. Empty: no pad. The tool's mass includes the pad."""
     times: tuple[float, ...] = (0.9, 1.0, 1.15, 1.35)
-    """Mean approach times (times until the touch) for which couplings are searched, as multiples of the time of the
-    paper's rule with the paper's spring."""
+    """Largest mean approach times (times until the touch), as multiples of that of the paper's rule with the paper's
+    spring. The command searches for a coupling for each of these times."""
     limits: Annotated[Limits, tyro.conf.arg(name="")] = field(default_factory=Limits)
     search: Annotated[SearchBudget, tyro.conf.arg(name="")] = field(default_factory=SearchBudget)
     against: tuple[str, ...] = ("bistable-blind", "bistable-paper")
@@ -60,7 +60,7 @@ class DesignOptions:
         whole("processes", self.processes, at_least=0)
         identifier("setup", f"{self.arm.name}-designed")  # name of the new set-up
         if not self.times:
-            raise ValueError("times must name an approach time, as a multiple of that of the paper's rule")
+            raise ValueError("times must have at least one approach time, as a multiple of that of the paper's rule")
         for time in self.times:
             number("times", time, "-", above=0)
         distinct("times", self.times)
@@ -109,7 +109,7 @@ class DesignOptions:
         return min(self.times, key=lambda allowed: abs(allowed - 1.0))
 
     def limits_of(self, line: str) -> Limits:
-        """Return the limits for the designs of a line; only the lines LIMITED have limits."""
+        """Return the limits for a line of the chart; only the lines LIMITED have limits."""
         return self.limits if line in LIMITED else Limits(deflection=None)
 
 

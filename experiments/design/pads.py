@@ -41,7 +41,7 @@ def pad_of(material: str) -> Pad:
 
 
 def on_pad(name: str, stiffness: Floats, restitution: Floats) -> tuple[Floats, Floats]:
-    """Return stiffness (N/m^1.5) and restitution of contacts with a pad, from those without it; numbers or arrays."""
+    """Convert contact stiffness (N/m^1.5) and restitution without a pad to those with the pad; numbers or arrays."""
     pad = pad_of(name)
     of_pad, of_object = pad.stiffness ** (-2.0 / 3.0), np.asarray(stiffness) ** (-2.0 / 3.0)
     share = of_pad / (of_pad + of_object)

@@ -33,11 +33,11 @@ class Limits:
     """Limits that a design must keep; None: no limit."""
 
     deflection: float | None = 0.05
-    """Largest deflection of the tool from the flange before the first touch, m."""
+    """Largest deflection before the first touch, m: motion of the tool relative to the flange since the start."""
     stroke: float | None = None
-    """Largest deflection of the tool from the flange in the whole episode, m."""
+    """Largest deflection in the whole episode, m."""
     peak_force: float | None = None
-    """Largest contact force in 95 % of the scenarios, N."""
+    """Largest contact force, N. At most 5 % of the scenarios may exceed this limit."""
     touched_once: float | None = None
     """Smallest share of scenarios in which the tool touches the object at most once, such as 0.95."""
 
@@ -101,8 +101,8 @@ class SearchBudget:
     """Size of a search."""
 
     tolerance: float = 0.05
-    """Largest relative error of each number of --free in a built coupling. Each scenario draws its own errors. In the
-    search, these errors are up to 1.2 times as large."""
+    """Largest relative error, in a built coupling, of each number that --free names. Each scenario draws its own
+    errors. In the search, these errors are up to 1.2 times as large."""
     scenarios: int = 500
     """Number of scenarios in which each candidate (a design with a controller) is simulated."""
     budget: int = 7200
@@ -123,7 +123,7 @@ def objective(
     limits: Limits,
     budget: SearchBudget,
 ) -> Losses:
-    """Return a function from candidates (population, 1, k), design then parameters, to losses (population, 1), m/s."""
+    """Return a function from candidates (population, 1, k) to losses (population, 1), m/s."""
     population, scenarios = budget.population, budget.scenarios
     task = candidate.task.changed({"rtol": RTOL})
     stage = ScenarioBatch(TUNING_SEED, scenarios, task, copies=population, lenient=True, threads=1)
@@ -174,7 +174,7 @@ def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapp
     """Play a candidate on the frozen set `name`; return a row for each scenario.
 
     `candidate` and `limits` have the fields of `Candidate` and `Limits`. In each scenario, each number of the design
-    has a relative error of at most `tolerance`. Each row has the `Limits.excess` of all scenarios.
+    has a relative error of at most `tolerance`. In all rows, `excess` is the `Limits.excess` of all scenarios.
     """
     player = Candidate(**candidate)
     task = player.task.changed(as_built(player.design, tolerance))

@@ -32,8 +32,8 @@ DEPENDS = (
 # baselines at which searches start, by rule and by whether the coupling is bistable
 STARTS = {("BlindProfile", False): "blind-profile", ("BlindProfile", True): "bistable-blind-profile"}
 Row = Mapping[str, Any]
-"""A candidate, by the columns ENTRY: `line` of the chart; `allowed`, the largest mean approach time divided by that of
-the paper's rule; `seed` and `loss` (m/s) of the search; rule, design and parameters of the candidate."""
+"""A candidate, with the columns ENTRY. `line`: line of the chart. `allowed`: largest mean approach time, divided by
+that of the paper's rule. `seed`, `loss` (m/s): of the search. `rule`, `design`, `parameters`: of the candidate."""
 BLANK = {"rule": None, "design": "{}", "parameters": "[]"}
 PAPERS_RULE: Row = {
     "line": PAPER, "allowed": 1.0, "seed": 1, "loss": np.nan, "rule": "ConstantSpeed", "design": "{}",
@@ -133,7 +133,7 @@ class Search:
 
 
 def start_of(candidate: Candidate, approach_time: float) -> list[float]:
-    """Return parameters of a shipped baseline, at the weight whose mean time is nearest to `approach_time` (s)."""
+    """Return a shipped baseline's parameters, at the weight with the approach time nearest to `approach_time` (s)."""
     bistable = isinstance(candidate.task.coupling, Bistable)
     weights = read_tuned(STARTS.get((candidate.rule, bistable), "ranged"))["weights"].values()
     nearest = min(weights, key=lambda tuned: abs(tuned["validation"]["approach_time"] - approach_time))

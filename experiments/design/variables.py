@@ -16,7 +16,7 @@ from impact_gym.scene import SpringDamper
 from impact_gym.task import Task
 from impact_gym.validation import number
 
-WIDE = 10.0  # least ratio of HIGH to LOW for a logarithmic scale, if draws of the number are not log-uniform
+WIDE = 10.0  # smallest HIGH / LOW for a logarithmic scale of the search; log-uniform draws always have this scale
 
 
 class SearchVariable(NamedTuple):
@@ -79,14 +79,14 @@ def _read(text: str, own: Mapping[str, float]) -> SearchVariable:
 
 
 def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[float]]:
-    """Return for each number of a design the range: the number times 1 - `tolerance` to 1 + `tolerance`."""
+    """Return for each number of a design the range from (1 - `tolerance`) to (1 + `tolerance`) times the number."""
     return {name: sorted([value * (1.0 - tolerance), value * (1.0 + tolerance)]) for name, value in design.items()}
 
 
 def searched_environment(setup: Setup, variables: Sequence[SearchVariable], deflection: float | None) -> dict[str, Any]:
-    """Return the set-up's environment with the range of each variable, as if each number were drawn in each episode.
+    """Return the set-up's environment with the range of each variable, as if each episode drew these numbers.
 
-    ValueError: the environment is invalid, no design holds the tool, or each deflects by more than `deflection` (m).
+    ValueError: the environment is invalid, no design holds the tool, or all deflect by more than `deflection` (m).
     """
     with within("--free"):
         task = Task(**setup.environment).changed({each.name: [each.low, each.high] for each in variables})
@@ -96,6 +96,6 @@ def searched_environment(setup: Setup, variables: Sequence[SearchVariable], defl
         lag = task.acceleration_range[0] * min((c.tool_mass / c.coupling.stiffness for c in springs), default=0.0)
         if deflection is not None and lag > deflection:
             raise ValueError(f"no design in these ranges holds the tool within {1e3 * deflection:g} mm: even at the "
-                             f"arm's least acceleration, {task.acceleration_range[0]:g} m/s^2, the tool lags "
-                             f"{1e3 * lag:.3g} mm behind the flange with the stiffest spring")  # fmt: skip
+                             f"lowest acceleration, {task.acceleration_range[0]:g} m/s^2, it lags behind the flange by "
+                             f"{1e3 * lag:.3g} mm with the stiffest spring and the lightest tool")  # fmt: skip
     return task.arguments()

@@ -136,7 +136,7 @@ def test_train_seeds_trains_each_seed_once_and_refuses_a_changed_set_up(mine, tm
     assert path.read_bytes() == before
     refused(lambda: trained(tmp_path, mine, *wanted, "--width", "24"), "other settings", "or name another folder")
     change(mine, "damping_ratio = 0.7", "damping_ratio = 0.9")
-    refused(lambda: trained(tmp_path, mine, *wanted), "for another environment: remove it")
+    refused(lambda: trained(tmp_path, mine, *wanted), "another environment: remove this folder")
     refused(lambda: resume(tmp_path / "runs" / "seed-0"), "has changed since")
 
 
