@@ -80,7 +80,7 @@ cdef Task blank_task
 
 
 def layout(blank):
-    """Return the NumPy data type of a C structure of eight-byte numbers; `blank` maps each field to a value."""
+    """Return the NumPy data type of a C structure of eight-byte numbers; `blank`: such a structure as a dict."""
     kinds = {dict: layout, float: lambda _: np.float64, int: lambda _: np.int64}
     kinds[list] = lambda values: np.dtype((kinds[type(values[0])](values[0]), len(values)))
     return np.dtype([(name, kinds[type(value)](value)) for name, value in blank.items()])
@@ -118,11 +118,11 @@ def approach_rows(
     """Run the approaches `first` to `last` - 1 of `plans` (n, APPROACH), and write the results to `chains` (n, CHAIN).
 
     Args:
-        tables: numbers of all robot tables and motions (k,); those of a plan begin at `mount.table` and `motion`.
-        tolerance: local error allowed in a step, in natural units; relative for components above 1.
+        tables: numbers of all robot tables and motions (k,); a plan has its indices in `mount.table` and `motion`.
+        tolerance: allowed local error of a step, in natural units (see `contact.pxi`); relative for components above 1.
         max_steps: an approach that needs more integration steps ends with the status STEP_LIMIT.
         recorder: arrays for the last approach: contacts (CONTACT), trace points (TRACE), times (s) at which a slider
-            passes its alignment; and the largest time (s) between trace points in flight. Empty arrays record nothing.
+            passes its alignment; largest time (s) between trace points without contact. Empty arrays record nothing.
     """
     cdef Run run
     cdef Work work
@@ -143,7 +143,7 @@ def approach_rows(
 
 
 def laws_of(mounts):
-    """Return the simplest chains (n, LAW) that are equivalent to `mounts` (n, MOUNT)."""
+    """Return the laws (n, LAW) of the simplest chains that are equivalent to `mounts` (n, MOUNT)."""
     cdef int64_t i
     laws = np.empty(len(mounts), LAW)
     cdef const Mount *mount = <const Mount *> memory_of(mounts)
@@ -191,7 +191,7 @@ cdef class Rows:
         self, tasks, draws, laws, tables, chains, episodes, readings, ranges, links, packets, observations, rewards,
         entries, tuple recorder, max_steps, action_size,
     ):
-        """Keep the addresses of the arrays.
+        """Keep the addresses of the arrays of `size` environments.
 
         Args:
             tasks: (size,) or (1,), TASK.

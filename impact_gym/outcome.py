@@ -31,7 +31,7 @@ class Trace(NamedTuple):
     """Time histories of a run, each (n,)."""
 
     time: Array  # s
-    flange_position: Array  # m; with a compliant robot and a rigid coupling it equals the tool position
+    flange_position: Array  # m; with a rigid coupling it equals the tool position
     flange_velocity: Array  # m/s
     tool_position: Array  # m
     tool_velocity: Array  # m/s
@@ -53,9 +53,9 @@ class Outcome(NamedTuple):
 
     object_velocity: float  # m/s
     tool_velocity: float  # m/s
-    flange_velocity: float  # m/s; with a compliant robot and a rigid coupling it equals the tool velocity
+    flange_velocity: float  # m/s; with a rigid coupling it equals the tool velocity
     peak_force: float  # N, largest contact force
-    detection_time: float | None  # s, when the contact force first exceeds the brake's threshold; None: never, no brake
+    detection_time: float | None  # s, first time of a force above the brake's threshold; None: no such time or no brake
     contacts: tuple[ContactRecord, ...]
     coupling_impulse: float  # N s, of the coupling on the tool, summed over the contacts (paper, eq. 21)
     momentum_error: float  # -, largest `momentum_error` of the contacts
@@ -65,12 +65,12 @@ class Outcome(NamedTuple):
     snap_through: tuple[float, ...]  # s, times at which the slider of a `Bistable` coupling passes the alignment
     peak_object_velocity: float  # m/s, largest velocity of the object; without friction the final velocity
     slide: float | None  # m, slide of the object until it rests, as if no contact followed the run; None: no friction
-    rest_time: float | None  # s, from when on tool (< 1 mm/s) and object rest; inf: tool still moves; None: no friction
+    rest_time: float | None  # s, time from which tool (< 1 mm/s) and object rest; inf: tool moves; None: no friction
 
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """Results of a sweep: arrays in the broadcast shape of varied values and durations; for fields see `Outcome`."""
+    """Results of a sweep, fields as in `Outcome`; arrays have the broadcast shape of varied values and durations."""
 
     object_velocity: Array  # m/s
     tool_velocity: Array  # m/s
@@ -95,7 +95,7 @@ class Model:
 
     name: str
     simplify: Callable[[Scene], Scene]
-    errors: Array  # (scenes,), -, relative to the full model's value; inf: a run failed, or only the latter value is 0
+    errors: Array  # (scenes,), -, error / full model's value; inf: a run failed, or only the full model's value is 0
     time_saved: float  # -, computing time saved, divided by the full model's computing time
 
     @property

@@ -42,7 +42,7 @@ class Parameters:
 
 @cache
 def _checks(kind: Any) -> list[tuple[str, bool, Callable[[Any], Any]]]:
-    """Return name, whether None is allowed, and check of each number that is not in `checked_by_itself`."""
+    """Return (name, whether None is allowed, check) for each number that is not in `checked_by_itself`."""
     checks: list[tuple[str, bool, Callable[[Any], Any]]] = []
     for field in fields(kind):
         hint: Any = field.type

@@ -28,8 +28,8 @@ class Draw(NamedTuple):
     """How an episode draws a number: uniformly, log-uniformly (`by_ratio`, if the range begins above 0) or normally.
 
     An episode takes uniform numbers in [0, 1) from the environment's generator. A draw uses the number at index
-    `place`. A normal draw also uses the next number. With `own_stream`, a draw uses number -1 - `place` of the
-    stream of random numbers that `noise_seed` seeds. Places never change, so that a new draw changes no other draw.
+    `place`. A normal draw also uses the next number. With `own_stream`, a draw uses the number at index -1 - `place`
+    of the random numbers that `noise_seed` seeds. Places never change, so that a new draw changes no other draw.
     """
 
     place: int
@@ -60,7 +60,7 @@ class Quantity:
     unit: str  # "-": no unit
     limits: Limits = Limits()
     draw: Draw | None = None
-    observed: str = ""  # "always", or the argument that adds the number; "": only a critic observes it, if it is drawn
+    observed: str = ""  # "always", or the argument that adds the number; "": observed only by a critic, only if drawn
     scale: Scale = NEVER_OBSERVED
     path: str = ""  # dotted path of the number in scene or motion, if the path is not the id
     from_flange: bool = False  # True: what is observed is the number minus the flange position
@@ -280,7 +280,7 @@ OTHERS = (
 QUANTITIES: dict[str, Quantity] = {
     row.id: row for row in (*SENSORS, *SCENARIO, *EPISODE, *SET_UP, *MORE_SENSORS, *RESULTS, *STEERED, *OTHERS)
 }
-"""All rows by id; an observation has its numbers in this order, but the numbers for a critic last."""
+"""All rows by id. An observation has its numbers in this order, except that numbers for a critic come last."""
 
 BY_PATH: dict[str, Quantity] = {row.path or row.id: row for row in QUANTITIES.values() if row.path or "." in row.id}
 """The rows of numbers with a dotted path, by path."""

@@ -1,7 +1,7 @@
 """Choose starting points of a fit, run least squares from several of them, and stop the worst fits early.
 
-The free numbers of a starting point have one of three sources: the given scene; the measured impulse and width of a
-blow; a Latin hypercube over the searched ranges. The start times and biases of a starting point minimize the misfit.
+A point is a vector x, see `model`. The free numbers of a starting point come from the given scene, from a measured blow
+(its impulse and width), or from a Latin hypercube over the searched ranges. Start times and biases minimize the misfit.
 """
 
 import math
@@ -19,21 +19,21 @@ from impact_gym.scene import Scene
 
 SCATTERED = 40  # number of points of the Latin hypercube
 SEED = 0
-RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # restitutions of the points of `from_impulse`, if the restitution is free
+RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # restitutions that `from_impulse` tries, if the restitution is free
 PASSES = 8  # of `from_impulse`: largest number of simulations for a starting point
 NEAR = 0.1  # of `from_impulse`: tolerance of |ln(simulated / measured)|, for the impulse and for the blow's width
 HEAVY = 1e3  # of `from_impulse`: largest ratio of the object's mass to the tool's mass
 ROUNDS = 5  # of `race`: number of rounds, each of which ends with a comparison of the fits
 ROUND_EVALUATIONS = 8  # of `race`: largest number of evaluations of a fit's residuals in a round
-MIN_GAP_REDUCTION = 0.2  # `race` drops a bad fit if a round reduces misfit - least misfit by at most this fraction
+MIN_GAP_REDUCTION = 0.2  # a bad fit continues only if a round reduces misfit - least misfit by more than this fraction
 GOOD_MISFIT = 20.0  # a fit is good if misfit - least misfit is below this times (1 + least misfit / number of samples)
-MIN_DISTANCE = 0.03  # two fits are distinct if the coordinate of a free number differs by more than this
+MIN_DISTANCE = 0.03  # two fits are distinct if a coordinate (see `model`) of a free number differs by more than this
 LARGEST_START = 4.0  # largest |ln(e/(1-e))| of the restitution e at the start of a fit, so that e is 0.018 to 0.982
-FINE, ROUGH = 1e-8, 1e-5  # relative tolerances of misfit and x: FINE for the final fit, ROUGH for intermediate fits
+FINE, ROUGH = 1e-8, 1e-5  # relative tolerances of least squares: FINE for final fits, ROUGH for intermediate fits
 
 
 class Point(NamedTuple):
-    """A point x and its misfit."""
+    """A vector x and its misfit."""
 
     misfit: float  # sum of ((predicted - measured) / noise)^2
     x: Array
@@ -53,7 +53,7 @@ def scatter(model: Model) -> list[Array]:
 
 
 def from_impulse(model: Model, given: Array) -> list[Array]:
-    """Return points with about the impulse and width in the first log with a force; each has another restitution.
+    """Return points that reproduce roughly the impulse and width of the first log with a force, one per restitution.
 
     With restitution e, speed v and the object's mass m the impulse is (1 + e) v / (1/m + 1/m_tool). The width is
     impulse / peak. For a force k delta^n (penetration delta) the width is proportional to k^(-1/(n + 1)) (Johnson,
@@ -65,7 +65,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
         return []
     log, sensor = model.logs[k], model.sensors["force"]
     force, few = log.columns["force"], max(len(log.time) // 20, 1)
-    rests = np.median(force[:few]), np.median(force[-few:])  # the blow may cover the beginning or the end of the log
+    rests = np.median(force[:few]), np.median(force[-few:])  # the lower one is the rest, as the blow may cover one end
     force = force - (min(rests) if sensor.bias == "estimated" else sensor.bias)
     impulse, peak = float(np.trapezoid(force, log.time)), float(force.max())
 
@@ -75,7 +75,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 
     points = []
     for restitution in RESTITUTIONS if RESTITUTION in places else RESTITUTIONS[:1]:
-        x, light, heavy = given.copy(), -math.inf, math.inf  # light, heavy: limits of the object mass's coordinate
+        x, light, heavy = given.copy(), -math.inf, math.inf  # light, heavy: limits of ln(object mass)
         put(RESTITUTION, math.log(restitution / (1.0 - restitution)))
         for _ in range(PASSES if impulse > 0.0 else 0):
             try:
@@ -104,7 +104,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 
 
 def start_at(model: Model, point: Array, share: float) -> Point:
-    """Return `point` with the best start times and biases; simulated samples are shifted by `share` of a step."""
+    """Return `point` with the best start times and biases; the tried start times are shifted by `share` of a step."""
     x = np.zeros(model.size)
     x[: len(point)] = point
     total = 0.0
@@ -124,7 +124,7 @@ def start_at(model: Model, point: Array, share: float) -> Point:
 
 
 def _align(model: Model, scene: Scene, log: Log, trace: Trace, share: float) -> tuple[float, float, dict[str, float]]:
-    """Shift a simulated motion along a log; return the least misfit, the delay of the motion (s), and the biases."""
+    """Shift a simulated motion along a log; return least misfit, motion's start minus log's start (s), and biases."""
     step, n = log.step, len(log.time)
     touch = trace.time[np.argmax(trace.contact_force > 0.0)] if np.any(trace.contact_force > 0.0) else np.inf
     last = min(trace.time[-1], touch + 2.0 * n * step)
@@ -164,7 +164,7 @@ def descend(
         return Point(math.inf, x, is_minimum=False)
     # start times and biases are counted from their initial values, because MINPACK's tolerance is relative to x
     origin = np.where(np.arange(model.size) < len(model.free), 0.0, x)
-    for i, number in enumerate(model.free):  # the derivative vanishes near restitutions of 0 and 1
+    for i, number in enumerate(model.free):  # start away from restitutions 0 and 1, where the derivative vanishes
         if number.name == RESTITUTION and i != fixed:
             x[i] = min(max(x[i], -LARGEST_START), LARGEST_START)
 
@@ -186,8 +186,8 @@ def descend(
 def race(model: Model, starts: Sequence[Array]) -> list[Point]:
     """Fit roughly from all `starts`; return the distinct fits that remain, the best first.
 
-    The fits are compared after each round. Of several fits with nearly the same free numbers only
-    the best continues. A fit is stopped if it is clearly worse than the best fit and has hardly improved in this round.
+    The fits are compared after each round. Of fits with nearly the same free numbers only the best is kept. A fit that
+    has not converged is dropped if it is clearly worse than the best fit and has hardly improved in this round.
     """
     points = [Point(math.inf, x, is_minimum=False) for x in starts]
     for _ in range(ROUNDS):
@@ -210,7 +210,7 @@ def as_good(model: Model, points: Sequence[Point]) -> list[Point]:
 
 
 def distinct(model: Model, points: Sequence[Point]) -> list[Point]:
-    """Return the points, the best first, without those whose free numbers are nearly those of a better point."""
+    """Return the points, the best first; leave out a point whose free numbers are nearly those of a better point."""
     kept: list[Point] = []
     for point in sorted(points, key=lambda point: point.misfit):
         if all(np.abs(point.x - other.x)[: len(model.free)].max() > MIN_DISTANCE for other in kept):

@@ -1,4 +1,4 @@
-"""The readings of a sensor with load cell and low pass; the noise, level and bursts of a measured column."""
+"""The readings of a sensor with load cell and low-pass filter; a column's noise, level at rest, and bursts of force."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -14,12 +14,12 @@ from impact_gym.validation import number, one_of
 Array = NDArray[np.float64]
 
 GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
-MIN_STEP = 1e-9  # s, least time between points of a trace that `curve` uses; in less time rounding dominates the slope
+MIN_STEP = 1e-9  # s; `curve` leaves out a point closer to the next one, because rounding would dominate the slope
 MIN_HEIGHT = 5.0, 0.2  # a burst exceeds this many standard deviations of noise, and this fraction of the highest burst
 
 
 def curve(time: Array, values: Array) -> PPoly:
-    """Return cubic Hermite pieces through points (k,), with the slopes of parabolas through three neighbours.
+    """Return cubic Hermite pieces through points (k,); an inner slope is that of a parabola through three points.
 
     `scipy.interpolate.CubicHermiteSpline` makes the same curve more slowly.
     """
@@ -41,7 +41,7 @@ class LoadCell(Parameters):
     """A force sensor at the tool: a mass on an elastic element, which is a spring and damper in parallel.
 
     The cell reads the element's force R = k u + c u', with its compression u, stiffness k and damping c. The mass m
-    moves by m u'' + R = F + m a, with the contact force F and the tool's acceleration a.
+    obeys m u'' + R = F + m a, with the contact force F and the tool's acceleration a.
     The element is assumed to be much stiffer than the contact.
     """
 
@@ -52,9 +52,9 @@ class LoadCell(Parameters):
 
 @dataclass(frozen=True, slots=True)
 class Sensor(Parameters):
-    """Known properties of the sensor of one column; its noise is white, normal, and not filtered."""
+    """Known properties of one column's sensor; the noise is white and normal, and added after the filter."""
 
-    rate: Annotated[float | None, SI("Hz", above=0)] = None  # sampling rate; None: not compared with the log's times
+    rate: Annotated[float | None, SI("Hz", above=0)] = None  # sampling rate, to check a log's times; None: no check
     low_pass: Annotated[float | None, SI("Hz", above=0)] = None  # cut-off of a first-order filter; None: no filter
     bias: float | Literal["estimated"] = 0.0  # in the column's unit, added to every sample
     noise: Annotated[float | None, SI("(the column's unit)", above=0)] = None  # standard deviation; None: estimated
@@ -94,7 +94,7 @@ class Sensor(Parameters):
         return value, slope
 
     def _lags(self) -> list[tuple[complex, complex]]:
-        """Return first-order lags (weight, rate in 1/s); cell and filter: the real part of the lags' sum."""
+        """Return weights and rates (1/s) of first-order lags; cell and filter are the real part of the weighted sum."""
         slow = 2.0 * np.pi * self.low_pass if self.low_pass else None
         if self.cell is None:
             return [(1.0, slow)] if slow else []

@@ -5,21 +5,21 @@ With the reduced mass M, the approach velocity v, the stiffness k_c and its expo
     delta0 = (M v^2 / k_c)^(1 / (m + 1))      t0 = delta0 / v      F0 = k_c delta0^m = M v / t0
 
 In these units the penetration is u = delta / delta0, its rate w = delta_dot / v, and the force f = u^m + d u^n w, with
-the damping factor d and the exponent n of the damping. Where f would be negative, a pull, the force is 0. With m = n
+the damping factor d and the exponent n of the damping. If f is negative (a pull), the force is 0. With m = n
 = 3/2 the power u^1.5 makes u(t) non-smooth at the beginning and at the end of the contact. The motion is smooth with
 the unknown z = sqrt(u), and with the variable s instead of time, where dt = z ds:
 
     dz/ds = w / 2      dw/ds = z (push - f)      f = z^3 (1 + d w)
 
-Here `push` is the tool's acceleration relative to the object, without contact force. The right sides are polynomials,
-as for all whole 2 m and 2 n. So an integrator keeps its full order over the whole contact, and onset and separation
+Here `push` is the tool's acceleration relative to the object, without contact force. If 2 m and 2 n are whole numbers,
+the right sides are polynomials. So an integrator keeps its full order over the whole contact, and onset and separation
 are simple zeros of z.
 """
 
 cdef enum:
     ROOT, RATE, TIME, IMPULSE  # first components of the scaled state: z, w, t, impulse on the object
 
-cdef double APPROACH_VELOCITY_FLOOR = 1e-6  # m/s; a slower contact has the units and damping factor of this velocity
+cdef double APPROACH_VELOCITY_FLOOR = 1e-6  # m/s, least approach velocity for the units and damping factor of a contact
 
 
 cdef struct Contact:  # the law of a contact, with the symbols above
@@ -30,10 +30,10 @@ cdef struct Contact:  # the law of a contact, with the symbols above
     int64_t twice_m, twice_n  # 2 m and 2 n if they are whole numbers, else -1
     double nominal  # -, damping factor at the reference velocity; if `reference` is 0, at every velocity
     double reference  # m/s, reference velocity if the hysteresis damping chi is constant; 0: d is constant
-    double held  # 0 while the force is kept at 0, because f would be negative; else 1
+    double held  # 0, like `damping`, while the force is kept at 0, because f would be negative; else 1
 
 
-cdef struct Units:  # of a contact; `flight_units` gives those of a flight
+cdef struct Units:  # natural units of a contact; for motion without contact see `flight_units`
     double length  # m, delta0
     double time  # s, t0
     double velocity  # m/s, approach velocity, but at least APPROACH_VELOCITY_FLOOR
@@ -94,7 +94,7 @@ cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept
     cdef double fourth
     if is_hertz(law):
         fourth = (z * z) * (z * z)
-        return fourth * law.held + (fourth * law.damping) * w  # w is computed last, and few operations wait for it
+        return fourth * law.held + (fourth * law.damping) * w  # callers compute w last, so few operations wait for it
     return z * contact_force(law, z, w)
 
 

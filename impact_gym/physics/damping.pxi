@@ -1,7 +1,7 @@
 """The damping factor d of a contact, and the restitution e that it actually produces.
 
-If stiffness and damping have equal exponents (m = n in `contact.pxi`), the restitution of an isolated contact depends
-on d alone. Multiply u'' = -u^n (1 + d u') by u' / (1 + d u') and integrate from onset to separation:
+If stiffness and damping have equal exponents (m = n in `contact.pxi`) and no other force acts (isolated contact), the
+restitution depends on d only. Multiply u'' = -u^n (1 + d u') by u' / (1 + d u') and integrate from onset to separation:
 
     d - ln(1 + d) = -z - ln(1 - z),      z = d e                                       (solution: Lambert's W)
 """

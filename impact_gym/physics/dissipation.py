@@ -1,7 +1,7 @@
 """Damping factors of contacts for a nominal restitution, and the restitution that a contact really has.
 
 If stiffness and damping have equal exponents, m = n, the damping factor is d = (chi / k_c) v_in, with the hysteresis
-damping chi, stiffness k_c and approach velocity v_in. An isolated contact of restitution e then satisfies
+damping chi, stiffness k_c and approach velocity v_in. An isolated contact (no other force) of restitution e satisfies
 d - ln(1 + d) = -z - ln(1 - z), with z = d e (see `damping.pxi`). Published laws are approximate solutions for d.
 Skrinjar, Slavic, Boltezar, Int. J. Mech. Sci. 145 (2018) 171-187 (the paper's reference 11) collect these and more.
 """

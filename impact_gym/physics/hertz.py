@@ -2,7 +2,7 @@
 
 Published values scatter, so the table has ranges. Each source states whether we read it. Restitution depends on the
 materials, shapes and velocities of both bodies. A restitution in the table is for two bodies of the material, or for
-one and a far stiffer body. For other pairs, identify the restitution from measured impacts (`impact_gym.identify`).
+one such body and a far stiffer one. For other pairs, identify a restitution from measurements (`impact_gym.identify`).
 """
 
 import math
@@ -77,7 +77,7 @@ FOAM = (
 
 
 def rubber(shore: float, source: str = GENT, restitution: Range | None = None) -> Material:
-    """Return rubber of hardness `shore` (Shore A); Young's modulus is 1 / 1.2 to 1.2 times Gent's value.
+    """Return rubber of hardness `shore` (Shore A); Young's modulus is within a factor of 1.2 of Gent's value.
 
     Gent treats the durometer's blunt cone as a flat punch: E = (1 - nu^2) F / (2 R delta), with Poisson's ratio nu,
     the spring force F of the durometer, the indentation delta, and the mean radius R of the cone.
@@ -107,7 +107,7 @@ MATERIALS = {
 
 
 def material_ranges(radius: Range, tool: str | Material, target: str | Material) -> dict[str, list[float]]:
-    """Return a set-up's `[environment.scenario]` ranges: contact_stiffness; restitution if known for equal materials.
+    """Return ranges for `[environment.scenario]`: contact_stiffness; for equal materials also any known restitution.
 
     Args:
         radius: smallest and largest radius of the curved body, m.

@@ -1,8 +1,8 @@
 """Forces and energies of a coupling with stops: a bistable mechanism (paper, Fig. 21), or a linear spring and damper.
 
-The tool is fixed to a slider. The spring of a mechanism hangs on a pivot at height H above the slider's path. The
-slider's position x is measured from the alignment, where this spring is vertical and does not push along the path. The
-coupling's stretch is x - `rest`. A stop is a linear spring and damper that never pulls.
+The tool is fixed to a slider. A mechanism's spring connects the slider to a pivot at height H above the slider's path.
+The slider's position x is measured from the alignment, where this spring is vertical and does not push along the path.
+The coupling's stretch is x - `rest`. A stop is a linear spring and damper that never pulls.
 """
 
 cdef enum:
@@ -42,7 +42,7 @@ cpdef inline double bistable_energy(double stiffness, double free_length, double
 
 
 cdef inline double mechanism_pull(const Mechanism *law, int pressed, double stretch, double stretch_rate) noexcept nogil:
-    """Return the force on the tool, N (paper, eq. 23): of spring, damper and, unless `pressed` is FREE, a stop."""
+    """Return the force on the tool, N (paper, eq. 23), from spring, damper and the stop `pressed` (FREE: no stop)."""
     cdef double pull, x = law.rest + stretch
     if law.linear:
         pull = -law.stiffness * x - law.damping * stretch_rate
@@ -60,7 +60,7 @@ cdef inline double stop_place(const Mechanism *law, int stop) noexcept nogil:
 cdef inline (double, double, double) stop_switch(
     const Mechanism *law, int stop, int pressed, double stretch, double rate, double acceleration
 ) noexcept nogil:
-    """Return value (N), smooth form (N) and its rate (N/s) of the event that `stop` begins to push, or would pull."""
+    """Return value, height (N) and slope (N/s), see `Events`, of the event that `stop` begins to push or would pull."""
     cdef double k = law.stop_stiffness, c = law.stop_damping
     cdef double push = stop * k * (law.rest + stretch - stop_place(law, stop)), moving = stop * rate
     if pressed == stop:  # the event: this stop would pull, perhaps before the slider has left the stop
@@ -96,15 +96,15 @@ cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noe
         return 0.0, INFINITY
     if side > 0:
         return mechanism_energy(law, 0.0), barrier
-    # behind the rear stop (stiffness k_s) the spring pushes with less than F: the energy falls by at most F^2 / (2 k_s)
+    # behind the rear stop (stiffness k_s) the spring pushes with less than F, so energy falls by at most F^2 / (2 k_s)
     return max(spring_energy(law, law.rear_stop) - 0.5 * F * F / law.stop_stiffness, 0.0), barrier
 
 
 cdef inline double mechanism_reach(const Mechanism *law, double stretch, double kinetic) noexcept nogil:
     """Return an upper bound on the future stretch (m), from the present `stretch` and kinetic energy (J)."""
     cdef double energy = kinetic + mechanism_energy(law, stretch), free = energy - mechanism_energy(law, 0.0)
-    cdef double reach = law.front_stop - law.rest + sqrt(2.0 * energy / law.stop_stiffness)  # all energy in the front stop
-    cdef double stiffness = law.stop_stiffness - stiffness_bound(law)  # lower bound of total stiffness ahead of `rest`
+    cdef double reach = law.front_stop - law.rest + sqrt(2.0 * energy / law.stop_stiffness)  # the stop has all energy
+    cdef double stiffness = law.stop_stiffness - stiffness_bound(law)  # <= stiffness of stop plus spring beyond `rest`
     if law.linear:
         return min(reach, sqrt(2.0 * energy / law.stiffness))
     if law.rest + stretch < 0.0 and energy < spring_energy(law, 0.0):  # the slider stays behind the alignment

@@ -1,7 +1,7 @@
 """The motion, in closed form, of a tool on one linear spring and damper.
 
 y is the deflection of the tool, omega the angular frequency and zeta the damping ratio. While tool and
-object do not touch, under a flange acceleration a,
+object do not touch, under a constant flange acceleration a,
 
     y'' + 2 zeta omega y' + omega^2 y = -a        (paper, eq. 17 with F = 0)
 
@@ -14,7 +14,7 @@ cpdef (double, double) decay_basis(double frequency, double damping_ratio, doubl
     cdef double alpha = damping_ratio * frequency
     cdef double square = (damping_ratio - 1.0) * (damping_ratio + 1.0) * frequency * frequency  # = -omega_d^2
     cdef double q = square * time * time, envelope, damped, split, slow, lost
-    if fabs(q) < 1e-3:  # if omega_d t is small, a series avoids cancellation
+    if fabs(q) < 1e-3:  # near omega_d t = 0, a series avoids 0 / 0
         envelope = exp(-alpha * time)
         return (
             envelope * (1.0 + q / 2.0 * (1.0 + q / 12.0 * (1.0 + q / 30.0))),

@@ -24,7 +24,7 @@ class Renderer:
     """A renderer of the episodes of one environment."""
 
     def __init__(self, mode: str, rate: float = FRAME_RATE) -> None:
-        """Set the `render_mode`, and for "rgb_array" the pictures per second of a film."""
+        """`mode`: the `render_mode`; `rate`: pictures per second of a film that the caller makes with "rgb_array"."""
         self._mode, self._rate = mode, rate
         self._canvas: Canvas | None = None
         self._window: pygame.Surface | None = None

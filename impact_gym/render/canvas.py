@@ -21,7 +21,7 @@ Box = tuple[float, float, float, float]  # left, top, width, height
 
 WIDTH, HEIGHT = 960, 540
 OVERSAMPLING = 2  # shapes are drawn larger by this factor, then scaled down, to smooth their edges
-FARTHEST = 1 << 14  # pixels; absolute coordinates are clipped to this, because far larger ones overflow in pygame
+FARTHEST = 1 << 14  # pixels; coordinates are clipped to this absolute value, because far larger ones overflow in pygame
 
 
 class Canvas:

@@ -1,7 +1,7 @@
 """Draw the chain, seen by a fixed camera: flange, coupling, tool, gap and object.
 
-Positions and displacements are to scale. Simulated bodies have no size, so sizes are chosen here: the object is a ball
-of the density DENSITY and at most LARGEST_RADIUS. A bistable mechanism has its own dimensions.
+Positions and displacements are to scale. Simulated bodies have no size, so sizes are chosen here. The object is a ball
+of density DENSITY and a radius of at most LARGEST_RADIUS. A bistable mechanism is drawn with its simulated dimensions.
 """
 
 import math
@@ -64,7 +64,7 @@ def object_radius(mass: float) -> float:
 
 
 def camera(history: History) -> Camera:
-    """Return the camera of an episode, which shows the approach and, within LARGEST_SPAN, ROOM behind the object."""
+    """Return the camera of an episode: it shows the approach and ROOM behind the object, but at most LARGEST_SPAN."""
     task, scenario = history.task, history.info["scenario"]
     behind = TOOL_LENGTH + rest_length(task) + FLANGE_LENGTH + MARGIN
     behind += 0.0 if task.robot is None else ROBOT_LENGTH + BASE_LENGTH

@@ -19,9 +19,9 @@ SHORTEST, LONGEST = 6.0, 10.0  # s, shortest and longest film
 CONTACT_FACTOR = 32  # smallest slow-motion factor while tool and object touch, before the episode ends
 LARGEST_FACTOR = 1024  # largest slow-motion factor
 SMALLEST_FACTOR = 0.25  # smallest slow-motion factor, for a long simulation after the episode's end
-FRAMES_PER_IMPACT = 16  # number of frames of an elastic Hertz impact of the bodies
-FRAMES_PER_FOLD = 6  # least number of frames in which the time to or since a touch changes by a factor of 2.718
-SETTLING_FRAMES = 45  # largest number of frames after the episode's end, if no impact follows
+FRAMES_PER_IMPACT = 16  # about the number of frames of an elastic Hertz impact of the bodies
+FRAMES_PER_FOLD = 6  # frames in which the time to or since a touch changes by a factor of 2.718; fewer near the touch
+SETTLING_FRAMES = 45  # most frames after the end, if no impact follows and the factor is not limited or rounded
 SLOWEST_IMPACT = 1e-3  # m/s; the film of a slower impact has the slow-motion factor of an impact at this speed
 
 
@@ -86,8 +86,8 @@ class History:
     def factor(self, time: float) -> float:
         """Return the factor, a power of two, by which the film is slower than real time at `time` (s).
 
-        The factor rises before a touch, so that an impact has FRAMES_PER_IMPACT frames. The factor falls after the
-        touch, because a coupling can prolong the contact.
+        The factor rises before a touch, so that an impact has about FRAMES_PER_IMPACT frames. The factor falls after
+        the touch, because a coupling can prolong the contact.
         """
         state = self.at(time)
         begun = int(np.searchsorted(self.touches, time, side="right"))

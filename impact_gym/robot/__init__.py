@@ -31,7 +31,7 @@ from impact_gym.validation import choice, number, numbers, one_of, whole
 __all__ = ["IMPACT", "Approach", "Arm", "default_approach", "from_urdf", "joint_angles"]
 
 PerJoint = float | Sequence[float] | Sequence[tuple[float, float]]
-"""A number or pair (low, high) for all joints, or one for each joint; numbers are drawn log-uniformly from pairs."""
+"""A number, or a pair (low, high) from which a number is drawn log-uniformly; one for all joints, or one per joint."""
 
 
 def from_urdf(

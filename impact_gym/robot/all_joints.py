@@ -5,7 +5,7 @@
 Joints of stiffness K and damping D connect the motors, at the angles q_m, with the links, at the angles q. The motors
 follow the line of the approach, exactly or by a servo. Tool and object move along this line. F is the force of the
 coupling on the tool or, if the coupling is rigid, of the tool on the object. MuJoCo computes the mass matrix M, the
-flange's Jacobian J, and c, the weight and Coriolis forces. SciPy integrates, not this package's compiled solver.
+flange's Jacobian J, and c, the weight and Coriolis forces. SciPy, not the compiled solver, integrates this equation.
 """
 
 import math
@@ -82,7 +82,7 @@ def simulate(
     if not distance <= approach.position[-1]:
         raise ValueError(f"object.distance is {distance!r} m, but the line ends after {approach.position[-1]:.4g} m")
     if arm.joints != approach.joints or np.abs(arm.flange(approach.joint_angles[0])[0] - approach.start).max() > 1e-6:
-        raise ValueError("approach must be of this arm: joints differ, or joint_angles[0] do not give approach.start")
+        raise ValueError("approach must be of this arm: same joint names, and joint_angles[0] puts the flange at start")
     if servo is not None and not (arm.rotors > 0).all():
         raise ValueError("a servo needs the arm's rotor_inertia, in kg m^2, above 0")
     return _run(Equations(arm, approach, scene, Path(motion), gravity, servo, int(most_evaluations)), duration, rtol)

@@ -25,7 +25,7 @@ Mass = Literal["held", "effective", "composite"]
 
 @dataclass(frozen=True, eq=False)
 class Approach(Parameters):
-    """A robot on a line, as a table with a row for each position; masses are without a tool."""
+    """A robot on a line, as a table with a row for each position; the masses do not include a tool."""
 
     position: Annotated[Array, SI("m")]  # distance of the imposed motion from its start, rising from 0
     held: Annotated[Array, SI("kg")]  # held mass m_r = M_X,11 of the Cartesian mass matrix M_X (paper, eq. 12 and 16)
@@ -34,7 +34,7 @@ class Approach(Parameters):
     effective: Annotated[Array, SI("kg")]  # effective mass 1/(M_X^-1)_11, see `Arm.reduction`
     effective_stiffness: Annotated[Array, SI("N/m")]  # stiffness for a free flange, 1/(K_X^-1)_11, see `Arm.reduction`
     composite: Annotated[Array, SI("kg")]  # effective mass of all links as one free rigid body, see `Arm.reduction`
-    joint_angles: Array  # rad, m for prismatic joints, (rows, joints)
+    joint_angles: Array  # (rows, joints), rad or, for prismatic joints, m
     joints: tuple[str, ...]  # names of the joints
     start: Annotated[Array, SI("m")]  # position of the flange at the start, in the base's frame, (3,)
     direction: Annotated[Array, SI("-")]  # direction of the line, of length 1, (3,)
@@ -57,7 +57,7 @@ class Approach(Parameters):
     def robot_table(self, mass: Mass | None = None) -> RobotTable:
         """Return the robot with parameters that vary along the line; `mass` names one of three kinds of mass.
 
-        The effective mass is combined with the effective stiffness; damping is reduced in proportion to stiffness.
+        With the effective mass, the stiffness is the effective one, and the damping is reduced in the same ratio.
         """
         mass = self.chosen if mass is None else mass
         choice("mass", mass, get_args(Mass))

@@ -50,7 +50,7 @@ class Arm:
         self._tip = self._model.body("tip").id
 
     def moving(self, load: float, gravity: bool) -> "Arm":
-        """Return the arm for `move`: with a point mass `load` (kg) at its flange, and with or without gravity."""
+        """Return a copy of the arm for `move`, with a point mass `load` (kg) at its flange, with or without gravity."""
         arm, changed = copy(self), self._specification.copy()
         changed.option.gravity = (0.0, 0.0, -9.80665 if gravity else 0.0)
         if load:
@@ -61,7 +61,7 @@ class Arm:
     def _place(self, angles: ArrayLike) -> None:
         q = numbers("angles", angles, "rad")
         if len(q) != self.count:
-            raise ValueError(f"angles must be {self.count} numbers in rad, got {angles!r}")
+            raise ValueError(f"angles must be {self.count} numbers in rad (prismatic joints: m), got {angles!r}")
         self._data.qpos[:] = q
         self._mujoco.mj_kinematics(self._model, self._data)
         self._mujoco.mj_comPos(self._model, self._data)
@@ -86,7 +86,7 @@ class Arm:
         return jacobian
 
     def held_rows(self, angles: ArrayLike) -> Array:
-        """Return the rows of J(q) for the held directions of the flange: six, or three with under six joints."""
+        """Return the rows of J(q) of the flange's held directions: six, or three translations with under six joints."""
         return self.jacobian(angles)[: 6 if self.holds_orientation else 3]
 
     @cached_property
@@ -101,7 +101,7 @@ class Arm:
         return np.linalg.svd(np.vstack([rows[:3], self.length * rows[3:]]), compute_uv=False)
 
     def condition(self, angles: ArrayLike) -> float:
-        """Return the condition number of `held_rows`, rotations times `length`: largest / `rank`-th singular value."""
+        """Return largest / `rank`-th singular value of `held_rows`, whose rotations are multiplied by `length`."""
         sizes = self._singular_values(angles)
         return float(sizes[0] / sizes[self.rank - 1]) if sizes[self.rank - 1] > 0.0 else np.inf
 
@@ -157,8 +157,8 @@ class Arm:
         (Cauchy-Schwarz). The composite mass is the effective mass of all links as one free rigid body. An arm under
         stiff position control behaves nearly like such a body (Wang, Dehio and Kheddar, arXiv 2202.12646).
 
-        With more joints than held directions, held mass and stiffness are elements of (J A^-1 J^T)^-1, where A is the
-        joints' mass or stiffness matrix. The damping is then computed from the joint rates of a static deflection.
+        With more joints than rows of `held_rows`, held mass and stiffness are elements of (J A^-1 J^T)^-1, where A is
+        the joints' mass or stiffness matrix. The damping is then computed from the joint rates of a static deflection.
 
         Raises:
             ValueError: the arm cannot move in `direction`, or is too near a singularity.
@@ -191,8 +191,8 @@ class Arm:
             length: length of the line, m; or the positions of the table's rows, m from the start, rising from 0.
 
         Raises:
-            ValueError: the arm cannot follow the line; the message names the first place that the arm cannot reach.
-                Or the stiffness along the line is so low or high that a unit is probably wrong.
+            ValueError: the arm cannot follow the line (the message names the first place that it cannot reach), or the
+                stiffness along the line is so low or high that a unit is probably wrong.
         """
         unit, angles, given = _unit(direction), np.array(numbers("start", start, "rad")), length
         if not hasattr(given, "__len__"):
@@ -228,11 +228,11 @@ def _unit(direction: ArrayLike) -> Array:
 def joint_angles(arm: Arm, position: ArrayLike, rotation: Array | None, near: ArrayLike) -> Array:
     """Return the joint angles (n,) that put the flange at `position`; the search starts from the angles `near`.
 
-    The search is Newton's method. Each step is the smallest possible change of the joints, also for an arm with more
-    joints than needed. If `rotation` is None, the orientation is free.
+    The search is Newton's method. If the arm has more joints than needed, each step takes the smallest change of the
+    joints. If `rotation` is None, the orientation is free.
 
     Raises:
-        ValueError: the arm cannot reach the pose within its limits, or only near a singularity.
+        ValueError: the arm cannot reach the pose within its joint limits, or can reach it only near a singularity.
     """
     goal, angles = np.asarray(position, dtype=np.float64), np.array(near, dtype=np.float64)
     where = f"x = {goal[0]:.6g} m, y = {goal[1]:.6g} m, z = {goal[2]:.6g} m"
