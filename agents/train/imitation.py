@@ -20,8 +20,11 @@ from impact_gym.task import ActionSpec, ObservationSpec
 class Teacher:
     """A baseline to imitate, with the tuned parameters that have the lowest cost at each episode's time weight."""
 
-    def __init__(self, setup: Setup, name: str) -> None:
-        """Make a teacher from one of FIXED, a tuned baseline of the set-up, or a shipped tuned baseline."""
+    def __init__(self, setup: Setup, name: str, privileged: bool = True) -> None:
+        """Make a teacher from one of FIXED, a tuned baseline of the set-up, or a shipped tuned baseline.
+
+        `privileged`: whether the observations that the teacher gets are privileged.
+        """
         rules, means, self.checksum = [FIXED[name]()] if name in FIXED else [], [(0.0, 0.0)], name
         if not rules:
             content = read_tuned(name, setup=setup)
@@ -31,14 +34,14 @@ class Teacher:
             self.checksum = content["sha256"]
         self.rules, self.means = [rule.for_task(setup.task) for rule in rules], np.array(means)
         mixed = [{}, *(changes for _, changes in setup.mixed)]
-        tasks = [setup.task.changed({**changes, "privileged": True}) for changes in mixed]
+        tasks = [setup.task.changed({**changes, "privileged": privileged}) for changes in mixed]
         self.spec, self.action_size = ObservationSpec.of_rows(tasks), len(ActionSpec(tasks[0]))
 
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
-        """Return the teacher's actions (steps, envs, k) for `observations` (steps, envs, n_obs) with the true scenario.
+        """Return the teacher's actions (steps, envs, k) for `observations` (steps, envs, n_obs).
 
-        With `alarm="reading"`, an alarm without errors, as from a switch, replaces the observed alarm. The teacher has
-        no memory before the first step.
+        If the observations include the time since the touch (privileged, `alarm="reading"`), an alarm without errors,
+        as from a switch, replaces the observed alarm. The teacher has no memory before the first step.
         """
         spec, time_weight = self.spec, self.spec.decode(observations, "time_weight")
         if "time_since_touch" in spec.ids:

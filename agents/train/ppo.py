@@ -66,7 +66,8 @@ class Run:
     @cached_property
     def teacher(self) -> Teacher | None:
         """The baseline to imitate, if any."""
-        return Teacher(self.setup, self.training.teacher) if self.training.teacher else None
+        training = self.training
+        return Teacher(self.setup, training.teacher, training.informed_critic) if training.teacher else None
 
     @property
     def slots(self) -> list[dict[str, Any]]:

@@ -219,6 +219,8 @@ def test_teacher_reacts_to_a_touch_and_to_no_false_alarm():
         other[..., alarm], other[..., since] = ringing, 0.3 * ringing
         assert np.array_equal(teacher.actions(other, starts), actions)
     assert (touched > 0.0).any()
+    unprivileged = Teacher(setup, "blind-profile", privileged=False).actions(seen[..., spec.actor], starts)
+    assert not np.array_equal(unprivileged, actions)  # without privileged observations, it reacts to false alarms
     seen[..., place] = 0.0
     assert not np.array_equal(teacher.actions(seen, starts)[touched > 0.0], actions[touched > 0.0])
     assert np.array_equal(teacher.actions(seen, starts)[touched == 0.0], actions[touched == 0.0])
