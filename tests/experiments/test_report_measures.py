@@ -129,17 +129,6 @@ def test_measures_are_means_over_the_same_scenarios():
     assert rows[PAPER]["deflection (mm): 95 % before the touch, largest"] == "-"
 
 
-def play_changes(results, losses, missed=0):
-    """Play all changes: V_p of each contestant is what it loses, in a hundred episodes; misses are under the last."""
-    for cell in holds.cells(results.matchup, {"set": "test", "count": 100}):
-        change, name = cell.labels["change"], cell.labels["contestant"]
-        episodes, velocity = np.arange(100), np.broadcast_to(losses[change][name], 100)
-        missing = (episodes < missed) & (name == "seed-0") & (change == list(losses)[-1])
-        rows = {"episode": episodes, "object_velocity": velocity, "approach_time": np.zeros(100), "missed": missing}
-        rows["cost"] = velocity + 2.0 * missing
-        results.varied.append((cell.labels, pl.DataFrame(rows)))
-
-
 ALTERNATING = np.tile([0.0, 1.0], 50)
 TWO_ERRORS = 2.0 * ALTERNATING.std(ddof=1) / 10.0  # of the mean of 100
 
@@ -155,8 +144,14 @@ def test_where_it_fails_needs_two_standard_errors_or_more_than_one_miss_in_a_hun
     results = played(varied={"tool_mass": [0.125, 0.2, 0.3]})
     usual, more = {PAPER: 9.0, "profile": 1.0, "seed-0": 2.0}, surplus * TWO_ERRORS  # where nothing is off, no matter
     noisy = 1.0 + ALTERNATING - ALTERNATING.mean() + more
-    play_changes(results, {"tool mass: 0.125 kg": usual, "tool mass: 0.2 kg": usual | {"seed-0": noisy},
-                           "tool mass: 0.3 kg": usual | {"seed-0": 0.5}}, missed)  # fmt: skip
+    losses = {"tool mass: 0.125 kg": usual, "tool mass: 0.2 kg": usual | {"seed-0": noisy},
+              "tool mass: 0.3 kg": usual | {"seed-0": 0.5}}  # fmt: skip
+    for cell in holds.cells(results.matchup, {"set": "test", "count": 100}):
+        change, name = cell.labels["change"], cell.labels["contestant"]
+        episodes, velocity = np.arange(100), np.broadcast_to(losses[change][name], 100)
+        missing = (episodes < missed) & (name == "seed-0") & (change == list(losses)[-1])
+        rows = {"episode": episodes, "object_velocity": velocity, "approach_time": np.zeros(100), "missed": missing}
+        results.varied.append((cell.labels, pl.DataFrame(rows | {"cost": velocity + 2.0 * missing})))
     assert holds.where_it_fails(results, "seed-0") == ("the learned policy", worst, details)
     (what, _, cells), (_, tried, at_worst) = holds.heat_map(results).rows
     assert (what, tried) == ("nothing", "2 tried: 0.2 kg to 0.3 kg")

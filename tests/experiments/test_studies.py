@@ -182,13 +182,12 @@ def test_page_has_every_contender_and_two_truths_that_agree(tmp_path):
 
 @pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, reason="rl_zoo3 is not installed")
 def test_trainings_of_stock_agents_end_after_their_steps_beside_the_rule(tmp_path):
-    def few(algorithm):
-        cell = next(iter(stock.trainings(algorithm, True, {})))
-        settings, small = cell.arguments["settings"], {"n_timesteps": 64, "n_envs": 8, "n_steps": 4, "batch_size": 32}
-        later = {"learning_starts": 16} if "learning_starts" in settings else {}
-        return [cell._replace(arguments=cell.arguments | {"settings": settings | small | later})]
-
-    cells = {name: lambda *_, name=name: few(name) for name in stock.ALGORITHMS}
+    small, cells = {"n_timesteps": 64, "n_envs": 8, "n_steps": 4, "batch_size": 32, "learning_starts": 16}, {}
+    for name in stock.ALGORITHMS:
+        (cell, *_) = stock.trainings(name, True, {})
+        settings = cell.arguments["settings"]
+        settings |= {key: value for key, value in small.items() if key in settings}
+        cells[name] = lambda *_, cell=cell: [cell]
     run = small_run(stock.STUDY, tmp_path, others=stock.others, **cells)
     run.write()
     text_of_a_page_that_stands_on_its_own(tmp_path, figures=1)

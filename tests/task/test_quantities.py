@@ -202,16 +202,12 @@ def test_critic_observes_the_true_value_of_a_drawn_number_on_the_scale_of_its_ro
 
 
 @cache
-def full_specifications():
-    """Specifications of observations that together have every observed quantity."""
-    more = {"privileged": True, "deflection_sensor": True, "past_readings": 3, "alarm": "reading"}
-    every = [options | more | {"observe_range_noise": "range_noise" in options} for options in ALL_DRAWN.values()]
-    return [ObservationSpec(Task(**options)) for options in every]
-
-
 @EVERY_ROW
 def test_decoding_inverts_encoding_and_observations_are_clipped_to_their_scale(row):
-    spec = next((spec for spec in full_specifications() if row.id in spec.ids), None)
+    more = {"privileged": True, "deflection_sensor": True, "past_readings": 3, "alarm": "reading"}
+    every = [options | more | {"observe_range_noise": "range_noise" in options} for options in ALL_DRAWN.values()]
+    specs = (ObservationSpec(Task(**options)) for options in every)  # together, they have every observed quantity
+    spec = next((spec for spec in specs if row.id in spec.ids), None)
     assert (spec is None) == (row.scale is NEVER_OBSERVED)
     if spec is None:
         return
