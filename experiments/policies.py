@@ -18,7 +18,7 @@ def card(name: str) -> Iterator[str]:
     path = setup.folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
         train = f"impact-gym train {setup.called} --seeds {setup.seeds}"
-        raise ValueError(f"{setup.called} has no policy yet, there is no {path}: {train}")
+        raise ValueError(f"{setup.called} has no policy yet: make {path} with {train}")
     ensemble = load_ensemble(path)
     chosen = ensemble[None].provenance
     yield f"{setup.name}: {setup.title}"

@@ -1,4 +1,4 @@
-"""The palette as CSS custom properties, and SVG drawings that use the palette of the page."""
+"""The colours of the pages as CSS, and SVG drawings that follow the reader's theme, light or dark."""
 
 import re
 
@@ -8,7 +8,7 @@ SERIES = "rule", "policy", "profile", "person", "object", "tool", "flange", "for
 
 
 def css() -> str:
-    """Return CSS: the palettes as custom properties `--NAME`, and rules that replace the colours of SERIES in SVG."""
+    """Return CSS: light and dark palette as custom properties `--NAME`, and rules that use them for SERIES in SVG."""
     block = ":root:not([data-theme=light])"
     dark = f"@media screen and (prefers-color-scheme: dark) {{ {_block(block, 1)} }}"
     button = f"@media screen {{ {_block(':root[data-theme=dark]', 1)} }}"
@@ -18,7 +18,7 @@ def css() -> str:
 
 
 def adaptive(drawing: str) -> str:
-    """Return an SVG drawing with the colours of the page's palette, light or dark."""
+    """Return the SVG text `drawing` with colours that follow the theme of the reader's system, light or dark."""
     names = {light.lower(): name for name, light in palette.LIGHT.items()}
     pattern = re.compile("|".join(names), re.IGNORECASE)
     drawing = pattern.sub(lambda found: f"var(--{names[found[0].lower()]}, {found[0]})", drawing)

@@ -1,4 +1,4 @@
-"""Cells that play a controller in scenarios, and functions that evaluate the rows of cells."""
+"""Cells (see `study.Cell`) that play a controller in scenarios, and functions that evaluate the rows of cells."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -32,14 +32,14 @@ def play(
     controller: Mapping[str, Any], environment: Mapping[str, Any], scenarios: Mapping[str, Any],
     weights: Sequence[float], lenient: bool = False,
 ) -> pl.DataFrame:  # fmt: skip
-    """Return a row for each episode, with weight (m/s per s), number, scenario, results and cost (m/s)."""
+    """Return a row for each episode: weight (m/s per s), index and fields of the scenario, results and cost (m/s)."""
     results = jobs.play(controller, scenarios, weights, environment, lenient)
     measured = {name: results[name] for name in MEASURED if name in results}
     shape = next(iter(measured.values())).shape
     columns: dict[str, Any] = {"weight": np.array(weights)[:, None], "episode": np.arange(shape[1])}
     columns |= {name: results[name] for name in FIELDS} | measured
     columns["cost"] = measured["object_velocity"] + columns["weight"] * measured["approach_time"]
-    columns["cost"] += missed_cost(environment) * measured["missed"]  # summed in the order of `Episodes.loss`
+    columns["cost"] += missed_cost(environment) * measured["missed"]  # same order as in `Episodes.loss`: same rounding
     return pl.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in columns.items()})
 
 

@@ -37,8 +37,8 @@ MACROS: Mapping[type, str] = {  # macros of lab/parts.html.jinja, by the type of
 def write(folder: Path, template: str, **content: Any) -> Path:
     """Write `folder`/index.html from a template below experiments/, and return the path of the page.
 
-    The template has the filter `typeset`, `image(picture)` (writes `folder`/NAME.svg, returns the content as a URI) and
-    `macro_name(part)` (the macro that shows a part of a section). `content` has `runs`, records of runs.
+    The template can use the filter `typeset` and two functions: `macro_name(part)` names the macro of a section's part,
+    `image(picture)` writes `folder`/NAME.svg and returns it as a URI. `content` must have `runs`, records of runs.
     """
 
     def image(picture: Picture) -> str:

@@ -23,14 +23,14 @@ class Table:
 
     @classmethod
     def of(cls, caption: str, frame: pl.DataFrame | Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> "Table":
-        """Return the table of a frame or of mappings; `columns`: format strings for a row, by heading of the column."""
+        """Return the table of a frame or of mappings; `columns` maps each heading to a format string for a row."""
         rows = frame.to_dicts() if isinstance(frame, pl.DataFrame) else frame
         body = [[form.format(**row) for form in columns.values()] for row in rows]
         return cls(caption, tuple(columns), body)
 
     @property
     def classes(self) -> list[str]:
-        """CSS class of each column: "" if half or more are numbers, else "left words" (a cell over LONG) or "left"."""
+        """CSS class by column: "" if half or more cells look like numbers, "left words" if one is long, else "left"."""
         found = []
         for column in zip(*self.rows, strict=False):
             numbers = sum(bool(re.match(r"([-+\d]|at (least|most) \d).{,40}$", cell)) for cell in column)
@@ -49,7 +49,7 @@ class Heat(NamedTuple):
 
 @dataclass(frozen=True)
 class HeatMap:
-    """A heat map: the colour of a cell shows the ratio."""
+    """A heat map: the colour of a cell shows `Heat.ratio`."""
 
     caption: str
     head: Sequence[str]
@@ -79,6 +79,6 @@ class Section:
 
 
 def percent(share: Estimate, digits: int = 1) -> str:
-    """Return a fraction and the interval in percent, as text."""
+    """Return a fraction and its interval as text, in percent."""
     value, low, high = (f"{100 * each:.{digits}f}" for each in (share.value, share.low, share.high))
     return f"{value} % [{low}, {high}]"

@@ -1,4 +1,4 @@
-"""The scenes of the paper's sections 2 to 5. The paper does not print identified numbers, see docs/provenance.md."""
+"""The scenes of the paper's sections 2 to 5. Numbers called identified are not in the paper, see docs/provenance.md."""
 
 import impact_gym as ig
 from impact_gym.scene import Coupling
@@ -16,7 +16,7 @@ DURATION = 1.5  # s, of a simulation
 ROBOT = ig.Robot(mass=5.225, stiffness=1.9e5, damping=50.4)  # the mass is printed; stiffness and damping are identified
 ROBOT_AND_TOOL = ROBOT.mass + TOOL_MASS  # kg, printed in section 3.2 as 5.35
 MECHANISM = ig.Bistable()  # height H, free length L0 and stiffness k are printed; the front stop is identified
-HOLD = TOOL_MASS * MOTION.acceleration  # N, least force of a mechanism that holds the tool during acceleration
+HOLD = TOOL_MASS * MOTION.acceleration  # N, to hold the tool during acceleration, a mechanism needs at least this
 LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # spring that Fig. 23 compares with MECHANISM
 
 

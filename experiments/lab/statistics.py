@@ -10,15 +10,15 @@ from scipy.special import nctdtrit, ndtri
 
 Floats = NDArray[np.float64]
 Front = tuple[Floats, Floats]
-"""Means of approach time (s) and of V_p (m/s), (1 + n, weights). Row 0: sample; other rows: n resamples."""
+"""Means of approach time (s) and of V_p (m/s), each (1 + n, weights). Row 0: sample; other rows: n resamples."""
 RESAMPLES = 2_000
-CONFIDENCE = 0.95  # probability of intervals and tolerance bounds
+CONFIDENCE = 0.95  # confidence level of intervals and of tolerance bounds
 CONTENT = 0.95  # share of all trainings that a tolerance bound covers
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number with its interval."""
+    """A number with its confidence interval."""
 
     value: float
     low: float
@@ -39,7 +39,7 @@ class Resamples:
         self._scenario_shares = _shares((0, 0), scenarios, resamples)
 
     def means(self, values: Floats) -> Floats:
-        """Return the means (1 + n, ...) of `values` (seeds, ..., scenarios), or (scenarios,), in sample and resamples.
+        """Return means (1 + n, ...) of `values`, (seeds, ..., scenarios) or (scenarios,); row 0 is that of the sample.
 
         Seeds are resampled independently of scenarios. Calls with the same number of seeds use the same resamples.
         """
@@ -63,7 +63,7 @@ def _shares(seed: tuple[int, int], units: int, resamples: int) -> Floats:
 
 
 def estimate(resampled: Floats) -> Estimate:
-    """Return the sample's value, `resampled[0]`, with the percentile interval of the finite values of the resamples."""
+    """Return `resampled[0]`, the sample's value, with the percentile interval of the finite resamples (nan if none)."""
     finite = resampled[1:][np.isfinite(resampled[1:])]
     tail = 50.0 * (1.0 - CONFIDENCE)
     low, high = np.percentile(finite, [tail, 100.0 - tail]) if finite.size else (np.nan, np.nan)
@@ -92,7 +92,7 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A measure of two contestants, each (1 + n,): in the sample, then in n resamples that they share."""
+    """One measure of two contestants: each array (1 + n,) has the sample's value, then those of n common resamples."""
 
     ours: Floats
     theirs: Floats

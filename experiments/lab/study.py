@@ -31,7 +31,7 @@ SOLVER = tuple(  # modules on which the result of `simulate` depends, in additio
 
 
 class Cell(NamedTuple):
-    """One call of `Measurement.measure` with `arguments`; the rows get `labels` as columns."""
+    """One call of `Measurement.measure` with `arguments`; the returned rows get `labels` as columns."""
 
     labels: Row
     arguments: Mapping[str, Any]
@@ -39,13 +39,13 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class Measurement:
-    """A table of a study, and the measurement of this table."""
+    """A table of a study, and how its rows are measured."""
 
     name: str  # name of the table
-    cells: Callable[[bool, Frames], Iterable[Cell]]  # function of whether the run is quick, and of the earlier tables
+    cells: Callable[[bool, Frames], Iterable[Cell]]  # arguments: whether the run is quick; the tables by name
     measure: Callable[..., Rows]  # function at the top of a module, so that other processes can import it
     depends: tuple[str, ...] = SOLVER  # modules that rows depend on, in addition to the module of `measure`
-    failed: Callable[[Row], Row] | None = None  # function from a failed cell's labels to its row; None: raise an error
+    failed: Callable[[Row], Row] | None = None  # returns a failed cell's row from its labels; None: raise an error
     seconds: float | None = None  # s, time limit of a cell
     processes: int | None = None  # largest number of processes that measure; 0: this process measures; None: no limit
 
@@ -73,7 +73,7 @@ class Study:
     name: str
     question: str
     measurements: Sequence[Measurement]
-    analyse: Callable[[Frames, bool], Findings]  # function of the measured tables, and of whether the run is quick
+    analyse: Callable[[Frames, bool], Findings]  # arguments: the measured tables; whether the run is quick
     packages: tuple[str, ...] = ()  # packages whose versions the page also lists
 
 
@@ -97,7 +97,7 @@ class StudyOptions:
     """Largest number of cells that the command measures at the same time on this machine. The default is
     the number of cores. 0: this process measures all cells."""
     cluster: str | None = None
-    """Address of a Ray cluster. "ray": the address in RAY_ADDRESS, or else the cluster of this machine."""
+    """Address of a Ray cluster to measure on. "ray": the address in RAY_ADDRESS, else the cluster of this machine."""
 
     def __post_init__(self) -> None:
         if self.processes is not None:
@@ -108,7 +108,7 @@ class Run(dict[str, pl.DataFrame]):
     """A run of a study: measured tables by name. Reading a missing table measures the table."""
 
     def __init__(self, study: Study, options: StudyOptions, command: str = "") -> None:
-        """Prepare a run that the command line `command` repeats."""
+        """Prepare a run; `command` is the command line that repeats the run."""
         super().__init__()
         self.study, self.options, self.command = study, options, command
         self.folder = options.out or Path("reports", f"{study.name}{'-quick' if options.quick else ''}")
@@ -142,7 +142,7 @@ class Run(dict[str, pl.DataFrame]):
         """Measure the tables in `only`, or all tables if `only` is empty; return their analysis."""
         if unknown := {*self.options.only} - {*self.measurements}:
             names = ", ".join(self.measurements)
-            raise ValueError(f"only: no table {min(unknown)!r} in the study {self.study.name}: {names}")
+            raise ValueError(f"only: no table {min(unknown)!r} in the study {self.study.name}; its tables: {names}")
         for name in self.options.only or self.measurements:
             _ = self[name]
         return self.study.analyse(self, self.options.quick)

@@ -30,7 +30,7 @@ class Loop:
     controller: tyro.conf.Positional[str]
     """Name of a policy or baseline, or its file, as for impact-gym export."""
     out: Path
-    """Folder for the header, the loop in C, its program, and the measurements."""
+    """Folder for the header, the loop in C, the compiled program, and the measurements."""
     seconds: float = 60.0
     """Duration, s. An approach that begins within this time is played to its end."""
     time_weight: float = 2.0
@@ -49,9 +49,9 @@ def compiled(subject: Subject, name: str, out: Path) -> Path:
     task, name = subject.task, identifier(name)
     if task.operator or task.range_sensor or task.past_readings or task.alarm != "force":
         raise ValueError(f"{name} needs an operator, a range sensor, past readings or an alarm by readings: "
-                         "the arm of this loop has none of these")  # fmt: skip
+                         "the arm of this loop has none of these; name another controller")  # fmt: skip
     if (compiler := shutil.which("cc") or shutil.which("gcc")) is None:
-        raise ValueError("the loop needs a C compiler: there is no cc and no gcc")
+        raise ValueError("the loop needs a C compiler: install cc or gcc")
     write_header(subject, out / f"{name}.h")
     names = {"name": name, "magic": MAGIC.decode(), "silence": SILENCE, "cycle": task.control_period}
     text = c_text("loop.c.jinja", Path(__file__).parent, **names, top=task.acceleration_range[1])
@@ -92,7 +92,7 @@ def run(options: Loop) -> None:
     arm.join()
     played = json.loads(written.read_text()) if written.is_file() else []
     if controller.returncode or not played or played[-1]["stop"]:
-        raise RuntimeError(controller.stderr.strip() or "the arm was stopped, or played no approach")
+        raise RuntimeError(controller.stderr.strip() or "the watchdog stopped the arm, or the arm played no approach")
     found = json.loads(controller.stdout) | measured(subject, options.time_weight, played)
     write_file(options.out / "loop.json", json.dumps(found, indent=2) + "\n")
     print(

@@ -20,7 +20,7 @@ from impact_gym.task import Task
 
 MAGIC = b"IGLOOP01"
 PERIOD, SILENCE = 1e-3, 0.1  # s, control period; time without valid packets after which the arm stops
-COMMAND = struct.Struct("8s4d")  # a packet: MAGIC, sequence, stamp (s), velocity (m/s), acceleration (m/s^2)
+COMMAND = struct.Struct("8s4d")  # MAGIC, sequence number, stamp of a reading (s), velocity (m/s), acceleration (m/s^2)
 EARLY = 1e-3  # s, how far a stamp may be ahead of the arm's clock
 WAIT = 10.0  # s, time limit for a controller's first packet
 
@@ -43,7 +43,7 @@ class Line:
         self.socket.sendto(MAGIC + struct.pack(f"{len(numbers)}d", *numbers), self.peer)
 
     def newest(self) -> tuple[float, float, float] | None:
-        """Return stamp (s), velocity (m/s) and acceleration (m/s^2) of the newest valid command since the last call."""
+        """Return the newest valid command not yet read, or None: stamp (s), velocity (m/s), acceleration (m/s^2)."""
         found = None
         while True:
             try:
@@ -80,8 +80,8 @@ class Line:
 def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) -> dict[str, Any]:
     """Play an approach in real time; return V_p (m/s), ages of the last command at each step (s), and `stop`.
 
-    `stop` has the time and the reason of a stop by the watchdog, or is empty. After a stop the flange brakes at its
-    limit, and commands have no effect.
+    If the watchdog stopped the arm, `stop` has time (s), velocity (m/s), refused packets and later time of rest; else
+    it is empty. After a stop the flange brakes with its largest acceleration, and commands have no effect.
     """
     batch.begin_seeded(seed + number, {"time_weight": weight})
     begun = good_at = stamp = line.begun = time.monotonic()
@@ -109,7 +109,7 @@ def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) ->
 
 
 def serve(environment: Mapping[str, Any], weight: float, seed: int, seconds: float, out: Path, port: Any) -> None:
-    """Send the arm's UDP port through the pipe `port`, play approaches, and write them to `out` (JSON).
+    """Send the arm's UDP port through the pipe `port`, play approaches, and write their results to `out` (JSON).
 
     Approaches with the seeds `seed`, `seed` + 1, ... begin until `seconds` are over or the watchdog stops one.
     """

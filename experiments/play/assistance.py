@@ -1,4 +1,4 @@
-"""Assistances, and the environment in which a person is the operator."""
+"""Assistances (controllers at the arm that may change a person's command), and the environment of this person."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -27,7 +27,7 @@ RTOL = 1e-12  # relative tolerance at which results of `simulate` and of the env
 
 
 def playable(name: str) -> Setup:
-    """Return the set-up `name`; ValueError: no such set-up, no operator, or another control period than PERIOD."""
+    """Return the set-up `name`; ValueError: no such set-up, no operator, or a control period other than PERIOD."""
     setup = load_setup(name)
     if "operator" not in setup.environment:
         operator, others = '{ type = "Reach", place_error = 0.0, creep = 0.1 }', map(load_setup, shipped())
@@ -41,7 +41,7 @@ def playable(name: str) -> Setup:
 
 
 def related(setup: Setup) -> dict[str, str]:
-    """Return the name of the set-up and, if shipped, names of set-ups with other couplings, by the end of the name."""
+    """Return names by their last part: the set-up's name and, if it is shipped, those with other couplings."""
     family, _, kind = setup.called.rpartition("-")
     if setup.shipped and kind in COUPLINGS:
         return {each: f"{family}-{each}" for each in COUPLINGS}
@@ -49,7 +49,7 @@ def related(setup: Setup) -> dict[str, str]:
 
 
 def environment_of(setup: Setup) -> dict[str, Any]:
-    """Return a set-up's environment without operator; delay, jitter and stiffness have the ranges RANGES."""
+    """Return a set-up's environment without operator, with the ranges RANGES; each channel has half of the delay."""
     environment = {name: value for name, value in setup.environment.items() if name != "operator"} | {"rtol": RTOL}
     for way in WAYS:
         delay, jitter = [0.5 * limit for limit in RANGES["delay"][1:]], [*RANGES["jitter"][1:]]
@@ -80,7 +80,7 @@ def about(setup: Setup) -> dict[str, Any]:
 
 
 def record_of(settings: Mapping[str, float]) -> dict[str, float]:
-    """Return the part of an episode's record that has these settings (see `usual`)."""
+    """Return the numbers of an episode's record that `settings` (see `usual`) determine."""
     record = {f"{way}.delay": 0.5 * settings["delay"] for way in WAYS}
     record |= {f"{way}.jitter": settings["jitter"] for way in WAYS}
     return record | ({"coupling.stiffness": settings["stiffness"]} if "stiffness" in settings else {})

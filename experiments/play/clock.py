@@ -23,8 +23,8 @@ from impact_gym.render.chain import object_radius
 from impact_gym.teleop.channels import CUT
 
 STOPPED = "the server was stopped"
-SILENT = 0.25  # s; if the player sends nothing for a longer time, the commanded velocity is 0
-HOLD = 1e-5  # m/s, sent instead of 0 before the touch, because a command of 0 would end the try
+SILENT = 0.25  # s; if the player sends nothing for longer than this, the commanded velocity is 0
+HOLD = 1e-5  # m/s, sent instead of 0 until the player has seen the touch, because a command of 0 would end the try
 
 
 @dataclass
@@ -41,13 +41,13 @@ class Stick:
         self.inputs.append((came, velocity))
 
     def stop(self, why: str = "") -> None:
-        """Set the command to 0 for the rest of the try. In the first call, a reason `why` marks an interruption."""
+        """Set the command to 0 for the rest of the try. Only the first call records `why` the try was interrupted."""
         if why and not self.let_go:
             self.marks.append(f"interrupted: {why}")
         self.let_go = True
 
     def at(self, moment: float) -> float:
-        """Return the commanded velocity (m/s) at `moment` (s): the player's last one; 0 after `stop` or SILENT."""
+        """Return the velocity (m/s) at `moment` (s): 0 after `stop` or SILENT, else the last input (see HOLD)."""
         inputs = tuple(self.inputs)
         came, velocity = next((each for each in reversed(inputs) if each[0] <= moment), inputs[0])
         if self.let_go or moment - came > SILENT:
@@ -60,8 +60,8 @@ class Clock:
     """Plays the tries that the server requests, one after another."""
 
     server: Connection
-    now: Callable[[], float] = time.perf_counter  # time of a clock, s
-    sleep: Callable[[float], None] = time.sleep  # waits for its argument, s
+    now: Callable[[], float] = time.perf_counter  # returns the time, s
+    sleep: Callable[[float], None] = time.sleep  # waits for a time given in s
     stick: Stick = field(default_factory=Stick)
     gone: bool = False  # whether the server has ended
     wanted: queue.SimpleQueue[tuple[Try, Path, bool] | None] = field(default_factory=queue.SimpleQueue)
@@ -121,7 +121,7 @@ class Clock:
             self._send_frame(live, seen, rng)
 
     def _send_frame(self, live: Live, seen: bool, rng: random.Random) -> None:
-        """Send the positions (m) now and one step later; `wait` and `dt` are in real time (s)."""
+        """Send a frame: positions (m) now and one step later; `wait` (delay) and `dt` (step) are in real time (s)."""
         now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
         then = now if live.ended else live.ahead()
         late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)

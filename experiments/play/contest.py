@@ -15,7 +15,7 @@ from impact_gym.render.film import History
 
 SECONDS = 7.0  # s, duration of a film
 COARSE = 5.0  # factor that multiplies the allowed errors of the film, so that the film is computed fast
-BEFORE = 0.4  # s, simulated time from the begin of the slow motion to the first touch
+BEFORE = 0.4  # s, simulated time from the start of the slow motion to the first touch
 SENTENCES = {
     "brake": "The brake at the arm senses the touch at once; it does not wait for you.",
     "none": "Nobody corrects you: the arm moves on until your command to stop arrives.",
@@ -57,7 +57,7 @@ def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Tr
 
 
 def _without_delay(this: Try) -> Try:
-    """Return the try without delays and late commands (sent before the touch is seen, received after the touch)."""
+    """Return the try without delays. Commands received after the touch, but sent before it is seen, are left out."""
     record, touch, velocity = this.record, this.result["touch_time"], this.operator["velocity"]
     silent = {f"{way}.{name}": 0.0 for way in ("uplink", "downlink") for name in ("delay", "jitter")}
     sent = math.floor((touch - record["uplink.delay"]) / PERIOD)
@@ -81,7 +81,7 @@ def film(variants: Mapping[str, Variant]) -> dict[str, Any]:
 
 
 def _fitted(scene: Mapping[str, Any]) -> list[list[float]]:
-    """Return the clock of a film of SECONDS. The part that ends BEFORE (s) the first touch takes at most a tenth."""
+    """Return the clock of a film of SECONDS; the part until BEFORE (s) ahead of the first touch lasts a tenth of it."""
     touches = [run["contacts"][0][0] for run in scene["runs"] if run["contacts"]]
     cut = max(min(touches, default=0.0) - BEFORE, 0.0)
     starts, slower = np.array(scene["clock"]).T

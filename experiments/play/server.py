@@ -81,7 +81,7 @@ def foreign(request: Request, token: str, port: int) -> str | None:
         return "another host"
     if origin not in [[f"http://{each}"] for each in hosts] and (origin or "Upgrade" in request.headers):
         return "another origin"
-    given = f"{request.path.partition('?')[0]}/".split("/")[1]  # `OPTIONS *` has no path
+    given = f"{request.path.partition('?')[0]}/".split("/")[1]  # the path of `OPTIONS *` has no slash
     return None if secrets.compare_digest(given, token) else "another token"
 
 
@@ -135,7 +135,7 @@ class Site:
                 session.handle(client, await client.receive())
             why = "the page did not read"
         except ValueError as problem:
-            why = str(problem).partition(", got ")[0][:120]  # without text that the page sent
+            why = str(problem).partition(", got ")[0][:120]  # leave out text that the page sent
         except ConnectionClosed as gone:
             why = STOPPED if gone.sent and gone.sent.code == RESTART else why
         finally:
@@ -168,5 +168,5 @@ def serve(session: Session, port: int, ready: Callable[[str], None]) -> None:
     try:
         listening = socket.create_server((HOST, port))
     except OSError as problem:
-        raise ValueError(f"port must be a free one, or 0 for any, got {port}: {problem}") from None
+        raise ValueError(f"port must be free, or 0 for any free port, got {port}: {problem}") from None
     asyncio.run(_run(session, listening, ready))

@@ -36,7 +36,7 @@ class Try:
     slow: float = 1.0  # ratio of the duration in real time to the simulated time
     environment: dict[str, Any] = field(default_factory=dict)  # arguments of the environment, without the operator
     actions: list[list[float]] = field(default_factory=list)  # actions of the assistance, one for each step
-    late: list[float] = field(default_factory=list)  # s, delay of each step minus the delay of the step before
+    late: list[float] = field(default_factory=list)  # s, lateness of each step minus the lateness of the step before
     marks: list[str] = field(default_factory=list)  # reasons for which the try is interrupted or invalid
     motion: dict[str, list[float]] = field(default_factory=dict)  # commanded motion: fields of `ig.Motion`
     result: dict[str, float] = field(default_factory=dict)  # results of `simulate` with `motion`, and of the episode
@@ -57,7 +57,7 @@ def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
             break
         advance(batch, action)
     if not batch.ended[0]:
-        raise RuntimeError("the try does not end at its last action: it is of another version of the environment")
+        raise RuntimeError("the try does not end at its last action: the environment has changed since it was recorded")
     return batch.trace(0), batch.info(0), batch.tasks[0].at(this.record), batch.episode_state(0)
 
 
@@ -155,13 +155,13 @@ class Live:
         return bodies
 
     def to_end(self) -> Try:
-        """Play to the end, with a person's velocity of 0; return the try, whose `result` is empty."""
+        """Play to the end, with 0 as a person's velocity; return the try, whose `result` is empty."""
         while not self.ended:
             self.step()
         return self.kept
 
     def finished(self) -> Try:
-        """Play to the end, with a person's velocity of 0; return the try with its `result`."""
+        """Play to the end, with 0 as a person's velocity; return the try with its `result`."""
         done = self.to_end()
         trace, info, *_ = replayed(done)
         motion = corners(trace)

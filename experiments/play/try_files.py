@@ -14,13 +14,13 @@ from impact_gym.validation import choice, number, numbers, one_of
 
 RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "taken", "missed"
 SLOWEST = 16.0  # largest `Try.slow`
-MAX_TEXT, MAX_NUMBER = 4096, 2.0**64  # most characters of set-up and marks together; largest absolute value of a number
+MAX_TEXT, MAX_NUMBER = 4096, 2.0**64  # limits: characters of set-up and marks together; absolute value of a number
 FORMAT = "impact_gym try 2"
 SPARE = 3  # number of control periods by which the time for each recording exceeds the horizon of an episode
 
 
 def from_text(text: str) -> Try:
-    """Return the try in a file's text; ValueError, TypeError, LookupError: another format, or a number out of range."""
+    """Return the try in a text; ValueError, TypeError, LookupError, AttributeError: another format or a wrong value."""
     content = json.loads(text, parse_float=_finite, parse_constant=_finite, parse_int=lambda text: int(_finite(text)))
     if content.pop("format", None) != FORMAT:
         raise ValueError(f"its format is not {FORMAT!r}")
@@ -64,11 +64,11 @@ def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
 
 
 def of_persons(folder: Path, marked: bool = False) -> list[Try]:
-    """Return persons' tries in a folder; `marked`: also marked tries. ValueError: none, or environments differ."""
+    """Return persons' tries in a folder; `marked`: also marked ones. ValueError: no tries, or environments differ."""
     every = [this for _, this in folder_of(folder) if this.operator["type"] == "Replay"]
     found = [this for this in every if marked or not this.marks]
     if not found:
-        raise ValueError(f"{folder} has no unmarked try of a person, and {len(every)} marked ones")
+        raise ValueError(f"{folder} has no unmarked try of a person; {len(every)} are marked (interrupted or invalid)")
     if any(this.environment != found[0].environment for this in found):
         raise ValueError(f"{folder} has tries of several set-ups or couplings: move each kind to its own folder")
     return found

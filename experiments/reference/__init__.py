@@ -1,12 +1,12 @@
 """The slow and simple independent solver, with which tests and studies compare the solver of `impact_gym`.
 
-Except `task`, the modules import nothing of `impact_gym`; they read the attributes of scene and motion. Events divide
-a motion into phases with smooth equations, see `chain.System.switches`. Flight has SI units, a contact the units
+All modules except `task` import nothing of `impact_gym`; they read the attributes of scene and motion. Events divide
+a motion into phases with smooth equations, see `chain.System.switches`. Flight is in SI units, a contact in the units
 
     length: delta0 = (M v_in^2/k_c)^(1/(m+1)),    time: t0 = delta0/v_in,    force: F0 = k_c delta0^m = M v_in/t0,
 
-with the reduced mass M of tool and object, the approach velocity v_in, and the stiffness k_c and exponent m of the
-contact.
+with the approach velocity v_in, the stiffness k_c and exponent m of the contact, and the reduced mass M of object and
+tool. If the coupling is rigid, the tool's mass includes the robot's, and counts as infinite without a robot.
 """
 
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from experiments.reference.chain import Chain
 from experiments.reference.integration import SOLVERS
 from experiments.reference.motion import ContactRecord, Motion
 
-STIFF_RATES = 1e5  # largest product of a stop's decay rate and the duration; above, flight needs an implicit method
+STIFF_RATES = 1e5  # limit of a stop's decay rate times the duration; above it, flight needs an implicit method
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Reference:
     detection_time: float | None  # s; None: no brake, or its threshold was never exceeded
     contacts: tuple[ContactRecord, ...]
     coupling_impulse: float  # N s, impulse of the coupling on the tool during the contacts (paper, eq. 21)
-    snap_through: tuple[float, ...]  # s, times at which the slider passes its alignment
+    snap_through: tuple[float, ...]  # s, times at which the slider of a bistable coupling passes its alignment
     object_position: float  # position of the object's face; 0 is the position of the tool's face at the start
     tool_position: float  # position of the tool's face
     flange_position: float  # 0 at the start

@@ -16,7 +16,7 @@ from experiments.reference.command import Command
 from experiments.reference.integration import Switch, Vector
 from experiments.reference.laws import BistableForce, StoppedSpring, damping_factor, robot_law
 
-# Values of `Switch.slack`, which allows for rounding errors. If no unit is given: in the `Scales` of the contact
+# values of `Switch.slack`, an allowance for rounding errors; values without a unit are in the `Scales` of the contact
 SLACK = 1e-12  # for the sign and the slope of the contact force
 STEADY = 1e-9  # for the contact force minus friction
 POSITION_SLACK = 1e-16  # m, for the position of the slider
@@ -54,7 +54,7 @@ class Chain:
         self.n = float(getattr(contact, "damping_exponent", 1.5))
         self.d = damping_factor(getattr(contact, "dissipation", "hu-guo"), contact.restitution, self.m, self.n)
         self.reference_velocity = getattr(contact, "reference_velocity", None)  # m/s, for "fixed" dissipation
-        self.friction = (getattr(scene.object, "friction", None) or 0.0) * self.m_p * G  # N, when the object slides
+        self.friction = (getattr(scene.object, "friction", None) or 0.0) * self.m_p * G  # N, while the object slides
         self.on = dict.fromkeys(("pressed", "loading", "alignment", "gaining"), True)
         self.on |= {"rear": False, "sliding": False, "front": hasattr(coupling, "free_length")}
 
@@ -70,7 +70,7 @@ class Chain:
 
         self.command = motion if isinstance(motion, Command) else Command(motion)
         self.robot = None if robot is None else robot_law(robot)
-        nodes = getattr(robot, "position", ())  # m, of a table of robot parameters
+        nodes = getattr(robot, "position", ())  # m, positions in a table of robot parameters
         self.command.nodes = np.array(nodes)
         self.linear = self.bistable is None and not len(nodes) and not self.friction
         slow, fast = [0.0], [0.0]  # 1/s, rates of the chain's oscillations; rates of the stops' motion
@@ -220,7 +220,7 @@ class System:
         return float(u ** (m - n) + self.d * y[1] if n < m else 1 + self.d * u ** (n - m) * y[1])
 
     def _slope_of_force(self, tau: float, y: list[float]) -> float:
-        """Return the rate of the contact force divided by a power of delta."""
+        """Return the rate of the contact force, divided by a positive factor."""
         u, v, m, n, d = max(y[0], 0.0), y[1], self.m, self.n, self.d
         if d == 0:
             return v

@@ -12,14 +12,14 @@ class Command:
 
     def __init__(self, motion: Any = None, threshold: float = inf) -> None:
         self.pieces = [(0.0, 0.0, 0.0, 0.0)]
-        self.nodes: NDArray[np.float64] = np.array(())  # m, positions at which the robot's parameters have nodes
+        self.nodes: NDArray[np.float64] = np.array(())  # m, positions in a table of robot parameters
         self.detection_time: float | None = None  # s, when the contact force first exceeds `threshold` (N)
         self.threshold, self.brake = threshold, None if motion is None else motion.brake
         if motion is not None:
             v, a = float(motion.speed), float(motion.acceleration)
             self.pieces = [(0.0, 0.0, 0.0, a), (v / a, v * v / (2 * a), v, 0.0)]
         if self.brake is not None:
-            self.threshold, self.delay = float(self.brake.threshold), float(self.brake.delay)  # N, s, of the brake
+            self.threshold, self.delay = float(self.brake.threshold), float(self.brake.delay)  # N and s
             self.deceleration = a if self.brake.deceleration is None else float(self.brake.deceleration)
 
     def at(self, t: float) -> tuple[float, float, float, float]:
@@ -28,7 +28,7 @@ class Command:
         s = t - start
         x, v = x + (v + a * s / 2) * s, v + a * s
         cut = min((p[0] for p in self.pieces if p[0] > t), default=inf)
-        # without the 1e-12 m, rounding could make a node that was just reached the next node again
+        # the 1e-12 m exclude the node that was just reached, despite rounding
         for node in self.nodes[self.nodes > x + 1e-12][:1].tolist():
             square = v * v + 2 * a * (node - x)  # square of the velocity at the node
             if square >= 0 and v + sqrt(square) > 0:

@@ -1,8 +1,8 @@
 """Integration of one smooth phase by SciPy's integrators, or of the flight of a linear chain by the exact solution.
 
-`solve_ivp` compares the signs of an event function at both ends of a step, so it misses two zeros in one step. Here
-the event functions (gauges) are also computed inside each step: on the cubic through the states and slopes at both
-ends, and on the integrator's interpolant if a gauge is near zero on the cubic.
+`solve_ivp` compares the signs of an event function at both ends of a step, so it misses two zeros in one step. This
+module also computes the event functions (gauges) inside each step, on the cubic through the states and slopes at both
+ends. If a gauge is near zero on the cubic, the module uses the integrator's interpolant.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from scipy.optimize import brentq, minimize_scalar
 Vector = NDArray[np.float64]
 SOLVERS: dict[str, Any] = {s.__name__: s for s in (RK23, RK45, DOP853, Radau, BDF, LSODA)}
 
-# fractions of a step at which gauges are computed; those near the ends show an extremum near an end
+# fractions of a step at which gauges are computed; 0.001 and 0.999 reveal an extremum near an end of the step
 POINTS = np.array([0.0, 0.001, 0.3, 0.7, 0.999, 1.0])
 LEFT, RIGHT = (1 - POINTS) ** 2, POINTS**2
 HERMITE = np.array([(1 + 2 * POINTS) * LEFT, POINTS * LEFT, RIGHT * (3 - 2 * POINTS), RIGHT * (POINTS - 1)]).T
@@ -98,7 +98,7 @@ def _turns(left: float, middle: float, right: float) -> bool:
 
 
 def _root(switch: Switch, dense: Any, times: list[float], g: list[float]) -> float | None:
-    """Return the time of a switch's first change on the interpolant `dense`; g: margins on the cubic at `times`."""
+    """Return when a switch first changes on the interpolant `dense`, or None; g: margins on the cubic at `times`."""
 
     def gauge(s: float) -> float:
         return switch.margin(s, dense(s).tolist())

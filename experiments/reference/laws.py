@@ -56,7 +56,7 @@ def _equal_exponents(e: float) -> float:
         return phi(d) - e**2 * phi(-d * e)
 
     limit = (1 - 1e-15) / e
-    # at the root 1 - d e is about exp(-1/e), so that for e below 0.03 the root is 1/e within rounding
+    # at the root, 1 - d e is about exp(-1/e); so for e below 0.03, the root is 1/e within rounding
     return float(brentq(excess, 0.0, limit, xtol=1e-300, rtol=1e-15)) if excess(limit) > 0 else 1 / e
 
 
@@ -94,7 +94,7 @@ def _isolated_restitution(d: float, m: float, n: float) -> float:
 
 
 def robot_law(robot: Any) -> RobotLaw:
-    """Return the law of a robot: constant, or the spline of a table, constant beyond the table's ends (eq. 16)."""
+    """Return the law of a robot: fixed parameters, or a spline of a table, constant beyond its ends (paper, eq. 16)."""
     if not hasattr(robot, "position"):
         constant = (float(robot.mass), float(robot.stiffness), float(robot.damping))
         return lambda _: constant
@@ -112,7 +112,8 @@ def robot_law(robot: Any) -> RobotLaw:
 class BistableForce:
     """The bistable mechanism (paper, eq. 23-24), and its stops: linear springs and dampers that only push.
 
-    The force on the tool (N) depends on the deflection u (m) and on u'. At rest at the front stop, u is 0.
+    The force on the tool (N) depends on the deflection u (m) and on u'. At rest at the front stop, u is 0. The slider
+    carries the tool; at its alignment, the spring is perpendicular to the slider's path.
     """
 
     def __init__(self, coupling: Any, tool_mass: float) -> None:
@@ -125,7 +126,7 @@ class BistableForce:
         held = brentq(lambda p: self.spring(coupling.front_stop + p) - self.k_s * p, *limits, **tight)
         self.p_front = float(held)  # m, penetration of the front stop at rest
         self.x0 = float(coupling.front_stop + self.p_front)  # m, distance of the slider from its alignment at rest
-        self.p_rear = float(coupling.rear_stop - self.x0)  # m, penetration of the rear stop at rest, below 0
+        self.p_rear = float(coupling.rear_stop - self.x0)  # m, penetration of the rear stop at u = 0, below 0
 
     def spring(self, x: float) -> float:
         """Return the force (N) of the spring on the tool, with the slider at x (m) from its alignment."""

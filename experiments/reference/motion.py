@@ -16,15 +16,15 @@ MOST_STALLED = 16  # largest number of successive phases without duration
 
 @dataclass(frozen=True)
 class ContactRecord:
-    """One contact (times in s, velocities in m/s). Unfinished: `end` and `separation_velocity` are None."""
+    """One contact (times in s, velocities in m/s). If it is unfinished, `end` and `separation_velocity` are None."""
 
     start: float
     end: float | None
     approach_velocity: float  # velocity of the tool minus that of the object, at the start
     separation_velocity: float | None  # velocity of the object minus that of the tool, at the end
     peak_force: float  # N
-    impulse: float  # N s, of the contact force on the object
-    object_velocity: float  # velocity of the object at the end of the contact
+    impulse: float  # N s, impulse of the contact force on the object
+    object_velocity: float  # velocity of the object at the end of the contact, or of the motion if unfinished
 
 
 class Motion:
@@ -47,9 +47,9 @@ class Motion:
         self.peak_force = 0.0  # N
         self.unread_force = 0.0  # N, largest force since the last reading of the sensor
         self.records: list[ContactRecord] = []
-        self.past_impulse = 0.0  # N s, of the contact force on the object, in past contacts
-        self.coupling_impulse = 0.0  # N s, of the coupling on the tool, in past contacts
-        self.snap_through: list[float] = []  # s, times at which the slider passed its alignment
+        self.past_impulse = 0.0  # N s, impulse of the contact force on the object, in past contacts
+        self.coupling_impulse = 0.0  # N s, impulse of the coupling on the tool, in past contacts
+        self.snap_through: list[float] = []  # s, times at which the slider of a bistable coupling passed its alignment
         self.contacts, self.first_contact = 0, inf  # number of contacts begun; start of the first contact, s
         self.contact_seconds = 0.0  # s, processor time in contacts
         self.top_speed = 0.0  # m/s, largest velocity of the object
@@ -86,7 +86,7 @@ class Motion:
     def over(self) -> bool:
         """Return True only if the command is at rest, no contact is under way, and none can follow."""
         x_r, v_r, a, cut = self.command.at(self.t)
-        if self.touching or v_r or a or cut < inf:  # a contact, or the command moves now or later
+        if self.touching or v_r or a or cut < inf:  # there is a contact, or the command moves now or later
             return False
         chain, law = self.chain, self.chain.bistable
         delta, _, u, u_dot, w, w_dot = self.state.tolist()

@@ -1,6 +1,6 @@
 """The environment, computed with the independent solver and written from the specification in `impact_gym.envs.single`.
 
-From `impact_gym` it imports only options and constants of the task, scales of observations, scenarios, random numbers.
+From `impact_gym` this module imports only task options and constants, observation scales, scenarios, random numbers.
 Set OPENBLAS_NUM_THREADS=1: with more threads, small products of matrices make an episode up to 25 times as long.
 """
 
@@ -30,7 +30,7 @@ FLOOR = 1e-12  # m/s, `Motion.floor`, as in the environment
 PATIENCE = 3000  # `Motion.patience`, a number of evaluations
 ROUNDING = 1e-9  # s, allowed rounding error of a time
 SETTLE_SLICE = 0.05  # s, largest time between two calls of `Motion.over` after the episode
-# functions that `_observe` applies to values and limits, by the curve of an observation's scale
+# `_observe` applies one of these functions to a value and its limits; the key is the curve of an observation's scale
 CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}
 
 
@@ -48,8 +48,7 @@ def play(controller: Any, scenario: Mapping[str, float], *, options: Mapping[str
     """Play one episode of a scenario: object_mass (kg), contact_stiffness (N/m^1.5), restitution, distance (m).
 
     The controller has the method `predict` of stable-baselines3. `options` are arguments of the environment.
-    `time_weight` (m/s per s) is only observed. The distance estimate has no error. ValueError: an option is not
-    supported.
+    `time_weight` (m/s per s) only enters observations. The distance estimate is exact. ValueError: unsupported option.
     """
     return _together(controller, [_episode(task_of(options), scenario, time_weight, scenario["distance"])])[0]
 

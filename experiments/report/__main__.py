@@ -55,7 +55,7 @@ class ReportOptions:
     module:object. The object must have the method `predict`, or be a function or class that returns such an object.
     Without this option, the page uses the baselines of the shipped set-up with the policy's environment, if any."""
     scenarios: str | None = None
-    """Scenarios that replace the scenarios of the set-ups. Give the name or the CSV file of a fixed set of scenarios,
+    """Scenarios to play instead of the usual scenarios. Give the name or the CSV file of a fixed set of scenarios,
     or a JSON file {"ranges": {...}, "seed": s, "count": n, "environment": {...}}. The JSON file may leave out any key.
     "environment" holds arguments of gym.make, for example your tool and coupling."""
     count: int | None = None
@@ -74,8 +74,8 @@ class ReportOptions:
     """Number of processes on this machine that play episodes. Without this option, there is one process for each core.
     0: this process plays all episodes."""
     cluster: str | None = None
-    """Address of a Ray cluster that plays. "ray": the address in RAY_ADDRESS, or else the cluster of this machine. The
-    module of each module:object must be installed on all nodes."""
+    """Address of a Ray cluster that plays the episodes. "ray": the address in RAY_ADDRESS, or else the cluster of this
+    machine. The module of each module:object must be installed on all nodes."""
 
     def __post_init__(self) -> None:
         if self.count is not None:
@@ -91,7 +91,7 @@ class ReportOptions:
 
 
 def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return scenarios and changes of the environment, from `ReportOptions.scenarios`; ValueError: invalid `source`."""
+    """Return scenarios and changes of the environment in `source`, see `ReportOptions`; ValueError: it is invalid."""
     path = Path(source)
     if path.suffix == ".json":
         content = parsed(path, "scenarios, JSON", json.loads)
@@ -106,7 +106,7 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
         with within(str(path)):
             Task.of("environment", environment)
         if reserved := sorted(set(environment) & {"scenario", *RESERVED}):
-            raise ValueError(f"{path}: environment must leave out {reserved}: ranges and the report set these")
+            raise ValueError(f"{path}: environment must leave out {reserved}: the key ranges and the report set these")
         return {"ranges": ranges, "seed": seed, "count": count}, environment
     frozen = evaluation_sets.load(source)
     count = whole("scenarios", count or frozen.count, at_least=2)
@@ -159,7 +159,7 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
         playing = f"{compiled_from()} {digest_of(*PLAYING)}"
         kept = options.out.with_name(f".{options.out.name}.episodes")
         current = kept / hashlib.sha256(playing.encode()).hexdigest()[:16]
-        for folder in kept.glob("*"):  # delete results of other versions of the sources; with --force, all
+        for folder in kept.glob("*"):  # delete results of other versions of the sources; with --force, all results
             if options.force or folder != current:
                 shutil.rmtree(folder, ignore_errors=True)
         depends = f"{playing} {digest_of(*own)}"

@@ -93,7 +93,7 @@ def test_quick_run_has_fewer_cells_and_only_names_tables(study, tmp_path, monkey
     run(study, None, quick=True, only=("squares",))
     assert {file.name for file in Path("reports/squares-quick").glob("*.csv")} == {"squares.csv"}
     assert pl.read_csv("reports/squares-quick/squares.csv").rows() == [("small", 1, 1), ("small", 2, 4)]
-    with pytest.raises(ValueError, match=r"only: no table 'cube' in the study squares: squares, cubes"):
+    with pytest.raises(ValueError, match=r"only: no table 'cube' in the study squares; its tables: squares, cubes"):
         run(study, tmp_path / "one", only=("cube",))
 
 

@@ -186,4 +186,4 @@ def test_port_that_is_taken_is_refused_in_one_line_and_without_a_display_the_add
         second = subprocess.run([*line, port], **how, stderr=subprocess.PIPE, timeout=60, check=False)
         process.send_signal(signal.SIGINT)
     assert (second.returncode, process.returncode) == (1, 130)
-    assert re.fullmatch(f"impact-gym play: port must be a free one, or 0 for any, got {port}.*\n", second.stderr)
+    assert re.fullmatch(f"impact-gym play: port must be free, or 0 for any free port, got {port}.*\n", second.stderr)

@@ -15,7 +15,7 @@ SCRIPTS = ("svg.js", "chain.js", "loupe.js", "strips.js", "player.js")
 
 
 def fragment(films: dict[str, Any], name: str = "watch") -> str:
-    """Return the result of `films` as HTML with the id `name`, for a page that also has `style` and `script`."""
+    """Return HTML with the id `name` that shows `films`; the page also needs the results of `style` and `script`."""
     pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
     content = htmlsafe_json_dumps(films, separators=(",", ":"), allow_nan=False)
     return pages.get_template("player.html.jinja").render(

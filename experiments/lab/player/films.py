@@ -1,4 +1,4 @@
-"""Films of notable scenarios: replays with fewer points of the time histories, and one clock for all contestants."""
+"""Films of notable scenarios: replays of all contestants in the same slow motion, with thinned time histories."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -14,16 +14,16 @@ from impact_gym.render.film import FRAME_RATE, History
 from impact_gym.scene import Bistable, Rigid, SpringDamper
 from impact_gym.task import Task
 
-MOST = 200  # largest number of points of a time history
-POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005  # allowed errors, as fractions of the largest values
+MOST = 200  # `thin` adds no points to a time history that has this number
+POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005  # allowed interpolation error / largest value
 
 
 def thin(
     columns: Mapping[str, NDArray[np.float64]], limits: Mapping[str, float], coarse: float = 1.0
 ) -> NDArray[np.int64]:
-    """Return the indices of the rows to keep: first and last row, and those around begins and ends of contacts.
+    """Return the indices of the rows to keep: first, last, and the rows beside each start and end of a contact.
 
-    Rows are added until linear interpolation has at most `coarse` times the allowed errors, or there are MOST rows.
+    Rows are added until the errors of interpolation are at most `coarse` times those allowed, or there are MOST rows.
     """
     depth = limits["depth"]
     penetration = columns["tool_position"] - columns["object_position"]
@@ -46,7 +46,7 @@ def thin(
 
 
 def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
-    """Return the numbers of notable scenarios, by the reason in words; ValueError: different scenarios."""
+    """Return the number of each notable scenario, with the reason as the key; ValueError: the scenarios differ."""
     ours, theirs = played_policy.scenario, played_baseline.scenario
     if any(not np.array_equal(ours[name], theirs[name]) for name in ours):
         raise ValueError("baseline and policy must have played the same scenarios")
@@ -92,14 +92,14 @@ def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, in
 
 
 BODIES = ("flange", "tool", "object")
-DECIMALS = {  # numbers of decimals, in s, m, m/s and N: enough for a stiff contact (0.1 ms, penetration 1 um)
+DECIMALS = {  # decimal places of values in s, m, m/s and N; enough for a stiff contact of 0.1 ms and 1 um penetration
     "time": 7,
     **{f"{body}_position": 7 for body in BODIES},
     **{f"{body}_velocity": 5 for body in BODIES},
     "contact_force": 5,
 }
 COLUMNS = tuple(DECIMALS)
-AFTER = 0.15  # s, length of the film after the end of the last contact
+AFTER = 0.15  # s, simulated time that the film shows after the end of the last contact
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -112,7 +112,7 @@ def contacts_of(run: History) -> list[tuple[float, float]]:
 def until(run: History, end: float) -> Columns:
     """Return the time histories up to `end` (s) or the end of the trace, whichever is earlier."""
     end, time = min(end, run.now), run.time
-    before = (time < end) & np.append(True, np.diff(time) > 0.0)  # a trace has two rows at each event
+    before = (time < end) & np.append(True, np.diff(time) > 0.0)  # a trace has two rows at each event: keep the first
     columns = {name: run.columns[name] for name in COLUMNS}
     return {name: np.append(column[before], np.interp(end, time, column)) for name, column in columns.items()}
 
@@ -124,7 +124,7 @@ def farthest(run: History, end: float) -> float:
 
 
 def clock(runs: Sequence[History], end: float, coarse: float = 1.0) -> list[list[float]]:
-    """For each part of a film until `end` (s), return start (s) and largest slow-motion factor of all `runs`."""
+    """Return start (s) and slow-motion factor (the largest of `runs`) of each part of a film until `end` (s)."""
     time, stretches = 0.0, list[list[float]]()
     while time < end:
         slower = max(run.factor(time) for run in runs)
@@ -138,10 +138,10 @@ def films(
     contestants: Mapping[str, Controller], numbers: Mapping[str, int], played: Mapping[str, Episodes], seed: int,
     environment: Mapping[str, Any],
 ) -> dict[str, Any]:  # fmt: skip
-    """Return films as the argument of `player.fragment`. RuntimeError: a replay differs from the result in `played`.
+    """Return films in the form that `player.fragment` takes. RuntimeError: a replay fails or differs from `played`.
 
     The first of `contestants` is the baseline. `numbers` is the result of `choose`; `played` has the results of
-    `ScenarioBatch.play` in `environment`, by contestant. Scenario k belongs to an episode with the seed `seed` + k.
+    `ScenarioBatch.play` in `environment`, by contestant. The episode of scenario k has the seed `seed` + k.
     """
     scenes = []
     for label, number in numbers.items():
@@ -152,7 +152,7 @@ def films(
             judged, replayed = float(played[name].object_velocity[number]), runs[name].info["object_velocity"]
             if abs(replayed - judged) > 0.0:
                 raise RuntimeError(f"scenario {number}: the replay of {name!r} leaves the object at {replayed!r} m/s, "
-                                   f"but its result was {judged!r} m/s")  # fmt: skip
+                                   f"but the recorded result is {judged!r} m/s")  # fmt: skip
         scenes.append({"label": label, "number": number, **scene_of(runs)})
     return {"contestants": list(contestants), "columns": list(COLUMNS), "scenes": scenes}
 
@@ -174,7 +174,7 @@ def play(
 
 
 def scene_of(runs: Mapping[str, History], coarse: float = 1.0) -> dict[str, Any]:
-    """Return one scenario for `fragment`: clock, limits of the axes, and time histories; `coarse` as in `thin`."""
+    """Return one scenario for `fragment`: clock, axis limits, histories; `coarse`: factor of errors and time steps."""
     ends = [contacts_of(run)[-1][1] + AFTER if run.touches.size else run.now for run in runs.values()]
     end = round(max(ends), DECIMALS["time"])
     histories = {name: until(run, end) for name, run in runs.items()}
