@@ -28,7 +28,7 @@ ALGORITHMS = {
     "tqc": "sb3_contrib:TQC", "crossq": "sb3_contrib:CrossQ",
 }  # fmt: skip
 OTHER = {"paper's rule": "paper-trapezoid", "tuned profile": "blind-profile", "shipped policy": "linear-blind"}
-SEEDS = 10  # number of trainings of each algorithm
+SEEDS = 5  # number of trainings of each algorithm
 MARKS = (10, 20, 30, 60, 120, 180, 300, 600)  # s of processor time, without the time of the evaluations
 FIRST_SEED, SCENARIOS, WEIGHT = 41_000_000, 500, 2.0  # of the test scenarios: first seed, number, time weight in m/s^2
 
